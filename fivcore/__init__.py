@@ -1,0 +1,22 @@
+"""Solver core: two beams in frictional point contact, their stability and their motion.
+
+Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
+"""
+
+from fivcore.glued import glued_frequencies, tune_head_mass
+from fivcore.onsets import FlutterOnsets, flutter_onsets
+from fivcore.rig import Beam, Rig, Scene
+from fivcore.sliding import SlidingModes, node_positions, sliding_modes
+
+__all__ = [
+    "Beam",
+    "FlutterOnsets",
+    "Rig",
+    "Scene",
+    "SlidingModes",
+    "flutter_onsets",
+    "glued_frequencies",
+    "node_positions",
+    "sliding_modes",
+    "tune_head_mass",
+]

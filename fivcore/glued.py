@@ -1,0 +1,119 @@
+"""The rig at rest with both beams glued at the contact point (section 3.3 and Table 4 of the paper)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fivcore import checks
+from fivcore.bases import rig_bases
+from fivcore.kernel import Array, kernel
+from fivcore.rig import Rig
+from fivcore.sliding import contact_modes
+
+
+def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
+    """Natural frequencies of the undamped rig with both translations of C tied to P2, rotations free.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : float
+        Degrees.
+    count : int
+        How many, from the lowest.
+
+    Returns
+    -------
+    ndarray, (count,)
+        Hz, ascending. The eigenvalues are those of the finite-element model with all its modes, to
+        rounding: they are bisected with the exact number of eigenvalues below a frequency (Wittrick and
+        Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284), which can miss none.
+    """
+    stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
+    wanted = checks.count("count", count, len(stiffness) - 2)
+    # The constraints lift every eigenvalue, by two places at the most.
+    ceiling = np.sort(stiffness)[wanted + 1] * (1.0 + 1e-9)
+    floor = np.sort(stiffness[stiffness > 0.0])[0] * 1e-24
+    squares = np.empty(wanted)
+    for k in range(wanted):
+        low = squares[k - 1] * (1.0 - 1e-12) if k else floor
+        squares[k] = _bisect(k, low, ceiling, stiffness, normal, tangential)
+    return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
+
+
+def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
+    """Head mass that makes `frequency` the first natural frequency of the glued rig, kg.
+
+    The rig's own head mass plays no part. Seen from A, the glued beams without a head mass answer a unit
+    force with the receptance h(omega); the head mass resonates with them where omega^2 M h = 1, an explicit
+    formula.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : float
+        Degrees.
+    frequency : float
+        Hz; below the first glued frequency without a head mass.
+
+    Raises
+    ------
+    ValueError
+        If no head mass gives this frequency; the message names the largest possible.
+    """
+    angle = checks.theta_degrees(theta)
+    target = checks.positive("frequency", frequency, "Hz")
+    bare = Rig(rig.p1, rig.p2, rig.contact_position, 0.0, rig.d1, rig.d2, rig.point_b)
+    highest = float(glued_frequencies(bare, angle, 1)[0])
+    if target >= highest:
+        raise ValueError(
+            f"frequency = {target:g} Hz: it must be below {highest:.6g} Hz, "
+            "the first glued frequency without a head mass"
+        )
+    stiffness, normal, tangential = contact_modes(bare, angle)
+    upper, _ = rig_bases(bare, angle)
+    head = np.zeros_like(stiffness)
+    head[: len(upper.stiffness)] = upper.shapes[0, 1]
+    square = (2.0 * np.pi * target) ** 2
+    rows = np.stack([head, normal, tangential])
+    h = (rows / (stiffness - square)) @ rows.T
+    receptance = h[0, 0] - h[0, 1:] @ np.linalg.solve(h[1:, 1:], h[1:, 0])
+    return float(1.0 / (square * receptance))
+
+
+@kernel
+def _below(square: float, stiffness: Array, normal: Array, tangential: Array) -> int:
+    """Glued eigenvalues below `square`: those of the separate beams less the contact's lifted ones."""
+    below = 0
+    nn, nt, tt = 0.0, 0.0, 0.0
+    for i in range(len(stiffness)):
+        distance = stiffness[i] - square
+        if distance < 0.0:
+            below += 1
+        soft = 1.0 / distance
+        nn += normal[i] * normal[i] * soft
+        nt += normal[i] * tangential[i] * soft
+        tt += tangential[i] * tangential[i] * soft
+    determinant = nn * tt - nt * nt
+    if determinant < 0.0:
+        return below - 1
+    return below - 2 if nn + tt < 0.0 else below
+
+
+@kernel
+def _bisect(k: int, low: float, high: float, stiffness: Array, normal: Array, tangential: Array) -> float:
+    """The smallest square with more than k glued eigenvalues below it, to rounding."""
+    while high > 4.0 * low:
+        middle = np.sqrt(low * high)
+        if _below(middle, stiffness, normal, tangential) > k:
+            high = middle
+        else:
+            low = middle
+    while True:
+        middle = 0.5 * (low + high)
+        if middle <= low or middle >= high:
+            return middle
+        if _below(middle, stiffness, normal, tangential) > k:
+            high = middle
+        else:
+            low = middle

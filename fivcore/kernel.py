@@ -1,0 +1,23 @@
+"""How compiled kernels are compiled, and the array types that they and their callers share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile once (kept on disk), release the interpreter lock, let 1 / 0 be infinite.
+
+    No fast-math: the order of operations is the one written, so results do not depend on where they are
+    computed.
+    """
+    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))

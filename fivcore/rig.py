@@ -1,0 +1,168 @@
+"""What is studied: two beams, the rig they make, and one scene of it (Tables 1 to 3 of the paper).
+
+Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853, called "the paper" throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fivcore import checks
+
+MOST_ELEMENTS = 2000
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A uniform straight Euler-Bernoulli beam and its mesh.
+
+    Parameters
+    ----------
+    length, width, thickness : float
+        In m; the beam bends about the axis along its width.
+    young_modulus : float
+        In Pa.
+    density : float
+        In kg/m3.
+    elements : int
+        Elements of equal length, three degrees of freedom a node.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value and what is allowed.
+    """
+
+    length: float
+    width: float
+    thickness: float
+    young_modulus: float
+    density: float
+    elements: int
+
+    def __post_init__(self) -> None:
+        units = {"length": "m", "width": "m", "thickness": "m", "young_modulus": "Pa", "density": "kg/m3"}
+        for name, unit in units.items():
+            object.__setattr__(self, name, checks.positive(f"Beam: {name}", getattr(self, name), unit))
+        elements = checks.count("Beam: elements", self.elements, MOST_ELEMENTS)
+        object.__setattr__(self, "elements", elements)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the beam, kg."""
+        return self.density * self.length * self.width * self.thickness
+
+    @property
+    def axial_stiffness(self) -> float:
+        """E A, in N."""
+        return self.young_modulus * self.width * self.thickness
+
+    @property
+    def bending_stiffness(self) -> float:
+        """E I, in N m2."""
+        return self.young_modulus * self.width * self.thickness**3 / 12.0
+
+
+# Table 3 of the paper.
+P1 = Beam(0.05, 0.010, 0.0015, 185e9, 7900.0, 30)
+P2 = Beam(0.15, 0.015, 0.0030, 185e9, 7900.0, 90)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Two beams in point contact: P1's tip C rests on P2; P1 rises to its support A, which is free along y.
+
+    Parameters
+    ----------
+    p1, p2 : Beam
+        The upper (inclined) and the lower (horizontal, driven) beam; default: Table 3 of the paper.
+    contact_position : float
+        Distance of the contact point D from P2's clamp, m; default: 80 mm (section 3.2 of the paper).
+    head_mass : float
+        Concentrated mass M_A at A, kg. The default makes the first glued mode 16 Hz with the contact at
+        85 mm, where alone the paper's Table 4 is found again; `tune_head_mass` computes it.
+    d1, d2 : float
+        Rayleigh damping C = d1 M + d2 K, in 1/s and s (Table 3).
+    point_b : float
+        Where the velocity of P1 is read, as a fraction of its length from C. The paper does not say;
+        the default is mid-length.
+    """
+
+    p1: Beam = P1
+    p2: Beam = P2
+    contact_position: float = 0.080
+    head_mass: float = 2.9434
+    d1: float = 50.0
+    d2: float = 1e-8
+    point_b: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("p1", "p2"):
+            if not isinstance(getattr(self, name), Beam):
+                raise ValueError(f"Rig: {name} = {getattr(self, name)!r}: it must be a Beam")
+        reach = self.p2.length
+        checked = {
+            "contact_position": checks.number(
+                "Rig: contact_position",
+                self.contact_position,
+                f"above 0 and at most P2's length, {reach:g} m",
+                lambda x: 0.0 < x <= reach,
+            ),
+            "head_mass": checks.non_negative("Rig: head_mass", self.head_mass, "kg"),
+            "d1": checks.non_negative("Rig: d1", self.d1, "1/s"),
+            "d2": checks.non_negative("Rig: d2", self.d2, "s"),
+            "point_b": checks.number(
+                "Rig: point_b",
+                self.point_b,
+                "a fraction of P1's length, from 0 at C to 1 at A",
+                lambda x: 0.0 <= x <= 1.0,
+            ),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One operating point of a rig.
+
+    Parameters
+    ----------
+    V : float
+        Velocity of P2's clamp along x, m/s, not zero.
+    theta : float
+        Inclination of P1, degrees: from C up to A it runs along (sin theta, cos theta). With V > 0, a
+        positive theta is the digging sense (Spurr's sprag).
+    mu : float
+        Coefficient of friction.
+    F : float
+        Load on A along -y, N.
+    rig : Rig
+    """
+
+    V: float
+    theta: float
+    mu: float
+    F: float
+    rig: Rig = Rig()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.rig, Rig):
+            raise ValueError(f"Scene: rig = {self.rig!r}: it must be a Rig")
+        speed = checks.number("V", self.V, "a finite speed other than 0 (m/s)", lambda x: x != 0.0)
+        object.__setattr__(self, "V", speed)
+        object.__setattr__(self, "theta", checks.theta_degrees(self.theta))
+        object.__setattr__(self, "mu", checks.friction(self.mu))
+        object.__setattr__(self, "F", checks.positive("F", self.F, "N"))
+
+    def mirrored(self) -> Scene:
+        """The same motion seen in a mirror standing along y: V and theta change sign, nothing else."""
+        return Scene(-self.V, -self.theta, self.mu, self.F, self.rig)
+
+    @property
+    def drive_theta(self) -> float:
+        """Inclination seen from the drive, degrees: theta where V > 0, -theta where V < 0.
+
+        Stability depends on V and theta through this angle alone, and not on F.
+        """
+        return self.theta if self.V > 0 else -self.theta

@@ -1,0 +1,193 @@
+"""Compiled kernels of the sliding problem: all eigenvalues of one scalar equation.
+
+With the contact held closed and the friction force at its limit, T = mu N, the undamped eigenvalues lambda
+(squared angular frequencies) of the coupled rig are the roots of
+
+    f(lambda) = h_NN + mu h_NT = sum_i (a_i + mu b_i) / (p_i - lambda) = 0,    a = n n,  b = n t,
+
+where p, n, t are the squared frequencies and the normal and tangential gap shapes of the separate beams'
+modes. Everything is scaled by the band: p and lambda are in units of (2 pi fmax)^2. Poles near the band are
+kept as they are; the many beyond it enter as a power series, f's `tail`, exact to rounding in the band.
+
+The roots are found together by the Ehrlich-Aberth iteration on P(lambda) = f(lambda) prod_i (p_i - lambda),
+which converges to each root once (Aberth, Math. Comp. 27, 1973, 339-344), and counted independently by the
+argument principle.
+
+Arguments are plain arrays; working space is allocated once a call, outside the loops.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore.kernel import Array, Complex, kernel
+
+MOST_SWEEPS = 200
+EPS = 2.220446049250313e-16
+
+
+@kernel
+def value(z: complex, p: Array, c: Array, tail: Array) -> complex:
+    """f(z); c = a + mu b, the same for the tail."""
+    total = 0j
+    for k in range(len(tail) - 1, -1, -1):
+        total = total * z + tail[k]
+    for i in range(len(p)):
+        total += c[i] / (p[i] - z)
+    return total
+
+
+@kernel
+def between(x: float, i: int, p: Array, a: Array, tail: Array) -> float:
+    """(p_i - x)(p_i+1 - x) f(x) at mu = 0, which falls through zero once between these two poles."""
+    rest = 0.0
+    for k in range(len(tail) - 1, -1, -1):
+        rest = rest * x + tail[k]
+    for j in range(len(p)):
+        if j != i and j != i + 1:
+            rest += a[j] / (p[j] - x)
+    return a[i] * (p[i + 1] - x) + a[i + 1] * (p[i] - x) + (p[i] - x) * (p[i + 1] - x) * rest
+
+
+@kernel
+def newton_step(z: complex, p: Array, c: Array, tail: Array) -> complex:
+    """P(z) / P'(z), with the pole nearest to z taken out of f so that it may be reached."""
+    nearest = 0
+    for i in range(1, len(p)):
+        if abs(p[i] - z.real) < abs(p[nearest] - z.real):
+            nearest = i
+    rest, slope = 0j, 0j
+    for k in range(len(tail) - 1, -1, -1):
+        slope = slope * z + rest
+        rest = rest * z + tail[k]
+    others = 0j
+    for i in range(len(p)):
+        if i != nearest:
+            inverse = 1.0 / (p[i] - z)
+            term = c[i] * inverse
+            rest += term
+            slope += term * inverse
+            others += inverse
+    gap = p[nearest] - z
+    reduced = c[nearest] + gap * rest
+    derivative = gap * slope - rest - others * reduced
+    if derivative == 0.0:
+        return 0j
+    return reduced / derivative
+
+
+@kernel
+def aberth(z: Complex, settled: NDArray[np.bool_], p: Array, c: Array, tail: Array) -> int:
+    """Move the guesses `z` (in place) to as many different roots; returns how many did not settle."""
+    n = len(z)
+    open_guesses = n
+    settled[:] = False
+    for _ in range(MOST_SWEEPS):
+        for j in range(n):
+            if settled[j]:
+                continue
+            step = newton_step(z[j], p, c, tail)
+            crowd = 0j
+            for i in range(n):
+                if i != j and z[i] != z[j]:
+                    crowd += 1.0 / (z[j] - z[i])
+            step = step / (1.0 - step * crowd)
+            z[j] -= step
+            if abs(step) <= 4.0 * EPS * abs(z[j]):
+                settled[j] = True
+                open_guesses -= 1
+        if open_guesses == 0:
+            break
+    return open_guesses
+
+
+@kernel
+def winding(radius: float, p: Array, c: Array, tail: Array) -> int:
+    """Roots minus poles of f within |z| < radius, by the argument principle; -10**6 if it cannot say.
+
+    f is real on the real axis, so the upper half circle does. Arcs are halved until f turns by less than a
+    quarter of its size along each.
+    """
+    turned = 0.0
+    angle, width = 0.0, np.pi / 32.0
+    here = value(complex(radius, 0.0), p, c, tail)
+    while angle < np.pi:
+        width = min(width, np.pi - angle)
+        end = value(radius * complex(np.cos(angle + width), np.sin(angle + width)), p, c, tail)
+        middle_angle = angle + 0.5 * width
+        middle = value(radius * complex(np.cos(middle_angle), np.sin(middle_angle)), p, c, tail)
+        smallest = min(abs(here), abs(middle))
+        if abs(middle - here) < 0.5 * smallest and abs(end - middle) < 0.5 * abs(middle):
+            turned += np.angle(middle / here) + np.angle(end / middle)
+            here = end
+            angle += width
+            width *= 2.0
+        else:
+            width *= 0.5
+            if width < 1e-12:
+                return -1000000
+    return int(np.rint(turned / np.pi))
+
+
+@kernel
+def _is_real(z: complex, p: Array, c: Array, tail: Array) -> bool:
+    """Whether a sign change of P on the real axis shows that the root near z is real."""
+    reach = max(2.0 * abs(z.imag), 16.0 * EPS * abs(z.real))
+    below = newton_step(complex(z.real - reach, 0.0), p, c, tail).real
+    above = newton_step(complex(z.real + reach, 0.0), p, c, tail).real
+    # A Newton step points at the root: from both sides of a simple real one the steps point inwards.
+    return below < 0.0 < above
+
+
+@kernel
+def _pair(z: Complex) -> None:
+    """Make complex roots conjugate to the last bit, so that the frequencies of an undamped pair are equal."""
+    for j in range(len(z)):
+        if z[j].imag > 0.0:
+            partner, nearest = -1, 1e-6 * abs(z[j])
+            for i in range(len(z)):
+                away = abs(z[i] - z[j].conjugate())
+                if z[i].imag < 0.0 and away < nearest:
+                    partner, nearest = i, away
+            if partner >= 0:
+                z[partner] = z[j].conjugate()
+
+
+@kernel
+def sliding_roots(
+    mu: Array,
+    p: Array,
+    a: Array,
+    b: Array,
+    tail_a: Array,
+    tail_b: Array,
+    guesses: Complex,
+    radius: float,
+    roots: Complex,
+    missed: NDArray[np.int64],
+) -> None:
+    """Fill `roots` (mu, guess) and `missed` (mu), the number of roots within `radius` not found."""
+    inside = 0
+    for i in range(len(p)):
+        if abs(p[i]) < radius:
+            inside += 1
+    c, tail = np.empty_like(a), np.empty_like(tail_a)
+    settled = np.empty(len(guesses), np.bool_)
+    for m in range(len(mu)):
+        for i in range(len(a)):
+            c[i] = a[i] + mu[m] * b[i]
+        for i in range(len(tail_a)):
+            tail[i] = tail_a[i] + mu[m] * tail_b[i]
+        z = roots[m]
+        z[:] = guesses
+        left = aberth(z, settled, p, c, tail)
+        found = 0
+        for j in range(len(z)):
+            if abs(z[j].imag) < 1e-6 * abs(z[j]) and _is_real(z[j], p, c, tail):
+                z[j] = complex(z[j].real, 0.0)
+            if abs(z[j]) < radius:
+                found += 1
+        _pair(z)
+        expected = inside + winding(radius, p, c, tail)
+        missed[m] = abs(expected - found) + (left if expected != found else 0)

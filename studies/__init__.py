@@ -1,0 +1,44 @@
+"""Predefined studies of the paper, from Python: `studies.run("fig5")`, `studies.open("fig5")`.
+
+Nothing heavy is imported before it is used: the command line starts from here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["open", "run"]
+
+
+def run(name: str, **axes: Any) -> xr.Dataset:
+    """Run a study, keep its netCDF file and figure in the results folder, and return its dataset.
+
+    Parameters
+    ----------
+    name : str
+        As `fiv list` shows it.
+    **axes
+        New values of an axis (a number or a list) or of a setting (a number) of the study.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    ValueError
+        For an unknown study or axis, or a value out of range; nothing is written then.
+    """
+    from studies import runner
+
+    return runner.run(name, axes).dataset
+
+
+def open(name: str) -> xr.Dataset:  # shadows the built-in only as studies.open
+    """Open the kept results of a study, by its name or by the path of a netCDF file."""
+    from studies import runner
+
+    return runner.open_dataset(name)

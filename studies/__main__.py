@@ -1,0 +1,5 @@
+"""`python -m studies` is `fiv`."""
+
+from studies.cli import main
+
+main()

@@ -1,0 +1,30 @@
+"""The studies by name; a study's module is imported when it is asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from studies.study import Study
+
+NAMES = ("table4", "fig5", "fig6")
+
+
+def load(name: str) -> Study:
+    """The study called `name`.
+
+    Raises
+    ------
+    ValueError
+        If there is none; the message suggests the nearest.
+    """
+    if name not in NAMES:
+        from studies.study import suggest
+
+        raise ValueError(
+            f"STUDY = {name!r}: there is no such study; {suggest(name, list(NAMES))}"
+            f"the studies are {', '.join(NAMES)}"
+        )
+    study: Study = import_module(f"studies.{name}").STUDY
+    return study

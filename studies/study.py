@@ -1,0 +1,134 @@
+"""What a study is: a question, the axes it varies, the sweep that answers, and how the answer is shown."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fivcore import Rig
+from studies import paper
+from sweeps import Axis, Sweep
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A number that a study holds fixed unless asked otherwise."""
+
+    value: float
+    units: str
+    long_name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """One predefined study.
+
+    Attributes
+    ----------
+    name, title : str
+    question : str
+        What the study asks, in a sentence.
+    paper : str
+        What the paper says, in the project's own words, with the place.
+    axes : mapping of str to Axis
+        What is varied, with its default values.
+    settings : mapping of str to Setting
+        What is fixed.
+    build : callable
+        `build(axes, settings)` gives the sweep, from axes by name and numbers by name.
+    draw : callable
+        `draw(dataset)` gives the figure, from what the file holds and nothing else.
+    report : callable
+        `report(dataset)` gives the numbers beside the paper's, as text.
+    """
+
+    name: str
+    title: str
+    question: str
+    paper: str
+    axes: Mapping[str, Axis]
+    settings: Mapping[str, Setting]
+    build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep]
+    draw: Callable[[xr.Dataset], Figure]
+    report: Callable[[xr.Dataset], str]
+
+    def sweep(self, given: Mapping[str, Any]) -> Sweep:
+        """The study's sweep with the `given` values in place of its own.
+
+        Raises
+        ------
+        ValueError
+            For a name that is neither an axis nor a setting, or a value out of range.
+        """
+        axes, settings = dict(self.axes), {name: s.value for name, s in self.settings.items()}
+        for name, value in given.items():
+            if name in axes:
+                values = np.atleast_1d(np.asarray(value))
+                if values.dtype.kind not in "iuf":
+                    raise ValueError(f"{name} = {value!r}: it must be a number or a list of numbers")
+                if not np.all(np.isfinite(values)):
+                    bad = values[~np.isfinite(values)][0]
+                    raise ValueError(f"{name} = {bad}: it must be a finite number")
+                own = axes[name].values.dtype
+                if own.kind == "i" and np.any(values != np.rint(values)):
+                    bad = values[values != np.rint(values)][0]
+                    raise ValueError(f"{name} = {bad}: it must be a whole number")
+                axes[name] = Axis(np.unique(values).astype(own), axes[name].units, axes[name].long_name)
+            elif name in settings:
+                settings[name] = _one_number(self.name, name, value)
+            else:
+                known = [*axes, *settings]
+                raise ValueError(
+                    f"{name}: study {self.name} has no such axis; {suggest(name, known)}"
+                    f"its axes are {', '.join(axes)}; its settings are {', '.join(settings) or 'none'}"
+                )
+        return self.build(axes, settings)
+
+
+def constants(dataset: xr.Dataset) -> dict[str, Any]:
+    """What a result's function was given besides its points, from the file's configuration."""
+    found: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
+    return found
+
+
+def rig_settings(*names: str) -> dict[str, Setting]:
+    """Settings for fields of the rig and for theta, with the paper's values (`fivcore.Rig`'s defaults)."""
+    known = {
+        "theta": ("degree", "inclination of P1"),
+        "contact_position": ("m", "distance of the contact from P2's clamp"),
+        "head_mass": ("kg", "mass at A"),
+        "d1": ("s-1", "Rayleigh damping on the mass"),
+        "d2": ("s", "Rayleigh damping on the stiffness"),
+    }
+    default = Rig()
+    values = {name: getattr(default, name, paper.THETA) for name in names}
+    return {name: Setting(values[name], *known[name]) for name in names}
+
+
+def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
+    """The rig and theta that settings made by `rig_settings` describe."""
+    fields: dict[str, Any] = dict(settings)
+    theta = fields.pop("theta")
+    return replace(Rig(), **fields), theta
+
+
+def suggest(name: str, known: list[str]) -> str:
+    """'did you mean ...? ' for a near miss, else nothing."""
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {near[0]}? " if near else ""
+
+
+def _one_number(study: str, name: str, value: Any) -> float:
+    values = np.ravel(value)
+    if len(values) != 1 or values.dtype.kind not in "iuf":
+        raise ValueError(f"{name} = {value!r}: study {study} holds it fixed, so it must be one number")
+    return float(values[0])

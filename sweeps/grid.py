@@ -1,0 +1,162 @@
+"""What is varied and what comes out: axes, their grid, and the variables of a result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """The values one name takes.
+
+    Parameters
+    ----------
+    values : array_like, (n,)
+        Numbers or texts; at least one, all finite.
+    units : str
+        As UDUNITS reads them; "1" for a pure number.
+    long_name : str
+        What a reader of the file or a figure sees.
+    """
+
+    values: Any
+    units: str = "1"
+    long_name: str = ""
+
+    def __post_init__(self) -> None:
+        values = np.atleast_1d(np.asarray(self.values))
+        if values.ndim != 1 or values.size == 0:
+            raise ValueError(f"Axis: values of shape {values.shape}: they must be a list with one or more")
+        if values.dtype.kind not in "biufU":
+            raise ValueError(f"Axis: values = {self.values!r}: they must be numbers or texts")
+        if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
+            raise ValueError(f"Axis: values contain {values[~np.isfinite(values)][0]}: all must be finite")
+        values = values.copy()
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One result of the function.
+
+    Parameters
+    ----------
+    units, long_name : str
+    dims : tuple of str
+        Dimensions beyond the point's own; their coordinates are the sweep's `coords`.
+    dtype : str
+        A real NumPy type; missing entries are NaN, or -1 for whole numbers.
+    """
+
+    units: str = "1"
+    long_name: str = ""
+    dims: tuple[str, ...] = ()
+    dtype: str = "float64"
+
+    def __post_init__(self) -> None:
+        if np.dtype(self.dtype).kind not in "fi":
+            raise ValueError(f"Variable: dtype = {self.dtype!r}: it must be a float or signed integer type")
+        object.__setattr__(self, "dims", tuple(self.dims))
+
+    @property
+    def missing(self) -> float:
+        """What stands where there is no result."""
+        return math.nan if np.dtype(self.dtype).kind == "f" else -1
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The product of axes; those zipped vary together, along the dimension of the first of them.
+
+    Parameters
+    ----------
+    axes : mapping of str to Axis
+        The order is the order of the dimensions.
+    zipped : sequence of str, or of sequences of str
+        One group of axes of equal length, or several groups.
+    skip : callable, optional
+        `skip(points)` tells, as a boolean array, which points need not be computed.
+    """
+
+    axes: Mapping[str, Axis]
+    zipped: Sequence[Any] = ()
+    skip: Callable[[Points], Any] | None = None
+    _groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        axes = dict(self.axes)
+        if not axes:
+            raise ValueError("Grid: axes = {}: there must be at least one axis")
+        for name, axis in axes.items():
+            if not isinstance(axis, Axis):
+                raise ValueError(f"Grid: axes[{name!r}] = {axis!r}: it must be an Axis")
+        object.__setattr__(self, "axes", axes)
+        zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else list(self.zipped)
+        groups: list[tuple[str, ...]] = []
+        taken: set[str] = set()
+        for group in zipped:
+            for name in group:
+                if name not in axes or name in taken:
+                    raise ValueError(
+                        f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
+                    )
+                taken.add(name)
+            lengths = {name: len(axes[name]) for name in group}
+            if len(set(lengths.values())) > 1:
+                raise ValueError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
+        for name in axes:
+            together = next((tuple(g) for g in zipped if name in g), (name,))
+            if together not in groups:
+                groups.append(together)
+        for group in groups:
+            rows = list(zip(*(axes[name].values.tolist() for name in group), strict=True))
+            if len(set(rows)) < len(rows):
+                twice = next(row for row in rows if rows.count(row) > 1)
+                raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
+        object.__setattr__(self, "_groups", tuple(groups))
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """One dimension a group, named after its first axis."""
+        return tuple(group[0] for group in self._groups)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each dimension."""
+        return tuple(len(self.axes[name]) for name in self.dims)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(self.shape)
+
+    def dim_of(self, name: str) -> str:
+        """The dimension along which the axis `name` runs."""
+        return next(group[0] for group in self._groups if name in group)
+
+    def points(self) -> Points:
+        """Every point, one entry each, in C order of the dimensions."""
+        index = np.unravel_index(np.arange(self.size), self.shape)
+        place = dict(zip(self.dims, index, strict=True))
+        return {name: axis.values[place[self.dim_of(name)]] for name, axis in self.axes.items()}
+
+    def skipped(self, points: Points) -> NDArray[np.bool_]:
+        """Which of `points` need not be computed."""
+        if self.skip is None:
+            return np.zeros(self.size, dtype=bool)
+        flags = np.asarray(self.skip(points), dtype=bool)
+        if flags.shape != (self.size,):
+            raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be ({self.size},)")
+        return flags
