@@ -11,6 +11,8 @@ tangential force T act on P1 along +y and +x, and the opposite way on P2.
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,8 +25,6 @@ from fivcore.elements import Family, axial, bending, hermite
 from fivcore.kernel import Array
 from fivcore.rig import Beam, Rig
 
-# The number of BLAS threads changes the last bits of an eigenvector; one thread makes a basis the same
-# wherever it is built. The setting is the process's, hence the lock.
 _blas = ThreadpoolController()
 _blas_lock = threading.Lock()
 
@@ -72,7 +72,7 @@ class Basis:
         return np.asarray((shape / self.stiffness[dropped]) @ shape.T)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def lower_basis(beam: Beam, contact_position: float) -> Basis:
     """Modes of P2 alone: clamped at one end, free at the other; bending first, then axial.
 
@@ -95,7 +95,7 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
     return Basis(values, _clean(normal), _clean(tangential), nodes, shapes)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=16)
 def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
 
@@ -158,7 +158,7 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
         One mode a column.
     """
     n = len(stiffness)
-    with _blas_lock, _blas.limit(limits=1):
+    with one_blas_thread():
         flexibility, y = eigh(flexibility_root.T @ mass @ flexibility_root)
         flexibility, y = flexibility[::-1], y[:, ::-1]
         # Both halves are equally accurate at the geometric mean of the extreme frequencies.
@@ -177,7 +177,15 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
     return values, vectors
 
 
-@lru_cache(maxsize=64)
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread: how many it uses changes the last bits of what it computes."""
+    # The limit is the process's; under the lock nobody restores it while another still needs it.
+    with _blas_lock, _blas.limit(limits=1):
+        yield
+
+
+@lru_cache(maxsize=16)
 def _cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     along, across = _families(beam)
     return (
@@ -186,7 +194,7 @@ def _cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Arr
     )
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def _families(beam: Beam) -> tuple[Family, Family]:
     return axial(beam), bending(beam)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fivcore import checks
@@ -63,18 +65,26 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     """
     angle = checks.theta_degrees(theta)
     target = checks.positive("frequency", frequency, "Hz")
-    bare = Rig(rig.p1, rig.p2, rig.contact_position, 0.0, rig.d1, rig.d2, rig.point_b)
+    bare = replace(rig, head_mass=0.0)
     highest = float(glued_frequencies(bare, angle, 1)[0])
     if target >= highest:
         raise ValueError(
             f"frequency = {target:g} Hz: it must be below {highest:.6g} Hz, "
             "the first glued frequency without a head mass"
         )
-    stiffness, normal, tangential = contact_modes(bare, angle)
-    upper, _ = rig_bases(bare, angle)
+    square = (2.0 * np.pi * target) ** 2
+    first = _missing_mass(bare, angle, square)
+    # Where the head mass is many times the beam's, the free translation all but cancels in the receptance;
+    # what is missing from the first answer is then found to full accuracy.
+    return first + _missing_mass(replace(bare, head_mass=first), angle, square)
+
+
+def _missing_mass(rig: Rig, theta: float, square: float) -> float:
+    """What must be added to the head mass for `square` to become an eigenvalue of the glued rig, kg."""
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    upper, _ = rig_bases(rig, theta)
     head = np.zeros_like(stiffness)
     head[: len(upper.stiffness)] = upper.shapes[0, 1]
-    square = (2.0 * np.pi * target) ** 2
     rows = np.stack([head, normal, tangential])
     h = (rows / (stiffness - square)) @ rows.T
     receptance = h[0, 0] - h[0, 1:] @ np.linalg.solve(h[1:, 1:], h[1:, 0])

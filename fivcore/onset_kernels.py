@@ -24,6 +24,8 @@ from fivcore.kernel import Array, kernel
 
 # Intervals narrower than this (of the band) are not halved any more: two zeros so close are one.
 NARROWEST = 1e-13
+# A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
+MOST_INTERVALS = 1_000_000
 
 
 @kernel
@@ -48,8 +50,10 @@ def gap_parts(
                 ar += a[i]
                 br += b[i]
                 continue
-            imaginary = shift / (distance * distance + y * y)
-            real = 1.0 + imaginary * distance
+            square = distance * distance + y * y
+            imaginary = shift / square
+            # Not 1 + imaginary * distance, which cancels for a pole far above the band.
+            real = ((p[n] - x) * distance + y * y) / square
             ar += a[i] * real
             ai += a[i] * imaginary
             br += b[i] * real
@@ -108,7 +112,7 @@ def _judge(
         distance = p[i] - x
         square = distance * distance + y * y
         imaginary = shift / square
-        real = 1.0 + imaginary * distance
+        real = ((p[n] - x) * distance + y * y) / square
         ar += a[i] * real
         ai += a[i] * imaginary
         br += b[i] * real
@@ -158,7 +162,7 @@ def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, b
     found, judged = 0, 0
     width = 1.0 / 64.0
     low = 0.0
-    while low < 1.0:
+    while low < 1.0 and judged < MOST_INTERVALS:
         high = min(low + width, 1.0)
         n = _nearest(0.5 * (low + high), p, d1, d2)
         verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)

@@ -58,6 +58,13 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     -------
     FlutterOnsets
 
+    Raises
+    ------
+    ValueError
+        For an argument out of range.
+    ArithmeticError
+        If the onsets cannot be isolated.
+
     Notes
     -----
     Without damping an onset is where two real eigenvalues meet, and a recovery where a pair parts again.
@@ -76,10 +83,15 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     crossings = []
     if np.any(b):
         brackets = np.empty((64, 3))
-        count, _ = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
+        count, judged = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
         if count > len(brackets):
             brackets = np.empty((count, 3))
-            count, _ = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
+            count, judged = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
+        if judged == onset_kernels.MOST_INTERVALS:
+            raise ArithmeticError(
+                f"flutter_onsets: no friction up to mu_max = {most:g} can be told apart at theta = {angle:g} "
+                f"below fmax = {band:g} Hz; choose a smaller band"
+            )
         for low, high, pole in brackets[:count]:
             system = (int(pole), p, a, b, d1, d2)
             omega = brentq(onset_kernels.onset_function, low, high, args=system, xtol=1e-300, rtol=1e-14)

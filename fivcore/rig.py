@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from fivcore import checks
 
-MOST_ELEMENTS = 2000
+MOST_ELEMENTS = 1000
 
 
 @dataclass(frozen=True)

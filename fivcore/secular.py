@@ -131,27 +131,21 @@ def winding(radius: float, p: Array, c: Array, tail: Array) -> int:
 
 
 @kernel
-def _is_real(z: complex, p: Array, c: Array, tail: Array) -> bool:
-    """Whether a sign change of P on the real axis shows that the root near z is real."""
-    reach = max(2.0 * abs(z.imag), 16.0 * EPS * abs(z.real))
-    below = newton_step(complex(z.real - reach, 0.0), p, c, tail).real
-    above = newton_step(complex(z.real + reach, 0.0), p, c, tail).real
-    # A Newton step points at the root: from both sides of a simple real one the steps point inwards.
-    return below < 0.0 < above
+def _tidy(z: Complex) -> None:
+    """Take rounding out of the symmetry: real roots become real, pairs conjugate to the last bit.
 
-
-@kernel
-def _pair(z: Complex) -> None:
-    """Make complex roots conjugate to the last bit, so that the frequencies of an undamped pair are equal."""
+    A root near the real axis whose mirror image is no other root is real.
+    """
     for j in range(len(z)):
-        if z[j].imag > 0.0:
-            partner, nearest = -1, 1e-6 * abs(z[j])
-            for i in range(len(z)):
-                away = abs(z[i] - z[j].conjugate())
-                if z[i].imag < 0.0 and away < nearest:
-                    partner, nearest = i, away
-            if partner >= 0:
-                z[partner] = z[j].conjugate()
+        mirror = z[j].conjugate()
+        partner, nearest = j, 0.1 * abs(z[j].imag)
+        for i in range(len(z)):
+            if i != j and abs(z[i] - mirror) < nearest:
+                partner, nearest = i, abs(z[i] - mirror)
+        if partner != j:
+            z[partner] = mirror
+        elif abs(z[j].imag) < 1e-6 * abs(z[j]):
+            z[j] = complex(z[j].real, 0.0)
 
 
 @kernel
@@ -184,10 +178,24 @@ def sliding_roots(
         left = aberth(z, settled, p, c, tail)
         found = 0
         for j in range(len(z)):
-            if abs(z[j].imag) < 1e-6 * abs(z[j]) and _is_real(z[j], p, c, tail):
-                z[j] = complex(z[j].real, 0.0)
             if abs(z[j]) < radius:
                 found += 1
-        _pair(z)
+        _tidy(z)
         expected = inside + winding(radius, p, c, tail)
         missed[m] = abs(expected - found) + (left if expected != found else 0)
+
+
+@kernel
+def damp(values: Complex, d1: float, d2: float, phi: Complex) -> None:
+    """Fill `phi` with the root of phi^2 + (d1 + d2 lambda) phi + lambda = 0 with Im >= 0, for each lambda.
+
+    Of two real roots the larger: the one that grows, or the one that decays more slowly.
+    """
+    for m in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            half = 0.5 * (d1 + d2 * values[m, j])
+            root = np.sqrt(half * half - values[m, j])
+            first, second = root - half, -root - half
+            if second.imag > first.imag or (second.imag == first.imag and second.real > first.real):
+                first = second
+            phi[m, j] = first

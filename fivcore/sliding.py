@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 from scipy.optimize import brentq
 
 from fivcore import checks, secular
-from fivcore.bases import rig_bases
+from fivcore.bases import one_blas_thread, rig_bases
 from fivcore.kernel import Array, Complex
 from fivcore.rig import Rig
 
@@ -26,6 +27,8 @@ from fivcore.rig import Rig
 NEAR = 4.0
 TAIL_TERMS = 26
 
+# Stands where there are fewer eigenvalues than places for them: far beyond any band.
+OUTSIDE = 1e12
 NOTHING = complex(np.nan, np.nan)
 
 
@@ -183,26 +186,18 @@ def node_positions(rig: Rig, theta: float) -> Array:
     return np.concatenate([upper.nodes, lower.nodes])
 
 
-def damped(eigenvalue: Complex, d1: float, d2: float) -> Complex:
-    """The root phi of phi^2 + (d1 + d2 lambda) phi + lambda = 0 with Im >= 0 (the slower if it is real)."""
-    half = 0.5 * (d1 + d2 * eigenvalue)
-    root = np.sqrt(half * half - eigenvalue)
-    root = np.where(root.imag < 0.0, -root, root)
-    first, second = root - half, -root - half
-    return np.where((first.imag < 0.0) & (second.imag > first.imag), second, first)
-
-
 def _eigenvalues(rig: Rig, theta: float, mu: Array, fmax: float) -> tuple[Complex, Complex, NDArray[np.int64]]:
     """Phi and lambda within the band, (mu, modes), ascending in frequency; and the hidden modes' indices."""
     problem = _problem(rig, theta, fmax)
-    n, k = len(problem.guesses), len(problem.hidden)
+    roots = _roots(problem, mu)
+    n, k = roots.shape[1], len(problem.hidden)
     values = np.empty((len(mu), n + k), dtype=complex)
-    values[:, :n] = _roots(problem, mu)
-    values[:, n:] = problem.hidden
+    values[:, :n], values[:, n:] = roots, problem.hidden
     values *= problem.unit
     which = np.concatenate([np.full(n, -1), np.arange(k)])
 
-    phi = damped(values, rig.d1, rig.d2)
+    phi = np.empty_like(values)
+    secular.damp(values, rig.d1, rig.d2, phi)
     # Guesses beyond the counted circle serve to keep the others honest and are not results.
     outside = (phi.imag > 2.0 * np.pi * fmax) | (np.abs(values) > problem.radius * problem.unit)
     frequency = np.where(outside, np.inf, phi.imag)
@@ -216,30 +211,43 @@ def _eigenvalues(rig: Rig, theta: float, mu: Array, fmax: float) -> tuple[Comple
 
 
 def _roots(problem: _Problem, mu: Array) -> Complex:
+    """Scaled eigenvalues for each mu, all within the counted circle among them."""
+    system = (problem.poles, problem.a, problem.b, problem.tail_a, problem.tail_b)
     roots = np.empty((len(mu), len(problem.guesses)), dtype=complex)
     missed = np.zeros(len(mu), dtype=np.int64)
-    system = (problem.poles, problem.a, problem.b, problem.tail_a, problem.tail_b)
     secular.sliding_roots(mu, *system, problem.guesses, problem.radius, roots, missed)
     for m in np.nonzero(missed)[0]:
-        # Start again from the eigenvalues of the near modes with the others' static flexibility.
-        c, flexibility = problem.a + mu[m] * problem.b, problem.tail_a[0] + mu[m] * problem.tail_b[0]
-        guesses = problem.guesses
-        if flexibility != 0.0:
-            matrix = np.diag(problem.poles) - np.outer(np.ones_like(c), -c) / flexibility
-            guesses = np.linalg.eigvals(matrix).astype(complex)
-            guesses = guesses[np.argsort(np.abs(guesses))][: len(problem.guesses)]
+        # More roots have come into the circle than there were guesses (large mu, on few rigs): start anew
+        # from a dense solve with all modes.
+        guesses = _dense_guesses(problem, float(mu[m]))
         again = np.empty((1, len(guesses)), dtype=complex)
-        still = np.zeros(1, dtype=np.int64)
-        secular.sliding_roots(mu[m : m + 1], *system, guesses, problem.radius, again, still)
-        if still[0]:
+        secular.sliding_roots(mu[m : m + 1], *system, guesses, problem.radius, again, missed[m : m + 1])
+        if missed[m]:
             raise ArithmeticError(
-                f"sliding_modes: {still[0]} eigenvalues unaccounted for at mu = {mu[m]:g}; change fmax"
+                f"sliding_modes: {missed[m]} eigenvalues unaccounted for at mu = {mu[m]:g}; change fmax"
             )
-        roots[m] = again[0]
+        wider = max(0, len(guesses) - roots.shape[1])
+        roots = np.pad(roots, ((0, 0), (0, wider)), constant_values=OUTSIDE)
+        roots[m] = OUTSIDE
+        roots[m, : len(guesses)] = again[0]
     return roots
 
 
-@lru_cache(maxsize=512)
+def _dense_guesses(problem: _Problem, mu: float) -> Complex:
+    """Eigenvalues in and around the circle, from the modes of both beams with the constraint eliminated."""
+    seen = problem.normal != 0.0
+    stiffness, normal = problem.stiffness[seen] / problem.unit, problem.normal[seen]
+    force = normal + mu * problem.tangential[seen]
+    with one_blas_thread():
+        right, left = null_space(normal[None]), null_space(force[None])
+        flexible = np.linalg.solve(left.T @ (stiffness[:, None] * right), left.T @ right)
+        values = (1.0 / np.linalg.eigvals(flexible)).astype(complex)
+    # Eigenvalues of modes that no other guess may settle on come along.
+    near = values[np.abs(values) < 2.0 * problem.radius]
+    return near[np.lexsort((near.imag, near.real))]
+
+
+@lru_cache(maxsize=128)
 def _problem(rig: Rig, theta: float, fmax: float) -> _Problem:
     stiffness, normal, tangential = contact_modes(rig, theta)
     unit = (2.0 * np.pi * fmax) ** 2
@@ -280,6 +288,10 @@ def _problem(rig: Rig, theta: float, fmax: float) -> _Problem:
     radius = _quiet_radius(marks)
     # Neighbours start on opposite sides of the real axis, ready to become a pair.
     tilt = np.where(np.arange(len(starts)) % 2, 1e-3j, -1e-3j)
+    guesses = starts * (1.0 + tilt)
+    if np.any(tail_a):
+        # One more for what friction may bring in from outside, above all along the negative real axis.
+        guesses = np.append(guesses, radius * (-1.0 + 0.1j))
     kept = sorted(h for h in hidden if h[0] <= radius)
     return _Problem(
         unit,
@@ -288,7 +300,7 @@ def _problem(rig: Rig, theta: float, fmax: float) -> _Problem:
         b,
         tail_a,
         tail_b,
-        (starts * (1.0 + tilt)).astype(complex),
+        guesses.astype(complex),
         radius,
         np.array([h[0] for h in kept]),
         np.array([h[1:] for h in kept], dtype=np.int64).reshape(-1, 2),
@@ -308,6 +320,8 @@ def _quiet_radius(marks: Array) -> float:
 
 def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
     """Stiffness, normal and tangential gap shapes of both beams' modes, P1's first."""
+    if not isinstance(rig, Rig):
+        raise ValueError(f"rig = {rig!r}: it must be a Rig")
     upper, lower = rig_bases(rig, theta)
     return (
         np.concatenate([upper.stiffness, lower.stiffness]),
