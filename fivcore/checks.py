@@ -17,6 +17,7 @@ def number(name: str, value: Any, allowed: str, accept: Callable[[float], bool])
     except (TypeError, ValueError):
         result = math.nan
     if not (math.isfinite(result) and accept(result)):
+        value = value.item() if isinstance(value, np.generic) else value
         raise ValueError(f"{name} = {value!r}: it must be {allowed}")
     return result
 

@@ -87,8 +87,8 @@ def _missing_mass(rig: Rig, theta: float, square: float) -> float:
     head[: len(upper.stiffness)] = upper.shapes[0, 1]
     rows = np.stack([head, normal, tangential])
     h = (rows / (stiffness - square)) @ rows.T
-    receptance = h[0, 0] - h[0, 1:] @ np.linalg.solve(h[1:, 1:], h[1:, 0])
-    return float(1.0 / (square * receptance))
+    # One over the receptance of A with the contact glued; the determinant below is zero once M is right.
+    return float(np.linalg.det(h[1:, 1:]) / (square * np.linalg.det(h)))
 
 
 @kernel

@@ -112,8 +112,6 @@ def draw(dataset: xr.Dataset) -> Figure:
     figure, (locus, shape) = figures.panels(2, 1, 15.0, 18.0)
     _draw_locus(locus, dataset)
     _draw_shape(shape, dataset)
-    given = constants(dataset)
-    figure.suptitle(f"Lock-in of modes {' and '.join(map(str, dataset['mode'].values))}, θ = {given['theta']:g}°")
     return figure
 
 
@@ -152,7 +150,8 @@ def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
     axes.axvline(0.0, color=figures.GREY, linewidth=0.8)
     axes.set_xlabel("growth rate / (1/s)")
     axes.set_ylabel("frequency / Hz")
-    axes.set_title(f"root locus, μ from {start:g} to {end:g}")
+    modes, theta = " and ".join(map(str, dataset["mode"].values)), constants(dataset)["theta"]
+    axes.set_title(f"root locus of modes {modes}, μ from {start:g} to {end:g}, θ = {theta:g}°")
     axes.legend(loc="upper left")
 
 

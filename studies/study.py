@@ -123,7 +123,7 @@ def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
 
 def suggest(name: str, known: list[str]) -> str:
     """'did you mean ...? ' for a near miss, else nothing."""
-    near = difflib.get_close_matches(name, known, n=1)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"did you mean {near[0]}? " if near else ""
 
 

@@ -27,8 +27,8 @@ def make_batches(todo: NDArray[np.intp], seconds: float) -> tuple[NDArray[np.int
     """Cut the work into runs of neighbouring points, which share what they can share."""
     if not len(todo):
         return ()
-    fitting = BATCH_SECONDS / seconds if seconds > 0.0 else 1.0
-    size = max(1, min(int(fitting), math.ceil(len(todo) / LEAST_BATCHES)))
+    fitting = BATCH_SECONDS / seconds if seconds > 0.0 else math.inf
+    size = max(1, int(min(fitting, math.ceil(len(todo) / LEAST_BATCHES))))
     return tuple(todo[i : i + size] for i in range(0, len(todo), size))
 
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests import reference
 from hypothesis import given, settings
 
 from fivcore import Rig, glued_frequencies, tune_head_mass
 from studies import paper
+from tests import reference
 from tests.rigs import angles, rigs, workshop_rig
 
 AT_85 = Rig(contact_position=0.085)

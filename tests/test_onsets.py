@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from tests import reference
 from scipy.optimize import brentq
 
 from fivcore import Rig, flutter_onsets, onset_kernels, sliding_modes
+from tests import reference
 from tests.rigs import workshop_rig
 
 
@@ -34,7 +34,9 @@ def growth(rig: Rig, theta: float, mu: float, frequency: float) -> float:
 def test_the_papers_onsets_by_a_dense_solve(index):
     found = flutter_onsets(Rig(), 5.0)
     mu, frequency = found.mu[index], found.frequency[index]
-    assert growth(Rig(), 5.0, mu * (1.0 - 1e-8), frequency) < 0.0 < growth(Rig(), 5.0, mu * (1.0 + 1e-8), frequency)
+    assert (
+        growth(Rig(), 5.0, mu * (1.0 - 1e-8), frequency) < 0.0 < growth(Rig(), 5.0, mu * (1.0 + 1e-8), frequency)
+    )
 
 
 @pytest.mark.parametrize("seed", [5, 9, 14, 21, 33, 40])

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from tests import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from fivcore import Beam, Rig, Scene, flutter_onsets, node_positions, secular, sliding, sliding_modes
 from fivcore.bases import rig_bases
+from tests import reference
 from tests.rigs import angles, frictions, rigs, workshop_rig
 
 

@@ -1,0 +1,172 @@
+"""The command line as a user meets it: every command, every message, every exit code."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FIV = str(Path(sys.executable).with_name("fiv"))
+
+
+def fiv(folder, *arguments, command=(FIV,)):
+    environment = {k: v for k, v in os.environ.items() if k != "FIV_RESULTS"}
+    return subprocess.run([*command, *arguments], cwd=folder, capture_output=True, text=True, env=environment)
+
+
+def written(folder) -> list[str]:
+    return sorted(str(p.relative_to(folder)) for p in Path(folder).rglob("*") if p.is_file())
+
+
+def test_run_prints_numbers_and_leaves_file_and_figure(tmp_path):
+    done = fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:51")
+    assert done.returncode == 0
+    assert "0.1112    2802" in done.stdout
+    assert "0.12, near 2800 Hz" in done.stdout
+    assert written(tmp_path) == ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
+    assert "results/fig5/fig5.nc" in done.stderr
+    assert "time to expect" in done.stderr
+
+
+def test_quiet_leaves_only_data(tmp_path):
+    done = fiv(tmp_path, "run", "table4", "-q", "--scheduler", "sync", "--workers", "1", "--yes")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "Largest difference: 0.22 %" in done.stdout
+
+
+def test_out_says_where(tmp_path):
+    assert fiv(tmp_path, "run", "fig6", "--set", "mu=0:0.2:21", "--out", "there").returncode == 0
+    assert written(tmp_path) == ["there/fig6/fig6.nc", "there/fig6/fig6.png"]
+
+
+def test_plan_writes_nothing(tmp_path):
+    done = fiv(tmp_path, "plan", "fig5", "--set", "mu=0:0.5:101")
+    assert done.returncode == 0
+    for line in ("points          101", "distinct        101", "cached          0", "to do           101"):
+        assert line in done.stdout
+    assert "time to expect" in done.stdout
+    assert written(tmp_path) == []
+
+
+def test_list_shows_every_study(tmp_path):
+    done = fiv(tmp_path, "list")
+    assert done.returncode == 0
+    for name in ("table4", "fig5", "fig6"):
+        assert name in done.stdout
+    assert "501 points" in done.stdout
+    assert done.stdout.count("?") == 3
+
+
+def test_plot_draws_again_by_name_and_by_path(tmp_path):
+    fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:26")
+    figure = tmp_path / "results" / "fig5" / "fig5.png"
+    for target in ("fig5", "results/fig5/fig5.nc"):
+        figure.unlink()
+        done = fiv(tmp_path, "plot", target)
+        assert done.returncode == 0
+        assert done.stdout.strip().endswith("fig5.png")
+        assert figure.is_file()
+
+
+def test_the_module_is_the_command(tmp_path):
+    done = fiv(tmp_path, "--version", command=(sys.executable, "-m", "studies"))
+    assert done.returncode == 0
+    assert done.stdout.startswith("fiv, version ")
+
+
+@pytest.mark.parametrize("command", [[], ["list"], ["plan"], ["run"], ["plot"]])
+def test_every_command_has_help(tmp_path, command):
+    done = fiv(tmp_path, *command, "--help")
+    assert done.returncode == 0
+    assert "Usage: fiv" in done.stdout
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "fig55"], "fiv: STUDY = 'fig55': there is no such study; did you mean fig5?"),
+        (["run", "fig5", "--set", "mo=0.2"], "fiv: mo: study fig5 has no such axis; did you mean mu?"),
+        (["run", "fig5", "--set", "mu=0:0.5"], "fiv: mu = '0:0.5': it must be a SPEC of finite numbers: "),
+        (["run", "fig5", "--set", "mu"], "fiv: --set 'mu': it must be AXIS=SPEC, for example mu=0:0.5:101"),
+        (["run", "fig5", "--set", "mu=-0.1"], "fiv: mu = -0.1: it must be a finite number, 0 or above"),
+        (["run", "fig5", "--set", "mu=nan"], "fiv: mu = 'nan': it must be a SPEC of finite numbers"),
+        (["run", "fig5", "--set", "mu=0.1", "--set", "mu=0.2"], "fiv: --set 'mu=0.2': mu is set already"),
+        (["run", "fig5", "--set", "theta=90"], "fiv: theta = 90.0: it must be an angle between -90 and 90"),
+        (["run", "fig5", "--set", "contact_position=0.2"], "fiv: Rig: contact_position = 0.2: it must be above 0"),
+        (["run", "fig5", "--set", "head_mass=-1"], "fiv: Rig: head_mass = -1.0: it must be a finite number, 0"),
+        (["run", "table4", "--set", "mode=0"], "fiv: mode = 0: it must be a whole number, 1 or above"),
+        (["run", "table4", "--set", "mode=400"], "fiv: count = 400: it must be a whole number from 1 to 359"),
+        (["run", "fig5", "--scheduler", "cloud"], "fiv: --scheduler 'cloud': it must be threads or sync"),
+        (["run", "fig5", "--workers", "0"], "fiv: Invalid value for '--workers': 0 is not in the range x>=1."),
+        (["run"], "fiv: Missing argument 'STUDY'."),
+        (["rum", "fig5"], "fiv: No such command 'rum'."),
+        (["plan", "fig5", "--set", "=3"], "fiv: --set '=3': it must be AXIS=SPEC"),
+        (["plot", "fig5"], "results/fig5/fig5.nc: there is no such file; make it with: fiv run fig5"),
+        (["plot", "none.nc"], "fiv: none.nc: there is no such file"),
+    ],
+)
+def test_wrong_input_is_one_clear_line(tmp_path, arguments, message):
+    done = fiv(tmp_path, *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stderr.strip().count("\n") == 0
+    assert done.stdout == ""
+    assert written(tmp_path) == []
+
+
+def test_verbose_adds_the_traceback(tmp_path):
+    done = fiv(tmp_path, "plan", "fig55", "-v")
+    assert done.returncode == 2
+    assert "Traceback" in done.stderr
+    assert done.stderr.strip().splitlines()[-1].startswith("fiv: STUDY = 'fig55'")
+
+
+def test_a_store_of_something_else_is_exit_3(tmp_path):
+    (tmp_path / "results" / "fig5").mkdir(parents=True)
+    (tmp_path / "results" / "fig5" / "fig5.nc").write_text("mine")
+    done = fiv(tmp_path, "run", "fig5", "-q")
+    assert done.returncode == 3
+    assert "is not a result of a sweep, not to fig5" in done.stderr or "is not a result" in done.stderr
+    assert (tmp_path / "results" / "fig5" / "fig5.nc").read_text() == "mine"
+
+
+def test_a_file_in_place_of_the_folder_is_exit_3(tmp_path):
+    (tmp_path / "results").write_text("mine")
+    done = fiv(tmp_path, "run", "table4", "-q")
+    assert done.returncode == 3
+    assert done.stderr.strip().count("\n") == 0
+    assert (tmp_path / "results").read_text() == "mine"
+
+
+def test_failed_points_are_listed_and_exit_1(tmp_path):
+    program = (
+        "import sys, studies.fig5 as f\n"
+        "from studies.cli import main\n"
+        "whole = f.modes\n"
+        "def picky(points, **constants):\n"
+        "    if (points['mu'] == 0.25).any():\n"
+        "        raise ArithmeticError('not this one')\n"
+        "    return whole(points, **constants)\n"
+        "f.modes = picky\n"
+        "sys.argv = ['fiv', 'run', 'fig5', '--set', 'mu=0:0.5:3', '-q']\n"
+        "main()\n"
+    )
+    done = fiv(tmp_path, "-c", program, command=(sys.executable,))
+    assert done.returncode == 1
+    assert "failed: mu = 0.25: ArithmeticError: not this one" in done.stderr
+    assert written(tmp_path) == ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
+
+
+def test_help_imports_nothing_heavy(tmp_path):
+    program = (
+        "import sys\n"
+        "from studies.cli import main\n"
+        "sys.argv = ['fiv', '--help']\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'dask', 'xarray', 'matplotlib', 'netCDF4'} & set(sys.modules)\n"
+        "print(sorted(heavy), file=sys.stderr)\n"
+    )
+    assert fiv(tmp_path, "-c", program, command=(sys.executable,)).stderr.strip() == "[]"

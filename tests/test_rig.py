@@ -1,0 +1,105 @@
+"""Beams, rigs and scenes: values, and what is said of values that cannot be."""
+
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+
+from fivcore import Beam, Rig, Scene, sliding_modes, tune_head_mass
+
+STEEL = (0.15, 0.015, 0.003, 185e9, 7900.0, 90)
+
+
+def test_defaults_are_table_3():
+    rig = Rig()
+    assert (rig.p1.length, rig.p1.width, rig.p1.thickness, rig.p1.elements) == (0.05, 0.01, 0.0015, 30)
+    assert (rig.p2.length, rig.p2.width, rig.p2.thickness, rig.p2.elements) == (0.15, 0.015, 0.003, 90)
+    assert (rig.p1.young_modulus, rig.p1.density) == (185e9, 7900.0) == (rig.p2.young_modulus, rig.p2.density)
+    assert (rig.contact_position, rig.head_mass, rig.d1, rig.d2, rig.point_b) == (0.08, 2.9434, 50.0, 1e-8, 0.5)
+
+
+def test_the_default_head_mass_is_the_tuned_one():
+    assert tune_head_mass(Rig(contact_position=0.085), 5.0, 16.0) == pytest.approx(Rig().head_mass, abs=1e-4)
+
+
+def test_scenes_are_frozen_and_hashable_and_plain_floats():
+    scene = Scene(np.float32(0.5), 5, np.float64(0.25), 9)
+    assert {scene: 1}[Scene(0.5, 5.0, 0.25, 9.0)] == 1
+    assert all(type(value) is float for value in (scene.V, scene.theta, scene.mu, scene.F))
+    with pytest.raises(FrozenInstanceError):
+        scene.V = 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({0: -0.05}, r"Beam: length = -0.05: it must be a finite number above 0 \(m\)"),
+        ({1: float("nan")}, "Beam: width = nan"),
+        ({2: 0.0}, "Beam: thickness = 0.0"),
+        ({3: float("inf")}, "Beam: young_modulus = inf"),
+        ({4: "steel"}, "Beam: density = 'steel'"),
+        ({5: 0}, "Beam: elements = 0: it must be a whole number from 1 to 1000"),
+        ({5: 2.5}, "Beam: elements = 2.5"),
+        ({5: True}, "Beam: elements = True"),
+    ],
+)
+def test_an_impossible_beam_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        Beam(*(change.get(i, value) for i, value in enumerate(STEEL)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            {"contact_position": 0.2},
+            "Rig: contact_position = 0.2: it must be above 0 and at most P2's length, 0.15 m",
+        ),
+        ({"contact_position": 0.0}, "Rig: contact_position = 0.0"),
+        ({"head_mass": -1.0}, "Rig: head_mass = -1.0: it must be a finite number, 0 or above"),
+        ({"d1": float("nan")}, "Rig: d1 = nan"),
+        ({"d2": -1e-8}, "Rig: d2 = -1e-08"),
+        ({"point_b": 1.5}, "Rig: point_b = 1.5: it must be a fraction"),
+        ({"p1": 3}, "Rig: p1 = 3: it must be a Beam"),
+    ],
+)
+def test_an_impossible_rig_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Rig(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.0, 5.0, 0.2, 9.0), "V = 0.0: it must be a finite speed other than 0"),
+        ((1e-3, 90.0, 0.2, 9.0), "theta = 90.0: it must be an angle between -90 and 90 degrees"),
+        ((1e-3, -120.0, 0.2, 9.0), "theta = -120.0"),
+        ((1e-3, 5.0, -0.1, 9.0), "mu = -0.1: it must be a finite number, 0 or above"),
+        ((1e-3, 5.0, 0.2, 0.0), "F = 0.0: it must be a finite number above 0"),
+        ((float("nan"), 5.0, 0.2, 9.0), "V = nan"),
+        ((None, 5.0, 0.2, 9.0), "V = None"),
+        ((1e-3, 5.0, 0.2, 9.0, "rig"), "Scene: rig = 'rig': it must be a Rig"),
+    ],
+)
+def test_an_impossible_scene_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Scene(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("theta", "mu", "message"),
+    [
+        ([5.0, 95.0], 0.2, "theta = 95.0"),
+        (5.0, [0.1, -0.2], "mu = -0.2"),
+        (5.0, [0.1, float("nan")], "mu = nan"),
+        ("five", 0.2, "theta = 'five': it must be a number or an array of numbers"),
+    ],
+)
+def test_bad_values_in_arrays_are_named(theta, mu, message):
+    with pytest.raises(ValueError, match=message):
+        sliding_modes(Rig(), theta, mu)
+
+
+def test_something_that_is_no_rig_is_named():
+    with pytest.raises(ValueError, match="rig = 3: it must be a Rig"):
+        sliding_modes(3, 5.0, 0.2)

@@ -1,0 +1,210 @@
+"""The predefined studies: what they find, what they store, what they draw and what they say."""
+
+import subprocess
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import studies
+from fivcore import Rig, flutter_onsets, sliding_modes
+from studies import paper, registry, runner, spec
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("FIV_RESULTS", raising=False)
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_every_study_runs_to_a_file_and_a_figure(name, tmp_path):
+    data = studies.run(name)
+    folder = tmp_path / "results" / name
+    assert sorted(p.name for p in folder.iterdir()) == [f"{name}.nc", f"{name}.png"]
+    assert np.all(data["status"] == 1)
+    xr.testing.assert_equal(studies.open(name), data)
+    xr.testing.assert_equal(studies.open(str(folder / f"{name}.nc")), data)
+    assert (folder / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    with xr.open_dataset(folder / f"{name}.nc") as plain:
+        for variable in plain.data_vars.values():
+            assert "long_name" in variable.attrs
+            assert "units" in variable.attrs or variable.dtype.kind in "OUT" or "flag_values" in variable.attrs
+        for text in (plain.attrs["configuration"], plain.attrs["history"], plain.attrs["source"]):
+            assert str(tmp_path) not in text
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_every_study_states_its_question_and_the_papers_answer(name):
+    study = registry.load(name)
+    assert study.name == name
+    assert study.question.endswith("?")
+    assert "Section" in study.paper
+    for axis in study.axes.values():
+        assert axis.long_name
+
+
+def test_a_figure_is_drawn_from_the_file_alone(tmp_path):
+    data = studies.run("fig6", mu=np.linspace(0.0, 0.15, 31))
+    file = tmp_path / "results" / "fig6" / "fig6.nc"
+    drawn = file.with_suffix(".png").read_bytes()
+    file.with_suffix(".png").unlink()
+    runner.plot(registry.load("fig6"), studies.open("fig6"), file)
+    assert file.with_suffix(".png").read_bytes() == drawn
+    assert len(data["mu"]) == 31
+
+
+def test_fig5_has_ten_modes_and_the_papers_onsets():
+    data = studies.run("fig5")
+    assert data["frequency"].dims == ("mu", "mode")
+    assert data["frequency"].shape == (501, 10)
+    np.testing.assert_allclose(data["onset_mu"], [0.11123, 0.15298, 0.22365], atol=1e-5)
+    np.testing.assert_allclose(data["onset_frequency"], [2802.0, 398.0, 7705.0], atol=0.5)
+    at = data.sel(mu=paper.MU, method="nearest")
+    modes = sliding_modes(Rig(), 5.0, paper.MU)
+    np.testing.assert_allclose(at["frequency"], modes.frequency[:10], rtol=1e-12)
+    np.testing.assert_allclose(at["growth_rate"], modes.growth_rate[:10], rtol=1e-9)
+    # Every onset lies where the grid says that the number of growing modes rises.
+    growing = (data["growth_rate"] > 0.0).sum("mode").values
+    rises = data["mu"].values[1:][np.diff(growing) > 0]
+    assert np.all((rises - data["onset_mu"].values >= 0.0) & (rises - data["onset_mu"].values <= 1e-3))
+
+
+def test_fig5_without_any_instability():
+    data = studies.run("fig5", theta=-5.0, mu=[0.0, 0.1, 0.2])
+    assert data.sizes["onset"] == 0
+    assert "stable over this range" in registry.load("fig5").report(data)
+    assert studies.run("fig5", mu=0.0).sizes["onset"] == 0
+
+
+def test_fig6_follows_modes_5_and_6_to_their_lock_in():
+    data = studies.run("fig6")
+    np.testing.assert_array_equal(data["mode"], [5, 6])
+    np.testing.assert_allclose(data["frequency"][0], [2530.0, 3087.0], atol=1.0)
+    onset = flutter_onsets(Rig(), 5.0)
+    assert float(data["lock_in_mu"]) == onset.mu[0]
+    assert float(data["lock_in_frequency"]) == onset.frequency[0]
+    after = data.sel(mu=slice(0.12, 0.2))
+    assert np.all(after["frequency"][:, 0] - after["frequency"][:, 1] < 1.0)
+    assert np.all(np.abs(after["growth_rate"].sum("mode") + 53.0) < 1.0)
+
+
+def test_fig6s_shape_keeps_the_contact_closed():
+    data = studies.run("fig6")
+    shape = data["shape_real"].values + 1j * data["shape_imag"].values
+    at_contact = np.abs(data["position"].values).sum(axis=1) < 1e-12
+    tip, below = shape[at_contact]
+    assert abs(tip[1] - below[1]) < 1e-9
+    # Tangential and normal motion are both large at the contact, as the paper's figure shows.
+    assert np.max(np.abs(shape)) == pytest.approx(1.0)
+    clamp = (data["beam"].values == 2).argmax()
+    np.testing.assert_array_equal(shape[clamp], 0.0)
+
+
+def test_fig6_says_when_nothing_locks_in():
+    with pytest.raises(ValueError, match=r"theta = -5: no modes below 10 kHz coalesce"):
+        studies.run("fig6", theta=-5.0)
+
+
+def test_table4_prints_both_positions_and_the_measured_column():
+    data = studies.run("table4")
+    text = registry.load("table4").report(data)
+    np.testing.assert_allclose(data["frequency"], data["frequency_paper"], rtol=0.0025)
+    assert "A contact at 80 mm, the position given in the paper's text, does not give" in text
+    for number in ("374", "4875", "361.7", "325.4"):
+        assert number in text
+    np.testing.assert_array_equal(data["frequency_measured"], paper.GLUED_MEASURED)
+
+
+def test_modes_that_the_paper_does_not_list_stay_empty():
+    data = studies.run("table4", mode=[8, 9])
+    assert np.isnan(data["frequency_paper"].values[1])
+    assert float(data["frequency"][1]) == pytest.approx(8237.0, abs=1.0)
+    assert registry.load("table4").report(data).splitlines()[-4].split()[:3] == ["9", "-", "-"]
+
+
+def test_results_go_where_the_environment_says(tmp_path, monkeypatch):
+    monkeypatch.setenv("FIV_RESULTS", str(tmp_path / "elsewhere"))
+    studies.run("table4")
+    assert (tmp_path / "elsewhere" / "table4" / "table4.nc").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("fig55", {}, "STUDY = 'fig55': there is no such study; did you mean fig5"),
+        ("fig5", {"mo": 0.2}, "mo: study fig5 has no such axis; did you mean mu"),
+        ("fig5", {"mu": -0.1}, "mu = -0.1: it must be a finite number, 0 or above"),
+        ("fig5", {"mu": [0.1, float("nan")]}, "mu = nan: it must be a finite number"),
+        ("fig5", {"mu": "much"}, "mu = 'much': it must be a number"),
+        ("fig5", {"theta": 95.0}, "theta = 95.0: it must be an angle between -90 and 90"),
+        ("fig5", {"theta": [1.0, 2.0]}, "it must be one number"),
+        ("fig5", {"contact_position": 0.2}, "Rig: contact_position = 0.2: it must be above 0 and at most"),
+        ("table4", {"mode": 0}, "mode = 0: it must be a whole number, 1 or above"),
+        ("table4", {"mode": 1.5}, "mode = 1.5: it must be a whole number"),
+        ("table4", {"first_frequency": 1e4}, "frequency = 10000 Hz: it must be below"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_written(name, given, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        studies.run(name, **given)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("0.2", [0.2]),
+        ("1e-3,2e-3,5e-3", [1e-3, 2e-3, 5e-3]),
+        ("0:0.5:3", [0.0, 0.25, 0.5]),
+        ("log:1e-4:1e-2:3", [1e-4, 1e-3, 1e-2]),
+        ("-5:5:2", [-5.0, 5.0]),
+        ("3:3:1", [3.0]),
+    ],
+)
+def test_specs_are_read(text, values):
+    np.testing.assert_allclose(spec.parse(text, "mu"), values, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "a",
+        "1,,2",
+        "0:1",
+        "0:1:0",
+        "0:1:1",
+        "0:1:2.5",
+        "0:inf:3",
+        "nan",
+        "log:0:1:3",
+        "log:1",
+        "0:1:2:3",
+        "1:2:1e3",
+    ],
+)
+def test_malformed_specs_are_named(text):
+    with pytest.raises(ValueError, match=r"mu = '.*': it must be a SPEC") as caught:
+        spec.parse(text, "mu")
+    assert "\n" not in str(caught.value)
+    assert "0:0.5:101 (start:stop:count)" in str(caught.value)
+
+
+def test_nothing_in_a_file_name_is_taken_for_a_study(tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        studies.open(str(tmp_path / "none.nc"))
+    with pytest.raises(ValueError, match="there is no such study"):
+        studies.open("fig55")
+
+
+def test_the_source_attribute_names_version_and_commit():
+    from sweeps.provenance import source
+
+    text = source()
+    assert text.startswith("fiv ")
+    if "commit" in text:
+        head = subprocess.run(
+            ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=runner.__file__.rsplit("/", 2)[0]
+        ).stdout.strip()
+        assert head.startswith(text.split("commit ")[1][:7])

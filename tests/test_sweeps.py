@@ -1,0 +1,269 @@
+"""The sweep engine on functions that have nothing to do with beams."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results
+from sweeps.plan import make_batches
+
+X = Axis([0.5, 1.0, 2.0], "m", "length")
+Y = Axis([3, 4], "s", "time")
+
+
+def area(points, factor=1.0):
+    product = factor * points["x"] * points["y"]
+    return {"area": product, "powers": product[:, None] ** np.arange(1, 4)}
+
+
+def sweep(function=area, **changes):
+    options = {
+        "grid": Grid({"x": X, "y": Y}),
+        "variables": {
+            "area": Variable("m s", "product"),
+            "powers": Variable("1", "its powers", ("power",)),
+        },
+        "constants": {"factor": 2.0},
+        "coords": {"power": Axis([1, 2, 3])},
+    }
+    return Sweep("areas", function, **(options | changes))
+
+
+def test_dimensions_come_in_the_grids_order():
+    data = sweep().plan().run()
+    assert data["area"].dims == ("x", "y")
+    assert data["powers"].dims == ("x", "y", "power")
+    np.testing.assert_array_equal(data["area"], 2.0 * X.values[:, None] * Y.values)
+    np.testing.assert_array_equal(data["powers"], data["area"].values[..., None] ** [1, 2, 3])
+    assert np.all(data["status"] == 1)
+    assert np.all(data["wall_time"] >= 0.0)
+
+
+def test_zipped_axes_vary_together_along_the_first():
+    grid = Grid({"x": X, "k": Axis([1, 2]), "y": Axis([10, 20, 30])}, zipped=("x", "y"))
+    assert grid.dims == ("x", "k")
+    assert grid.shape == (3, 2)
+    function = Sweep("pairs", lambda p: {"sum": p["x"] + p["y"] + p["k"]}, grid, {"sum": Variable()})
+    data = function.plan().run()
+    np.testing.assert_array_equal(data["sum"], (X.values + [10, 20, 30])[:, None] + [1, 2])
+    assert data["y"].dims == ("x",)
+
+
+def test_skipped_points_are_not_computed():
+    seen = []
+
+    def once(points):
+        seen.extend(points["x"].tolist())
+        return {"twice": 2.0 * points["x"]}
+
+    grid = Grid({"x": X}, skip=lambda points: points["x"] > 1.5)
+    plan = Sweep("few", once, grid, {"twice": Variable()}).plan()
+    assert (plan.points, plan.skipped, plan.distinct, plan.todo) == (3, 1, 2, 2)
+    data = plan.run()
+    assert 2.0 not in seen
+    np.testing.assert_array_equal(data["twice"], [1.0, 2.0, np.nan])
+    np.testing.assert_array_equal(data["status"], [1, 1, 3])
+
+
+def test_points_with_one_key_are_computed_once():
+    computed = []
+
+    def record(points, factor):
+        computed.append(len(points["x"]))
+        return area(points, factor)
+
+    plan = sweep(record, grid=Grid({"x": Axis([1.0, 2.0, 3.0]), "y": Axis([3.0, 1.5, 1.0])})).plan()
+    assert plan.distinct == 9
+    keyed = sweep(
+        record,
+        grid=Grid({"x": Axis([1.0, 2.0, 3.0]), "y": Axis([3.0, 1.5, 1.0])}),
+        key=lambda points: points["x"] * points["y"],
+    ).plan()
+    assert keyed.distinct == 7
+    computed.clear()
+    data = keyed.run()
+    assert sum(computed) == 7
+    xr.testing.assert_equal(data[["area", "powers"]], plan.run()[["area", "powers"]])
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.sampled_from(["threads", "sync"]), st.integers(1, 4))
+@settings(max_examples=25, deadline=None)
+def test_values_do_not_depend_on_how_a_sweep_runs(nx, ny, scheduler, workers):
+    grid = Grid({"x": Axis(np.linspace(0.1, 1.0, nx)), "y": Axis(np.linspace(2.0, 3.0, ny))})
+    data = sweep(grid=grid).plan().run(scheduler, workers)
+    expected = area({"x": np.repeat(grid.axes["x"].values, ny), "y": np.tile(grid.axes["y"].values, nx)}, 2.0)
+    np.testing.assert_array_equal(data["area"].values.ravel(), expected["area"])
+
+
+@given(st.integers(1, 5000), st.floats(0.0, 10.0, exclude_min=True))
+@settings(max_examples=50, deadline=None)
+def test_batches_hold_every_point_once(points, seconds):
+    batches = make_batches(np.arange(points), seconds)
+    np.testing.assert_array_equal(np.concatenate(batches), np.arange(points))
+    longest = max(map(len, batches))
+    assert longest == 1 or longest * seconds <= 1.0
+
+
+def test_threads_are_really_used():
+    barrier = threading.Barrier(2, timeout=20.0)
+    main = threading.main_thread()
+
+    def meet(points):
+        if threading.current_thread() is not main:
+            barrier.wait()
+        return {"one": np.ones(len(points["x"]))}
+
+    # 32 points in 16 batches; two workers can only finish if they work at the same time.
+    plan = Sweep("meeting", meet, Grid({"x": Axis(np.arange(32.0))}), {"one": Variable()}).plan()
+    assert len(plan.batches) == 16
+    assert np.all(plan.run(workers=2)["status"] == 1)
+
+
+def test_a_failing_point_is_kept_apart_with_its_reason():
+    def picky(points):
+        if np.any(points["x"] == 1.0):
+            raise ValueError("one is not allowed")
+        return {"twice": 2.0 * points["x"]}
+
+    data = Sweep("picky", picky, Grid({"x": Axis(np.arange(5.0))}), {"twice": Variable()}).plan().run()
+    np.testing.assert_array_equal(data["status"], [1, 2, 1, 1, 1])
+    np.testing.assert_array_equal(data["twice"], [0.0, np.nan, 4.0, 6.0, 8.0])
+    assert data["error"].values.tolist() == ["", "ValueError: one is not allowed", "", "", ""]
+
+
+def test_a_wrong_shape_or_a_missing_variable_is_a_reason():
+    data = sweep(lambda points, factor: {"area": points["x"]}).plan().run()
+    assert "returned no 'powers'" in data["error"].values[0, 0]
+    data = sweep(lambda points, factor: {"area": points["x"], "powers": points["x"]}).plan().run()
+    assert "returned 'powers' of shape (1,); it must be (1, 3)" in data["error"].values[0, 0]
+
+
+def test_progress_hears_of_every_point():
+    told = []
+    sweep().plan().run(progress=lambda done, failed: told.append((done, failed)))
+    assert sum(done for done, _ in told) == 6
+    assert sum(failed for _, failed in told) == 0
+
+
+def test_the_plan_is_frozen_and_its_repr_is_the_report(tmp_path):
+    plan = sweep().plan(tmp_path / "areas.nc")
+    text = repr(plan)
+    for part in ("areas", "x 3 x y 2", "points          6", "distinct        6", "to do           6 in 6 batches"):
+        assert part in text
+    with pytest.raises(AttributeError):
+        plan.points = 7
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_probe_survives_a_function_that_fails():
+    def broken(points):
+        raise RuntimeError("no")
+
+    plan = Sweep("broken", broken, Grid({"x": X}), {"y": Variable()}).plan()
+    assert np.isnan(plan.seconds)
+    assert "unknown" in repr(plan)
+    assert np.all(plan.run()["status"] == 2)
+
+
+def test_the_file_says_what_it_is(tmp_path):
+    path = tmp_path / "deep" / "areas.nc"
+    written = sweep(title="Areas").plan(path).run()
+    with xr.open_dataset(path) as data:
+        xr.testing.assert_equal(data.load(), written)
+        assert data.attrs["Conventions"] == "CF-1.11"
+        assert data.attrs["title"] == "Areas"
+        assert data.attrs["source"].startswith("fiv ")
+        assert json.loads(data.attrs["configuration"]) == {
+            "name": "areas",
+            "axes": {"x": [0.5, 1.0, 2.0], "y": [3, 4]},
+            "constants": {"factor": 2.0},
+        }
+        assert data["x"].attrs == {"units": "m", "long_name": "length"}
+        assert data["area"].attrs["units"] == "m s"
+        assert data["status"].attrs["flag_meanings"].split() == ["pending", "done", "failed", "skipped"]
+        assert data["status"].dtype == data["status"].attrs["flag_values"].dtype == np.int8
+        for name in data.coords:
+            assert "_FillValue" not in data[name].encoding
+    xr.testing.assert_equal(open_results(path), written)
+    assert [p.name for p in path.parent.iterdir()] == ["areas.nc"]
+
+
+def test_derived_variables_are_stored_with_the_rest(tmp_path):
+    def total(data):
+        return data.assign(total=((), float(data["area"].sum()), {"units": "m s"}))
+
+    path = tmp_path / "areas.nc"
+    sweep(derive=total).plan(path).run()
+    assert float(open_results(path)["total"]) == 2.0 * 3.5 * 7.0
+
+
+def test_a_file_of_another_sweep_is_not_touched(tmp_path):
+    path = tmp_path / "areas.nc"
+    Sweep("others", lambda p: {"y": p["x"]}, Grid({"x": X}), {"y": Variable()}).plan(path).run()
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="belongs to the sweep others, not to areas"):
+        sweep().plan(path).run()
+    path.with_name("text.nc").write_text("no netCDF")
+    with pytest.raises(StoreError, match="is not a result of a sweep"):
+        sweep().plan(path.with_name("text.nc")).run()
+    with pytest.raises(StoreError, match="is a folder"):
+        sweep().plan(tmp_path).run()
+    assert path.read_bytes() == before
+
+
+def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "areas.nc"
+    sweep().plan(path).run()
+    before = path.read_bytes()
+
+    def full(*_, **__):
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+    with pytest.raises(OSError, match="No space"):
+        sweep(constants={"factor": 3.0}).plan(path).run()
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["areas.nc"]
+
+
+def test_opening_says_what_is_wrong(tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        open_results(tmp_path / "none.nc")
+    (tmp_path / "text.nc").write_text("no netCDF")
+    with pytest.raises(ValueError, match="is not a readable netCDF file"):
+        open_results(tmp_path / "text.nc")
+    xr.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "plain.nc")
+    with pytest.raises(ValueError, match="is not the result of a sweep"):
+        open_results(tmp_path / "plain.nc")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Axis([]), "values of shape"),
+        (lambda: Axis([1.0, float("nan")]), "values contain nan"),
+        (lambda: Axis([object()]), "must be numbers or texts"),
+        (lambda: Variable(dtype="complex128"), "dtype = 'complex128'"),
+        (lambda: Grid({}), "at least one axis"),
+        (lambda: Grid({"x": [1, 2]}), r"axes\['x'\] = \[1, 2\]: it must be an Axis"),
+        (lambda: Grid({"x": X, "y": Y}, zipped=("x", "y")), "differ in length"),
+        (lambda: Grid({"x": X}, zipped=("x", "z")), "zipped names 'z'"),
+        (lambda: Grid({"x": Axis([1.0, 1.0])}), "takes the value"),
+        (lambda: sweep(variables={}), "at least one"),
+        (lambda: sweep(variables={"x": Variable()}), "'x' has the name of something else"),
+        (lambda: sweep(variables={"a": Variable(dims=("mode",))}), "coords must hold it"),
+        (lambda: sweep(constants={"factor": object()}), "cannot be written as JSON"),
+        (lambda: sweep().plan().run("cluster"), "scheduler = 'cluster'"),
+        (lambda: sweep().plan().run(workers=0), "workers = 0"),
+        (lambda: sweep(key=lambda points: [1, 2]).plan(), "key gave 2 rows for 6 points"),
+        (lambda: sweep(grid=Grid({"x": X, "y": Y}, skip=lambda p: [True])).plan(), "skip returned the shape"),
+    ],
+)
+def test_bad_declarations_are_named(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
