@@ -26,7 +26,15 @@ from fivcore.kernel import Array
 from fivcore.rig import Beam, Rig
 
 _blas = ThreadpoolController()
-_blas_lock = threading.Lock()
+_blas_lock = threading.RLock()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread: how many it uses changes the last bits of what it computes."""
+    # The limit is the process's; under the lock nobody restores it while another still needs it.
+    with _blas_lock, _blas.limit(limits=1):
+        yield
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +81,7 @@ class Basis:
 
 
 @lru_cache(maxsize=16)
+@one_blas_thread()
 def lower_basis(beam: Beam, contact_position: float) -> Basis:
     """Modes of P2 alone: clamped at one end, free at the other; bending first, then axial.
 
@@ -96,6 +105,7 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
 
 
 @lru_cache(maxsize=16)
+@one_blas_thread()
 def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
 
@@ -137,6 +147,18 @@ def rig_bases(rig: Rig, theta: float) -> tuple[Basis, Basis]:
     )
 
 
+def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
+    """Stiffness, normal and tangential gap shapes of both beams' modes, P1's first."""
+    if not isinstance(rig, Rig):
+        raise ValueError(f"rig = {rig!r}: it must be a Rig")
+    upper, lower = rig_bases(rig, theta)
+    return (
+        np.concatenate([upper.stiffness, lower.stiffness]),
+        np.concatenate([upper.normal, lower.normal]),
+        np.concatenate([upper.tangential, lower.tangential]),
+    )
+
+
 def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tuple[Array, Array]:
     """Squared angular frequencies, ascending, and mass-normalised modes of an undamped beam.
 
@@ -157,35 +179,20 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
     vectors : ndarray, (n, n)
         One mode a column.
     """
-    n = len(stiffness)
-    with one_blas_thread():
-        flexibility, y = eigh(flexibility_root.T @ mass @ flexibility_root)
-        flexibility, y = flexibility[::-1], y[:, ::-1]
-        # Both halves are equally accurate at the geometric mean of the extreme frequencies.
-        lower = int(np.count_nonzero(flexibility > np.sqrt(flexibility[0] * max(flexibility[-1], 0.0))))
-        lower = min(max(lower, 1), n)
-        values = 1.0 / flexibility[:lower]
-        vectors = flexibility_root @ y[:, :lower] * np.sqrt(values)
-        if lower < n:
-            factor = cholesky(mass, lower=True)
-            half = solve_triangular(factor, stiffness, lower=True)
-            scaled = solve_triangular(factor, half.T, lower=True)
-            upper_values, z = eigh(scaled)
-            upper_vectors = solve_triangular(factor, z[:, lower:], lower=True, trans="T")
-            values = np.concatenate([values, upper_values[lower:]])
-            vectors = np.concatenate([vectors, upper_vectors], axis=1)
+    flexibility, y = eigh(flexibility_root.T @ mass @ flexibility_root)
+    factor = cholesky(mass, lower=True)
+    half = solve_triangular(factor, stiffness, lower=True)
+    values, z = eigh(solve_triangular(factor, half.T, lower=True))
+    vectors = solve_triangular(factor, z, lower=True, trans="T")
+    # Both are equally accurate at the geometric mean of the extreme frequencies.
+    lower = int(np.count_nonzero(flexibility > np.sqrt(flexibility[-1] / values[-1])))
+    values[:lower] = 1.0 / flexibility[::-1][:lower]
+    vectors[:, :lower] = flexibility_root @ y[:, ::-1][:, :lower] * np.sqrt(values[:lower])
     return values, vectors
 
 
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread: how many it uses changes the last bits of what it computes."""
-    # The limit is the process's; under the lock nobody restores it while another still needs it.
-    with _blas_lock, _blas.limit(limits=1):
-        yield
-
-
 @lru_cache(maxsize=16)
+@one_blas_thread()
 def _cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     along, across = _families(beam)
     return (

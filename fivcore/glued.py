@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from fivcore import checks
-from fivcore.bases import rig_bases
+from fivcore.bases import contact_modes, rig_bases
 from fivcore.kernel import Array, kernel
 from fivcore.rig import Rig
-from fivcore.sliding import contact_modes
 
 
 def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from fivcore import checks, onset_kernels
+from fivcore.bases import contact_modes
 from fivcore.kernel import Array
 from fivcore.rig import Rig
-from fivcore.sliding import contact_modes
 
 
 @dataclass(frozen=True, eq=False)

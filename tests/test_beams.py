@@ -1,5 +1,7 @@
 """The two beams alone: Euler-Bernoulli's frequencies, and the modes as an exact change of coordinates."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from fivcore import Beam, Rig, sliding_modes
-from fivcore.bases import lower_basis, rig_bases, upper_basis
+from fivcore.bases import lower_basis, natural_modes, rig_bases, upper_basis
 from fivcore.elements import axial, bending, hermite
 from tests.rigs import workshop_rig
 
@@ -17,11 +19,11 @@ def bar(elements: int) -> Beam:
 
 
 def analytic(equation, number: int, beam: Beam) -> np.ndarray:
-    """Frequencies, Hz, from the roots beta L of a beam's characteristic equation, one in each (k pi, k pi + pi)."""
+    """Frequencies, Hz, from the roots beta L of a beam's characteristic equation, at most one between k pi."""
     edges = np.pi * np.arange(number + 2)
     roots = [
         brentq(equation, low + 1e-9, high - 1e-9, xtol=1e-14)
-        for low, high in zip(edges[:-1], edges[1:], strict=True)
+        for low, high in pairwise(edges)
         if equation(low + 1e-9) * equation(high - 1e-9) < 0.0
     ][:number]
     wave = np.array(roots) / beam.length
@@ -110,6 +112,16 @@ def test_static_residual_completes_the_kept_modes(seed, theta):
     np.testing.assert_allclose(
         kept_part + upper.static_residual(kept), total, rtol=1e-10, atol=1e-12 * np.abs(total).max()
     )
+
+
+@pytest.mark.parametrize("elements", [1, 2, 90, 400])
+def test_modes_are_orthonormal_and_ascending_on_any_mesh(elements):
+    part = bending(bar(elements))
+    values, vectors = natural_modes(part.stiffness, part.mass, part.flexibility_root)
+    assert np.all(np.diff(values) > 0.0)
+    np.testing.assert_allclose(vectors.T @ part.mass @ vectors, np.eye(len(values)), atol=1e-9)
+    scale = np.sqrt(np.outer(values, values))
+    np.testing.assert_allclose(vectors.T @ part.stiffness @ vectors / scale, np.eye(len(values)), atol=1e-6)
 
 
 def test_static_residual_refuses_to_drop_the_rigid_mode():

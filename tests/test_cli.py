@@ -1,6 +1,7 @@
 """The command line as a user meets it: every command, every message, every exit code."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -158,6 +159,28 @@ def test_failed_points_are_listed_and_exit_1(tmp_path):
     assert done.returncode == 1
     assert "failed: mu = 0.25: ArithmeticError: not this one" in done.stderr
     assert written(tmp_path) == ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
+
+
+def test_ctrl_c_is_exit_130_and_leaves_nothing_half_done(tmp_path):
+    program = (
+        "import sys, time, studies.fig5 as f\n"
+        "from studies.cli import main\n"
+        "def slow(points, **constants):\n"
+        "    print('working', flush=True)\n"
+        "    time.sleep(0.2)\n"
+        "f.modes = slow\n"
+        "sys.argv = ['fiv', 'run', 'fig5', '-q', '--workers', '1']\n"
+        "main()\n"
+    )
+    running = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert running.stdout.readline() == "working\n"
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert said.strip() == "fiv: interrupted"
+    assert written(tmp_path) == []
 
 
 def test_help_imports_nothing_heavy(tmp_path):

@@ -53,7 +53,7 @@ def test_an_impossible_beam_is_refused(change, message):
     [
         (
             {"contact_position": 0.2},
-            "Rig: contact_position = 0.2: it must be above 0 and at most P2's length, 0.15 m",
+            "contact_position = 0.2: it must be above 0 and at most P2's length, 0.15 m",
         ),
         ({"contact_position": 0.0}, "Rig: contact_position = 0.0"),
         ({"head_mass": -1.0}, "Rig: head_mass = -1.0: it must be a finite number, 0 or above"),

@@ -6,7 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from fivcore import Beam, Rig, Scene, flutter_onsets, node_positions, secular, sliding, sliding_modes
+from fivcore import (
+    Beam,
+    Rig,
+    Scene,
+    bases,
+    flutter_onsets,
+    node_positions,
+    secular,
+    sliding,
+    sliding_modes,
+    sliding_problem,
+)
 from fivcore.bases import rig_bases
 from tests import reference
 from tests.rigs import angles, frictions, rigs, workshop_rig
@@ -202,7 +213,7 @@ def test_a_contact_at_a_node_of_a_mode_leaves_that_mode_alone():
 
 def test_two_modes_of_one_frequency_keep_both_eigenvalues(monkeypatch):
     """A mode of P1 and one of P2 that coincide to the last bit: one combination is hidden."""
-    stiffness, normal, tangential = sliding.contact_modes(Rig(), 5.0)
+    stiffness, normal, tangential = bases.contact_modes(Rig(), 5.0)
     changed = stiffness.copy()
     p1_mode, p2_mode = 2, 91 + 3
     changed[p1_mode] = changed[p2_mode]
@@ -210,10 +221,10 @@ def test_two_modes_of_one_frequency_keep_both_eigenvalues(monkeypatch):
     apart[p1_mode] *= 1.0 + 1e-9
     counts = []
     for values in (changed, apart):
-        monkeypatch.setattr(sliding, "contact_modes", lambda *_, v=values: (v, normal, tangential))
-        sliding._problem.cache_clear()
+        monkeypatch.setattr(sliding_problem, "contact_modes", lambda *_, v=values: (v, normal, tangential))
+        sliding_problem.sliding_problem.cache_clear()
         counts.append(sliding_modes(Rig(), 5.0, 0.1))
-    sliding._problem.cache_clear()
+    sliding_problem.sliding_problem.cache_clear()
     np.testing.assert_allclose(counts[0].frequency, counts[1].frequency, rtol=1e-8)
 
 
@@ -234,7 +245,7 @@ def test_divergence_is_a_growing_mode_that_does_not_oscillate():
 
 
 def test_the_count_by_the_argument_principle_notices_a_missing_root():
-    problem = sliding._problem(Rig(), 5.0, 10e3)
+    problem = sliding_problem.sliding_problem(Rig(), 5.0, 10e3)
     system = (problem.poles, problem.a, problem.b, problem.tail_a, problem.tail_b)
     roots, missed = np.empty((1, 8), dtype=complex), np.zeros(1, dtype=np.int64)
     secular.sliding_roots(np.array([0.2]), *system, problem.guesses[:8], problem.radius, roots, missed)
@@ -244,10 +255,10 @@ def test_the_count_by_the_argument_principle_notices_a_missing_root():
 def test_too_few_guesses_are_made_good(monkeypatch):
     """What friction brings in from outside the band is found from a dense solve."""
     expected = sliding_modes(Rig(), 6.5, [0.1, 0.4])
-    whole = sliding._problem(Rig(), 6.5, 10e3)
+    whole = sliding_problem.sliding_problem(Rig(), 6.5, 10e3)
     from dataclasses import replace
 
-    monkeypatch.setattr(sliding, "_problem", lambda *_: replace(whole, guesses=whole.guesses[:3]))
+    monkeypatch.setattr(sliding, "sliding_problem", lambda *_: replace(whole, guesses=whole.guesses[:3]))
     found = sliding_modes(Rig(), 6.5, [0.1, 0.4])
     np.testing.assert_allclose(found.frequency, expected.frequency, rtol=1e-9)
     np.testing.assert_allclose(found.growth_rate, expected.growth_rate, rtol=1e-6, atol=1e-6)

@@ -50,7 +50,7 @@ def test_zipped_axes_vary_together_along_the_first():
     assert grid.shape == (3, 2)
     function = Sweep("pairs", lambda p: {"sum": p["x"] + p["y"] + p["k"]}, grid, {"sum": Variable()})
     data = function.plan().run()
-    np.testing.assert_array_equal(data["sum"], (X.values + [10, 20, 30])[:, None] + [1, 2])
+    np.testing.assert_array_equal(data["sum"], (X.values + Axis([10, 20, 30]).values)[:, None] + [1, 2])
     assert data["y"].dims == ("x",)
 
 

@@ -1,0 +1,76 @@
+"""The project itself: its layout, its imports, its README."""
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+
+HOME = Path(__file__).parents[1]
+README = (HOME / "README.md").read_text()
+
+
+def imported(package: str) -> set[str]:
+    """Top-level names of everything that a package imports, at the top of a file or within."""
+    names: set[str] = set()
+    for file in (HOME / package).glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names.add(node.module.partition(".")[0])
+    return names
+
+
+def test_imports_point_one_way():
+    assert not imported("fivcore") & {
+        "studies",
+        "sweeps",
+        "dask",
+        "distributed",
+        "xarray",
+        "netCDF4",
+        "matplotlib",
+    }
+    assert not imported("sweeps") & {"studies", "fivcore", "numba", "matplotlib", "click"}
+    assert {"fivcore", "sweeps"} <= imported("studies")
+
+
+def test_the_top_level_is_as_agreed():
+    shown = {path.name for path in HOME.iterdir() if not path.name.startswith(".")}
+    made = {name for name in shown if name.endswith(".egg-info") or name == "build"}
+    assert shown - made == {"README.md", "pyproject.toml", "fivcore", "results", "studies", "sweeps", "tests"}
+
+
+def test_every_dependency_has_its_reason_in_the_readme():
+    project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
+    for requirement in project["dependencies"]:
+        name = re.split(r"[><=]", requirement)[0]
+        assert f"| {name} |" in README
+    for requirement in project["optional-dependencies"]["test"] + project["optional-dependencies"]["lint"]:
+        assert re.split(r"[><=]", requirement)[0] in README
+
+
+def test_ci_runs_exactly_the_readmes_test_command():
+    block = README.partition("<!-- test command -->\n```sh\n")[2].partition("\n```")[0]
+    assert block.count("\n") == 0
+    assert "pytest" in block
+    script = (HOME / ".ci" / "run").read_text()
+    assert "test command" in script
+    assert "pytest" not in script
+
+
+def test_both_commands_stand_on_the_readmes_first_screen():
+    first = README.splitlines()[:24]
+    assert any(".venv/bin/fiv run fig5" in line for line in first)
+    assert any(".venv/bin/python -m pytest" in line for line in first)
+
+
+def test_the_readmes_python_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("FIV_RESULTS", raising=False)
+    (snippet,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    names: dict = {}
+    exec(snippet, names)
+    printed = names["modes"].frequency[names["modes"].unstable]
+    assert [round(f) for f in printed] == [398, 2794]
+    assert len(names["data"]["mu"]) == 3
