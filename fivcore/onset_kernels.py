@@ -97,34 +97,22 @@ def _judge(
     l1 = 2.0 * high + d1 + d2 * (high * high + d1 * high)
     l2 = 2.0 + 2.0 * (2.0 * high + d1) * d2 + 2.0 * (high * high + d1 * high) * d2 * d2
     reach = l1 * half
-    ar, ai, br, bi = a[n], 0.0, b[n], 0.0
+    ar, ai, br, bi, _ = gap_parts(middle, n, p, a, b, d1, d2)
     # Bounds on first and second derivatives: of A and B whole (w), of the parts divided by y (i).
     aw1, aw2, ai1, ai2 = 0.0, 0.0, 0.0, 0.0
     bw1, bw2, bi1, bi2 = 0.0, 0.0, 0.0, 0.0
     for i in range(len(p)):
-        if i == n:
-            continue
-        shift = p[n] - p[i]
+        shift = abs(p[n] - p[i])
         if shift == 0.0:
-            ar += a[i]
-            br += b[i]
             continue
-        distance = p[i] - x
-        square = distance * distance + y * y
-        imaginary = shift / square
-        real = ((p[n] - x) * distance + y * y) / square
-        ar += a[i] * real
-        ai += a[i] * imaginary
-        br += b[i] * real
-        bi += b[i] * imaginary
-        clear = np.sqrt(square) - reach
+        clear = np.hypot(p[i] - x, y) - reach
         if clear <= 0.0:
             return 2
         u = 1.0 / clear
-        first = abs(shift) * l1 * u * u
-        second = abs(shift) * (2.0 * l1 * l1 * u + l2) * u * u
+        first = shift * l1 * u * u
+        second = shift * (2.0 * l1 * l1 * u + l2) * u * u
         first_i = 2.0 * first * u
-        second_i = abs(shift) * (6.0 * l1 * l1 * u + 2.0 * l2) * u * u * u
+        second_i = shift * (6.0 * l1 * l1 * u + 2.0 * l2) * u * u * u
         aa, bb = abs(a[i]), abs(b[i])
         aw1 += aa * first
         aw2 += aa * second

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from fivcore.kernel import Array, Complex, kernel
 
 MOST_SWEEPS = 200
+STALLED = 1e-6
 EPS = 2.220446049250313e-16
 
 
@@ -78,14 +79,19 @@ def newton_step(z: complex, p: Array, c: Array, tail: Array) -> complex:
 
 
 @kernel
-def aberth(z: Complex, settled: NDArray[np.bool_], p: Array, c: Array, tail: Array) -> int:
-    """Move the guesses `z` (in place) to as many different roots; returns how many did not settle."""
+def aberth(z: Complex, last: Array, p: Array, c: Array, tail: Array) -> None:
+    """Move the guesses `z` (in place) to as many different roots.
+
+    A guess has settled when its steps are rounding: too short to matter, or short and no longer getting
+    shorter, which near a double root happens earlier. `last` holds the length of the last step, -1 once
+    settled.
+    """
     n = len(z)
-    open_guesses = n
-    settled[:] = False
+    last[:] = np.inf
+    unsettled = n
     for _ in range(MOST_SWEEPS):
         for j in range(n):
-            if settled[j]:
+            if last[j] < 0.0:
                 continue
             step = newton_step(z[j], p, c, tail)
             crowd = 0j
@@ -94,20 +100,22 @@ def aberth(z: Complex, settled: NDArray[np.bool_], p: Array, c: Array, tail: Arr
                     crowd += 1.0 / (z[j] - z[i])
             step = step / (1.0 - step * crowd)
             z[j] -= step
-            if abs(step) <= 4.0 * EPS * abs(z[j]):
-                settled[j] = True
-                open_guesses -= 1
-        if open_guesses == 0:
+            length, size = abs(step), abs(z[j])
+            if length <= 4.0 * EPS * size or (length <= STALLED * size and length >= last[j]):
+                last[j] = -1.0
+                unsettled -= 1
+            else:
+                last[j] = length
+        if unsettled == 0:
             break
-    return open_guesses
 
 
 @kernel
 def winding(radius: float, p: Array, c: Array, tail: Array) -> int:
     """Roots minus poles of f within |z| < radius, by the argument principle; -10**6 if it cannot say.
 
-    f is real on the real axis, so the upper half circle does. Arcs are halved until f turns by less than a
-    quarter of its size along each.
+    f is real on the real axis, so the upper half circle does. Arcs are halved until f changes by less than
+    half its size along either half of each.
     """
     turned = 0.0
     angle, width = 0.0, np.pi / 32.0
@@ -117,8 +125,7 @@ def winding(radius: float, p: Array, c: Array, tail: Array) -> int:
         end = value(radius * complex(np.cos(angle + width), np.sin(angle + width)), p, c, tail)
         middle_angle = angle + 0.5 * width
         middle = value(radius * complex(np.cos(middle_angle), np.sin(middle_angle)), p, c, tail)
-        smallest = min(abs(here), abs(middle))
-        if abs(middle - here) < 0.5 * smallest and abs(end - middle) < 0.5 * abs(middle):
+        if abs(middle - here) < 0.5 * min(abs(here), abs(middle)) and abs(end - middle) < 0.5 * abs(middle):
             turned += np.angle(middle / here) + np.angle(end / middle)
             here = end
             angle += width
@@ -167,7 +174,7 @@ def sliding_roots(
         if abs(p[i]) < radius:
             inside += 1
     c, tail = np.empty_like(a), np.empty_like(tail_a)
-    settled = np.empty(len(guesses), np.bool_)
+    last = np.empty(len(guesses))
     for m in range(len(mu)):
         for i in range(len(a)):
             c[i] = a[i] + mu[m] * b[i]
@@ -175,14 +182,17 @@ def sliding_roots(
             tail[i] = tail_a[i] + mu[m] * tail_b[i]
         z = roots[m]
         z[:] = guesses
-        left = aberth(z, settled, p, c, tail)
-        found = 0
+        aberth(z, last, p, c, tail)
+        # A guess that did not settle inside the circle is a root that was not found.
+        found, astray = 0, 0
         for j in range(len(z)):
             if abs(z[j]) < radius:
-                found += 1
+                if last[j] < 0.0:
+                    found += 1
+                else:
+                    astray += 1
         _tidy(z)
-        expected = inside + winding(radius, p, c, tail)
-        missed[m] = abs(expected - found) + (left if expected != found else 0)
+        missed[m] = abs(inside + winding(radius, p, c, tail) - found) + astray
 
 
 @kernel

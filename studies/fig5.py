@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 
 from fivcore import Rig, flutter_onsets, sliding_modes
 from studies import figures, paper
-from studies.study import Study, constants, rig_of, rig_settings
+from studies.study import Study, constants, is_papers, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
 MODES = 10
@@ -62,12 +61,6 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         title="Modes of steady sliding against friction (Fig. 5)",
         derive=partial(with_onsets, **fixed),
     )
-
-
-def is_papers(dataset: xr.Dataset) -> bool:
-    """Whether the paper's numbers, for its own rig and inclination, stand beside this result."""
-    given = constants(dataset)
-    return bool(given["rig"] == asdict(Rig()) and given["theta"] == paper.THETA)
 
 
 def report(dataset: xr.Dataset) -> str:

@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 
 from fivcore import Rig, flutter_onsets, node_positions, sliding_modes
 from studies import figures, paper
-from studies.fig5 import is_papers
-from studies.study import Study, constants, rig_of, rig_settings
+from studies.study import Study, constants, is_papers, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
 BAND = 10e3

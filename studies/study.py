@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -119,6 +119,12 @@ def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
     fields: dict[str, Any] = dict(settings)
     theta = fields.pop("theta")
     return replace(Rig(), **fields), theta
+
+
+def is_papers(dataset: xr.Dataset) -> bool:
+    """Whether the paper's numbers, for its own rig and inclination, stand beside this result."""
+    given = constants(dataset)
+    return bool(given["rig"] == asdict(Rig()) and given["theta"] == paper.THETA)
 
 
 def suggest(name: str, known: list[str]) -> str:
