@@ -40,8 +40,8 @@ class SlidingModes:
     theta, mu : ndarray, (...)
         Degrees and 1.
     fmax : float
-        The band, Hz: modes above it are not listed, nor what grows or decays at more than about 0.7 of its
-        angular frequency. Above 20 kHz the undamped model has growing pairs that
+        The band, Hz: modes above it are not listed, nor what grows or decays at more than about 1.7 times
+        its angular frequency. Above 20 kHz the undamped model has growing pairs that
         depend on mesh and basis; a result means something only with its band and damping.
     rig : Rig
     """

@@ -18,15 +18,15 @@ from fivcore.bases import contact_modes, one_blas_thread
 from fivcore.kernel import Array, Complex
 from fivcore.rig import Rig
 
-# Poles up to this many times the band (in frequency) are kept; the power series of the others then loses a
-# factor of 16 a term within the band and of 4 at twice the band, where the roots are still counted.
-NEAR = 4.0
+# Poles up to this many times the band (in frequency) are kept; the power series of the others then gains a
+# factor of 25 a term within the band and of 2.8 on the largest circle on which roots are counted.
+NEAR = 5.0
 TAIL_TERMS = 26
 
 # Eigenvalues up to this many times the band's lambda belong to a result, so that a mode may grow or decay
-# at up to 0.7 of the band's angular frequency. The counted circle lies between here and MOST_COUNTED.
-MOST_REPORTED = 1.5
-MOST_COUNTED = 6.0
+# at up to 1.7 times the band's angular frequency. The counted circle lies between here and MOST_COUNTED.
+MOST_REPORTED = 4.0
+MOST_COUNTED = 9.0
 
 # Stands where there are fewer eigenvalues than places for them: far beyond any band.
 OUTSIDE = 1e12

@@ -59,23 +59,26 @@ def right_half_plane(rig: Rig, theta: float, mu: np.ndarray, fmax: float) -> np.
     return np.sum(np.where(growing, np.where(modes.frequency > 0.0, 2, 1), 0), axis=-1)
 
 
-@pytest.mark.parametrize("block", range(4))
+BLOCKS = [*range(4), *(pytest.param(block, marks=pytest.mark.slow) for block in range(4, 60))]
+
+
+@pytest.mark.parametrize("block", BLOCKS)
 def test_no_onset_is_missed(block):
     """Counting growing modes over mu steps up and down at the onsets and recoveries, and nowhere else."""
     checked = 0
     for seed in range(30 * block, 30 * block + 30):
         rng = np.random.default_rng(seed)
-        rig, theta, fmax = workshop_rig(seed), rng.uniform(1.0, 35.0), 10 ** rng.uniform(3.0, 4.2)
+        rig, theta, fmax = workshop_rig(seed, seed % 4 > 0), rng.uniform(1.0, 35.0), 10 ** rng.uniform(3.0, 4.2)
         found = flutter_onsets(rig, theta, fmax, 0.9)
         mu = np.sort(rng.uniform(0.0, 0.9, 60))
         up = (found.mu < mu[:, None]).sum(axis=1) - (found.recovery_mu < mu[:, None]).sum(axis=1)
         # Modes that leave or enter through the top of the band while growing are nobody's onset, and
-        # a divergence that comes from beyond it is not a flutter: such points are left out.
+        # a divergence that comes from beyond it is not a flutter: from there on nothing is compared.
         wider = sliding_modes(rig, theta, mu, 1.3 * fmax)
         edge = wider.unstable & (wider.frequency > 0.7 * fmax)
         outside = np.maximum.accumulate(np.any(edge, axis=-1))
-        diverging = np.maximum.accumulate(np.any(wider.unstable & (wider.frequency == 0.0), axis=-1))
-        fit = ~(outside | diverging)
+        violent = wider.unstable & ((wider.frequency == 0.0) | (np.abs(wider.eigenvalue) > (6.0 * fmax) ** 2))
+        fit = ~(outside | np.maximum.accumulate(np.any(violent, axis=-1)))
         np.testing.assert_array_equal(right_half_plane(rig, theta, mu, fmax)[fit], 2 * up[fit], str(seed))
         checked += len(np.nonzero(up[fit])[0])
     assert checked > 100

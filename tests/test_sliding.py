@@ -61,6 +61,26 @@ def test_other_rigs_against_a_dense_solve(seed):
     assert_same_modes(rig, theta, mu, fmax, dense, (1e-8, 1e-7, 1e-6))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1000, 1400))
+def test_many_other_rigs_against_a_dense_solve(seed):
+    rig = workshop_rig(seed, damping=seed % 3 > 0)
+    rng = np.random.default_rng(seed)
+    theta, mu = rng.uniform(-75.0, 75.0), rng.uniform(0.0, 4.0)
+    fmax = 10 ** rng.uniform(2.5, 4.7)
+    dense = reference.sliding_eigenvalues(rig, theta, mu)
+    assert_same_modes(rig, theta, mu, fmax, dense, (1e-8, 1e-7, 1e-6))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(500))
+def test_no_eigenvalue_is_ever_unaccounted_for(seed):
+    """Strong friction on odd rigs, up to where most roots come from outside the band."""
+    rig = workshop_rig(seed, damping=seed % 2 > 0)
+    rng = np.random.default_rng(seed)
+    sliding_modes(rig, rng.uniform(-85.0, 85.0), rng.uniform(0.0, 10.0, 100), 10 ** rng.uniform(1.0, 5.0))
+
+
 @pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.2), (20.0, 0.6), (-12.0, 0.9)])
 def test_a_small_mesh_against_extended_precision(theta, mu):
     rig = Rig(Beam(0.05, 0.01, 0.0015, 185e9, 7900.0, 2), Beam(0.15, 0.015, 0.003, 185e9, 7900.0, 3))
