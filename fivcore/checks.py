@@ -13,23 +13,18 @@ from numpy.typing import NDArray
 def number(name: str, value: Any, allowed: str, accept: Callable[[float], bool]) -> float:
     """Return `value` as a float, or raise `ValueError` saying what is `allowed`."""
     try:
-        result = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
-    except (TypeError, ValueError):
+        result = math.nan if isinstance(value, (bool, np.bool_, str, bytes)) else float(value)
+    except (TypeError, ValueError, OverflowError):
         result = math.nan
     if not (math.isfinite(result) and accept(result)):
         value = value.item() if isinstance(value, np.generic) else value
-        raise ValueError(f"{name} = {value!r}: it must be {allowed}")
+        raise ValueError(f"{name} = {_short(value)}: it must be {allowed}")
     return result
 
 
-def positive(name: str, value: Any, unit: str) -> float:
-    """A finite number above zero."""
-    return number(name, value, f"a finite number above 0 ({unit})", lambda x: x > 0)
-
-
-def non_negative(name: str, value: Any, unit: str) -> float:
-    """A finite number, zero or above."""
-    return number(name, value, f"a finite number, 0 or above ({unit})", lambda x: x >= 0)
+def between(name: str, value: Any, low: float, high: float, unit: str) -> float:
+    """A number from `low` to `high`, both allowed."""
+    return number(name, value, f"a number from {low:g} to {high:g} ({unit})", lambda x: low <= x <= high)
 
 
 def count(name: str, value: Any, most: int) -> int:
@@ -40,29 +35,49 @@ def count(name: str, value: Any, most: int) -> int:
 
 def theta_degrees(value: Any) -> float:
     """An inclination of P1, in degrees."""
-    return number("theta", value, "an angle between -90 and 90 degrees, both excluded", _steep_enough)
+    return number("theta", value, "a single angle between -90 and 90 degrees, both excluded", _steep_enough)
 
 
 def friction(value: Any) -> float:
-    """A coefficient of friction."""
-    return non_negative("mu", value, "a coefficient of friction")
+    """A coefficient of friction; the largest is far beyond any and keeps the arithmetic finite."""
+    return between("mu", value, 0.0, 1e6, "a coefficient of friction")
+
+
+def band(value: Any) -> float:
+    """The highest frequency of interest, Hz."""
+    return between("fmax", value, 1e-3, 1e9, "Hz")
 
 
 def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.float64]:
-    """Return `value` as a float array after checking it; the message names the first bad element."""
+    """Return a copy of `value` as a float array after checking it; a message names the first bad element."""
     try:
-        result = np.asarray(value, dtype=float)
+        given = np.asarray(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r}: it must be a number or an array of numbers") from None
-    if result.ndim == 0:
-        each(value)
-    elif result.size:
-        # A bad element is either not finite or at an end of the range, so three looks do.
-        finite = np.isfinite(result)
-        for suspect in (result[~finite][:1], result.min(keepdims=True), result.max(keepdims=True)):
-            for element in suspect.ravel():
-                each(float(element))
+        given = np.array(None)
+    if given.ndim == 0:
+        return np.array(each(value))
+    if given.size == 0:
+        return np.zeros(given.shape)
+    if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
+        raise ValueError(f"{name} = {_short(value)}: it must be a number or an array of numbers")
+    result = given.astype(float)
+    # A bad element is either not finite or at an end of the range, so three looks do.
+    finite = np.isfinite(result)
+    for suspect in (result[~finite][:1], result.min(keepdims=True), result.max(keepdims=True)):
+        for element in suspect.ravel():
+            each(float(element))
     return result
+
+
+def instance(name: str, value: Any, kind: type) -> None:
+    """Raise unless `value` is a `kind`."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} = {_short(value)}: it must be a {kind.__name__}")
+
+
+def _short(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _steep_enough(theta: float) -> bool:

@@ -11,6 +11,8 @@ from fivcore.bases import contact_modes, rig_bases
 from fivcore.kernel import Array, kernel
 from fivcore.rig import Rig
 
+HEAVIEST = 1e9  # kg, the largest head mass that tuning gives
+
 
 def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     """Natural frequencies of the undamped rig with both translations of C tied to P2, rotations free.
@@ -30,15 +32,17 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
         rounding: they are bisected with the exact number of eigenvalues below a frequency (Wittrick and
         Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284), which can miss none.
     """
+    checks.instance("rig", rig, Rig)
     stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
     wanted = checks.count("count", count, len(stiffness) - 2)
-    # The constraints lift every eigenvalue, by two places at the most.
-    ceiling = np.sort(stiffness)[wanted + 1] * (1.0 + 1e-9)
-    floor = np.sort(stiffness[stiffness > 0.0])[0] * 1e-24
+    # Two constraints lift the k-th eigenvalue, by two places at the most. The bracket of a mode is its own, so
+    # that it has the same bits whatever the count.
+    free = np.sort(stiffness)
+    floor = free[free > 0.0][0] * 1e-24
     squares = np.empty(wanted)
     for k in range(wanted):
-        low = squares[k - 1] * (1.0 - 1e-12) if k else floor
-        squares[k] = _bisect(k, low, ceiling, stiffness, normal, tangential)
+        low = max(free[k] * (1.0 - 1e-9), floor)
+        squares[k] = _bisect(k, low, free[k + 2] * (1.0 + 1e-9), stiffness, normal, tangential)
     return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
 
 
@@ -55,22 +59,24 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     theta : float
         Degrees.
     frequency : float
-        Hz; below the first glued frequency without a head mass.
+        Hz; below the first glued frequency without a head mass, above that with a head of HEAVIEST.
 
     Raises
     ------
     ValueError
-        If no head mass gives this frequency; the message names the largest possible.
+        If no head mass gives this frequency; the message names the range.
     """
+    checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
-    target = checks.positive("frequency", frequency, "Hz")
     bare = replace(rig, head_mass=0.0)
     highest = float(glued_frequencies(bare, angle, 1)[0])
-    if target >= highest:
-        raise ValueError(
-            f"frequency = {target:g} Hz: it must be below {highest:.6g} Hz, "
-            "the first glued frequency without a head mass"
-        )
+    lowest = float(glued_frequencies(replace(rig, head_mass=HEAVIEST), angle, 1)[0])
+    target = checks.number(
+        "frequency",
+        frequency,
+        f"above {lowest:.6g} Hz, with a head of {HEAVIEST:g} kg, and below {highest:.6g} Hz, without one",
+        lambda x: lowest < x < highest,
+    )
     square = (2.0 * np.pi * target) ** 2
     first = _missing_mass(bare, angle, square)
     # Where the head mass is many times the beam's, the free translation all but cancels in the receptance;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -15,9 +16,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(function: Function) -> Function:
-    """Compile once (kept on disk), release the interpreter lock, let 1 / 0 be infinite.
+    """Compile once (kept on disk where there is a place), release the lock, let 1 / 0 be infinite.
 
     No fast-math: the order of operations is the one written, so results do not depend on where they are
     computed.
     """
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
+    compiled = njit(nogil=True, error_model="numpy")(function)
+    # Without a folder that may be written to, every process compiles anew.
+    with suppress(RuntimeError):
+        compiled.enable_caching()
+    return cast(Function, compiled)

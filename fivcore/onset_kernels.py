@@ -25,7 +25,7 @@ from fivcore.kernel import Array, kernel
 # Intervals narrower than this (of the band) are not halved any more: two zeros so close are one.
 NARROWEST = 1e-13
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
-MOST_INTERVALS = 1_000_000
+MOST_INTERVALS = 100_000
 
 
 @kernel
@@ -93,9 +93,10 @@ def _judge(
     middle, width = 0.5 * (low + high), high - low
     half = 0.5 * width
     x, y = axis_point(middle, d1, d2)
-    # Bounds on the first and second derivative of lambda with respect to omega.
-    l1 = 2.0 * high + d1 + d2 * (high * high + d1 * high)
-    l2 = 2.0 + 2.0 * (2.0 * high + d1) * d2 + 2.0 * (high * high + d1 * high) * d2 * d2
+    # Bounds on the first and second derivative of lambda = n / q with respect to omega.
+    slope, size, q = 2.0 * high + d1, high * (high + d1), np.hypot(1.0, d2 * low)
+    l1 = (slope + size * d2 / q) / q
+    l2 = (2.0 + 2.0 * d2 * (slope + size * d2 / q) / q) / q
     reach = l1 * half
     ar, ai, br, bi, _ = gap_parts(middle, n, p, a, b, d1, d2)
     # Bounds on first and second derivatives: of A and B whole (w), of the parts divided by y (i).

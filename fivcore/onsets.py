@@ -15,7 +15,11 @@ from fivcore.rig import Rig
 
 @dataclass(frozen=True, eq=False)
 class FlutterOnsets:
-    """Where growth rates change sign as mu rises, ascending in mu.
+    """Where growth rates pass through zero as mu rises, ascending in mu.
+
+    What grows without ever crossing the imaginary axis within the band is not listed: a divergence that comes
+    in from beyond it, or a mode that enters the band while growing. No onset is therefore no proof of
+    stability; `sliding_modes` at the mu in question is.
 
     Attributes
     ----------
@@ -70,9 +74,10 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     Without damping an onset is where two real eigenvalues meet, and a recovery where a pair parts again.
     Two onsets less than 1e-13 of the band apart cancel and are not reported.
     """
+    checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
-    band = checks.positive("fmax", fmax, "Hz")
-    most = checks.positive("mu_max", mu_max, "a coefficient of friction")
+    band = checks.band(fmax)
+    most = checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
 
     stiffness, normal, tangential = contact_modes(rig, angle)
     unit = 2.0 * np.pi * band

@@ -41,9 +41,16 @@ class Beam:
     elements: int
 
     def __post_init__(self) -> None:
-        units = {"length": "m", "width": "m", "thickness": "m", "young_modulus": "Pa", "density": "kg/m3"}
-        for name, unit in units.items():
-            object.__setattr__(self, name, checks.positive(f"Beam: {name}", getattr(self, name), unit))
+        ranges = {
+            "length": (1e-9, 1e6, "m"),
+            "width": (1e-9, 1e6, "m"),
+            "thickness": (1e-9, 1e6, "m"),
+            "young_modulus": (1e-3, 1e25, "Pa"),
+            "density": (1e-6, 1e9, "kg/m3"),
+        }
+        for name, (low, high, unit) in ranges.items():
+            checked = checks.between(f"Beam: {name}", getattr(self, name), low, high, unit)
+            object.__setattr__(self, name, checked)
         elements = checks.count("Beam: elements", self.elements, MOST_ELEMENTS)
         object.__setattr__(self, "elements", elements)
 
@@ -98,8 +105,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         for name in ("p1", "p2"):
-            if not isinstance(getattr(self, name), Beam):
-                raise ValueError(f"Rig: {name} = {getattr(self, name)!r}: it must be a Beam")
+            checks.instance(f"Rig: {name}", getattr(self, name), Beam)
         reach = self.p2.length
         checked = {
             "contact_position": checks.number(
@@ -108,9 +114,9 @@ class Rig:
                 f"above 0 and at most P2's length, {reach:g} m",
                 lambda x: 0.0 < x <= reach,
             ),
-            "head_mass": checks.non_negative("Rig: head_mass", self.head_mass, "kg"),
-            "d1": checks.non_negative("Rig: d1", self.d1, "1/s"),
-            "d2": checks.non_negative("Rig: d2", self.d2, "s"),
+            "head_mass": checks.between("Rig: head_mass", self.head_mass, 0.0, 1e15, "kg"),
+            "d1": checks.between("Rig: d1", self.d1, 0.0, 1e12, "1/s"),
+            "d2": checks.between("Rig: d2", self.d2, 0.0, 1e6, "s"),
             "point_b": checks.number(
                 "Rig: point_b",
                 self.point_b,
@@ -147,13 +153,14 @@ class Scene:
     rig: Rig = Rig()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.rig, Rig):
-            raise ValueError(f"Scene: rig = {self.rig!r}: it must be a Rig")
-        speed = checks.number("V", self.V, "a finite speed other than 0 (m/s)", lambda x: x != 0.0)
+        checks.instance("Scene: rig", self.rig, Rig)
+        speed = checks.number(
+            "V", self.V, "a speed of 1e-100 to 1e+100 m/s, of either sign", lambda x: 1e-100 <= abs(x) <= 1e100
+        )
         object.__setattr__(self, "V", speed)
         object.__setattr__(self, "theta", checks.theta_degrees(self.theta))
         object.__setattr__(self, "mu", checks.friction(self.mu))
-        object.__setattr__(self, "F", checks.positive("F", self.F, "N"))
+        object.__setattr__(self, "F", checks.between("F", self.F, 1e-100, 1e100, "N"))
 
     def mirrored(self) -> Scene:
         """The same motion seen in a mirror standing along y: V and theta change sign, nothing else."""

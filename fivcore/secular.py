@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from fivcore.kernel import Array, Complex, kernel
 
 MOST_SWEEPS = 200
-STALLED = 1e-6
+# In place of a count that could not be made.
+NO_COUNT = -1_000_000
 EPS = 2.220446049250313e-16
 
 
@@ -52,8 +53,11 @@ def between(x: float, i: int, p: Array, a: Array, tail: Array) -> float:
 
 
 @kernel
-def newton_step(z: complex, p: Array, c: Array, tail: Array) -> complex:
-    """P(z) / P'(z), with the pole nearest to z taken out of f so that it may be reached."""
+def newton_step(z: complex, p: Array, c: Array, tail: Array) -> tuple[complex, bool]:
+    """P(z) / P'(z), with the pole nearest to z taken out of f so that it may be reached.
+
+    Also tells whether f(z) is no more than the rounding of its terms: then z cannot be bettered.
+    """
     nearest = 0
     for i in range(1, len(p)):
         if abs(p[i] - z.real) < abs(p[nearest] - z.real):
@@ -62,28 +66,31 @@ def newton_step(z: complex, p: Array, c: Array, tail: Array) -> complex:
     for k in range(len(tail) - 1, -1, -1):
         slope = slope * z + rest
         rest = rest * z + tail[k]
+    size = abs(rest.real) + abs(rest.imag)
     others = 0j
     for i in range(len(p)):
         if i != nearest:
             inverse = 1.0 / (p[i] - z)
             term = c[i] * inverse
             rest += term
+            size += abs(term.real) + abs(term.imag)
             slope += term * inverse
             others += inverse
     gap = p[nearest] - z
     reduced = c[nearest] + gap * rest
+    rounding = abs(reduced) <= 16.0 * EPS * (abs(c[nearest]) + abs(gap) * size)
     derivative = gap * slope - rest - others * reduced
     if derivative == 0.0:
-        return 0j
-    return reduced / derivative
+        return 0j, rounding
+    return reduced / derivative, rounding
 
 
 @kernel
 def aberth(z: Complex, last: Array, p: Array, c: Array, tail: Array) -> None:
     """Move the guesses `z` (in place) to as many different roots.
 
-    A guess has settled when its steps are rounding: too short to matter, or short and no longer getting
-    shorter, which near a double root happens earlier. `last` holds the length of the last step, -1 once
+    A guess has settled when its steps are too short to matter, or when f is rounding there and the steps get
+    no shorter, which near a double root happens earlier. `last` holds the length of the last step, -1 once
     settled.
     """
     n = len(z)
@@ -93,15 +100,15 @@ def aberth(z: Complex, last: Array, p: Array, c: Array, tail: Array) -> None:
         for j in range(n):
             if last[j] < 0.0:
                 continue
-            step = newton_step(z[j], p, c, tail)
+            step, rounding = newton_step(z[j], p, c, tail)
             crowd = 0j
             for i in range(n):
                 if i != j and z[i] != z[j]:
                     crowd += 1.0 / (z[j] - z[i])
             step = step / (1.0 - step * crowd)
             z[j] -= step
-            length, size = abs(step), abs(z[j])
-            if length <= 4.0 * EPS * size or (length <= STALLED * size and length >= last[j]):
+            length = abs(step)
+            if length <= 4.0 * EPS * abs(z[j]) or (rounding and length >= last[j]):
                 last[j] = -1.0
                 unsettled -= 1
             else:
@@ -112,7 +119,7 @@ def aberth(z: Complex, last: Array, p: Array, c: Array, tail: Array) -> None:
 
 @kernel
 def winding(radius: float, p: Array, c: Array, tail: Array) -> int:
-    """Roots minus poles of f within |z| < radius, by the argument principle; -10**6 if it cannot say.
+    """Roots minus poles of f within |z| < radius, by the argument principle; NO_COUNT if it cannot say.
 
     f is real on the real axis, so the upper half circle does. Arcs are halved until f changes by less than
     half its size along either half of each.
@@ -133,7 +140,7 @@ def winding(radius: float, p: Array, c: Array, tail: Array) -> int:
         else:
             width *= 0.5
             if width < 1e-12:
-                return -1000000
+                return NO_COUNT
     return int(np.rint(turned / np.pi))
 
 
@@ -205,7 +212,13 @@ def damp(values: Complex, d1: float, d2: float, phi: Complex) -> None:
         for j in range(values.shape[1]):
             half = 0.5 * (d1 + d2 * values[m, j])
             root = np.sqrt(half * half - values[m, j])
-            first, second = root - half, -root - half
-            if second.imag > first.imag or (second.imag == first.imag and second.real > first.real):
-                first = second
-            phi[m, j] = first
+            if half.real * root.real + half.imag * root.imag < 0.0:
+                root = -root
+            large, small = -half - root, root - half
+            # The difference cancels when damping is heavy; the product of both roots is lambda.
+            if abs(small) < 0.5 * abs(large):
+                small = values[m, j] / large
+            chosen = small
+            if large.imag > small.imag or (large.imag == small.imag and large.real > small.real):
+                chosen = large
+            phi[m, j] = complex(chosen.real, chosen.imag + 0.0)

@@ -40,8 +40,8 @@ class SlidingModes:
     theta, mu : ndarray, (...)
         Degrees and 1.
     fmax : float
-        The band, Hz: modes above it are not listed, nor what grows or decays at more than about 1.7 times
-        its angular frequency. Above 20 kHz the undamped model has growing pairs that
+        The band, Hz: modes above it are not listed, nor, unless damping is heavy, what grows or decays at
+        more than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that
         depend on mesh and basis; a result means something only with its band and damping.
     rig : Rig
     """
@@ -55,10 +55,19 @@ class SlidingModes:
     rig: Rig
     _hidden: NDArray[np.int64]
 
+    def __post_init__(self) -> None:
+        for part in (self.frequency, self.growth_rate, self.eigenvalue, self.theta, self.mu, self._hidden):
+            part.setflags(write=False)
+
     @property
     def unstable(self) -> NDArray[np.bool_]:
         """(..., modes): whether the mode grows."""
         return np.asarray(self.growth_rate > 0.0)
+
+    @property
+    def uncoupled(self) -> NDArray[np.bool_]:
+        """(..., modes): whether the contact does not feel the mode, so that it is there at any mu."""
+        return np.asarray(self._hidden >= 0)
 
     @property
     def shape(self) -> Complex:
@@ -102,14 +111,15 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
         For an argument out of range.
     ArithmeticError
         If the eigenvalues found do not match their number by the argument principle, so that one could have
-        been missed.
+        been missed; the message names the mu.
 
     Notes
     -----
     The eigenvalues are those of the finite-element model with all its modes: no truncation error. The mode
     near 8 kHz that does not depend on mu is P2's axial one, which the contact drives but never feels.
     """
-    band = checks.positive("fmax", fmax, "Hz")
+    checks.instance("rig", rig, Rig)
+    band = checks.band(fmax)
     angles = checks.array("theta", theta, checks.theta_degrees)
     frictions = checks.array("mu", mu, checks.friction)
     try:
@@ -118,6 +128,7 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
         raise ValueError(
             f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
         ) from None
+    angles, frictions = angles.copy(), frictions.copy()
     lead = angles.shape
     flat_theta, flat_mu = angles.ravel(), frictions.ravel()
 
@@ -155,6 +166,7 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
 
 def node_positions(rig: Rig, theta: float) -> Array:
     """Undeformed x, y of all nodes relative to the contact point, m, in the order of `SlidingModes.shape`."""
+    checks.instance("rig", rig, Rig)
     upper, lower = rig_bases(rig, checks.theta_degrees(theta))
     return np.concatenate([upper.nodes, lower.nodes])
 

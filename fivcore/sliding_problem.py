@@ -39,7 +39,7 @@ class SlidingProblem:
     Attributes
     ----------
     unit : float
-        The band's lambda, (2 pi fmax)^2, rad2/s2; what follows is scaled by it.
+        The band's lambda, (2 pi fmax)^2 unless damping is heavy, rad2/s2; what follows is scaled by it.
     poles, a, b : ndarray, (n,)
         Near poles and their residues: a without friction, b for each unit of mu.
     tail_a, tail_b : ndarray, (TAIL_TERMS,)
@@ -75,7 +75,9 @@ class SlidingProblem:
 def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
     """Poles, residues, tail and guesses of the sliding problem; what exists is not built again."""
     stiffness, normal, tangential = contact_modes(rig, theta)
-    unit = (2.0 * np.pi * fmax) ** 2
+    omega = 2.0 * np.pi * fmax
+    # The largest lambda on the imaginary axis of the band; omega^2 but for heavy damping.
+    unit = omega * max(omega, np.hypot(omega, rig.d1) / np.hypot(1.0, rig.d2 * omega))
     order = np.argsort(stiffness, kind="stable")
     p = stiffness[order] / unit
     a = normal[order] ** 2 / unit
@@ -157,8 +159,10 @@ def sliding_roots(problem: SlidingProblem, mu: Array) -> Complex:
         again = np.empty((1, len(guesses)), dtype=complex)
         secular.sliding_roots(mu[m : m + 1], *system, guesses, problem.radius, again, missed[m : m + 1])
         if missed[m]:
+            number = "an unknown number of" if missed[m] > len(problem.stiffness) else f"{missed[m]}"
             raise ArithmeticError(
-                f"sliding_modes: {missed[m]} eigenvalues unaccounted for at mu = {mu[m]:g}; change fmax"
+                f"mu = {float(mu[m])!r}: {number} eigenvalues could not be found with this rig and theta; "
+                "another mu or fmax near it will do"
             )
         wider = max(0, len(guesses) - roots.shape[1])
         roots = np.pad(roots, ((0, 0), (0, wider)), constant_values=OUTSIDE)
@@ -172,10 +176,12 @@ def _dense_guesses(problem: SlidingProblem, mu: float) -> Complex:
     seen = problem.normal != 0.0
     stiffness, normal = problem.stiffness[seen] / problem.unit, problem.normal[seen]
     force = normal + mu * problem.tangential[seen]
+    # Shifted, since a heavy head makes the smallest eigenvalue all but zero.
+    shift = 0.37
     with one_blas_thread():
         right, left = null_space(normal[None]), null_space(force[None])
-        flexible = np.linalg.solve(left.T @ (stiffness[:, None] * right), left.T @ right)
-        values = (1.0 / np.linalg.eigvals(flexible)).astype(complex)
+        flexible = np.linalg.solve(left.T @ ((stiffness + shift)[:, None] * right), left.T @ right)
+        values = (1.0 / np.linalg.eigvals(flexible) - shift).astype(complex)
     # Eigenvalues of modes that no other guess may settle on come along.
     near = values[np.abs(values) < 2.0 * problem.radius]
     return near[np.lexsort((near.imag, near.real))]

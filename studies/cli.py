@@ -123,18 +123,19 @@ def run(
 
 @command("plot")
 @click.argument("target", metavar="STUDY|PATH")
-@out_option
+@click.option("--out", type=click.Path(), help="Results folder of a STUDY; of a PATH, where the figure goes.")
 def plot(target: str, out: str | None, quiet: bool, verbose: bool) -> None:
     """Draw the figure of a study again from its netCDF file."""
     from studies import registry, runner
 
     with _input_errors(verbose):
-        file = runner.results_file(target, out)
-        if not file.is_file() and target in registry.NAMES:
-            raise ValueError(f"{file}: there is no such file; make it with: fiv run {target}")
-        dataset = runner.open_dataset(str(file), out)
+        dataset = runner.open_dataset(target, out)
         study = registry.load(dataset.attrs.get("sweep", ""))
-    click.echo(str(runner.plot(study, dataset, file)))
+        file = runner.results_file(target, out)
+        if out and target not in registry.NAMES:
+            file = runner.results_folder(out) / file.name
+        drawn = runner.plot(study, dataset, file)
+    click.echo(str(drawn))
 
 
 def _planned(study: str, assignments: tuple[str, ...], out: str | None, verbose: bool) -> Plan:
@@ -152,7 +153,7 @@ def _planned(study: str, assignments: tuple[str, ...], out: str | None, verbose:
 
 
 class _input_errors:
-    """Turn what input validation raises into a usage error of one line."""
+    """Turn what the checks of input raise into a usage error of one line."""
 
     def __init__(self, verbose: bool) -> None:
         self.verbose = verbose
@@ -161,7 +162,7 @@ class _input_errors:
         pass
 
     def __exit__(self, kind: Any, problem: BaseException | None, traceback: Any) -> None:
-        if isinstance(problem, (ValueError, FileNotFoundError)):
+        if isinstance(problem, (ValueError, ArithmeticError, FileNotFoundError)):
             if self.verbose:
                 print_exception(problem)
             raise click.UsageError(str(problem)) from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -11,64 +11,122 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fivcore import Rig, flutter_onsets, node_positions, sliding_modes
+from fivcore import Rig, SlidingModes, flutter_onsets, node_positions, sliding_modes
 from studies import figures, paper
 from studies.study import Study, constants, is_papers, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
 BAND = 10e3
 MU_MAX = 1.0
+# The pair is followed from its onset in steps of mu so small that what is nearest to it is itself.
+STEP = 2e-4
+MOST_STEPS = 20_000
+NOTHING = complex(np.nan, np.nan)
 
 
-def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float, first: int) -> dict[str, Any]:
-    """Frequency and growth rate of the modes number `first` and `first` + 1."""
-    found = sliding_modes(rig, theta, points["mu"], fmax)
-    kept = slice(first - 1, first + 1)
-    return {"frequency": found.frequency[:, kept], "growth_rate": found.growth_rate[:, kept]}
+def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float, mu_end: float) -> dict[str, Any]:
+    """Frequency and growth rate of the two modes that lock in first; NaN where they have left the band."""
+    mu = points["mu"]
+    grid, followed = path(rig, theta, fmax, mu_end)
+    found = sliding_modes(rig, theta, mu, fmax)
+    frequency, growth = np.full((2, len(mu), 2), np.nan)
+    for m, near in enumerate(np.abs(grid[:, None] - mu).argmin(axis=0)):
+        both = closest_two(found, m, followed[near])
+        if both is not None:
+            frequency[m], growth[m] = found.frequency[m, both], found.growth_rate[m, both]
+    return {"frequency": frequency, "growth_rate": growth}
 
 
-def with_shape(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float, first: int) -> xr.Dataset:
+@lru_cache(maxsize=8)
+def path(rig: Rig, theta: float, fmax: float, mu_end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values of mu from 0 to `mu_end` or the onset, and the eigenvalues lambda of the pair there, (mu, 2)."""
+    onsets = flutter_onsets(rig, theta, fmax, MU_MAX)
+    onset, square = float(onsets.mu[0]), complex((2.0 * np.pi * onsets.frequency[0]) ** 2)
+    last = max(mu_end, onset)
+    mu = np.linspace(0.0, last, min(int(np.ceil(last / STEP)), MOST_STEPS) + 1)
+    found = sliding_modes(rig, theta, mu, fmax)
+    followed = np.full((len(mu), 2), NOTHING)
+    start = int(np.abs(mu - onset).argmin())
+    for way in (range(start, len(mu)), range(start - 1, -1, -1)):
+        here = np.array([square, square]) if way.step > 0 else followed[start]
+        for m in way:
+            both = closest_two(found, m, here)
+            if both is None:
+                break
+            here = followed[m] = found.eigenvalue[m, both]
+    return mu, followed
+
+
+def closest_two(found: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | None:
+    """Which two modes at the m-th mu continue the eigenvalues `near`; none if they are not there.
+
+    The one of lower frequency comes first, after lock-in the decaying one.
+    """
+    felt = np.nonzero(~found.uncoupled[m] & np.isfinite(found.frequency[m]))[0]
+    if len(felt) < 2 or np.isnan(near[0]):
+        return None
+    values = found.eigenvalue[m, felt]
+    cost = np.abs(values[:, None] - near[0]) + np.abs(values - near[1])
+    np.fill_diagonal(cost, np.inf)
+    first, second = np.unravel_index(cost.argmin(), cost.shape)
+    if cost[first, second] > 0.5 * np.abs(near).sum():
+        return None
+    both = felt[[first, second]]
+    frequency, growth = found.frequency[m, both], found.growth_rate[m, both]
+    # Once their eigenvalues are a conjugate pair, the frequencies differ by rounding and damping alone.
+    pair_values = found.eigenvalue[m, both]
+    apart = np.abs(pair_values.imag).max() <= 1e-9 * np.abs(pair_values).max()
+    return both[np.lexsort((growth, frequency)) if apart else np.argsort(growth)]
+
+
+def with_shape(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float, mu_end: float) -> xr.Dataset:
     """Add the lock-in point and the shape of the mode that becomes unstable there."""
     onsets = flutter_onsets(rig, theta, fmax, MU_MAX)
     mu, frequency = float(onsets.mu[0]), float(onsets.frequency[0])
-    found = sliding_modes(rig, theta, mu, fmax)
+    found = sliding_modes(rig, theta, [mu], fmax)
+    both = closest_two(found, 0, np.full(2, complex((2.0 * np.pi * frequency) ** 2)))
+    assert both is not None
     # At its onset the mode neither grows nor decays, while its partner decays twice as fast as before.
-    candidates = np.abs(found.frequency - frequency) < 1e-2 * frequency
-    marginal = int(np.argmin(np.where(candidates, np.abs(found.growth_rate), np.inf)))
-    shape = found.shape[marginal]
-    positions = node_positions(rig, theta)
+    marginal = both[np.abs(found.growth_rate[0, both]).argmin()]
+    shape, position = found.shape[0, marginal], node_positions(rig, theta)
     beam = np.repeat(np.array([1, 2], dtype=np.int8), [rig.p1.elements + 1, rig.p2.elements + 1])
-    names = {"units": "1", "long_name": "displacement in the unstable mode, largest = 1"}
-    return dataset.assign_coords(
-        direction=("direction", np.array(["x", "y"]), {"long_name": "direction of the displacement"}),
-    ).assign(
-        lock_in_mu=((), mu, {"units": "1", "long_name": "coefficient of friction at lock-in"}),
-        lock_in_frequency=((), frequency, {"units": "Hz", "long_name": "frequency at lock-in"}),
-        shape_real=(("node", "direction"), shape[:, :2].real, names | {"comment": "real part"}),
-        shape_imag=(("node", "direction"), shape[:, :2].imag, names | {"comment": "imaginary part"}),
-        position=(
-            ("node", "direction"),
-            positions,
-            {"units": "m", "long_name": "undeformed position from the contact"},
+    added: dict[str, Any] = {
+        "lock_in_mu": ((), mu, {"units": "1", "long_name": "coefficient of friction at lock-in"}),
+        "lock_in_frequency": ((), frequency, {"units": "Hz", "long_name": "frequency at lock-in"}),
+        "beam": (
+            "node",
+            beam,
+            {"flag_values": np.array([1, 2], dtype=np.int8), "flag_meanings": "P1 P2", "long_name": "beam"},
         ),
-        beam=("node", beam, {"long_name": "beam the node belongs to", "units": "1"}),
-    )
+    }
+    for axis, name in enumerate("xy"):
+        undeformed = {"units": "m", "long_name": f"undeformed position from the contact along {name}"}
+        added[f"node_{name}"] = ("node", position[:, axis], undeformed)
+        moved = f"displacement along {name} in the unstable mode at lock-in, largest = 1"
+        for part, values in (("real", shape[:, axis].real), ("imag", shape[:, axis].imag)):
+            about = {"units": "1", "long_name": f"{moved}, {part}{'inary' if part == 'imag' else ''} part"}
+            added[f"shape_{name}_{part}"] = ("node", values, about)
+    return dataset.assign(added)
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """Find which two modes coalesce first, from the frequencies without friction on either side."""
+    """Find which two modes coalesce first, and their numbers among all modes without friction."""
     rig, theta = rig_of(settings)
-    for end in (axes["mu"].values.min(), axes["mu"].values.max()):
-        sliding_modes(rig, theta, end, BAND)
-    onsets = flutter_onsets(rig, theta, BAND, MU_MAX)
-    if not len(onsets.mu):
+    end = float(axes["mu"].values.max())
+    for mu in (axes["mu"].values.min(), end):
+        sliding_modes(rig, theta, mu, BAND)
+    if not len(flutter_onsets(rig, theta, BAND, MU_MAX).mu):
         raise ValueError(
-            f"theta = {theta:g}: no modes below {BAND / 1e3:g} kHz coalesce up to mu = {MU_MAX:g}; "
-            "with these settings choose an angle whose tangent is positive and below mu"
+            f"theta = {theta:g}: no two modes below {BAND / 1e3:g} kHz lock in up to mu = {MU_MAX:g} with these "
+            "settings; nearer to theta = 5 and the other defaults they do"
         )
-    without_friction = sliding_modes(rig, theta, 0.0, BAND).frequency
-    first = max(1, int(np.count_nonzero(without_friction < onsets.frequency[0])))
-    fixed: dict[str, Any] = {"rig": rig, "theta": theta, "fmax": BAND, "first": first}
+    numbers = closest_two(sliding_modes(rig, theta, [0.0], BAND), 0, path(rig, theta, BAND, end)[1][0])
+    if numbers is None:
+        raise ValueError(
+            f"theta = {theta:g}: the two modes that lock in cannot be followed back to mu = 0 below "
+            f"{BAND / 1e3:g} kHz with these settings; nearer to the defaults they can"
+        )
+    fixed: dict[str, Any] = {"rig": rig, "theta": theta, "fmax": BAND, "mu_end": end}
     return Sweep(
         "fig6",
         pair,
@@ -78,7 +136,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
             "growth_rate": Variable("s-1", "growth rate of the sliding mode", ("mode",)),
         },
         fixed,
-        coords={"mode": Axis([first, first + 1], "1", "mode, ascending in frequency")},
+        coords={"mode": Axis(numbers + 1, "1", "number of the mode without friction, ascending in frequency")},
         title="Lock-in of two modes of steady sliding (Fig. 6)",
         derive=partial(with_shape, **fixed),
     )
@@ -105,7 +163,6 @@ def report(dataset: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
-@figures.styled
 def draw(dataset: xr.Dataset) -> Figure:
     """Root locus above, the shape at lock-in below."""
     figure, (locus, shape) = figures.panels(2, 1, 15.0, 18.0)
@@ -116,15 +173,10 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
     mu = dataset["mu"].values
-    # After lock-in the two have nearly one frequency; the branches are told apart by their growth.
     frequency, growth = dataset["frequency"].values, dataset["growth_rate"].values
-    locked = mu >= float(dataset["lock_in_mu"])
     for k, (colour, marker) in enumerate([(figures.BLUE, "o"), (figures.RED, "s")]):
-        own_f = np.where(locked, frequency[np.arange(len(mu)), _by_growth(growth, k)], frequency[:, k])
-        own_g = np.where(locked, growth[np.arange(len(mu)), _by_growth(growth, k)], growth[:, k])
-        mode = int(dataset["mode"][k])
-        axes.plot(own_g, own_f, color=colour, label=f"mode {mode}")
-        axes.plot(own_g[:1], own_f[:1], marker, color=colour)
+        axes.plot(growth[:, k], frequency[:, k], color=colour, label=f"mode {int(dataset['mode'][k])}")
+        axes.plot(growth[:1, k], frequency[:1, k], marker, color=colour)
     start, end = float(mu[0]), float(mu[-1])
     axes.plot(
         0.0,
@@ -155,8 +207,8 @@ def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
 
 
 def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
-    position = 1e3 * dataset["position"].values
-    shape = dataset["shape_real"].values + 1j * dataset["shape_imag"].values
+    position, shape = _nodes(dataset)
+    position *= 1e3
     beam = dataset["beam"].values
     scale = 0.12 * float(np.ptp(position[:, 0]))
     # A complex mode is drawn at the phase of its largest displacement, and faintly through its period.
@@ -180,14 +232,19 @@ def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
     axes.legend(loc="upper right")
 
 
-def _by_growth(growth: np.ndarray, rank: int) -> np.ndarray:
-    return np.asarray(np.argsort(growth, axis=1, kind="stable")[:, rank])
+def _nodes(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Undeformed positions, m, and complex displacements of the nodes, (node, 2)."""
+    position = np.stack([dataset[f"node_{axis}"].values for axis in "xy"], axis=1)
+    real, imag = (
+        np.stack([dataset[f"shape_{axis}_{part}"].values for axis in "xy"], axis=1) for part in ("real", "imag")
+    )
+    return position, real + 1j * imag
 
 
 def _at_contact(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Displacement of C and of the node of P2 nearest to the contact."""
-    shape = dataset["shape_real"].values + 1j * dataset["shape_imag"].values
-    distance = np.abs(dataset["position"].values).sum(axis=1)
+    position, shape = _nodes(dataset)
+    distance = np.abs(position).sum(axis=1)
     beam = dataset["beam"].values
     c, d = (shape[np.argmin(np.where(beam == number, distance, np.inf))] for number in (1, 2))
     return c, d

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
-import xarray as xr
-from matplotlib import rc_context
+import matplotlib.style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -32,15 +31,11 @@ STYLE: Any = {
 }
 
 
-def styled(draw: Callable[[xr.Dataset], Figure]) -> Callable[[xr.Dataset], Figure]:
-    """Let a study's `draw` work in the project's style, whatever the user's own settings."""
-
-    @wraps(draw)
-    def in_style(dataset: xr.Dataset) -> Figure:
-        with rc_context(STYLE):
-            return draw(dataset)
-
-    return in_style
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw and save in the project's style, whatever the user's own settings."""
+    with matplotlib.style.context(["default", STYLE]):
+        yield
 
 
 def panels(rows: int, columns: int, width: float, height: float, **options: object) -> tuple[Figure, list[Axes]]:

@@ -19,11 +19,11 @@ def load(name: str) -> Study:
     ValueError
         If there is none; the message suggests the nearest.
     """
-    if name not in NAMES:
+    if not isinstance(name, str) or name not in NAMES:
         from studies.study import suggest
 
         raise ValueError(
-            f"STUDY = {name!r}: there is no such study; {suggest(name, list(NAMES))}"
+            f"STUDY = {name!r}: there is no such study; {suggest(str(name), list(NAMES))}"
             f"the studies are {', '.join(NAMES)}"
         )
     study: Study = import_module(f"studies.{name}").STUDY

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sweeps
-from studies import registry
+from studies import figures, registry
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +36,7 @@ class Finished:
 
 def results_folder(out: str | Path | None = None) -> Path:
     """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
-    return Path(out or os.environ.get("FIV_RESULTS") or "results")
+    return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
 
 
 def plan(name: str, given: Mapping[str, Any], out: str | Path | None = None) -> sweeps.Plan:
@@ -61,30 +62,53 @@ def execute(
     return Finished(study, dataset, planned.store, plot(study, dataset, planned.store))
 
 
-def open_dataset(name: str, out: str | Path | None = None) -> xr.Dataset:
+def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     """The kept results of a study, by name or by path."""
-    return sweeps.open_results(results_file(name, out))
+    file = results_file(name, out)
+    if str(name) in registry.NAMES:
+        if not file.is_file():
+            raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}")
+        dataset = sweeps.open_results(file)
+        if dataset.attrs.get("sweep") != name:
+            raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
+        return dataset
+    return sweeps.open_results(file)
 
 
-def results_file(name: str, out: str | Path | None = None) -> Path:
+def results_file(name: str | Path, out: str | Path | None = None) -> Path:
     """The netCDF file that a STUDY or a PATH names."""
-    if name in registry.NAMES:
-        return results_folder(out) / name / f"{name}.nc"
-    if name.endswith(".nc") or os.sep in name:
-        return Path(name)
-    registry.load(name)
-    raise AssertionError("load raises for a name that is no study")
+    text = os.fspath(name)
+    if text in registry.NAMES:
+        return results_folder(out) / text / f"{text}.nc"
+    if not (text.endswith(".nc") or os.sep in text):
+        registry.load(text)  # raises, with a suggestion
+    return Path(text).expanduser()
 
 
 def plot(study: Study, dataset: xr.Dataset, beside: Path) -> Path:
-    """Draw the study's figure to a PNG beside its netCDF file."""
-    figure = study.draw(dataset)
+    """Draw the study's figure to a PNG beside its netCDF file.
+
+    Raises
+    ------
+    ValueError
+        If the file lacks something that the figure shows.
+    StoreError
+        If the figure cannot be written.
+    """
     target = beside.with_suffix(".png")
     temporary = beside.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        figure.savefig(temporary, format="png", dpi=200)
-        os.replace(temporary, target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    with figures.style():
+        try:
+            figure = study.draw(dataset)
+        except KeyError as missing:
+            raise ValueError(f"{beside}: it lacks {missing}; make it again with: fiv run {study.name}") from None
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(temporary, format="png", dpi=200)
+            os.replace(temporary, target)
+        except OSError as problem:
+            raise sweeps.StoreError(f"{target} could not be written: {problem.strerror}") from problem
+        finally:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
     return target

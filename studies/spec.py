@@ -25,24 +25,37 @@ def parse(spec: str, name: str) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        If it is none of the forms; the message names the axis, what was written and the forms.
+        If it is none of the forms; the message names the axis, what was written, why, and the forms.
     """
-    logarithmic = spec.startswith("log:")
-    body = spec.removeprefix("log:")
     try:
-        if ":" in body or logarithmic:
-            start_text, stop_text, count_text = body.split(":")
-            start, stop, count = float(start_text), float(stop_text), int(count_text)
-            if count < 1 or (count == 1 and start != stop) or not np.all(np.isfinite([start, stop])):
-                raise ValueError
-            if logarithmic and not (start > 0.0 and stop > 0.0):
-                raise ValueError
-            if count > MOST_VALUES:
-                raise ValueError
-            return np.geomspace(start, stop, count) if logarithmic else np.linspace(start, stop, count)
-        values = np.array([float(part) for part in body.split(",")])
-        if not np.all(np.isfinite(values)):
-            raise ValueError
-        return values
+        if spec.startswith("log:") or ":" in spec:
+            return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
+        return np.array([_finite(part) for part in spec.split(",")])
+    except ValueError as problem:
+        raise ValueError(f"{name} = {spec!r}: {problem}; the forms are {FORMS}") from None
+
+
+def _range(parts: list[str], logarithmic: bool) -> NDArray[Any]:
+    if len(parts) != 3:
+        raise ValueError("a range must be start:stop:count")
+    start, stop = _finite(parts[0]), _finite(parts[1])
+    if not (parts[2].isascii() and parts[2].isdigit() and 1 <= int(parts[2]) <= MOST_VALUES):
+        raise ValueError(f"count must be a whole number from 1 to {MOST_VALUES}, not {parts[2]!r}")
+    count = int(parts[2])
+    if count == 1 and start != stop:
+        raise ValueError("a count of 1 must have one end, not two")
+    if not np.isfinite(stop - start):
+        raise ValueError("the ends must not be so far apart")
+    if logarithmic and not (start > 0.0 and stop > 0.0):
+        raise ValueError("both ends of a log: range must be above 0")
+    return np.geomspace(start, stop, count) if logarithmic else np.linspace(start, stop, count)
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text) if text.isascii() and "_" not in text else float("nan")
     except ValueError:
-        raise ValueError(f"{name} = {spec!r}: it must be a SPEC of finite numbers: {FORMS}") from None
+        value = float("nan")
+    if not np.isfinite(value):
+        raise ValueError(f"{text!r} must be a finite number")
+    return value

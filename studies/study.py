@@ -72,17 +72,7 @@ class Study:
         axes, settings = dict(self.axes), {name: s.value for name, s in self.settings.items()}
         for name, value in given.items():
             if name in axes:
-                values = np.atleast_1d(np.asarray(value))
-                if values.dtype.kind not in "iuf":
-                    raise ValueError(f"{name} = {value!r}: it must be a number or a list of numbers")
-                if not np.all(np.isfinite(values)):
-                    bad = values[~np.isfinite(values)][0]
-                    raise ValueError(f"{name} = {bad}: it must be a finite number")
-                own = axes[name].values.dtype
-                if own.kind == "i" and np.any(values != np.rint(values)):
-                    bad = values[values != np.rint(values)][0]
-                    raise ValueError(f"{name} = {bad}: it must be a whole number")
-                axes[name] = Axis(np.unique(values).astype(own), axes[name].units, axes[name].long_name)
+                axes[name] = _axis(name, value, axes[name])
             elif name in settings:
                 settings[name] = _one_number(self.name, name, value)
             else:
@@ -133,8 +123,32 @@ def suggest(name: str, known: list[str]) -> str:
     return f"did you mean {near[0]}? " if near else ""
 
 
+def _axis(name: str, value: Any, own: Axis) -> Axis:
+    """The axis with other values, sorted, each once."""
+    values = _numbers(name, value, "a number or a list of numbers")
+    if own.values.dtype.kind == "i":
+        whole = (values == np.rint(values)) & (np.abs(values) < 2**53)
+        if not np.all(whole):
+            raise ValueError(f"{name} = {values[~whole][0]:g}: it must be a whole number")
+    return Axis(np.unique(values).astype(own.values.dtype), own.units, own.long_name)
+
+
+def _numbers(name: str, value: Any, allowed: str) -> np.ndarray:
+    """One or more finite numbers as an array of one dimension."""
+    try:
+        values = np.atleast_1d(np.asarray(value))
+    except ValueError:
+        values = np.empty((0, 0))
+    if values.dtype.kind not in "iuf" or values.ndim != 1 or not len(values):
+        raise ValueError(f"{name} = {value!r}: it must be {allowed}")
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{name} = {values[~np.isfinite(values)][0]}: it must be finite")
+    return values.astype(float)
+
+
 def _one_number(study: str, name: str, value: Any) -> float:
-    values = np.ravel(value)
-    if len(values) != 1 or values.dtype.kind not in "iuf":
-        raise ValueError(f"{name} = {value!r}: study {study} holds it fixed, so it must be one number")
+    values = _numbers(name, value, "one number")
+    if len(values) != 1:
+        listed = ", ".join(f"{v:g}" for v in values[:5])
+        raise ValueError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number")
     return float(values[0])

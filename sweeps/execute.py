@@ -32,10 +32,35 @@ class Outcome:
     wall_time: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What became of some points."""
+
+    index: NDArray[np.intp]
+    values: dict[str, NDArray[Any]] | None
+    error: str
+    seconds: float
+
+
 def execute(plan: Plan, scheduler: str, workers: int, progress: Progress | None) -> Outcome:
     """Compute every batch of the plan and spread the results to the copies."""
     sweep, size = plan.sweep, plan.points
     points = sweep.grid.points()
+    lock = threading.Lock()
+
+    def one(batch: NDArray[np.intp]) -> list[_Part]:
+        parts = _batch(sweep, points, batch)
+        if progress is not None:
+            with lock:
+                progress(len(batch), sum(len(part.index) for part in parts if part.values is None))
+        return parts
+
+    tasks = [delayed(one, pure=False)(batch) for batch in plan.batches]
+    if scheduler == "sync":
+        finished = compute(*tasks, scheduler="synchronous")
+    else:
+        finished = compute(*tasks, scheduler="threads", num_workers=workers)
+
     outcome = Outcome(
         {
             name: np.full((size, *_inner_shape(sweep, name)), variable.missing, dtype=variable.dtype)
@@ -45,53 +70,39 @@ def execute(plan: Plan, scheduler: str, workers: int, progress: Progress | None)
         np.full(size, "", dtype=object),
         np.full(size, np.nan),
     )
-    lock = threading.Lock()
+    for part in (part for parts in finished for part in parts):
+        for name, values in (part.values or {}).items():
+            outcome.values[name][part.index] = values
+        outcome.status[part.index] = FAILED if part.values is None else DONE
+        outcome.error[part.index] = part.error
+        outcome.wall_time[part.index] = part.seconds / len(part.index)
 
-    def one(batch: NDArray[np.intp]) -> None:
-        failed = _batch(sweep, points, batch, outcome)
-        if progress is not None:
-            with lock:
-                progress(len(batch), failed)
-
-    tasks = [delayed(one, pure=False)(batch) for batch in plan.batches]
-    if scheduler == "sync":
-        compute(*tasks, scheduler="synchronous")
-    else:
-        compute(*tasks, scheduler="threads", num_workers=workers)
-
-    copied = plan.original >= 0
-    source = plan.original[copied]
-    for array in (*outcome.values.values(), outcome.status, outcome.error, outcome.wall_time):
-        array[copied] = array[source]
-    # A copy costs nothing.
-    outcome.wall_time[np.nonzero(copied)[0][np.nonzero(copied)[0] != source]] = 0.0
-    outcome.status[~copied] = SKIPPED
+    copies = np.nonzero((plan.original >= 0) & (plan.original != np.arange(size)))[0]
+    for array in (*outcome.values.values(), outcome.status, outcome.error):
+        array[copies] = array[plan.original[copies]]
+    outcome.wall_time[copies] = 0.0  # a copy costs nothing
+    outcome.status[plan.original < 0] = SKIPPED
     return outcome
 
 
-def _batch(sweep: Sweep, points: Points, batch: NDArray[np.intp], outcome: Outcome) -> int:
-    """Compute one batch in place; if it raises, its points one by one. Returns how many failed."""
+def _batch(sweep: Sweep, points: Points, batch: NDArray[np.intp]) -> list[_Part]:
+    """Compute one batch; if it raises, its halves, down to the points that fail."""
     start = time.perf_counter()
     try:
-        results = _call(sweep, points, batch)
+        values = _call(sweep, points, batch)
     except Exception as problem:  # noqa: BLE001 - whatever a point raises is kept as its outcome
         if len(batch) > 1:
-            return sum(_batch(sweep, points, batch[i : i + 1], outcome) for i in range(len(batch)))
-        outcome.status[batch] = FAILED
-        outcome.error[batch] = f"{type(problem).__name__}: {problem}"
-        outcome.wall_time[batch] = time.perf_counter() - start
-        return 1
-    for name, values in results.items():
-        outcome.values[name][batch] = values
-    outcome.status[batch] = DONE
-    outcome.wall_time[batch] = (time.perf_counter() - start) / len(batch)
-    return 0
+            middle = len(batch) // 2
+            return _batch(sweep, points, batch[:middle]) + _batch(sweep, points, batch[middle:])
+        error = f"{type(problem).__name__}: {problem}"
+        return [_Part(batch, None, error, time.perf_counter() - start)]
+    return [_Part(batch, values, "", time.perf_counter() - start)]
 
 
 def _call(sweep: Sweep, points: Points, batch: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
     given = sweep.function({name: values[batch] for name, values in points.items()}, **sweep.constants)
     results = {}
-    for name in sweep.variables:
+    for name, variable in sweep.variables.items():
         if name not in given:
             raise KeyError(f"the function of sweep {sweep.name} returned no {name!r}")
         values, expected = np.asarray(given[name]), (len(batch), *_inner_shape(sweep, name))
@@ -100,8 +111,23 @@ def _call(sweep: Sweep, points: Points, batch: NDArray[np.intp]) -> dict[str, ND
                 f"the function of sweep {sweep.name} returned {name!r} of shape {values.shape}; "
                 f"it must be {expected}"
             )
-        results[name] = values
+        if not _fits(values, np.dtype(variable.dtype)):
+            raise ValueError(
+                f"the function of sweep {sweep.name} returned {name!r} of type {values.dtype}, "
+                f"which does not fit {variable.dtype}"
+            )
+        results[name] = values.astype(variable.dtype)
     return results
+
+
+def _fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
+    """Whether nothing but digits of a float is lost."""
+    if dtype.kind == "f":
+        return values.dtype.kind in "biuf"
+    if values.dtype.kind not in "biuf":
+        return False
+    limits = np.iinfo(dtype)
+    return bool(np.all((values >= limits.min) & (values <= limits.max) & (values == np.rint(values))))
 
 
 def _inner_shape(sweep: Sweep, name: str) -> tuple[int, ...]:

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 Points = dict[str, NDArray[Any]]
 
+DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
+RESERVED = ("status", "error", "wall_time")
+
 
 @dataclass(frozen=True, eq=False)
 class Axis:
@@ -37,6 +40,8 @@ class Axis:
             raise ValueError(f"Axis: values of shape {values.shape}: they must be a list with one or more")
         if values.dtype.kind not in "biufU":
             raise ValueError(f"Axis: values = {self.values!r}: they must be numbers or texts")
+        if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
+            values = values.astype(float)  # what netCDF can hold
         if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
             raise ValueError(f"Axis: values contain {values[~np.isfinite(values)][0]}: all must be finite")
         values = values.copy()
@@ -57,7 +62,7 @@ class Variable:
     dims : tuple of str
         Dimensions beyond the point's own; their coordinates are the sweep's `coords`.
     dtype : str
-        A real NumPy type; missing entries are NaN, or -1 for whole numbers.
+        One of DTYPES; missing entries are NaN, in the file -1 for whole numbers.
     """
 
     units: str = "1"
@@ -66,9 +71,12 @@ class Variable:
     dtype: str = "float64"
 
     def __post_init__(self) -> None:
-        if np.dtype(self.dtype).kind not in "fi":
-            raise ValueError(f"Variable: dtype = {self.dtype!r}: it must be a float or signed integer type")
-        object.__setattr__(self, "dims", tuple(self.dims))
+        if self.dtype not in DTYPES:
+            raise ValueError(f"Variable: dtype = {self.dtype!r}: it must be one of {', '.join(DTYPES)}")
+        dims = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
+        if len(set(dims)) < len(dims):
+            raise ValueError(f"Variable: dims = {dims}: each may stand once")
+        object.__setattr__(self, "dims", dims)
 
     @property
     def missing(self) -> float:
@@ -99,9 +107,7 @@ class Grid:
         axes = dict(self.axes)
         if not axes:
             raise ValueError("Grid: axes = {}: there must be at least one axis")
-        for name, axis in axes.items():
-            if not isinstance(axis, Axis):
-                raise ValueError(f"Grid: axes[{name!r}] = {axis!r}: it must be an Axis")
+        check_names("Grid: axes", axes, Axis)
         object.__setattr__(self, "axes", axes)
         zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else list(self.zipped)
         groups: list[tuple[str, ...]] = []
@@ -160,3 +166,15 @@ class Grid:
         if flags.shape != (self.size,):
             raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be ({self.size},)")
         return flags
+
+
+def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:
+    """Raise unless every name can stand in a file and every value is a `kind`."""
+    for name, value in named.items():
+        if not (isinstance(name, str) and name.isidentifier()) or name in RESERVED:
+            raise ValueError(
+                f"{what} has the name {name!r}: it must be of letters, digits and _, and none of "
+                f"{', '.join(RESERVED)}"
+            )
+        if not isinstance(value, kind):
+            raise ValueError(f"{what}[{name!r}] = {value!r}: it must be of type {kind.__name__}")

@@ -104,30 +104,34 @@ class Plan:
 
         if scheduler not in ("threads", "sync"):
             raise ValueError(f"scheduler = {scheduler!r}: it must be 'threads' or 'sync'")
-        if workers is not None and not (isinstance(workers, int) and workers >= 1):
+        if workers is not None and (isinstance(workers, bool) or int(workers) != workers or workers < 1):
             raise ValueError(f"workers = {workers!r}: it must be a whole number, 1 or above")
         if self.store is not None:
             check_store(self.store, self.sweep.name)
         outcome = execute(self, scheduler, workers or os.cpu_count() or 1, progress)
         dataset = assemble(self, outcome)
-        if self.sweep.derive is not None:
-            dataset = self.sweep.derive(dataset)
-        if self.store is not None:
-            write(dataset, self.store)
+        try:
+            if self.sweep.derive is not None:
+                dataset = self.sweep.derive(dataset)
+        finally:
+            # What was computed is kept even where nothing can be derived from it.
+            if self.store is not None:
+                write(dataset, self.store)
         return dataset
 
 
 def _duration(seconds: float) -> str:
     if seconds < 1.0:
-        return f"{1e3 * seconds:.2g} ms"
+        return f"{1e3 * seconds:.3g} ms"
     if seconds < 120.0:
         return f"{seconds:.3g} s"
     return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"
 
 
 def _size(size: int) -> str:
+    amount = float(size)
     for unit in ("B", "kB", "MB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}"
-        size = size / 1000  # type: ignore[assignment]
-    return f"{size:.3g} GB"
+        if amount < 999.5:
+            return f"{amount:.3g} {unit}"
+        amount /= 1000.0
+    return f"{amount:.3g} GB"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from sweeps.execute import STATUS_MEANINGS, Outcome
 from sweeps.provenance import source
 
 if TYPE_CHECKING:
+    from sweeps.grid import Variable
     from sweeps.plan import Plan
 
 
@@ -35,7 +37,7 @@ def assemble(plan: Plan, outcome: Outcome) -> xr.Dataset:
         return array.reshape(*grid.shape, *array.shape[1:])
 
     data: dict[str, Any] = {
-        name: ((*grid.dims, *v.dims), shaped(outcome.values[name]), _attributes(v))
+        name: _variable(v, (*grid.dims, *v.dims), shaped(outcome.values[name]))
         for name, v in sweep.variables.items()
     }
     codes = np.arange(len(STATUS_MEANINGS.split()), dtype=np.int8)
@@ -57,43 +59,66 @@ def assemble(plan: Plan, outcome: Outcome) -> xr.Dataset:
 
 
 def check_store(path: Path, name: str) -> None:
-    """Refuse, before anything is computed, a file that this sweep must not replace."""
-    if path.is_dir():
-        raise StoreError(f"{path} is a folder; the results of {name} need a file there")
-    if path.exists():
-        try:
-            with xr.open_dataset(path) as present:
-                owner = present.attrs.get("sweep")
-        except (OSError, ValueError):
-            owner = None
-        if owner != name:
-            belongs = f"belongs to the sweep {owner}" if owner else "is not a result of a sweep"
-            raise StoreError(f"{path} {belongs}, not to {name}; choose another folder")
-    folder = path.parent
-    while not folder.exists():
-        folder = folder.parent
-    if not (folder.is_dir() and os.access(folder, os.W_OK)):
-        raise StoreError(f"{folder} cannot be written to; choose another folder")
+    """Refuse, before anything is computed, a place where the results of `name` cannot or must not go."""
+    try:
+        if path.is_dir():
+            raise StoreError(f"{path} is a folder; the results of {name} need a file there")
+        if path.exists():
+            _check_owner(path, name)
+        folder = path.parent
+        while not folder.exists() and folder != folder.parent:
+            if folder.is_symlink():
+                raise StoreError(f"{folder} is a link to nothing; choose another folder")
+            folder = folder.parent
+        if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+            raise StoreError(f"{folder} cannot be written to; choose another folder")
+    except OSError as problem:
+        raise StoreError(f"{path} cannot be used: {problem.strerror}; choose another folder") from None
+
+
+def _check_owner(path: Path, name: str) -> None:
+    if not os.access(path, os.R_OK):
+        raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
+    try:
+        with xr.open_dataset(path, engine="netcdf4") as present:
+            owner = present.attrs.get("sweep")
+    except (OSError, ValueError):
+        raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
+    if owner != name:
+        whose = f"holds the results of {owner}" if owner else "was not made by a sweep"
+        raise StoreError(f"{path} {whose}; the results of {name} need another folder")
 
 
 def write(dataset: xr.Dataset, path: Path) -> None:
-    """Write `dataset` to `path` so that a reader sees the old file or the new one, never a part."""
+    """Write `dataset` to `path` so that a reader sees the old file or the new one, never a part.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be written; an older one is left as it was.
+    """
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in dataset.variables.items():
+        chosen = encoding.setdefault(str(name), {})
         if variable.dtype.kind in "fiu" and name not in dataset.coords and variable.ndim:
-            encoding[str(name)] = {"zlib": True, "complevel": 4, "fletcher32": True}
+            chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
         if name in dataset.coords or variable.dtype.kind in "iu":
-            encoding.setdefault(str(name), {})["_FillValue"] = None
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+            chosen["_FillValue"] = None
+        chosen |= {key: variable.encoding[key] for key in ("dtype", "_FillValue") if key in variable.encoding}
+    temporary = Path(os.path.abspath(path.with_name(f".{path.name}.{os.getpid()}.tmp")))
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    except (OSError, RuntimeError) as problem:
+        # The netCDF library reports a full disk as a RuntimeError.
+        reason = getattr(problem, "strerror", None) or problem
+        raise StoreError(f"{path} could not be written: {reason}") from problem
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def open_results(path: str | Path) -> xr.Dataset:
@@ -104,23 +129,35 @@ def open_results(path: str | Path) -> xr.Dataset:
     FileNotFoundError, ValueError
         If there is no such file, or it is not the result of a sweep.
     """
-    file = Path(path)
+    file = Path(os.path.abspath(Path(path).expanduser()))
     if not file.is_file():
-        raise FileNotFoundError(f"{file}: there is no such file")
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if not os.access(file, os.R_OK):
+        raise ValueError(f"{path}: it cannot be read")
     try:
-        with xr.open_dataset(file) as dataset:
+        with xr.open_dataset(file, engine="netcdf4") as dataset:
             dataset.load()
-    except (OSError, ValueError) as problem:
-        raise ValueError(f"{file} is not a readable netCDF file: {problem}") from None
-    if "configuration" not in dataset.attrs:
-        raise ValueError(f"{file} is not the result of a sweep: it has no configuration attribute")
-    json.loads(dataset.attrs["configuration"])
+    except (OSError, ValueError):
+        raise ValueError(f"{path}: it is damaged or not netCDF") from None
+    try:
+        json.loads(dataset.attrs["configuration"])["constants"]
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"{path}: it is not the result of a sweep") from None
     return dataset
+
+
+def _variable(described: Variable, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable:
+    """A variable as it will look when it is read again: missing whole numbers are NaN."""
+    encoding: dict[str, Any] = {}
+    if values.dtype.kind == "i":
+        encoding = {"dtype": described.dtype, "_FillValue": np.array(described.missing, described.dtype)[()]}
+        values = np.where(values == described.missing, np.nan, values.astype(float))
+    return xr.Variable(dims, values, _attributes(described), encoding)
 
 
 def _attributes(described: Any) -> dict[str, str]:
     attributes = {"units": described.units, "long_name": described.long_name}
-    values = getattr(described, "values", None)
+    values = getattr(described, "values", None)  # of an axis
     if values is not None and values.dtype.kind == "U":
         # A text has no units.
         del attributes["units"]

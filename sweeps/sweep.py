@@ -14,11 +14,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.grid import Axis, Grid, Points, Variable
+from sweeps.grid import Axis, Grid, Points, Variable, check_names
 from sweeps.plan import Plan, make_batches
 
-RESERVED = ("status", "error", "wall_time")
 PROBE_POINTS = 8
+LISTED = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,14 @@ class Sweep:
     def __post_init__(self) -> None:
         if not self.variables:
             raise ValueError(f"Sweep {self.name}: variables = {{}}: there must be at least one")
+        check_names(f"Sweep {self.name}: variables", self.variables, Variable)
+        check_names(f"Sweep {self.name}: coords", self.coords, Axis)
+        groups = (self.grid.axes, self.coords, self.variables)
+        every = [name for group in groups for name in group]
+        for name in every:
+            if every.count(name) > 1:
+                raise ValueError(f"Sweep {self.name}: {name!r} names two things; each needs its own name")
         for name, variable in self.variables.items():
-            if name in RESERVED or name in self.grid.axes or name in self.coords:
-                raise ValueError(f"Sweep {self.name}: variable {name!r} has the name of something else")
             for dim in variable.dims:
                 if dim not in self.coords:
                     raise ValueError(
@@ -69,11 +74,14 @@ class Sweep:
         self.configuration()
 
     def configuration(self) -> str:
-        """Everything the values depend on, as one line of JSON."""
+        """Everything the values depend on, as one line of JSON; long axes by their ends and length.
+
+        The values of the axes are the coordinates of the same file.
+        """
         return json.dumps(
             {
                 "name": self.name,
-                "axes": {name: axis.values.tolist() for name, axis in self.grid.axes.items()},
+                "axes": {name: _summary(axis) for name, axis in self.grid.axes.items()},
                 "constants": dict(self.constants),
             },
             default=_plain,
@@ -117,9 +125,16 @@ class Sweep:
         if self.key is None:
             original[wanted] = wanted
             return original
+        if not len(wanted):
+            return original
         rows = np.asarray(self.key({name: values[wanted] for name, values in points.items()}))
-        if len(rows) != len(wanted):
-            raise ValueError(f"Sweep {self.name}: key gave {len(rows)} rows for {len(wanted)} points")
+        if rows.ndim not in (1, 2) or len(rows) != len(wanted) or rows.dtype.kind not in "biufU":
+            raise ValueError(
+                f"Sweep {self.name}: key gave an array of shape {rows.shape} and type {rows.dtype} for "
+                f"{len(wanted)} points; it must give one row of numbers or texts for each"
+            )
+        if rows.dtype.kind == "f" and np.any(np.isnan(rows)):
+            raise ValueError(f"Sweep {self.name}: key gave NaN, which equals nothing")
         _, first, copy = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         original[wanted] = wanted[first[copy.ravel()]]
         return original
@@ -137,6 +152,11 @@ class Sweep:
             return (time.perf_counter() - start) / len(few)
         except Exception:  # noqa: BLE001 - the point will say so when it is run; here its time is unknown
             return float("nan")
+
+
+def _summary(axis: Axis) -> Any:
+    values = axis.values.tolist()
+    return values if len(values) <= LISTED else {"first": values[0], "last": values[-1], "count": len(values)}
 
 
 def _plain(value: Any) -> Any:

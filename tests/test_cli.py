@@ -69,6 +69,16 @@ def test_plot_draws_again_by_name_and_by_path(tmp_path):
         assert done.returncode == 0
         assert done.stdout.strip().endswith("fig5.png")
         assert figure.is_file()
+    done = fiv(tmp_path, "plot", "results/fig5/fig5.nc", "--out", "there")
+    assert done.stdout.strip() == "there/fig5.png"
+    assert (tmp_path / "there" / "fig5.png").is_file()
+
+
+def test_an_empty_file_is_one_line(tmp_path):
+    (tmp_path / "empty.nc").touch()
+    done = fiv(tmp_path, "plot", "empty.nc")
+    assert done.returncode == 2
+    assert done.stderr == "fiv: empty.nc: it is damaged or not netCDF\n"
 
 
 def test_the_module_is_the_command(tmp_path):
@@ -90,22 +100,31 @@ def test_every_command_has_help(tmp_path, command):
     [
         (["run", "fig55"], "fiv: STUDY = 'fig55': there is no such study; did you mean fig5?"),
         (["run", "fig5", "--set", "mo=0.2"], "fiv: mo: study fig5 has no such axis; did you mean mu?"),
-        (["run", "fig5", "--set", "mu=0:0.5"], "fiv: mu = '0:0.5': it must be a SPEC of finite numbers: "),
+        (
+            ["run", "fig5", "--set", "mu=0:0.5"],
+            "fiv: mu = '0:0.5': a range must be start:stop:count; the forms are ",
+        ),
         (["run", "fig5", "--set", "mu"], "fiv: --set 'mu': it must be AXIS=SPEC, for example mu=0:0.5:101"),
-        (["run", "fig5", "--set", "mu=-0.1"], "fiv: mu = -0.1: it must be a finite number, 0 or above"),
-        (["run", "fig5", "--set", "mu=nan"], "fiv: mu = 'nan': it must be a SPEC of finite numbers"),
+        (["run", "fig5", "--set", "mu=-0.1"], "fiv: mu = -0.1: it must be a number from 0 to"),
+        (["run", "fig5", "--set", "mu=nan"], "fiv: mu = 'nan': 'nan' must be a finite number"),
         (["run", "fig5", "--set", "mu=0.1", "--set", "mu=0.2"], "fiv: --set 'mu=0.2': mu is set already"),
-        (["run", "fig5", "--set", "theta=90"], "fiv: theta = 90.0: it must be an angle between -90 and 90"),
+        (["run", "fig5", "--set", "theta=90"], "fiv: theta = 90.0: it must be a single angle between -90 and 90"),
         (["run", "fig5", "--set", "contact_position=0.2"], "fiv: Rig: contact_position = 0.2: it must be above 0"),
-        (["run", "fig5", "--set", "head_mass=-1"], "fiv: Rig: head_mass = -1.0: it must be a finite number, 0"),
-        (["run", "table4", "--set", "mode=0"], "fiv: mode = 0: it must be a whole number, 1 or above"),
-        (["run", "table4", "--set", "mode=400"], "fiv: count = 400: it must be a whole number from 1 to 359"),
+        (["run", "fig5", "--set", "head_mass=-1"], "fiv: Rig: head_mass = -1.0: it must be a number from 0 to"),
+        (["run", "table4", "--set", "mode=0"], "fiv: mode = 0: it must be a whole number from 1 to 359"),
+        (["run", "table4", "--set", "mode=400"], "fiv: mode = 400: it must be a whole number from 1 to 359"),
         (["run", "fig5", "--scheduler", "cloud"], "fiv: --scheduler 'cloud': it must be threads or sync"),
         (["run", "fig5", "--workers", "0"], "fiv: Invalid value for '--workers': 0 is not in the range x>=1."),
         (["run"], "fiv: Missing argument 'STUDY'."),
         (["rum", "fig5"], "fiv: No such command 'rum'."),
         (["plan", "fig5", "--set", "=3"], "fiv: --set '=3': it must be AXIS=SPEC"),
         (["plot", "fig5"], "results/fig5/fig5.nc: there is no such file; make it with: fiv run fig5"),
+        (["run", "fig5", "--set", "theta=5,6"], "fiv: theta = 5, 6: study fig5 holds it fixed, so it must be one"),
+        (["run", "fig6", "--set", "theta=-5"], "fiv: theta = -5: no two modes below 10 kHz lock in up to mu = 1"),
+        (
+            ["plan", "fig6", "--set", "d2=1e-3"],
+            "fiv: theta = 5: the two modes that lock in cannot be followed back",
+        ),
         (["plot", "none.nc"], "fiv: none.nc: there is no such file"),
     ],
 )
@@ -130,8 +149,16 @@ def test_a_store_of_something_else_is_exit_3(tmp_path):
     (tmp_path / "results" / "fig5" / "fig5.nc").write_text("mine")
     done = fiv(tmp_path, "run", "fig5", "-q")
     assert done.returncode == 3
-    assert "is not a result of a sweep, not to fig5" in done.stderr or "is not a result" in done.stderr
+    assert done.stderr.strip().endswith("fig5.nc is damaged or not netCDF; move it away or choose another folder")
     assert (tmp_path / "results" / "fig5" / "fig5.nc").read_text() == "mine"
+
+
+def test_a_folder_in_place_of_the_figure_is_exit_3(tmp_path):
+    (tmp_path / "results" / "table4" / "table4.png").mkdir(parents=True)
+    done = fiv(tmp_path, "run", "table4", "-q")
+    assert done.returncode == 3
+    assert done.stderr.strip().count("\n") == 0
+    assert "table4.png could not be written" in done.stderr
 
 
 def test_a_file_in_place_of_the_folder_is_exit_3(tmp_path):

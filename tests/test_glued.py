@@ -58,9 +58,23 @@ def test_tuning_makes_the_frequency_the_first(rig, theta):
         assert first == pytest.approx(share * largest, rel=1e-9)
 
 
-def test_tuning_names_the_largest_possible_frequency():
-    with pytest.raises(ValueError, match=r"frequency = 9000 Hz: it must be below \d+\.?\d* Hz"):
-        tune_head_mass(Rig(), 5.0, 9000.0)
+@pytest.mark.parametrize("frequency", [9000.0, 1e-6, 0.0, float("nan")])
+def test_tuning_names_the_possible_frequencies(frequency):
+    said = rf"frequency = {frequency}: it must be above 0\.000962\d* Hz, .*, and below 101\.\d+ Hz"
+    with pytest.raises(ValueError, match=said):
+        tune_head_mass(Rig(), 5.0, frequency)
+
+
+@pytest.mark.parametrize("frequency", [1e-3, 1e-1, 100.0])
+def test_tuning_is_exact_at_the_ends_of_its_range(frequency):
+    rig = replace(Rig(), head_mass=tune_head_mass(Rig(), 5.0, frequency))
+    assert glued_frequencies(rig, 5.0, 1)[0] == pytest.approx(frequency, rel=1e-9)
+
+
+def test_a_mode_has_the_same_bits_whatever_the_count():
+    everything = glued_frequencies(AT_85, 5.0, 60)
+    for count in (1, 6, 17):
+        np.testing.assert_array_equal(glued_frequencies(AT_85, 5.0, count), everything[:count])
 
 
 @given(rigs, angles)

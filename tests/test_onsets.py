@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from fivcore import Rig, flutter_onsets, onset_kernels, sliding_modes
+from fivcore import Beam, Rig, flutter_onsets, onset_kernels, sliding_modes
+from fivcore.bases import contact_modes
 from tests import reference
 from tests.rigs import workshop_rig
 
@@ -84,6 +85,36 @@ def test_no_onset_is_missed(block):
     assert checked > 100
 
 
+@pytest.mark.parametrize(("theta", "last"), [(0.03, 0.1), (0.1, 0.1), (0.3, 0.1), (5.0, 0.9)])
+def test_identical_beams_whose_modes_all_but_coincide(theta, last):
+    """Nearly coincident poles: neither a growing mode without an onset nor the reverse."""
+    beam = Beam(0.1, 0.01, 0.002, 185e9, 7900.0, 24)
+    rig = Rig(beam, beam, 0.05, 2.9434, 0.0, 0.0)
+    mu = np.linspace(0.0, last, 960)
+    found = flutter_onsets(rig, theta, 20e3)
+    up = (found.mu < mu[:, None]).sum(axis=1) - (found.recovery_mu < mu[:, None]).sum(axis=1)
+    np.testing.assert_array_equal(right_half_plane(rig, theta, mu, 20e3), 2 * up)
+
+
+def test_heavy_damping_hides_no_growing_mode():
+    rig = Rig(d1=2e4)
+    found = flutter_onsets(rig, 5.0, 100.0, 20.0)
+    assert len(found.mu) == 1
+    for fmax in (100.0, 10e3):
+        assert not np.any(sliding_modes(rig, 5.0, found.mu[0] * (1.0 - 1e-6), fmax).unstable[:1])
+        assert np.any(sliding_modes(rig, 5.0, found.mu[0] * (1.0 + 1e-6), fmax).unstable)
+
+
+@pytest.mark.parametrize("d2", [1e-3, 1.0, 1e3])
+def test_heavy_damping_is_searched_quickly(d2):
+    stiffness, normal, tangential = contact_modes(Rig(), 5.0)
+    unit = 2.0 * np.pi * 10e3
+    seen = normal != 0.0
+    system = stiffness[seen] / unit**2, normal[seen] ** 2 / unit**2, (normal * tangential)[seen] / unit**2
+    _, judged = onset_kernels.isolate(*system, 50.0 / unit, d2 * unit, 1.0, np.empty((8, 3)))
+    assert judged < 5000
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_undamped_onsets_are_the_limit_of_damped_ones(seed):
     rig = workshop_rig(seed, damping=False)
@@ -137,9 +168,9 @@ def test_windows_in_theta_at_the_papers_friction():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"theta": 90.0}, "theta = 90.0: it must be an angle between -90 and 90 degrees"),
+        ({"theta": 90.0}, "theta = 90.0: it must be a single angle between -90 and 90 degrees"),
         ({"theta": float("nan")}, "theta = nan"),
-        ({"theta": 5.0, "fmax": -1.0}, r"fmax = -1.0: it must be a finite number above 0 \(Hz\)"),
+        ({"theta": 5.0, "fmax": -1.0}, r"fmax = -1.0: it must be a number from 0.001 to 1e\+09 \(Hz\)"),
         ({"theta": 5.0, "mu_max": 0.0}, "mu_max = 0.0"),
     ],
 )

@@ -19,6 +19,7 @@ from fivcore import (
     sliding_problem,
 )
 from fivcore.bases import rig_bases
+from fivcore.kernel import kernel
 from tests import reference
 from tests.rigs import angles, frictions, rigs, workshop_rig
 
@@ -117,6 +118,17 @@ def test_upright_or_frictionless_is_stable(seed, theta, mu, fmax):
     assert len(flutter_onsets(rig, 0.0, fmax).mu) == 0
 
 
+@pytest.mark.parametrize("d1", [1e6, 1e9, 1e12])
+def test_heavy_damping_does_not_cancel(d1):
+    """Overdamped: the slower root is -lambda / d1 to first order, and never an oscillation."""
+    modes = sliding_modes(Rig(d1=d1, d2=0.0), 5.0, 0.05, 30.0)
+    slow = -modes.eigenvalue.real / d1
+    np.testing.assert_allclose(
+        modes.growth_rate[-1], slow[-1], rtol=5.0 * modes.eigenvalue[-1].real / d1**2 + 1e-12
+    )
+    np.testing.assert_array_equal(modes.frequency, 0.0)
+
+
 def test_nothing_flutters_beyond_the_bound_on_theta():
     theta = np.linspace(0.1, 60.0, 120)[:, None]
     below = np.tan(np.radians(theta)) / 1.001 * np.linspace(0.0, 0.999, 60)
@@ -138,7 +150,7 @@ def test_modes_5_and_6_without_friction():
 def test_proportional_damping_only_maps_the_eigenvalues():
     undamped = Rig(d1=0.0, d2=0.0)
     bare, damped = sliding_modes(undamped, 5.0, 0.2), sliding_modes(Rig(), 5.0, 0.2)
-    np.testing.assert_array_equal(np.sort(bare.eigenvalue), np.sort(damped.eigenvalue))
+    np.testing.assert_allclose(np.sort(bare.eigenvalue), np.sort(damped.eigenvalue), rtol=1e-12)
     # Without damping and below every onset nothing grows or decays at all.
     assert np.all(sliding_modes(undamped, 5.0, 0.1).growth_rate == 0.0)
 
@@ -282,6 +294,19 @@ def test_too_few_guesses_are_made_good(monkeypatch):
     found = sliding_modes(Rig(), 6.5, [0.1, 0.4])
     np.testing.assert_allclose(found.frequency, expected.frequency, rtol=1e-9)
     np.testing.assert_allclose(found.growth_rate, expected.growth_rate, rtol=1e-6, atol=1e-6)
+
+
+def test_a_kernel_compiles_without_a_place_to_keep_it(monkeypatch):
+    def nowhere(self):
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr("numba.core.dispatcher.Dispatcher.enable_caching", nowhere)
+
+    @kernel
+    def twice(x):
+        return 2.0 * x
+
+    assert twice(1.5) == 3.0
 
 
 @pytest.mark.parametrize("fmax", [15.0, 100.0, 1e3, 3e5])

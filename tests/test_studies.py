@@ -89,10 +89,41 @@ def test_fig6_follows_modes_5_and_6_to_their_lock_in():
     assert np.all(np.abs(after["growth_rate"].sum("mode") + 53.0) < 1.0)
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [{"contact_position": 0.02}, {"theta": 20.0, "head_mass": 0.0}, {"theta": 2.0}, {"contact_position": 0.15}],
+)
+def test_fig6_never_leaves_its_two_modes(settings):
+    """Where other modes cross or couple nearby, the branches stay continuous and end as a pair."""
+    data = studies.run("fig6", mu=np.linspace(0.0, 0.6, 3001), **settings)
+    frequency, growth = data["frequency"].values, data["growth_rate"].values
+    inside = np.isfinite(frequency).all(axis=1)
+    assert inside[0]
+    steps = np.abs(np.diff(frequency[inside], axis=0))
+    # A pair on its way to a divergence falls steeply to zero, but never jumps.
+    assert np.all(steps < 0.02 * frequency[inside][1:] + 25.0)
+    after = inside & (data["mu"].values > float(data["lock_in_mu"]) + 1e-3)
+    assert np.all(growth[after, 1] > growth[after, 0])
+    # P2's axial mode crosses, and is not one of the two.
+    assert np.all(np.ptp(frequency[inside], axis=0) > 1.0)
+
+
+def test_fig6_has_the_same_bits_in_any_batch():
+    from studies import fig6
+
+    fixed = {"rig": Rig(), "theta": 5.0, "fmax": 10e3, "mu_end": 0.2}
+    mu = np.linspace(0.0, 0.2, 41)
+    together = fig6.pair({"mu": mu}, **fixed)
+    for k in range(len(mu)):
+        alone = fig6.pair({"mu": mu[k : k + 1]}, **fixed)
+        for name in together:
+            np.testing.assert_array_equal(together[name][k], alone[name][0])
+
+
 def test_fig6s_shape_keeps_the_contact_closed():
     data = studies.run("fig6")
-    shape = data["shape_real"].values + 1j * data["shape_imag"].values
-    at_contact = np.abs(data["position"].values).sum(axis=1) < 1e-12
+    shape = np.stack([data[f"shape_{axis}_real"] + 1j * data[f"shape_{axis}_imag"] for axis in "xy"], axis=1)
+    at_contact = np.abs(data["node_x"].values) + np.abs(data["node_y"].values) < 1e-12
     tip, below = shape[at_contact]
     assert abs(tip[1] - below[1]) < 1e-9
     # Tangential and normal motion are both large at the contact, as the paper's figure shows.
@@ -102,7 +133,7 @@ def test_fig6s_shape_keeps_the_contact_closed():
 
 
 def test_fig6_says_when_nothing_locks_in():
-    with pytest.raises(ValueError, match=r"theta = -5: no modes below 10 kHz coalesce"):
+    with pytest.raises(ValueError, match=r"theta = -5: no two modes below 10 kHz lock in"):
         studies.run("fig6", theta=-5.0)
 
 
@@ -134,15 +165,23 @@ def test_results_go_where_the_environment_says(tmp_path, monkeypatch):
     [
         ("fig55", {}, "STUDY = 'fig55': there is no such study; did you mean fig5"),
         ("fig5", {"mo": 0.2}, "mo: study fig5 has no such axis; did you mean mu"),
-        ("fig5", {"mu": -0.1}, "mu = -0.1: it must be a finite number, 0 or above"),
-        ("fig5", {"mu": [0.1, float("nan")]}, "mu = nan: it must be a finite number"),
+        ("fig5", {"mu": -0.1}, "mu = -0.1: it must be a number from 0 to"),
+        ("fig5", {"mu": [0.1, float("nan")]}, "mu = nan: it must be finite"),
         ("fig5", {"mu": "much"}, "mu = 'much': it must be a number"),
-        ("fig5", {"theta": 95.0}, "theta = 95.0: it must be an angle between -90 and 90"),
+        ("fig5", {"theta": 95.0}, "theta = 95.0: it must be a single angle between -90 and 90"),
         ("fig5", {"theta": [1.0, 2.0]}, "it must be one number"),
         ("fig5", {"contact_position": 0.2}, "Rig: contact_position = 0.2: it must be above 0 and at most"),
-        ("table4", {"mode": 0}, "mode = 0: it must be a whole number, 1 or above"),
+        ("table4", {"mode": 0}, "mode = 0: it must be a whole number from 1 to 359"),
+        ("fig5", {"mu": []}, r"mu = \[\]: it must be a number or a list of numbers"),
+        ("fig5", {"mu": [0.1, [0.2]]}, r"mu = \[0.1, \[0.2\]\]: it must be a number or a list"),
+        ("fig5", {"mu": np.zeros((2, 2))}, "mu = array"),
+        ("fig5", {"mu": 1e308}, r"mu = 1e\+308: it must be a number from 0 to 1e\+06"),
+        ("fig5", {"d1": 1e300}, r"Rig: d1 = 1e\+300: it must be a number from 0 to 1e\+12"),
+        (5, {}, "STUDY = 5: there is no such study"),
+        ("table4", {"mode": 1e30}, r"mode = 1e\+30: it must be a whole number"),
+        ("table4", {"mode": [1, 400]}, "mode = 400: it must be a whole number from 1 to 359"),
         ("table4", {"mode": 1.5}, "mode = 1.5: it must be a whole number"),
-        ("table4", {"first_frequency": 1e4}, "frequency = 10000 Hz: it must be below"),
+        ("table4", {"first_frequency": 1e4}, "first_frequency = 10000.0: it must be above"),
     ],
 )
 def test_bad_input_is_named_and_nothing_is_written(name, given, message, tmp_path):
@@ -185,10 +224,76 @@ def test_specs_are_read(text, values):
     ],
 )
 def test_malformed_specs_are_named(text):
-    with pytest.raises(ValueError, match=r"mu = '.*': it must be a SPEC") as caught:
+    with pytest.raises(ValueError, match=r"mu = '.*': .*; the forms are 0.2 \|") as caught:
         spec.parse(text, "mu")
     assert "\n" not in str(caught.value)
     assert "0:0.5:101 (start:stop:count)" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("0:1", "a range must be start:stop:count"),
+        ("0:1:1", "a count of 1 must have one end, not two"),
+        ("0:1:99999999", "count must be a whole number from 1 to 10000000, not '99999999'"),
+        ("log:0:1:3", "both ends of a log: range must be above 0"),
+        ("0.1,x", "'x' must be a finite number"),
+        ("1_0", "'1_0' must be a finite number"),
+        ("-1e308:1e308:3", "the ends must not be so far apart"),
+    ],
+)
+def test_a_malformed_spec_is_told_why(text, why):
+    with pytest.raises(ValueError, match="mu = ") as caught:
+        spec.parse(text, "mu")
+    assert why in str(caught.value)
+
+
+def test_every_study_has_the_same_bits_in_any_batch():
+    for name in registry.NAMES:
+        sweep = registry.load(name).sweep({})
+        points = sweep.grid.points()
+        whole = sweep.function(points, **sweep.constants)
+        rng = np.random.default_rng(0)
+        for size in (1, 7):
+            some = np.sort(rng.choice(sweep.grid.size, size, replace=False))
+            part = sweep.function({axis: values[some] for axis, values in points.items()}, **sweep.constants)
+            for variable in sweep.variables:
+                np.testing.assert_array_equal(part[variable], np.asarray(whole[variable])[some])
+
+
+def test_figures_do_not_depend_on_the_users_matplotlib(tmp_path):
+    import matplotlib
+
+    data = studies.run("table4")
+    figure = tmp_path / "results" / "table4" / "table4.png"
+    plain = figure.read_bytes()
+    with matplotlib.rc_context({"axes.facecolor": "black", "savefig.transparent": True}):
+        runner.plot(registry.load("table4"), data, figure.with_suffix(".nc"))
+    assert figure.read_bytes() == plain
+
+
+def test_a_home_folder_is_understood(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    runner.run("table4", {}, "~/mine")
+    assert (tmp_path / "mine" / "table4" / "table4.nc").is_file()
+    assert not (tmp_path / "~").exists()
+
+
+def test_opening_takes_paths_and_checks_whose_the_file_is(tmp_path):
+    data = studies.run("table4")
+    file = tmp_path / "results" / "table4" / "table4.nc"
+    xr.testing.assert_equal(studies.open(file), data)
+    other = tmp_path / "results" / "fig5" / "fig5.nc"
+    other.parent.mkdir()
+    other.write_bytes(file.read_bytes())
+    with pytest.raises(ValueError, match="it holds the results of table4, not of fig5"):
+        studies.open("fig5")
+
+
+def test_a_file_that_lacks_something_is_told(tmp_path):
+    data = studies.run("fig5", mu=[0.1, 0.2]).drop_vars("onset_mu")
+    with pytest.raises(ValueError, match=r"it lacks .*onset_mu.*; make it again with: fiv run fig5"):
+        runner.plot(registry.load("fig5"), data, tmp_path / "fig5.nc")
 
 
 def test_nothing_in_a_file_name_is_taken_for_a_study(tmp_path):

@@ -143,6 +143,56 @@ def test_a_wrong_shape_or_a_missing_variable_is_a_reason():
     assert "returned 'powers' of shape (1,); it must be (1, 3)" in data["error"].values[0, 0]
 
 
+@pytest.mark.parametrize(
+    ("dtype", "returned", "said"),
+    [
+        ("int8", lambda x: 100.7 * x, "of type float64, which does not fit int8"),
+        ("int8", lambda x: 1000 * x, "does not fit int8"),
+        ("int32", lambda x: x * np.nan, "does not fit int32"),
+        ("float64", lambda x: x * 1j, "of type complex128, which does not fit float64"),
+        ("float64", lambda x: x.astype(str), "which does not fit float64"),
+    ],
+)
+def test_nothing_is_cast_in_silence(dtype, returned, said):
+    function = Sweep("cast", lambda p: {"y": returned(p["x"])}, Grid({"x": X}), {"y": Variable(dtype=dtype)})
+    data = function.plan().run()
+    assert np.all(data["status"] == 2)
+    assert said in data["error"].values[0]
+
+
+def test_whole_numbers_and_their_gaps_survive_the_file(tmp_path):
+    def double(points):
+        if np.any(points["x"] == 1.0):
+            raise ValueError("no")
+        return {"twice": (2.0 * points["x"]).astype(int)}
+
+    path = tmp_path / "whole.nc"
+    variable = Variable("1", "number", dtype="int16")
+    data = Sweep("whole", double, Grid({"x": X}), {"twice": variable}).plan(path).run()
+    np.testing.assert_array_equal(data["twice"], [1.0, np.nan, 4.0])
+    xr.testing.assert_equal(open_results(path), data)
+    with xr.open_dataset(path, mask_and_scale=False) as raw:
+        assert raw["twice"].dtype == np.int16
+        assert raw["twice"].attrs["_FillValue"] == -1
+        assert raw["twice"].values.tolist() == [1, -1, 4]
+
+
+def test_what_was_computed_is_kept_if_nothing_can_be_derived(tmp_path):
+    def broken(data):
+        raise ArithmeticError("no")
+
+    path = tmp_path / "areas.nc"
+    with pytest.raises(ArithmeticError, match="no"):
+        sweep(derive=broken).plan(path).run()
+    assert np.all(open_results(path)["status"] == 1)
+
+
+def test_a_grid_of_which_everything_is_skipped():
+    data = sweep(grid=Grid({"x": X, "y": Y}, skip=lambda p: p["x"] > 0), key=lambda p: p["x"]).plan().run()
+    assert np.all(data["status"] == 3)
+    assert np.all(np.isnan(data["area"]))
+
+
 def test_progress_hears_of_every_point():
     told = []
     sweep().plan().run(progress=lambda done, failed: told.append((done, failed)))
@@ -206,11 +256,19 @@ def test_a_file_of_another_sweep_is_not_touched(tmp_path):
     path = tmp_path / "areas.nc"
     Sweep("others", lambda p: {"y": p["x"]}, Grid({"x": X}), {"y": Variable()}).plan(path).run()
     before = path.read_bytes()
-    with pytest.raises(StoreError, match="belongs to the sweep others, not to areas"):
+    with pytest.raises(StoreError, match="holds the results of others; the results of areas need another folder"):
         sweep().plan(path).run()
     path.with_name("text.nc").write_text("no netCDF")
-    with pytest.raises(StoreError, match="is not a result of a sweep"):
+    with pytest.raises(StoreError, match="is damaged or not netCDF"):
         sweep().plan(path.with_name("text.nc")).run()
+    xr.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "plain.nc")
+    with pytest.raises(StoreError, match="was not made by a sweep"):
+        sweep().plan(tmp_path / "plain.nc").run()
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(StoreError, match="is a link to nothing"):
+        sweep().plan(tmp_path / "link" / "areas.nc").run()
+    with pytest.raises(StoreError, match="cannot be used"):
+        sweep().plan(tmp_path / ("long" * 100) / "areas.nc").run()
     with pytest.raises(StoreError, match="is a folder"):
         sweep().plan(tmp_path).run()
     assert path.read_bytes() == before
@@ -221,24 +279,27 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
     sweep().plan(path).run()
     before = path.read_bytes()
 
-    def full(*_, **__):
-        raise OSError("No space left on device")
+    for problem in (OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")):
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
-    with pytest.raises(OSError, match="No space"):
-        sweep(constants={"factor": 3.0}).plan(path).run()
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["areas.nc"]
+        def full(self, name, problem=problem, **options):
+            name.write_bytes(b"half")
+            raise problem
+
+        monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
+        with pytest.raises(StoreError, match=r"could not be written: (No space|NetCDF)"):
+            sweep(constants={"factor": 3.0}).plan(path).run()
+        assert path.read_bytes() == before
+        assert [p.name for p in tmp_path.iterdir()] == ["areas.nc"]
 
 
 def test_opening_says_what_is_wrong(tmp_path):
     with pytest.raises(FileNotFoundError, match="there is no such file"):
         open_results(tmp_path / "none.nc")
     (tmp_path / "text.nc").write_text("no netCDF")
-    with pytest.raises(ValueError, match="is not a readable netCDF file"):
+    with pytest.raises(ValueError, match="it is damaged or not netCDF"):
         open_results(tmp_path / "text.nc")
     xr.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "plain.nc")
-    with pytest.raises(ValueError, match="is not the result of a sweep"):
+    with pytest.raises(ValueError, match="it is not the result of a sweep"):
         open_results(tmp_path / "plain.nc")
 
 
@@ -250,17 +311,29 @@ def test_opening_says_what_is_wrong(tmp_path):
         (lambda: Axis([object()]), "must be numbers or texts"),
         (lambda: Variable(dtype="complex128"), "dtype = 'complex128'"),
         (lambda: Grid({}), "at least one axis"),
-        (lambda: Grid({"x": [1, 2]}), r"axes\['x'\] = \[1, 2\]: it must be an Axis"),
+        (lambda: Grid({"x": [1, 2]}), r"axes\['x'\] = \[1, 2\]: it must be of type Axis"),
         (lambda: Grid({"x": X, "y": Y}, zipped=("x", "y")), "differ in length"),
         (lambda: Grid({"x": X}, zipped=("x", "z")), "zipped names 'z'"),
         (lambda: Grid({"x": Axis([1.0, 1.0])}), "takes the value"),
         (lambda: sweep(variables={}), "at least one"),
-        (lambda: sweep(variables={"x": Variable()}), "'x' has the name of something else"),
+        (lambda: sweep(variables={"x": Variable()}), "'x' names two things"),
         (lambda: sweep(variables={"a": Variable(dims=("mode",))}), "coords must hold it"),
         (lambda: sweep(constants={"factor": object()}), "cannot be written as JSON"),
+        (lambda: Variable(dtype="float16"), "dtype = 'float16': it must be one of float64"),
+        (lambda: Variable(dims=("m", "m")), "each may stand once"),
+        (lambda: Grid({"status": X}), "the name 'status'"),
+        (lambda: Grid({"a/b": X}), "the name 'a/b': it must be of letters"),
+        (lambda: sweep(coords={"power": [1, 2, 3]}), "it must be of type Axis"),
+        (lambda: sweep(variables={"area": 3}), "it must be of type Variable"),
+        (lambda: sweep(coords={"power": Axis([1]), "x": Axis([1])}), "'x' names two things"),
+        (lambda: sweep(key=lambda points: 3).plan(), "one row of numbers or texts"),
+        (lambda: sweep(key=lambda points: points["x"] * np.nan).plan(), "key gave NaN"),
         (lambda: sweep().plan().run("cluster"), "scheduler = 'cluster'"),
         (lambda: sweep().plan().run(workers=0), "workers = 0"),
-        (lambda: sweep(key=lambda points: [1, 2]).plan(), "key gave 2 rows for 6 points"),
+        (
+            lambda: sweep(key=lambda points: [1, 2]).plan(),
+            r"shape \(2,\) and type int64 for 6 points",
+        ),
         (lambda: sweep(grid=Grid({"x": X, "y": Y}, skip=lambda p: [True])).plan(), "skip returned the shape"),
     ],
 )
