@@ -10,23 +10,36 @@ from pathlib import Path
 
 @cache
 def source() -> str:
-    """Distribution and version, and the commit where the code runs from a checkout of its own."""
+    """Distribution, version and commit; the commit is "unknown" where neither git nor the version tells."""
     try:
-        name = f"fiv {version('fiv')}"
+        number, _, local = version("fiv").partition("+")
     except PackageNotFoundError:
-        name = "fiv (not installed)"
+        number, local = "(not installed)", ""
+    return f"fiv {number} (commit {_checkout() or _built_from(local) or 'unknown'})"
+
+
+def _checkout() -> str:
+    """The commit of the checkout that this code runs from, if it runs from one."""
     home = Path(__file__).resolve().parents[1]
     # Only a checkout of this project counts, not a repository that happens to hold its installation.
     if not (home / ".git").exists():
-        return name
+        return ""
     try:
         found = subprocess.run(
-            ["git", "-C", str(home), "describe", "--always", "--dirty", "--abbrev=12"],
+            ["git", "-C", str(home), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
             capture_output=True,
             text=True,
             timeout=10,
             check=True,
         )
     except (OSError, subprocess.SubprocessError):
-        return name
-    return f"{name} (commit {found.stdout.strip()})"
+        return ""
+    return found.stdout.strip()
+
+
+def _built_from(local: str) -> str:
+    """The commit in a version's local part, as setuptools-scm writes it: g1a2b3c4 or g1a2b3c4.d20261120."""
+    commit, _, date = local.partition(".")
+    if not commit.startswith("g"):
+        return ""
+    return commit[1:] + ("-dirty" if date else "")

@@ -1,6 +1,8 @@
 """The predefined studies: what they find, what they store, what they draw and what they say."""
 
+import re
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -304,12 +306,13 @@ def test_nothing_in_a_file_name_is_taken_for_a_study(tmp_path):
 
 
 def test_the_source_attribute_names_version_and_commit():
-    from sweeps.provenance import source
+    from sweeps import provenance
 
-    text = source()
-    assert text.startswith("fiv ")
-    if "commit" in text:
-        head = subprocess.run(
-            ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=runner.__file__.rsplit("/", 2)[0]
-        ).stdout.strip()
-        assert head.startswith(text.split("commit ")[1][:7])
+    assert re.fullmatch(r"fiv \S+ \(commit \w+(-dirty)?\)", provenance.source())
+    assert provenance._built_from("g1a2b3c4") == "1a2b3c4"
+    assert provenance._built_from("g1a2b3c4.d20261120") == "1a2b3c4-dirty"
+    assert provenance._built_from("") == provenance._built_from("d20261120") == ""
+    home = Path(runner.__file__).parents[1]
+    if (home / ".git").exists():
+        head = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=home).stdout
+        assert provenance._checkout().removesuffix("-dirty") == head[:12]
