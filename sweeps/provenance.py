@@ -25,16 +25,16 @@ def _checkout() -> str:
     if not (home / ".git").exists():
         return ""
     try:
-        found = subprocess.run(
-            ["git", "-C", str(home), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        )
+        commit = _git(home, "rev-parse", "--short=12", "HEAD")
+        # Results are kept in the checkout too; only changed code makes a difference.
+        return commit + ("-dirty" if _git(home, "status", "--porcelain", "--", "*.py") else "")
     except (OSError, subprocess.SubprocessError):
         return ""
-    return found.stdout.strip()
+
+
+def _git(home: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(home), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
 
 
 def _built_from(local: str) -> str:
