@@ -57,15 +57,15 @@ def command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
 def list_studies(quiet: bool, verbose: bool) -> None:
     """Studies: what each shows, its size, and its time on one core as probed now."""
     from studies import registry
+    from sweeps.plan import duration
 
     for name in registry.NAMES:
         study = registry.load(name)
         plan = study.sweep({}).plan()
-        seconds = f"{plan.seconds:.2g} s"
         click.echo(f"{name:<10} {study.title}")
         if not quiet:
             click.echo(f"{'':<10} {study.question}")
-            click.echo(f"{'':<10} {plan.points} points, about {seconds}")
+            click.echo(f"{'':<10} {plan.points} points, about {duration(plan.seconds)}")
 
 
 @command("plan")

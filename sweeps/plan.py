@@ -63,7 +63,7 @@ class Plan:
     seconds: float
 
     def __repr__(self) -> str:
-        time = "unknown: a probed point failed" if math.isnan(self.seconds) else _duration(self.seconds)
+        time = "unknown: a probed point failed" if math.isnan(self.seconds) else duration(self.seconds)
         shape = " x ".join(f"{d} {n}" for d, n in zip(self.sweep.grid.dims, self.sweep.grid.shape, strict=True))
         rows = [
             ("sweep", self.sweep.name),
@@ -120,7 +120,8 @@ class Plan:
         return dataset
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Seconds for a reader."""
     if seconds < 1.0:
         return f"{1e3 * seconds:.3g} ms"
     if seconds < 120.0:
