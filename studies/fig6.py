@@ -30,8 +30,8 @@ def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float, mu_e
     grid, followed = path(rig, theta, fmax, mu_end)
     found = sliding_modes(rig, theta, mu, fmax)
     frequency, growth = np.full((2, len(mu), 2), np.nan)
-    for m, near in enumerate(np.abs(grid[:, None] - mu).argmin(axis=0)):
-        both = closest_two(found, m, followed[near])
+    for m, near in enumerate(np.rint(mu / grid[1])):
+        both = closest_two(found, m, followed[int(near)])
         if both is not None:
             frequency[m], growth[m] = found.frequency[m, both], found.growth_rate[m, both]
     return {"frequency": frequency, "growth_rate": growth}
@@ -39,7 +39,7 @@ def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float, mu_e
 
 @lru_cache(maxsize=8)
 def path(rig: Rig, theta: float, fmax: float, mu_end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values of mu from 0 to `mu_end` or the onset, and the eigenvalues lambda of the pair there, (mu, 2)."""
+    """Even values of mu from 0 to `mu_end` or the onset, and the pair's eigenvalues lambda there, (mu, 2)."""
     onsets = flutter_onsets(rig, theta, fmax, MU_MAX)
     onset, square = float(onsets.mu[0]), complex((2.0 * np.pi * onsets.frequency[0]) ** 2)
     last = max(mu_end, onset)
