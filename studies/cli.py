@@ -54,18 +54,25 @@ def command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
 
 
 @command("list")
-def list_studies(quiet: bool, verbose: bool) -> None:
-    """Studies: what each shows, its size, and its time on one core as probed now."""
+@click.argument("study", required=False)
+def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
+    """Studies: what each asks, its size, and its time as probed now.
+
+    With the name of one: what the paper says, and all that can be set.
+    """
     from studies import registry
     from sweeps.plan import duration
 
-    for name in registry.NAMES:
-        study = registry.load(name)
-        plan = study.sweep({}).plan()
-        click.echo(f"{name:<10} {study.title}")
+    with _input_errors(verbose):
+        studies = [registry.load(name) for name in ((study,) if study else registry.NAMES)]
+    for one in studies:
+        click.echo(f"{one.name:<10} {one.title}")
         if not quiet:
-            click.echo(f"{'':<10} {study.question}")
-            click.echo(f"{'':<10} {plan.points} points, about {duration(plan.seconds)}")
+            plan = one.sweep({}).plan()
+            click.echo(f"{'':<10} {one.question}")
+            click.echo(f"{'':<10} {plan.points} points, about {duration(plan.seconds)} on one core")
+        if study:
+            click.echo(f"\n{one.statement()}")
 
 
 @command("plan")

@@ -28,14 +28,17 @@ def modes(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float) -> 
     return {"frequency": frequency, "growth_rate": growth}
 
 
+def onsets(rig: Rig, theta: float, fmax: float, largest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Friction and frequency of the flutter onsets up to the largest mu, found as roots and not on the grid."""
+    if largest == 0.0:
+        return np.empty(0), np.empty(0)
+    found = flutter_onsets(rig, theta, fmax, largest)
+    return found.mu, found.frequency
+
+
 def with_onsets(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float) -> xr.Dataset:
-    """Add the onsets of flutter up to the largest mu, found as roots and not on the grid."""
-    largest = float(dataset["mu"].max())
-    if largest > 0.0:
-        found = flutter_onsets(rig, theta, fmax, largest)
-        mu, frequency = found.mu, found.frequency
-    else:
-        mu = frequency = np.empty(0)
+    """Add the onsets of flutter within the range of mu."""
+    mu, frequency = onsets(rig, theta, fmax, float(dataset["mu"].max()))
     return dataset.assign(
         onset_mu=("onset", mu, {"units": "1", "long_name": "coefficient of friction at the flutter onset"}),
         onset_frequency=("onset", frequency, {"units": "Hz", "long_name": "frequency at the flutter onset"}),
@@ -48,7 +51,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     fixed: dict[str, Any] = {"rig": rig, "theta": theta, "fmax": BAND}
     for end in (axes["mu"].values.min(), axes["mu"].values.max()):
         sliding_modes(rig, theta, end, BAND)
-    with_onsets(xr.Dataset(coords={"mu": axes["mu"].values}), **fixed)
+    onsets(rig, theta, BAND, float(axes["mu"].values.max()))
     return Sweep(
         "fig5",
         modes,
@@ -74,11 +77,11 @@ def report(dataset: xr.Dataset) -> str:
         f"{'flutter onset':>13} {'mu':>8} {'Hz':>7}   {'paper: first unstable mu on a grid of 0.01':<42}",
     ]
     beside = _paper_onsets(dataset) if is_papers(dataset) else {}
-    onsets = list(zip(dataset["onset_mu"].values, dataset["onset_frequency"].values, strict=True))
-    for k, (mu, frequency) in enumerate(onsets):
+    found = list(zip(dataset["onset_mu"].values, dataset["onset_frequency"].values, strict=True))
+    for k, (mu, frequency) in enumerate(found):
         said = f"{beside[k][0]:.2f}, near {beside[k][1]:.0f} Hz" if k in beside else "-"
         lines.append(f"{k + 1:>13} {mu:>8.4f} {frequency:>7.0f}   {said}")
-    if not onsets:
+    if not found:
         lines.append("none: steady sliding is stable over this range of mu")
     nearest = dataset.sel(mu=paper.MU, method="nearest")
     growing = nearest["growth_rate"].values > 0.0
@@ -169,7 +172,7 @@ STUDY = Study(
     paper="Section 3.4.2 and Fig. 5: below 10 kHz and mu = 0.5 three coalescences, first unstable at "
     "mu = 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz).",
     axes={"mu": Axis(np.linspace(0.0, 0.5, 501), "1", "coefficient of friction")},
-    settings=rig_settings("theta", "contact_position", "head_mass", "d1", "d2"),
+    settings=rig_settings(),
     build=build,
     draw=draw,
     report=report,

@@ -259,7 +259,7 @@ STUDY = Study(
     "imaginary axis, lock in at mu = 0.12 near 2800 Hz and part in growth rate; at lock-in normal and "
     "tangential motion of the contact are strongly coupled.",
     axes={"mu": Axis(np.linspace(0.0, 0.2, 2001), "1", "coefficient of friction")},
-    settings=rig_settings("theta", "contact_position", "head_mass", "d1", "d2"),
+    settings=rig_settings(),
     build=build,
     draw=draw,
     report=report,

@@ -5,18 +5,35 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fivcore import Rig
+from fivcore import Beam, Rig
 from studies import paper
 from sweeps import Axis, Sweep
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
+
+
+# Units and meaning of the numbers that make a rig, by their names in `fivcore`.
+RIG_NUMBERS = {
+    "contact_position": ("m", "distance of the contact from P2's clamp"),
+    "head_mass": ("kg", "mass at A"),
+    "d1": ("s-1", "Rayleigh damping on the mass"),
+    "d2": ("s", "Rayleigh damping on the stiffness"),
+}
+BEAM_NUMBERS = {
+    "length": ("m", "length"),
+    "width": ("m", "width"),
+    "thickness": ("m", "thickness"),
+    "young_modulus": ("Pa", "Young's modulus"),
+    "density": ("kg m-3", "density"),
+    "elements": ("1", "number of elements"),
+}
 
 
 @dataclass(frozen=True)
@@ -61,6 +78,17 @@ class Study:
     draw: Callable[[xr.Dataset], Figure]
     report: Callable[[xr.Dataset], str]
 
+    def statement(self) -> str:
+        """What the paper says and what can be varied, as lines."""
+        lines = [f"Paper: {self.paper}"]
+        for name, axis in self.axes.items():
+            ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
+            lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}")
+        for name, setting in self.settings.items():
+            units = "" if setting.units == "1" else f" {setting.units}"
+            lines.append(f"setting  {name:<17} {f'{setting.value:g}{units}':<22} {setting.long_name}")
+        return "\n".join(lines)
+
     def sweep(self, given: Mapping[str, Any]) -> Sweep:
         """The study's sweep with the `given` values in place of its own.
 
@@ -90,25 +118,39 @@ def constants(dataset: xr.Dataset) -> dict[str, Any]:
     return found
 
 
-def rig_settings(*names: str) -> dict[str, Setting]:
-    """Settings for fields of the rig and for theta, with the paper's values (`fivcore.Rig`'s defaults)."""
-    known = {
-        "theta": ("degree", "inclination of P1"),
-        "contact_position": ("m", "distance of the contact from P2's clamp"),
-        "head_mass": ("kg", "mass at A"),
-        "d1": ("s-1", "Rayleigh damping on the mass"),
-        "d2": ("s", "Rayleigh damping on the stiffness"),
-    }
-    default = Rig()
-    values = {name: getattr(default, name, paper.THETA) for name in names}
-    return {name: Setting(values[name], *known[name]) for name in names}
+def rig_settings() -> dict[str, Setting]:
+    """Settings for theta and every number of the rig, with the paper's values (`fivcore.Rig`'s defaults)."""
+    rig = Rig()
+    settings = {"theta": Setting(paper.THETA, "degree", "inclination of P1")}
+    for name, (units, long_name) in RIG_NUMBERS.items():
+        settings[name] = Setting(getattr(rig, name), units, long_name)
+    for beam in ("p1", "p2"):
+        for name, (units, long_name) in BEAM_NUMBERS.items():
+            value = float(getattr(getattr(rig, beam), name))
+            settings[f"{beam}_{name}"] = Setting(value, units, f"{long_name} of {beam.upper()}")
+    return settings
 
 
 def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
-    """The rig and theta that settings made by `rig_settings` describe."""
-    fields: dict[str, Any] = dict(settings)
-    theta = fields.pop("theta")
-    return replace(Rig(), **fields), theta
+    """The rig and theta that settings made by `rig_settings` describe.
+
+    Raises
+    ------
+    ValueError
+        Naming the setting that cannot be.
+    """
+    fields: dict[str, Any] = {name: settings[name] for name in RIG_NUMBERS}
+    for beam in ("p1", "p2"):
+        numbers: dict[str, Any] = {name: settings[f"{beam}_{name}"] for name in BEAM_NUMBERS}
+        try:
+            fields[beam] = Beam(**numbers)
+        except ValueError as problem:
+            raise ValueError(str(problem).replace("Beam: ", f"{beam}_", 1)) from None
+    try:
+        rig = Rig(**fields)
+    except ValueError as problem:
+        raise ValueError(str(problem).replace("Rig: ", "", 1)) from None
+    return rig, settings["theta"]
 
 
 def is_papers(dataset: xr.Dataset) -> bool:

@@ -126,8 +126,9 @@ def _fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
         return values.dtype.kind in "biuf"
     if values.dtype.kind not in "biuf":
         return False
-    limits = np.iinfo(dtype)
-    return bool(np.all((values >= limits.min) & (values <= limits.max) & (values == np.rint(values))))
+    # The least whole number means that there is none; beyond 2^53 a reader's float would lose digits.
+    most = min(np.iinfo(dtype).max, 2**53)
+    return bool(np.all((np.abs(values.astype(float)) <= most) & (values == np.rint(values))))
 
 
 def _inner_shape(sweep: Sweep, name: str) -> tuple[int, ...]:

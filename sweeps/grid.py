@@ -62,7 +62,8 @@ class Variable:
     dims : tuple of str
         Dimensions beyond the point's own; their coordinates are the sweep's `coords`.
     dtype : str
-        One of DTYPES; missing entries are NaN, in the file -1 for whole numbers.
+        One of DTYPES; missing entries are NaN. In the file a missing whole number is the least of its type,
+        which a result therefore may not be.
     """
 
     units: str = "1"
@@ -81,7 +82,7 @@ class Variable:
     @property
     def missing(self) -> float:
         """What stands where there is no result."""
-        return math.nan if np.dtype(self.dtype).kind == "f" else -1
+        return math.nan if np.dtype(self.dtype).kind == "f" else int(np.iinfo(self.dtype).min)
 
 
 @dataclass(frozen=True, eq=False)

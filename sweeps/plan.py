@@ -104,7 +104,8 @@ class Plan:
 
         if scheduler not in ("threads", "sync"):
             raise ValueError(f"scheduler = {scheduler!r}: it must be 'threads' or 'sync'")
-        if workers is not None and (isinstance(workers, bool) or int(workers) != workers or workers < 1):
+        whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
+        if workers is not None and not (whole and workers >= 1):
             raise ValueError(f"workers = {workers!r}: it must be a whole number, 1 or above")
         if self.store is not None:
             check_store(self.store, self.sweep.name)

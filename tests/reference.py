@@ -10,7 +10,7 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from scipy.linalg import eig, null_space
+from scipy.linalg import eig
 
 
 def element(beam: Any, scalar: Any = float) -> tuple[list, list]:
@@ -112,11 +112,16 @@ def sliding_eigenvalues(rig: Any, theta: float, mu: float, sign: int = 1) -> np.
 
 
 def glued_eigenvalues(rig: Any, theta: float) -> np.ndarray:
-    """Undamped eigenvalues with both translations of C tied to P2."""
-    k, m, normal, tangential = assemble(rig, theta)
-    free = null_space(np.stack([normal, tangential]))
-    flexible = np.linalg.solve(free.T @ k @ free, free.T @ m @ free)
-    return np.sort(1.0 / np.linalg.eigvals(flexible).real)
+    """Undamped eigenvalues with both translations of C tied to P2, refined in the same way."""
+    k, m, normal, tangential = assemble(rig, theta, np.longdouble)
+    first = _null_columns(normal)
+    free = first @ _null_columns(first.T @ tangential)
+    kk, mm = free.T @ k @ free, free.T @ m @ free
+    values, x = eig(np.linalg.solve(kk.astype(float), mm.astype(float)))
+    x = x.real.astype(np.longdouble)
+    refined = np.sum(x * (kk @ x), axis=0) / np.sum(x * (mm @ x), axis=0)
+    plain = 1.0 / values.real
+    return np.sort(np.where(np.abs(refined / plain - 1.0) < 1e-4, refined, plain).astype(float))
 
 
 def damped(eigenvalues: np.ndarray, d1: float, d2: float) -> np.ndarray:

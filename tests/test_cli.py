@@ -56,8 +56,17 @@ def test_list_shows_every_study(tmp_path):
     assert done.returncode == 0
     for name in ("table4", "fig5", "fig6"):
         assert name in done.stdout
-    assert "501 points" in done.stdout
+    assert "501 points, about" in done.stdout
     assert done.stdout.count("?") == 3
+    assert len(done.stdout.splitlines()) == 9
+
+
+def test_list_tells_all_of_one_study(tmp_path):
+    done = fiv(tmp_path, "list", "fig5")
+    assert done.returncode == 0
+    assert "Paper: Section 3.4.2 and Fig. 5" in done.stdout
+    assert "axis     mu                0 to 0.5 (501)         coefficient of friction" in done.stdout
+    assert "setting  p2_thickness      0.003 m                thickness of P2" in done.stdout
 
 
 def test_plot_draws_again_by_name_and_by_path(tmp_path):
@@ -109,12 +118,16 @@ def test_every_command_has_help(tmp_path, command):
         (["run", "fig5", "--set", "mu=nan"], "fiv: mu = 'nan': 'nan' must be a finite number"),
         (["run", "fig5", "--set", "mu=0.1", "--set", "mu=0.2"], "fiv: --set 'mu=0.2': mu is set already"),
         (["run", "fig5", "--set", "theta=90"], "fiv: theta = 90.0: it must be a single angle between -90 and 90"),
-        (["run", "fig5", "--set", "contact_position=0.2"], "fiv: Rig: contact_position = 0.2: it must be above 0"),
-        (["run", "fig5", "--set", "head_mass=-1"], "fiv: Rig: head_mass = -1.0: it must be a number from 0 to"),
+        (["run", "fig5", "--set", "contact_position=0.2"], "fiv: contact_position = 0.2: it must be above 0"),
+        (["run", "fig5", "--set", "head_mass=-1"], "fiv: head_mass = -1.0: it must be a number from 0 to"),
+        (["run", "fig5", "--set", "p1_length=-0.05"], "fiv: p1_length = -0.05: it must be a number from 1e-09 to"),
+        (["run", "fig6", "--set", "p2_elements=0"], "fiv: p2_elements = 0.0: it must be a whole number from 1 to"),
+        (["run", "fig5", "--set", "p1_density=nan"], "fiv: p1_density = 'nan': 'nan' must be a finite number"),
         (["run", "table4", "--set", "mode=0"], "fiv: mode = 0: it must be a whole number from 1 to 359"),
         (["run", "table4", "--set", "mode=400"], "fiv: mode = 400: it must be a whole number from 1 to 359"),
         (["run", "fig5", "--scheduler", "cloud"], "fiv: --scheduler 'cloud': it must be threads or sync"),
         (["run", "fig5", "--workers", "0"], "fiv: Invalid value for '--workers': 0 is not in the range x>=1."),
+        (["list", "fig55"], "fiv: STUDY = 'fig55': there is no such study; did you mean fig5?"),
         (["run"], "fiv: Missing argument 'STUDY'."),
         (["rum", "fig5"], "fiv: No such command 'rum'."),
         (["plan", "fig5", "--set", "=3"], "fiv: --set '=3': it must be AXIS=SPEC"),

@@ -37,7 +37,7 @@ def test_frequencies_are_those_of_a_dense_solve(seed):
     rig, theta = (AT_85, 5.0) if seed == 0 else (workshop_rig(seed), 7.0 * seed - 40.0)
     count = 12
     dense = np.sqrt(reference.glued_eigenvalues(rig, theta)[:count]) / (2.0 * np.pi)
-    np.testing.assert_allclose(glued_frequencies(rig, theta, count), dense, rtol=3e-7)
+    np.testing.assert_allclose(glued_frequencies(rig, theta, count), dense, rtol=1e-10)
 
 
 def test_every_mode_can_be_asked_for_and_none_beyond():

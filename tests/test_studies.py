@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import studies
-from fivcore import Rig, flutter_onsets, sliding_modes
+from fivcore import Beam, Rig, flutter_onsets, sliding_modes
 from studies import paper, registry, runner, spec
 
 
@@ -42,8 +42,14 @@ def test_every_study_states_its_question_and_the_papers_answer(name):
     assert study.name == name
     assert study.question.endswith("?")
     assert "Section" in study.paper
-    for axis in study.axes.values():
-        assert axis.long_name
+    shown = study.statement()
+    assert study.paper in shown
+    for name, axis in study.axes.items():
+        assert f"axis     {name} " in shown
+        assert axis.long_name in shown
+    for name, setting in study.settings.items():
+        assert f"setting  {name} " in shown
+        assert setting.long_name in shown
 
 
 def test_a_figure_is_drawn_from_the_file_alone(tmp_path):
@@ -70,6 +76,15 @@ def test_fig5_has_ten_modes_and_the_papers_onsets():
     growing = (data["growth_rate"] > 0.0).sum("mode").values
     rises = data["mu"].values[1:][np.diff(growing) > 0]
     assert np.all((rises - data["onset_mu"].values >= 0.0) & (rises - data["onset_mu"].values <= 1e-3))
+
+
+def test_another_rig_can_be_set_number_by_number():
+    data = studies.run(
+        "fig5", p1_length=0.06, p2_thickness=0.004, p2_elements=40, d1=20.0, mu=[0.1, 0.3], theta=8.0
+    )
+    rig = Rig(Beam(0.06, 0.01, 0.0015, 185e9, 7900.0, 30), Beam(0.15, 0.015, 0.004, 185e9, 7900.0, 40), d1=20.0)
+    expected = sliding_modes(rig, 8.0, [0.1, 0.3])
+    np.testing.assert_array_equal(data["frequency"], expected.frequency[:, :10])
 
 
 def test_fig5_without_any_instability():
@@ -172,13 +187,13 @@ def test_results_go_where_the_environment_says(tmp_path, monkeypatch):
         ("fig5", {"mu": "much"}, "mu = 'much': it must be a number"),
         ("fig5", {"theta": 95.0}, "theta = 95.0: it must be a single angle between -90 and 90"),
         ("fig5", {"theta": [1.0, 2.0]}, "it must be one number"),
-        ("fig5", {"contact_position": 0.2}, "Rig: contact_position = 0.2: it must be above 0 and at most"),
+        ("fig5", {"contact_position": 0.2}, "contact_position = 0.2: it must be above 0 and at most"),
         ("table4", {"mode": 0}, "mode = 0: it must be a whole number from 1 to 359"),
         ("fig5", {"mu": []}, r"mu = \[\]: it must be a number or a list of numbers"),
         ("fig5", {"mu": [0.1, [0.2]]}, r"mu = \[0.1, \[0.2\]\]: it must be a number or a list"),
         ("fig5", {"mu": np.zeros((2, 2))}, "mu = array"),
         ("fig5", {"mu": 1e308}, r"mu = 1e\+308: it must be a number from 0 to 1e\+06"),
-        ("fig5", {"d1": 1e300}, r"Rig: d1 = 1e\+300: it must be a number from 0 to 1e\+12"),
+        ("fig5", {"d1": 1e300}, r"^d1 = 1e\+300: it must be a number from 0 to 1e\+12"),
         (5, {}, "STUDY = 5: there is no such study"),
         ("table4", {"mode": 1e30}, r"mode = 1e\+30: it must be a whole number"),
         ("table4", {"mode": [1, 400]}, "mode = 400: it must be a whole number from 1 to 359"),

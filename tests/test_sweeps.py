@@ -148,6 +148,8 @@ def test_a_wrong_shape_or_a_missing_variable_is_a_reason():
     [
         ("int8", lambda x: 100.7 * x, "of type float64, which does not fit int8"),
         ("int8", lambda x: 1000 * x, "does not fit int8"),
+        ("int8", lambda x: np.full(len(x), -128), "does not fit int8"),
+        ("int64", lambda x: np.full(len(x), 2**60), "does not fit int64"),
         ("int32", lambda x: x * np.nan, "does not fit int32"),
         ("float64", lambda x: x * 1j, "of type complex128, which does not fit float64"),
         ("float64", lambda x: x.astype(str), "which does not fit float64"),
@@ -164,17 +166,17 @@ def test_whole_numbers_and_their_gaps_survive_the_file(tmp_path):
     def double(points):
         if np.any(points["x"] == 1.0):
             raise ValueError("no")
-        return {"twice": (2.0 * points["x"]).astype(int)}
+        return {"twice": np.where(points["x"] < 1.0, -1, 2.0 * points["x"]).astype(int)}
 
     path = tmp_path / "whole.nc"
     variable = Variable("1", "number", dtype="int16")
     data = Sweep("whole", double, Grid({"x": X}), {"twice": variable}).plan(path).run()
-    np.testing.assert_array_equal(data["twice"], [1.0, np.nan, 4.0])
+    np.testing.assert_array_equal(data["twice"], [-1.0, np.nan, 4.0])
     xr.testing.assert_equal(open_results(path), data)
     with xr.open_dataset(path, mask_and_scale=False) as raw:
         assert raw["twice"].dtype == np.int16
-        assert raw["twice"].attrs["_FillValue"] == -1
-        assert raw["twice"].values.tolist() == [1, -1, 4]
+        assert raw["twice"].attrs["_FillValue"] == -32768
+        assert raw["twice"].values.tolist() == [-1, -32768, 4]
 
 
 def test_what_was_computed_is_kept_if_nothing_can_be_derived(tmp_path):
@@ -330,6 +332,8 @@ def test_opening_says_what_is_wrong(tmp_path):
         (lambda: sweep(key=lambda points: points["x"] * np.nan).plan(), "key gave NaN"),
         (lambda: sweep().plan().run("cluster"), "scheduler = 'cluster'"),
         (lambda: sweep().plan().run(workers=0), "workers = 0"),
+        (lambda: sweep().plan().run(workers=True), "workers = True"),
+        (lambda: sweep().plan().run(workers="two"), "workers = 'two'"),
         (
             lambda: sweep(key=lambda points: [1, 2]).plan(),
             r"shape \(2,\) and type int64 for 6 points",
