@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -74,13 +75,14 @@ def report(dataset: xr.Dataset) -> str:
         f"Steady sliding, theta = {given['theta']:g} degrees, mu from {float(dataset['mu'].min()):g} to "
         f"{float(dataset['mu'].max()):g} ({dataset.sizes['mu']}), modes below {given['fmax'] / 1e3:g} kHz.",
         "",
-        f"{'flutter onset':>13} {'mu':>8} {'Hz':>7}   {'paper: first unstable mu on a grid of 0.01':<42}",
     ]
     beside = _paper_onsets(dataset) if is_papers(dataset) else {}
+    heading = "paper: first unstable mu on a grid of 0.01" if beside else ""
+    lines.append(f"{'flutter onset':>13} {'mu':>8} {'Hz':>7}   {heading}".rstrip())
     found = list(zip(dataset["onset_mu"].values, dataset["onset_frequency"].values, strict=True))
     for k, (mu, frequency) in enumerate(found):
-        said = f"{beside[k][0]:.2f}, near {beside[k][1]:.0f} Hz" if k in beside else "-"
-        lines.append(f"{k + 1:>13} {mu:>8.4f} {frequency:>7.0f}   {said}")
+        said = f"{beside[k][0]:.2f}, near {beside[k][1]:.0f} Hz" if k in beside else ""
+        lines.append(f"{k + 1:>13} {mu:>8.4f} {frequency:>7.0f}   {said}".rstrip())
     if not found:
         lines.append("none: steady sliding is stable over this range of mu")
     nearest = dataset.sel(mu=paper.MU, method="nearest")
@@ -146,7 +148,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     given = constants(dataset)
     top.set_ylim(0.0, given["fmax"] / 1e3)
     top.set_ylabel("frequency / kHz")
-    top.set_title(f"Modes of steady sliding, θ = {given['theta']:g}°")
+    whose = "" if given["rig"] == asdict(Rig()) else " (not the paper's rig)"
+    top.set_title(f"Modes of steady sliding, θ = {given['theta']:g}°{whose}")
     top.legend(loc="upper right", ncols=2)
     bottom.set_ylabel("growth rate / (1/s)")
     bottom.set_xlabel("coefficient of friction μ")
