@@ -3,20 +3,28 @@
 Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
 """
 
+from fivcore.drive import State
+from fivcore.errors import ContactError, DivergenceError
 from fivcore.glued import glued_frequencies, tune_head_mass
 from fivcore.onsets import FlutterOnsets, flutter_onsets
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.sliding import SlidingModes, node_positions, sliding_modes
+from fivcore.transient import Transient, simulate
 
 __all__ = [
     "Beam",
+    "ContactError",
+    "DivergenceError",
     "FlutterOnsets",
     "Rig",
     "Scene",
     "SlidingModes",
+    "State",
+    "Transient",
     "flutter_onsets",
     "glued_frequencies",
     "node_positions",
+    "simulate",
     "sliding_modes",
     "tune_head_mass",
 ]

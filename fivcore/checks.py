@@ -69,6 +69,13 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
     return result
 
 
+def choice(name: str, value: Any, allowed: tuple[str, ...]) -> str:
+    """One of a few words."""
+    if value not in allowed:
+        raise ValueError(f"{name} = {_short(value)}: it must be one of {', '.join(allowed)}")
+    return str(value)
+
+
 def instance(name: str, value: Any, kind: type) -> None:
     """Raise unless `value` is a `kind`."""
     if not isinstance(value, kind):

@@ -18,11 +18,25 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def kernel(function: Function) -> Function:
     """Compile once (kept on disk where there is a place), release the lock, let 1 / 0 be infinite.
 
-    No fast-math: the order of operations is the one written, so results do not depend on where they are
-    computed.
+    No fast-math: the order of operations is the one written.
     """
     compiled = njit(nogil=True, error_model="numpy")(function)
     # Without a folder that may be written to, every process compiles anew.
     with suppress(RuntimeError):
         compiled.enable_caching()
     return cast(Function, compiled)
+
+
+def inlined(function: Function) -> Function:
+    """A small function within a kernel, put in its place: a call costs more than what it does."""
+    return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True)(function))
+
+
+def reordered(function: Function) -> Function:
+    """An inlined function whose sums may be added in any order, products and sums fused.
+
+    In the order written, a sum cannot use vector registers. How wide they are decides the last bits: the same
+    on every machine of one kind, like those of the eigenvectors it works on.
+    """
+    freedom = {"reassoc", "contract", "nsz"}
+    return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True, fastmath=freedom)(function))

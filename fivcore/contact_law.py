@@ -1,0 +1,104 @@
+"""The reduced contact: a visco-elastic element in place of the modes that are not kept.
+
+The element has a state of its own, u = (u_N, u_T), and carries the contact force: K u + C u' = (N, T). Each
+surface moves by the kept modes plus u, so the physical gap is g_N + u_N and the slip rate g_T' + u_T'.
+
+Regimes, all linear:
+
+- separation: N = T = 0 and K u + C u' = 0, while g_N + u_N > 0;
+- stick: u_N = -g_N and g_T + u_T stands still, while N > 0 and |T| <= mu N;
+- slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
+
+Touch-down is where g_N + u_N falls to zero: u is continuous there, u' is not, and N jumps by C_NN times the
+closing speed. Whether the surfaces stick or slip is decided by the forces that sticking would need: with
+y = u_T' still to be found, T(y) = T_0 + C_TT y and N(y) = N_0 + C_TN y, T -+ mu N is increasing in y wherever
+C_TT > mu |C_TN|. Then exactly one of stick, slip forwards and slip backwards exists, at touch-down and at
+every other instant; `fivcore.ContactError` says where it does not.
+
+`regime_maps` turns each regime into numbers for one step of `fivcore.fast_kernel`: positions are held over
+the step's kick, velocities enter by their mean (which makes the dashpot implicit, in closed form), and u_T in
+slip and both parts of u in separation relax exactly. Every regime is second order and symmetric in time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+
+from fivcore.kernel import Array
+
+
+def regime_maps(K: Array, C: Array, W: Array, mu: float, step: float) -> tuple[Array, Array, Array]:
+    """Contact forces and element state after one step, as linear maps.
+
+    Parameters
+    ----------
+    K, C : ndarray, (2, 2)
+        The element's stiffness, N/m, and damping, N s/m (zero: purely elastic); normal first.
+    W : ndarray, (2, 2)
+        Inverse mass of the kept modes seen from the contact, 1/kg.
+    mu : float
+    step : float
+        s.
+
+    Returns
+    -------
+    stick : ndarray, (2, 4)
+        (N, T) from (p, u_T, v_N, v_T): penetration p = -g_N, the element's tangential state, and the rates
+        of g_N and of the slip before the kick.
+    slip : ndarray, (2, 2, 3)
+        For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N).
+    separation : ndarray, (2, 2)
+        u at the end of the step from u at its start.
+    """
+    implicit = np.linalg.inv(np.eye(2) + 0.5 * step * C @ W)
+    stick = np.hstack([implicit @ K, -implicit @ C])
+    slip = np.stack([_slip(K, C, W, sign * mu, step) for sign in (1.0, -1.0)])
+    separation = expm(-step * np.linalg.solve(C, K)) if C.any() else np.zeros((2, 2))
+    return stick, slip, separation
+
+
+def _slip(K: Array, C: Array, W: Array, m: float, step: float) -> Array:
+    """N and the new u_T for T = m N; rows on (p, u_T, v_N)."""
+    if C.any():
+        # u_T' = rate u_T + on_p p + on_v v with v the mean rate of g_N.
+        divisor = C[1, 1] - m * C[0, 1]
+        rate = (m * K[0, 1] - K[1, 1]) / divisor
+        on_p, on_v = (m * K[0, 0] - K[1, 0]) / divisor, (C[1, 0] - m * C[0, 0]) / divisor
+        relaxed = np.expm1(rate * step)
+        # Means over the step of u_T' and of u_T, rows on (p, u_T, v).
+        mean_rate = relaxed / (rate * step) * np.array([on_p, rate, on_v])
+        mean = (mean_rate - np.array([on_p, 0.0, on_v])) / rate
+    else:
+        mean_rate = np.zeros(3)
+        mean = np.array([(m * K[0, 0] - K[1, 0]) / (K[1, 1] - m * K[0, 1]), 0.0, 0.0])
+    normal = np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate
+    # v = v_N + step / 2 (W_NN + m W_NT) N, solved for N.
+    inertia = 0.5 * step * (W[0, 0] + m * W[0, 1])
+    force = normal / (1.0 - inertia * normal[2])
+    if not C.any():
+        return np.stack([force, mean])
+    through = np.array([0.0, 0.0, 1.0]) + inertia * force
+    end = step * (np.array([mean_rate[0], mean_rate[1], 0.0]) + mean_rate[2] * through)
+    return np.stack([force, end + np.array([0.0, 1.0, 0.0])])
+
+
+def slip_divisors(K: Array, C: Array, W: Array, mu: float, step: float) -> Array:
+    """What slip divides by, for T = mu N and T = -mu N: all must be above zero for a unique contact force.
+
+    The first two decide between stick and slip (C_TT -+ mu C_TN, or K without damping), relative to
+    C_TT; the last two are the step's own, 1 for a step of zero.
+    """
+    matrix = C if C.any() else K
+    law = [1.0 - s * mu * matrix[0, 1] / matrix[1, 1] for s in (1.0, -1.0)]
+    if not C.any():
+        return np.array([*law, 1.0, 1.0])
+    own = []
+    for m in (mu, -mu):
+        divisor = C[1, 1] - m * C[0, 1]
+        rate = (m * K[0, 1] - K[1, 1]) / divisor
+        on_v = (C[1, 0] - m * C[0, 0]) / divisor
+        mean_rate = np.expm1(rate * step) / (rate * step) * on_v
+        slope = -C[0, 0] + K[0, 1] * (mean_rate - on_v) / rate + C[0, 1] * mean_rate
+        own.append(1.0 - 0.5 * step * (W[0, 0] + m * W[0, 1]) * slope)
+    return np.array([*law, *own])

@@ -1,0 +1,29 @@
+"""What a transient can end with instead of an answer; each error carries the scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class SceneError(RuntimeError):
+    """A transient without an answer.
+
+    Attributes
+    ----------
+    scene : Scene
+    """
+
+    def __init__(self, message: str, scene: Any = None) -> None:
+        super().__init__(message)
+        self.scene = scene
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.scene)
+
+
+class ContactError(SceneError):
+    """The method's contact problem has no unique solution (Painleve); found before the first step."""
+
+
+class DivergenceError(SceneError):
+    """The motion left the range of numbers."""

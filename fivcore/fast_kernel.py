@@ -1,0 +1,223 @@
+"""The compiled heart of `method="fast"`: kept modes move exactly, the contact acts in symmetric kicks.
+
+One step from kick to kick, for kicks in the middle of the time steps: evaluate the gap, let
+`fivcore.contact_law` find the force, change the velocities by step times force, move every mode freely over
+one step (a Strang splitting, second order). Coordinates are deviations from the static equilibrium under the
+unit load, so the load needs no force of its own: a kick carries N - 1.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fivcore.kernel import inlined, kernel, reordered
+from fivcore.tally import (
+    DAMPED,
+    FIRST_SEPARATION,
+    FRICTION,
+    SEPARATION,
+    SETTLED_FROM,
+    SLIP,
+    STATE,
+    STICK,
+    TERMINATION,
+    WORK,
+    follow,
+    measure,
+)
+
+# Slots of `contact`: the element's state and g_T + u_T at the last moment of sliding.
+U_N, U_T, ANCHOR = 0, 1, 2
+# Every how many steps the modal damping is sampled for the energy balance.
+SAMPLED = 8
+
+
+@reordered
+def kick_and_move(flow: Any, normal: Any, tangential: Any, q: Any, v: Any, hN: float, hT: float) -> Any:
+    """Kick, move freely over one step, and return g_N, g_T and their rates there."""
+    gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
+    for j in range(q.shape[0]):
+        was, rate = q[j], v[j] + (normal[j] * hN + tangential[j] * hT)
+        x = flow[0, j] * was + flow[1, j] * rate
+        y = flow[2, j] * was + flow[3, j] * rate
+        q[j], v[j] = x, y
+        gN += normal[j] * x
+        gT += tangential[j] * x
+        vN += normal[j] * y
+        vT += tangential[j] * y
+    return gN, gT, vN, vT
+
+
+@inlined
+def find_contact(
+    laws: Any, mu: float, was: int, uN: float, uT: float, anchor: float, p: float, gT: float, vN: float, vT: float
+) -> Any:
+    """State, N, T, the element's new state and its u_T before, from penetration, g_T and their rates.
+
+    `laws` are the numbers of `fivcore.contact_law.regime_maps`, not arrays: whoever passes arrays to a function
+    with branches pays for counting references to them, here more than for the physics.
+    """
+    freeN, freeT = laws[20] * uN + laws[21] * uT, laws[22] * uN + laws[23] * uT
+    if p <= freeN:
+        return SEPARATION, 0.0, 0.0, freeN, freeT, uT
+    if was == STICK:
+        uT = anchor - gT
+    N = (laws[0] * p + laws[2] * vN) + (laws[1] * uT + laws[3] * vT)
+    T = (laws[4] * p + laws[6] * vN) + (laws[5] * uT + laws[7] * vT)
+    if N > 0.0 and abs(T) <= mu * N:
+        return STICK, N, T, p, uT, uT
+    if T > 0.0:
+        N = laws[8] * p + laws[9] * uT + laws[10] * vN
+        T = mu * N
+        after = laws[11] * p + laws[12] * uT + laws[13] * vN
+    else:
+        N = laws[14] * p + laws[15] * uT + laws[16] * vN
+        T = -mu * N
+        after = laws[17] * p + laws[18] * uT + laws[19] * vN
+    if N > 0.0:
+        return SLIP, N, T, p, after, uT
+    return SEPARATION, 0.0, 0.0, laws[20] * p + laws[21] * uT, laws[22] * p + laws[23] * uT, uT
+
+
+@kernel
+def advance(
+    model: Any,
+    laws: Any,
+    mu: float,
+    K: Any,
+    C: Any,
+    W: Any,
+    drive: Any,
+    step: float,
+    first: int,
+    last: int,
+    q: Any,
+    v: Any,
+    contact: Any,
+    tally: Any,
+    sticks: Any,
+    heard: Any,
+    hearing: int,
+    rows: Any,
+    recording: int,
+    stop: int,
+    share: float,
+) -> int:
+    """Steps `first` to `last` of one scene; state arrays are changed in place.
+
+    Parameters
+    ----------
+    model : tuple
+        Flow over a step (4, n), damping, normal and tangential gap shapes, and shape at B, each (n,).
+    laws : tuple of 24 floats
+        Maps of stick, slip and separation (`fivcore.contact_law.regime_maps`), row by row.
+    mu : float
+    K, C, W : ndarray, (2, 2)
+        Of the element and of the kept modes.
+    drive : ndarray, (5,)
+        V, ramp, penetration and g_T at rest, and the inertia of the base as a shift of g_T.
+    q, v : ndarray, (n,)
+        Before the kick in the middle of step `first`.
+    contact : ndarray, (3,)
+        U_N, U_T, ANCHOR.
+    tally : tuple
+        `fivcore.tally.Tally.arrays`.
+    sticks : ndarray, (most, 2)
+        Receives the long sticks, begin and end in steps.
+    heard : ndarray, (most, 2)
+        Receives the velocity of B and the slip rate every `hearing` steps.
+    rows : ndarray, (most, 6)
+        Receives t, velocity of B, N, T, slip velocity and state every `recording` steps (0: never).
+    stop : int
+        0: go on to `last`; 1: stop before |T| exceeds a share of mu N; 2: stop at the first separation.
+    share : float
+
+    Returns
+    -------
+    int
+        The step reached.
+    """
+    flow, damping, normal, tangential, point_b = model
+    flags, moments, sums, forces, speeds, word, bits = tally
+    V, ramp, p_rest, gT_rest, shift = drive
+    n = q.shape[0]
+    half = 0.5 * step
+    gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
+    B_N, B_T = 0.0, 0.0
+    for j in range(n):
+        gN += normal[j] * q[j]
+        gT += tangential[j] * q[j]
+        vN += normal[j] * v[j]
+        vT += tangential[j] * v[j]
+        B_N += point_b[j] * normal[j]
+        B_T += point_b[j] * tangential[j]
+    for i in range(first, last):
+        t = (i + 0.5) * step
+        if t < ramp:
+            X, pace = 0.5 * V * t * t / ramp, V * t / ramp
+        else:
+            X, pace = V * (t - 0.5 * ramp), V
+        was = flags[STATE]
+        p = p_rest - gN
+        gT += gT_rest + shift - X
+        # The unit load's share of the kick comes first; pace is the drive's.
+        rateN, rateT = vN - half * W[0, 0], vT - half * W[1, 0] - pace
+        state, N, T, uN, uT, before = find_contact(
+            laws, mu, was, contact[U_N], contact[U_T], contact[ANCHOR], p, gT, rateN, rateT
+        )
+        if stop == 1 and (state != STICK or abs(T) > share * mu * N):
+            return i
+        meanN = rateN + half * (W[0, 0] * N + W[0, 1] * T)
+        meanT = rateT + half * (W[1, 0] * N + W[1, 1] * T)
+        if state == STICK:
+            if was != STICK:
+                contact[ANCHOR] = gT + uT
+            ratesN, ratesT = -meanN, -meanT
+        elif state == SLIP:
+            ratesN, ratesT = -meanN, (uT - before) / step
+        else:
+            ratesN, ratesT = 0.0, 0.0
+        speed = meanT + ratesT
+        if state == SEPARATION:
+            sums[TERMINATION] += 0.5 * (
+                K[0, 0] * (contact[U_N] ** 2 - uN**2)
+                + 2.0 * K[0, 1] * (contact[U_N] * before - uN * uT)
+                + K[1, 1] * (before**2 - uT**2)
+            )
+        else:
+            sums[WORK] += step * T * pace
+            sums[FRICTION] -= step * T * speed
+            sums[TERMINATION] += step * (
+                C[0, 0] * ratesN**2 + 2.0 * C[0, 1] * ratesN * ratesT + C[1, 1] * ratesT**2
+            )
+        contact[U_N], contact[U_T] = uN, uT
+        if state != was:
+            follow(flags, moments, sums, forces, speeds, sticks, t, state)
+        if t >= moments[SETTLED_FROM]:
+            measure(sums, forces, speeds, word, bits, state, N, abs(speed), step)
+        hN, hT = step * (N - 1.0), step * T
+        listen = i % hearing == 0
+        record = recording > 0 and i % recording == 0
+        if listen or record:
+            x = 0.5 * (B_N * hN + B_T * hT)
+            for j in range(n):
+                x += point_b[j] * v[j]
+            if listen:
+                place = i // hearing - (first + hearing - 1) // hearing
+                heard[place, 0], heard[place, 1] = x, speed
+            if record:
+                place = i // recording - (first + recording - 1) // recording
+                rows[place, 0], rows[place, 1], rows[place, 2] = t, x, N
+                rows[place, 3], rows[place, 4], rows[place, 5] = T, speed, state
+        if i % SAMPLED == 0:
+            x = 0.0
+            for j in range(n):
+                y = v[j] + 0.5 * (normal[j] * hN + tangential[j] * hT)
+                x += damping[j] * y * y
+            sums[DAMPED] += SAMPLED * step * x
+        gN, gT, vN, vT = kick_and_move(flow, normal, tangential, q, v, hN, hT)
+        if stop == 2 and not np.isnan(moments[FIRST_SEPARATION]):
+            return i + 1
+    return last

@@ -1,0 +1,169 @@
+"""Spectra and statistics of the velocity of B, gathered while a run goes on.
+
+Samples arrive in pieces; what is kept does not grow with the run. Long sticks and what lies between them
+have spectra of their own (Welch: Hann windows of 20 ms, half overlapping; a shorter stretch counts with what
+it has).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fivcore.kernel import Array
+
+# Samples are taken at about 50 kHz.
+INTERVAL = 20e-6
+WINDOW = 1024
+LONG = 16384
+BAND = (200.0, 10e3)
+
+
+class Welch:
+    """Mean power spectrum of stretches of a signal; relative, not calibrated."""
+
+    def __init__(self, rate: float) -> None:
+        self.frequency = np.fft.rfftfreq(WINDOW, 1.0 / rate)
+        self.power = np.zeros(WINDOW // 2 + 1)
+        self._hann = np.hanning(WINDOW)
+        self._open = np.zeros(0)
+
+    def add(self, samples: Array) -> None:
+        """Continue the present stretch."""
+        data = np.concatenate([self._open, samples])
+        count = max((len(data) - WINDOW) // (WINDOW // 2) + 1, 0)
+        if count:
+            pieces = np.lib.stride_tricks.sliding_window_view(data, WINDOW)[:: WINDOW // 2][:count]
+            centred = pieces - pieces.mean(axis=1, keepdims=True)
+            self.power += np.sum(np.abs(np.fft.rfft(centred * self._hann, axis=1)) ** 2, axis=0)
+        self._open = data[count * (WINDOW // 2) :]
+
+    def close(self) -> None:
+        """End the present stretch; what is left of it counts if it is an eighth of a window or more."""
+        if len(self._open) >= WINDOW // 8:
+            piece = (self._open - self._open.mean()) * np.hanning(len(self._open))
+            self.power += np.abs(np.fft.rfft(piece, WINDOW)) ** 2
+        self._open = np.zeros(0)
+
+    def peak(self) -> float:
+        """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
+        inside = np.flatnonzero((self.frequency >= BAND[0]) & (self.frequency <= BAND[1]))
+        if not np.any(self.power[inside] > 0.0):
+            return float("nan")
+        top = int(inside[np.argmax(self.power[inside])])
+        below, at, above = np.log(np.maximum(self.power[top - 1 : top + 2], 1e-300))
+        bend = below - 2.0 * at + above
+        offset = 0.5 * (below - above) / bend if bend < 0.0 else 0.0
+        return float(self.frequency[top] + offset * self.frequency[1])
+
+
+class Correlation:
+    """Autocorrelation up to a third of a second, by the power spectrum of zero-padded stretches."""
+
+    def __init__(self) -> None:
+        self._power = np.zeros(LONG + 1)
+        self._lengths: list[int] = []
+        self._open = np.zeros(0)
+
+    def add(self, samples: Array) -> None:
+        """Continue the signal."""
+        data = np.concatenate([self._open, samples])
+        while len(data) >= LONG:
+            self._take(data[:LONG])
+            data = data[LONG:]
+        self._open = data
+
+    def close(self) -> None:
+        """End the signal; its rest counts if it is half a stretch or all there is."""
+        if len(self._open) >= LONG // 2 or (not self._lengths and len(self._open) > 1):
+            self._take(self._open)
+        self._open = np.zeros(0)
+
+    def _take(self, piece: Array) -> None:
+        self._power += np.abs(np.fft.rfft(piece - piece.mean(), 2 * LONG)) ** 2
+        self._lengths.append(len(piece))
+
+    def near(self, lag: float, around: float) -> float:
+        """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
+        if not self._lengths or lag + around >= 0.5 * max(self._lengths):
+            return float("nan")
+        lags = np.arange(int(lag - around), int(lag + around) + 2)
+        lengths = np.array(self._lengths)[:, None]
+        pairs = np.sum(np.maximum(lengths - lags, 0), axis=0)
+        product = np.fft.irfft(self._power)
+        if product[0] <= 0.0:
+            return float("nan")
+        return float(np.max(product[lags] / pairs) / (product[0] / lengths.sum()))
+
+
+class Listener:
+    """Velocity of B after settling: its spread, its spectra outside and within long sticks, its coherence."""
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate
+        self._held_t = np.zeros(0)
+        self._held = np.zeros(0)
+        self._reset(0.0)
+
+    def _reset(self, settled_from: float) -> None:
+        self.settled_from = settled_from
+        self.moving, self.stuck = Welch(self.rate), Welch(self.rate)
+        self.correlation = Correlation()
+        self._count, self._mean, self._squares = 0, 0.0, 0.0
+        self._within: bool | None = None
+
+    def hear(self, t: Array, samples: Array, sticks: Array, unsure_from: float, settled_from: float) -> None:
+        """Take the next samples.
+
+        Parameters
+        ----------
+        t, samples : ndarray, (n,)
+        sticks : ndarray, (any, 2)
+            Long sticks, begin and end; a running one ends at infinity.
+        unsure_from : float
+            From here on it is not yet known whether a stick is a long one: held back until it is.
+        settled_from : float
+            If it has moved, everything begins anew.
+        """
+        if settled_from != self.settled_from:
+            self._reset(settled_from)
+        t, samples = np.concatenate([self._held_t, t]), np.concatenate([self._held, samples])
+        sure = int(np.searchsorted(t, unsure_from))
+        self._held_t, self._held = t[sure:], samples[sure:]
+        start = int(np.searchsorted(t[:sure], settled_from))
+        t, samples = t[start:sure], samples[start:sure]
+        if not len(t):
+            return
+        self._spread(samples)
+        self.correlation.add(samples)
+        within = np.zeros(len(t), dtype=bool)
+        for begin, end in sticks:
+            within[np.searchsorted(t, begin) : np.searchsorted(t, end)] = True
+        edges = np.flatnonzero(np.diff(within)) + 1
+        for first, last in zip([0, *edges], [*edges, len(t)], strict=True):
+            if within[first] != self._within:
+                self.moving.close()
+                self.stuck.close()
+                self._within = bool(within[first])
+            (self.stuck if within[first] else self.moving).add(samples[first:last])
+
+    def close(self) -> None:
+        """No more samples come; what is held back was no long stick."""
+        held_t, held = self._held_t, self._held
+        self._held_t, self._held = np.zeros(0), np.zeros(0)
+        self.hear(held_t, held, np.zeros((0, 2)), np.inf, self.settled_from)
+        self.moving.close()
+        self.stuck.close()
+        self.correlation.close()
+
+    @property
+    def rms(self) -> float:
+        """Root mean square about the mean."""
+        return float(np.sqrt(self._squares / self._count)) if self._count else float("nan")
+
+    def _spread(self, samples: Array) -> None:
+        count, mean = len(samples), float(samples.mean())
+        total = self._count + count
+        apart = mean - self._mean
+        self._squares += float(np.sum((samples - mean) ** 2)) + apart**2 * self._count * count / total
+        self._mean += apart * count / total
+        self._count = total

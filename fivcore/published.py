@@ -1,0 +1,324 @@
+"""`method="paper"`: the published scheme on every mode of both beams (sections 3.2 and 3.3 of the paper).
+
+Equations (15) and (16) are printed for beta2 = 0.5 and without damping, (14) and (18) with slips; read with
+b = beta2, r = dt / tau and per mode
+
+    v* = v + dt (1 - b) a,   a* = (f - k q - c v*) / (1 + b dt c),   q_free = q + dt (v* + b dt a*) + dt^2 a* / 2.
+
+If the free gap is open, N = T = 0. Otherwise stick is tried: g_N = 0 and g_T as it was; accepted if N > 0 and
+|T| < mu N. Otherwise slip, s the sign of the stick trial's T: T = (T_last + r s mu N) / (1 + r), the simplified
+Prakash-Clifton law, with g_N = 0 and N >= 0. Then a = a* + force / (1 + b dt c), v = v* + b dt a,
+q = q + dt v + dt^2 a / 2. This is Newmark's method with beta = 0 and gamma = b: for b > 1/2 it is first order and
+damps like (b - 1/2) dt of stiffness-proportional damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from fivcore import listener
+from fivcore.drive import Canonical, State
+from fivcore.errors import ContactError
+from fivcore.kernel import Array, inlined, kernel
+from fivcore.progress import Chunk
+from fivcore.reduced import ReducedModel, full_model
+from fivcore.tally import (
+    DAMPED,
+    FRICTION,
+    SEPARATION,
+    SETTLED_FROM,
+    SLIP,
+    STATE,
+    STICK,
+    WORK,
+    Tally,
+    follow,
+    measure,
+)
+
+# Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
+STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
+# What the scheme adds to d2 of itself, s.
+ADDED_DAMPING = (BETA2 - 0.5) * STEP
+
+SAMPLED = 64
+CHUNK = 0.02
+GT_LAST, T_LAST, N_NOW, T_NOW = 0, 1, 2, 3
+
+
+@inlined
+def correct_and_predict(
+    k: Any, c: Any, inverse: Any, normal: Any, tangential: Any, f: Any,
+    q: Any, vs: Any, a: Any, N: float, T: float, dt: float, b: float,
+) -> Any:  # fmt: skip
+    """End one step with the contact force found, begin the next, and return its free gaps.
+
+    Between steps `q` holds q, `vs` v* and `a` a*.
+    """
+    gN, gT = 0.0, 0.0
+    for j in range(q.shape[0]):
+        acceleration = a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]
+        rate = vs[j] + b * dt * acceleration
+        x = q[j] + dt * rate + 0.5 * dt * dt * acceleration
+        star = rate + dt * (1.0 - b) * acceleration
+        free = (f[j] - k[j] * x - c[j] * star) * inverse[j]
+        reach = x + dt * (star + b * dt * free) + 0.5 * dt * dt * free
+        q[j], vs[j], a[j] = x, star, free
+        gN += normal[j] * reach
+        gT += tangential[j] * reach
+    return gN, gT
+
+
+@inlined
+def published_contact(
+    gN: float, gT: float, last_gT: float, last_T: float, WNN: float, WNT: float, WTT: float, mu: float, r: float
+) -> Any:
+    """State, N and T from the free gaps; W is the gap that a unit force closes within the step."""
+    if gN > 0.0:
+        return SEPARATION, 0.0, 0.0
+    back = gT - last_gT
+    determinant = WNN * WTT - WNT * WNT
+    N = (back * WNT - gN * WTT) / determinant
+    T = (gN * WNT - back * WNN) / determinant
+    if N > 0.0 and abs(T) < mu * N:
+        return STICK, N, T
+    m = mu if T > 0.0 else -mu
+    N = (-gN - WNT * last_T / (1.0 + r)) / (WNN + m * WNT * r / (1.0 + r))
+    if N <= 0.0:
+        return SEPARATION, 0.0, 0.0
+    return SLIP, N, (last_T + r * m * N) / (1.0 + r)
+
+
+@kernel
+def advance(
+    modes: Any,
+    f: Any,
+    W: Any,
+    mu: float,
+    scheme: Any,
+    drive: Any,
+    first: int,
+    last: int,
+    q: Any,
+    vs: Any,
+    a: Any,
+    contact: Any,
+    gaps: Any,
+    tally: Any,
+    sticks: Any,
+    heard: Any,
+    hearing: int,
+    rows: Any,
+    recording: int,
+) -> None:
+    """Steps `first` to `last` of one scene; state arrays are changed in place.
+
+    Parameters
+    ----------
+    modes : tuple
+        k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the shape at B, each (n,).
+    f : ndarray, (n,)
+        Constant modal force.
+    W : ndarray, (3,)
+        dt^2 (b + 1/2) times the sums of shapes over 1 + b dt c: NN, NT, TT.
+    scheme : tuple
+        dt, b, r.
+    drive : tuple
+        V, ramp.
+    q, vs, a : ndarray, (n,)
+        q, v* and a* of step `first`.
+    contact : ndarray, (2,)
+        g_T and T at the end of the last step.
+    gaps : ndarray, (2,)
+        Free g_N and g_T of step `first`, without the drive.
+    tally, sticks, heard, hearing, rows, recording
+        As in `fivcore.fast_kernel.advance`.
+    """
+    k, c, inverse, normal, tangential, point_b = modes
+    flags, moments, sums, forces, speeds, word, bits = tally
+    dt, b, r = scheme
+    V, ramp = drive
+    WNN, WNT, WTT = W
+    n = q.shape[0]
+    for i in range(first, last):
+        t = (i + 1.0) * dt
+        X = 0.5 * V * t * t / ramp if t < ramp else V * (t - 0.5 * ramp)
+        gT = gaps[1] - X
+        was = flags[STATE]
+        state, N, T = published_contact(gaps[0], gT, contact[GT_LAST], contact[T_LAST], WNN, WNT, WTT, mu, r)
+        at = gT + WNT * N + WTT * T
+        speed = (at - contact[GT_LAST]) / dt
+        contact[GT_LAST], contact[T_LAST] = at, T
+        if state != was:
+            follow(flags, moments, sums, forces, speeds, sticks, t, state)
+        if t >= moments[SETTLED_FROM]:
+            measure(sums, forces, speeds, word, bits, state, N, abs(speed), dt)
+        sums[WORK] += dt * T * (V * t / ramp if t < ramp else V)
+        sums[FRICTION] -= dt * T * speed
+        listen = i % hearing == 0
+        record = recording > 0 and i % recording == 0
+        if listen or record:
+            x = 0.0
+            for j in range(n):
+                x += point_b[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
+            if listen:
+                place = i // hearing - (first + hearing - 1) // hearing
+                heard[place, 0], heard[place, 1] = x, speed
+            if record:
+                place = i // recording - (first + recording - 1) // recording
+                rows[place, 0], rows[place, 1], rows[place, 2] = t, x, N
+                rows[place, 3], rows[place, 4], rows[place, 5] = T, speed, state
+        if i % SAMPLED == 0:
+            x = 0.0
+            for j in range(n):
+                x += c[j] * vs[j] * vs[j]
+            sums[DAMPED] += SAMPLED * dt * x
+        gaps[0], gaps[1] = correct_and_predict(k, c, inverse, normal, tangential, f, q, vs, a, N, T, dt, b)
+
+
+def largest_step(stiffness: Array, damping: Array, b: float) -> float:
+    """Find the largest stable step of the scheme, s: a bisection on the spectral radius of the fastest mode."""
+    fastest = int(np.argmax(stiffness))
+    k, c = float(stiffness[fastest]), float(damping[fastest])
+    low, high = 0.0, 20.0 / np.sqrt(k)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if _radius(k, c, middle, b) <= 1.0 + 1e-12:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _radius(k: float, c: float, dt: float, b: float) -> float:
+    """Spectral radius of one free step on (q, v, a) of a mode."""
+    star = np.array([0.0, 1.0, dt * (1.0 - b)])
+    a = (-k * np.array([1.0, 0.0, 0.0]) - c * star) / (1.0 + b * dt * c)
+    v = star + b * dt * a
+    q = np.array([1.0, 0.0, 0.0]) + dt * v + 0.5 * dt**2 * a
+    return float(np.abs(np.linalg.eigvals(np.stack([q, v, a]))).max())
+
+
+class PaperRun:
+    """One run in progress."""
+
+    def __init__(
+        self,
+        scene: Canonical,
+        *,
+        ramp: float,
+        step: float | None,
+        initial: State | None,
+        tally: Tally,
+        sample_rate: float | None,
+        beta2: float = BETA2,
+        tau: float = TAU,
+    ) -> None:
+        self.scene, self.ramp, self.tally = scene, ramp, tally
+        self.model = model = full_model(scene.rig, scene.theta)
+        self.step = STEP if step is None else step
+        limit = largest_step(model.stiffness, model.damping, beta2)
+        if self.step > limit:
+            raise ValueError(
+                f"step = {self.step:g}: with this rig the published scheme needs at most {limit:.4g} s; beyond, its"
+                " fastest mode grows"
+            )
+        self._b, self._r = beta2, self.step / tau
+        self._inverse = 1.0 / (1.0 + beta2 * self.step * model.damping)
+        self._W = contact_closing(model, self.step, beta2)
+        if slip_divisors(self._W, scene.mu, self._r).min() <= 0.0:
+            raise ContactError("contact force not unique")
+        self._hearing = max(round(listener.INTERVAL / self.step), 1)
+        self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
+        self.rate = 1.0 / (self._hearing * self.step)
+        self._begin(initial)
+
+    def _begin(self, initial: State | None) -> None:
+        model, dt, b = self.model, self.step, self._b
+        rest = model.rest
+        # The unit load alone: at rest stiffness times displacement is load plus normal force.
+        self._load = np.where(model.stiffness > 0.0, model.stiffness * rest - model.normal, -model.normal)
+        ramping = model.inertia * self.scene.pace / self.ramp if self.ramp > 0.0 else np.zeros(len(rest))
+        if initial is None:
+            self.tally.flags[STATE] = STICK
+            q, v, a = rest.copy(), np.zeros(len(rest)), np.zeros(len(rest))
+        else:
+            self.tally.flags[STATE] = initial.contact
+            q, v = initial.displacement.copy(), initial.velocity.copy()
+            a = self._load - model.stiffness * q - model.damping * v
+            if initial.contact != SEPARATION:
+                # Consistent without friction: the gap does not accelerate.
+                a = a - model.normal * (model.normal @ a) / (model.normal @ model.normal)
+        if self.ramp == 0.0:
+            v = v + model.inertia * self.scene.pace
+        self._contact = np.array([model.tangential @ q, 0.0])
+        self._first_energy = self._energy_of(q, v)
+        self._f = self._load + ramping
+        self._vs = v + dt * (1.0 - b) * a
+        self._a = (self._f - model.stiffness * q - model.damping * self._vs) * self._inverse
+        self._q = q
+        self._set_gaps()
+
+    def _set_gaps(self) -> None:
+        dt = self.step
+        reach = self._q + dt * (self._vs + self._b * dt * self._a) + 0.5 * dt**2 * self._a
+        self._gaps = np.array([self.model.normal @ reach, self.model.tangential @ reach])
+
+    def chunks(self, last: int) -> Iterator[Chunk]:
+        """Run to step `last`, handing over what was heard."""
+        model = self.model
+        per_chunk = max(round(CHUNK / self.step), 1)
+        ramp_ends = min(round(self.ramp / self.step), last)
+        hearing, recording = self._hearing, self._recording
+        modes = (model.stiffness, model.damping, self._inverse, model.normal, model.tangential, model.point_b)
+        i = 0
+        while i < last:
+            target = min(i + per_chunk, last if i >= ramp_ends else ramp_ends)
+            heard = np.empty(((target - i) // hearing + 1, 2))
+            rows = np.empty(((target - i) // recording + 1 if recording else 0, 6))
+            sticks = self.tally.room(i * self.step, target * self.step, self.step)
+            advance(
+                modes, self._f, self._W, self.scene.mu, (self.step, self._b, self._r),
+                (self.scene.pace, self.ramp), i, target, self._q, self._vs, self._a, self._contact, self._gaps,
+                self.tally.arrays, sticks, heard, hearing, rows, recording,
+            )  # fmt: skip
+            yield Chunk.cut(i, target, self.step, 1.0, heard, hearing, rows, recording, self.tally.taken(sticks))
+            i = target
+            if i == ramp_ends and self._f is not self._load:
+                # What was predicted for the next step with the clamp's acceleration is predicted anew.
+                self._a += (self._load - self._f) * self._inverse
+                self._f = self._load
+                self._set_gaps()
+
+    def stored_energy(self) -> float:
+        """Of the modes and the load, canonical; v* stands for the velocity."""
+        return self._energy_of(self._q, self._vs)
+
+    def _energy_of(self, q: Array, v: Array) -> float:
+        return float(0.5 * np.sum(v**2 + self.model.stiffness * q**2) - self._load @ q)
+
+    def released_energy(self) -> float:
+        """What has been taken out of the store since the start."""
+        return self._first_energy - self.stored_energy()
+
+    def calm(self, floor: float) -> bool:
+        """Set what is far below every scale to zero; False where a number is not finite."""
+        for part in (self._q, self._vs, self._a):
+            part[np.abs(part) < floor] = 0.0
+        return bool(np.isfinite(self._q).all() and np.isfinite(self._vs).all())
+
+
+def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[float, float, float]:
+    """How much a unit force moves the gaps within one step, m/N: NN, NT, TT."""
+    inverse = 1.0 / (1.0 + beta2 * step * model.damping)
+    scale = step**2 * (beta2 + 0.5)
+    n, t = model.normal, model.tangential
+    return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
+
+
+def slip_divisors(W: tuple[float, float, float], mu: float, r: float) -> Array:
+    """What the slip step divides by, for T = mu N and T = -mu N, relative to W_NN; above zero where unique."""
+    return np.array([1.0 + s * mu * W[1] / W[0] * r / (1.0 + r) for s in (1.0, -1.0)])

@@ -1,0 +1,204 @@
+"""Which modes of a rig are kept, and what stands for the others at the contact.
+
+The modes above the cut-off are much faster than what is asked for, but they cannot be dropped: they are most
+of the contact's own compliance, and they take energy out of impacts. `reduced_model` puts the visco-elastic
+element of `fivcore.contact_law` in their place:
+
+- K is the inverse of their static flexibility, cross terms included, so that sliding stability and everything
+  quasi-static stay as they are with all modes;
+- C = tau K. With all modes, an upright P1 that strikes P2 at uniform speed stays in contact until its own sound
+  wave comes back. With the kept modes alone, contact rings against the element and would open again at
+  once. tau is the smallest relaxation time for which it does not: one number for a rig and a cut-off,
+  independent of inclination, speed, load and friction. "elastic" is tau = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from fivcore.bases import contact_modes, one_blas_thread, rig_bases
+from fivcore.elements import axial
+from fivcore.kernel import Array, kernel
+from fivcore.propagation import propagator
+from fivcore.rig import Rig
+
+CUTOFF = 75e3
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedModel:
+    """Kept modes and the contact element; arrays are read-only.
+
+    Attributes
+    ----------
+    stiffness, damping : ndarray, (n,)
+        omega^2 in rad2/s2 and d1 + d2 omega^2 in 1/s.
+    normal, tangential : ndarray, (n,)
+        Gap shapes, kg^-1/2, as in `fivcore.bases`.
+    inertia : ndarray, (n,)
+        Modal force for a unit acceleration of P2's clamp.
+    point_b : ndarray, (n,)
+        Displacement of B along x for a unit of each modal coordinate.
+    rest : ndarray, (n,)
+        Static equilibrium under a unit load, T = 0.
+    kept : ndarray, (all modes,)
+        Which modes of `fivcore.bases.contact_modes` these are.
+    K, C : ndarray, (2, 2)
+        Stiffness and damping of the element; both empty where every mode is kept.
+    """
+
+    stiffness: Array
+    damping: Array
+    normal: Array
+    tangential: Array
+    inertia: Array
+    point_b: Array
+    rest: Array
+    kept: NDArray[np.bool_]
+    K: Array
+    C: Array
+
+    def __post_init__(self) -> None:
+        for part in vars(self).values():
+            part.setflags(write=False)
+
+    @property
+    def W(self) -> Array:
+        """Inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
+        shape = np.stack([self.normal, self.tangential])
+        return np.asarray(shape @ shape.T)
+
+    @property
+    def contact_frequency(self) -> float:
+        """The largest angular frequency of the kept modes' mass on the element, rad/s; zero without one."""
+        if not self.K.size:
+            return 0.0
+        return float(np.sqrt(np.linalg.eigvals(self.K @ self.W).real.max()))
+
+
+@lru_cache(maxsize=64)
+@one_blas_thread()
+def full_model(rig: Rig, theta: float) -> ReducedModel:
+    """Every mode of both beams, and no element: the finite-element model itself."""
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    upper, lower = rig_bases(rig, theta)
+    n1 = len(upper.stiffness)
+    inertia, point_b, load = np.zeros((3, len(stiffness)))
+    inertia[n1:] = -axial(rig.p2).carried @ lower.shapes[1:, 0]
+    place = (1.0 - rig.point_b) * rig.p1.elements
+    node = min(int(place), rig.p1.elements - 1)
+    ends = upper.shapes[node : node + 2, 0]
+    point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
+    load[:n1] = -upper.shapes[0, 1]
+    rest = _equilibrium(stiffness, normal, load, 0.0)
+    empty = np.zeros((0, 0))
+    kept = np.ones(len(stiffness), dtype=bool)
+    damping = rig.d1 + rig.d2 * stiffness
+    return ReducedModel(
+        stiffness.copy(),
+        damping,
+        normal.copy(),
+        tangential.copy(),
+        inertia,
+        point_b,
+        rest,
+        kept,
+        empty,
+        empty.copy(),
+    )
+
+
+@lru_cache(maxsize=64)
+@one_blas_thread()
+def reduced_model(rig: Rig, theta: float, cutoff: float = CUTOFF, absorbing: bool = True) -> ReducedModel:
+    """The modes below `cutoff` (Hz) and the element for the others."""
+    full = full_model(rig, theta)
+    kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
+    shape = np.stack([full.normal[~kept], full.tangential[~kept]])
+    flexibility = (shape / full.stiffness[~kept]) @ shape.T
+    K = np.linalg.inv(flexibility)
+    stiffness, damping = full.stiffness[kept], full.damping[kept]
+    normal, tangential = full.normal[kept], full.tangential[kept]
+    upper, _ = rig_bases(rig, theta)
+    load = np.zeros(len(full.stiffness))
+    load[: len(upper.stiffness)] = -upper.shapes[0, 1]
+    rest = _equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
+    tau = relaxation_time(rig, cutoff) if absorbing else 0.0
+    inertia, point_b = full.inertia[kept], full.point_b[kept]
+    return ReducedModel(
+        stiffness, damping, normal, tangential, inertia, point_b, rest, kept, np.asarray(K), np.asarray(tau * K)
+    )
+
+
+def _equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
+    """Modal coordinates under a unit load with N = 1 and T = 0; the rigid mode closes the gap."""
+    elastic = stiffness > 0.0
+    rest = np.zeros(len(stiffness))
+    rest[elastic] = (load + normal)[elastic] / stiffness[elastic]
+    rigid = int(np.flatnonzero(~elastic)[0])
+    rest[rigid] = -(flexibility + normal @ rest) / normal[rigid]
+    return rest
+
+
+@lru_cache(maxsize=64)
+def relaxation_time(rig: Rig, cutoff: float) -> float:
+    """Find tau of the canonical impact, s: the smallest for which contact, once made, does not ring open.
+
+    P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is linear and
+    homogeneous, so neither speed nor load enters; the smallest normal force within the first two periods of
+    the contact is found for a trial tau, and tau by a root finder on it.
+    """
+    full = full_model(rig, 0.0)
+    kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
+    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
+    if kept.all():
+        return 0.0
+    spring = 1.0 / float(np.sum(full.normal[~kept] ** 2 / full.stiffness[~kept]))
+    start = np.zeros(len(stiffness))
+    start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
+    omega = float(np.sqrt(spring * (normal @ normal)))
+    step = 0.05 / omega
+    steps = int(4.0 * np.pi / 0.05)
+    flow = propagator(stiffness, damping, step)
+
+    def lowest(tau: float) -> float:
+        return float(_smallest_force(flow, normal, start, spring, tau * spring, step, steps))
+
+    longest = 2.0 / omega
+    if lowest(0.0) >= 0.0:
+        return 0.0
+    if lowest(longest) <= 0.0:
+        return longest
+    return float(brentq(lowest, 0.0, longest, xtol=1e-6 / omega))
+
+
+@kernel
+def _smallest_force(
+    flow: Array, normal: Array, start: Array, spring: float, dashpot: float, step: float, steps: int
+) -> float:
+    """Smallest N after its first rise, relative to the dashpot-free first peak, in a contact that holds."""
+    q, v = np.zeros_like(start), start.copy()
+    inverse_mass = 0.0
+    for j in range(len(normal)):
+        inverse_mass += normal[j] * normal[j]
+    least, highest, risen = np.inf, 0.0, False
+    for _ in range(steps):
+        g, rate = 0.0, 0.0
+        for j in range(len(normal)):
+            q[j], v[j] = flow[0, j] * q[j] + flow[1, j] * v[j], flow[2, j] * q[j] + flow[3, j] * v[j]
+            g += normal[j] * q[j]
+            rate += normal[j] * v[j]
+        N = -(spring * g + dashpot * rate) / (1.0 + 0.5 * step * dashpot * inverse_mass)
+        for j in range(len(normal)):
+            v[j] += step * normal[j] * N
+        if highest < N:
+            highest = N
+        risen = risen or highest > N
+        if risen:
+            least = min(least, N)
+    return least / highest

@@ -1,0 +1,143 @@
+"""What every method counts while it runs: time in each contact state, forces, slip speeds, sticks.
+
+A method calls `follow` once a step and, after settling, `measure`; memory is fixed, whatever the duration.
+Quantiles come from histograms whose bins are the leading bits of a number: 128 bins an octave, so a quantile
+is known to 0.4 %. All times are in seconds since the drive started, all weights are durations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore.kernel import Array, inlined, kernel
+
+# Contact states, as in a record's `state`.
+SEPARATION, STICK, SLIP = 0, 1, 2
+
+# Slots of `flags` (int64): the present state, and how many long sticks are in the list.
+STATE, STICKS = 0, 1
+
+# Slots of `moments` (float64), NaN where it has not happened or does not apply.
+FIRST_SLIP, FIRST_SEPARATION, STICK_START, SETTLED_FROM, SETTLING, LEAST_STICK = 0, 1, 2, 3, 4, 5
+
+# Slots of `sums` (float64): after settling ...
+SUM_N, MAX_N, MAX_SLIP, SWITCHES = 0, 1, 2, 3
+TIME_IN = 4  # and the two after it: time in each contact state
+SETTLED_SUMS = 7
+# ... and, from the start, the energy balance.
+WORK, DAMPED, FRICTION, TERMINATION, IMPACT = 7, 8, 9, 10, 11
+
+# Histogram bins: exponent and seven bits of the mantissa, from 2^-64 to 2^16.
+_SHIFT = 45
+_LOWEST = (1023 - 64) << 7
+BINS = 80 << 7
+
+
+@dataclass
+class Tally:
+    """Counters of one run."""
+
+    flags: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
+    moments: Array = field(default_factory=lambda: np.full(6, np.nan))
+    sums: Array = field(default_factory=lambda: np.zeros(12))
+    forces: Array = field(default_factory=lambda: np.zeros(BINS))
+    speeds: Array = field(default_factory=lambda: np.zeros(BINS))
+    word: Array = field(default_factory=lambda: np.zeros(1))
+
+    def start(self, state: int, settle: float | None, settling: float, least_stick: float | None) -> Tally:
+        """Begin in a contact state.
+
+        Without `settle` everything counts until the first slip, which clears the counters; they begin anew
+        `settling` later. Without `least_stick` a stick is long from a fifth of the time to the first slip on.
+        """
+        self.flags[STATE] = state
+        self.moments[SETTLED_FROM] = 0.0 if settle is None else settle
+        self.moments[SETTLING] = settling if settle is None else np.nan
+        self.moments[LEAST_STICK] = np.nan if least_stick is None else least_stick
+        return self
+
+    def room(self, begin: float, end: float, step: float) -> Array:
+        """Space for the long sticks of a stretch; the list of the present ones begins anew."""
+        self.flags[STICKS] = 0
+        least = self.moments[LEAST_STICK]
+        # Until the first slip there are none, and after it the least is a fifth of the time since the start.
+        shortest = max(0.2 * begin if np.isnan(least) else float(least), step)
+        return np.empty((int((end - begin) / shortest) + 2, 2))
+
+    def taken(self, sticks: Array) -> Array:
+        """The sticks that were entered."""
+        return sticks[: self.flags[STICKS]].copy()
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """What the kernels take; the last is the same word seen as its bits."""
+        return self.flags, self.moments, self.sums, self.forces, self.speeds, self.word, self.word.view(np.int64)
+
+
+@kernel
+def follow(
+    flags: Any, moments: Any, sums: Any, forces: Any, speeds: Any, sticks: Any, t: float, state: int
+) -> None:
+    """Keep first slip, first separation, switches, and the sticks that are long enough."""
+    if state == flags[STATE]:
+        return
+    if state == SLIP and np.isnan(moments[FIRST_SLIP]):
+        moments[FIRST_SLIP] = t
+        if np.isnan(moments[LEAST_STICK]):
+            moments[LEAST_STICK] = 0.2 * t
+        if not np.isnan(moments[SETTLING]):
+            moments[SETTLED_FROM] = t + moments[SETTLING]
+            sums[:SETTLED_SUMS] = 0.0
+            forces[:] = 0.0
+            speeds[:] = 0.0
+    if state == SEPARATION and np.isnan(moments[FIRST_SEPARATION]):
+        moments[FIRST_SEPARATION] = t
+    if t >= moments[SETTLED_FROM]:
+        sums[SWITCHES] += 1.0
+    if state == STICK:
+        if not np.isnan(moments[FIRST_SLIP]):
+            moments[STICK_START] = t
+    elif moments[STICK_START] >= 0.0:
+        if t - moments[STICK_START] >= moments[LEAST_STICK]:
+            sticks[flags[STICKS], 0] = moments[STICK_START]
+            sticks[flags[STICKS], 1] = t
+            flags[STICKS] += 1
+        moments[STICK_START] = np.nan
+    flags[STATE] = state
+
+
+@inlined
+def measure(
+    sums: Any, forces: Any, speeds: Any, word: Any, bits: Any, state: int, N: float, speed: float, weight: float
+) -> None:
+    """Add a step after settling: state, normal force, and the relative speed of the two surfaces."""
+    sums[TIME_IN + state] += weight
+    sums[SUM_N] += weight * N
+    sums[MAX_N] = max(sums[MAX_N], N)
+    sums[MAX_SLIP] = max(sums[MAX_SLIP], speed)
+    word[0] = N
+    forces[min(max((bits[0] >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
+    word[0] = speed
+    speeds[min(max((bits[0] >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
+
+
+def quantile(histogram: Array, share: float) -> float:
+    """The value that a share of the counted time stays below; NaN where nothing was counted.
+
+    Linear within a bin; the first bin holds zero and all that is below 2^-64.
+    """
+    total = float(histogram.sum())
+    if total == 0.0:
+        return float("nan")
+    sums = np.cumsum(histogram)
+    index = min(int(np.searchsorted(sums, share * total)), BINS - 1)
+    if index == 0:
+        return 0.0
+    within = (share * total - sums[index - 1]) / histogram[index]
+    edges = (np.array([index, index + 1], dtype=np.int64) + _LOWEST) << _SHIFT
+    low, high = edges.view(np.float64)
+    return float(low + min(max(within, 0.0), 1.0) * (high - low))
