@@ -10,6 +10,7 @@ from fivcore.onsets import FlutterOnsets, flutter_onsets
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.transient import Transient, simulate
+from fivcore.uniqueness import critical_mu
 
 __all__ = [
     "Beam",
@@ -21,6 +22,7 @@ __all__ = [
     "SlidingModes",
     "State",
     "Transient",
+    "critical_mu",
     "flutter_onsets",
     "glued_frequencies",
     "node_positions",

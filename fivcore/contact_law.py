@@ -15,6 +15,8 @@ y = u_T' still to be found, T(y) = T_0 + C_TT y and N(y) = N_0 + C_TN y, T -+ mu
 C_TT > mu |C_TN|. Then exactly one of stick, slip forwards and slip backwards exists, at touch-down and at
 every other instant; `fivcore.ContactError` says where it does not.
 
+Without an element ("none") the kept modes touch rigidly, with restitution 0.
+
 `regime_maps` turns each regime into numbers for one step of `fivcore.fast_kernel`: positions are held over
 the step's kick, velocities enter by their mean (which makes the dashpot implicit, in closed form), and u_T in
 slip and both parts of u in separation relax exactly. Every regime is second order and symmetric in time.
@@ -28,13 +30,16 @@ from scipy.linalg import expm
 from fivcore.kernel import Array
 
 
-def regime_maps(K: Array, C: Array, W: Array, mu: float, step: float) -> tuple[Array, Array, Array]:
+def regime_maps(
+    K: Array, C: Array, W: Array, mu: float, step: float
+) -> tuple[Array, Array, Array, Array, float, float]:
     """Contact forces and element state after one step, as linear maps.
 
     Parameters
     ----------
     K, C : ndarray, (2, 2)
-        The element's stiffness, N/m, and damping, N s/m (zero: purely elastic); normal first.
+        The element's stiffness, N/m, and damping, N s/m (zero: purely elastic); normal first. Both zero: no
+        element, the kept modes touch rigidly.
     W : ndarray, (2, 2)
         Inverse mass of the kept modes seen from the contact, 1/kg.
     mu : float
@@ -50,12 +55,51 @@ def regime_maps(K: Array, C: Array, W: Array, mu: float, step: float) -> tuple[A
         For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N).
     separation : ndarray, (2, 2)
         u at the end of the step from u at its start.
+    entry : ndarray, (2, 4)
+        As `stick`, for a step that begins in another regime, u_T being what it was at the step's start.
+    lag : float
+        How long after the start of a step u_T has its mean over the step, s: with it, what sticking needs
+        exceeds mu N exactly where sliding would go the right way, so that one step has one answer too.
+    unevenness : float
+        Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
     """
-    implicit = np.linalg.inv(np.eye(2) + 0.5 * step * C @ W)
-    stick = np.hstack([implicit @ K, -implicit @ C])
+    if not K.any():
+        return _rigid_maps(W, mu, step)
+    lag = mean_lag(K, C, step)
+    stick, entry = _stick(K, C, W, step), _stick(K, C + lag * K * np.array([0.0, 1.0]), W, step)
     slip = np.stack([_slip(K, C, W, sign * mu, step) for sign in (1.0, -1.0)])
     separation = expm(-step * np.linalg.solve(C, K)) if C.any() else np.zeros((2, 2))
-    return stick, slip, separation
+    decay = step * K[1, 1] / C[1, 1] if C.any() else 0.0
+    unevenness = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
+    return stick, slip, separation, entry, lag, unevenness
+
+
+def mean_lag(K: Array, C: Array, step: float) -> float:
+    """When, after the start of a step, a relaxing u_T has its mean, s: half the step for slow relaxation."""
+    if not C.any():
+        return step
+    decay = step * K[1, 1] / C[1, 1]
+    if decay < 1e-4:
+        return step * (0.5 + decay / 12.0)
+    return float(step * (-1.0 / decay - 1.0 / np.expm1(-decay)))
+
+
+def _stick(K: Array, C: Array, W: Array, step: float) -> Array:
+    """(N, T) from (p, u_T, v_N, v_T) with the mean of the rates in the dashpot."""
+    implicit = np.linalg.inv(np.eye(2) + 0.5 * step * C @ W)
+    return np.hstack([implicit @ K, -implicit @ C])
+
+
+def _rigid_maps(W: Array, mu: float, step: float) -> tuple[Array, Array, Array, Array, float, float]:
+    """Without an element: in lasting contact the mean rates are zero, so no drift and no loss.
+
+    Half of these forces, which the kernel takes at touch-down, bring the surfaces to rest: restitution 0.
+    """
+    stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
+    stick[:, 2:] = -2.0 / step * np.linalg.inv(W)
+    for i, m in enumerate((mu, -mu)):
+        slip[i, 0, 2] = -2.0 / (step * (W[0, 0] + m * W[0, 1]))
+    return stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0
 
 
 def _slip(K: Array, C: Array, W: Array, m: float, step: float) -> Array:
@@ -91,7 +135,7 @@ def slip_divisors(K: Array, C: Array, W: Array, mu: float, step: float) -> Array
     """
     matrix = C if C.any() else K
     law = [1.0 - s * mu * matrix[0, 1] / matrix[1, 1] for s in (1.0, -1.0)]
-    if not C.any():
+    if not C.any() or step == 0.0 or min(law) <= 0.0:
         return np.array([*law, 1.0, 1.0])
     own = []
     for m in (mu, -mu):

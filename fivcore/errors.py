@@ -27,3 +27,10 @@ class ContactError(SceneError):
 
 class DivergenceError(SceneError):
     """The motion left the range of numbers."""
+
+
+def not_unique(mu: float, critical: float) -> ContactError:
+    """The error for a coefficient of friction at or beyond the critical one."""
+    return ContactError(
+        f"mu = {mu:g}: from {critical:.6g} on the contact force of this method is not unique (Painleve)"
+    )

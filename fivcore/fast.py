@@ -2,7 +2,7 @@
 
 The first separation is reached by a growth that lives partly above the cut-off (with the paper's rig at 54
 and 96 kHz). Unless a cut-off is given, the few milliseconds from just before the first slip to the first
-separation are therefore taken with five times the cut-off, an eighth of the step and the damping that the
+separation are therefore taken with five times the cut-off, a twelfth of the step and the damping that the
 published scheme adds there of itself; before and after, the reduced model does.
 """
 
@@ -14,30 +14,21 @@ from dataclasses import replace
 import numpy as np
 
 from fivcore import listener
-from fivcore.contact_law import regime_maps, slip_divisors
+from fivcore.contact_law import regime_maps
 from fivcore.drive import Canonical, State, displacement, slip_distance
-from fivcore.errors import ContactError
-from fivcore.fast_kernel import ANCHOR, U_N, U_T, advance
+from fivcore.fast_kernel import ANCHOR, U_T, advance
 from fivcore.kernel import Array
 from fivcore.progress import Chunk
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
 from fivcore.reduced import CUTOFF, ReducedModel, full_model, reduced_model
 from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, STATE, STICK, WORK, Tally
+from fivcore.uniqueness import check_unique
 
 # The onset: how much finer, how far the cut-off is raised; for how long before the first slip, so that what
 # the change of model stirs up dies away, and for how long in all at most, s.
-FINER, HIGHER, LEAD, LONGEST = 8, 6.0, 6e-3, 18e-3
-# Default step in units of the contact's own time 1 / omega, and the largest that is stable.
-STEP, LIMIT = 1.15, 1.9
+FINER, HIGHER, LEAD, LONGEST = 12, 5.0, 6e-3, 18e-3
 CHUNK = 0.04
-
-
-def default_step(model: ReducedModel) -> float:
-    """STEP / omega rounded down to two digits, s."""
-    most = STEP / model.contact_frequency
-    digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
-    return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
 
 
 class FastRun:
@@ -49,25 +40,25 @@ class FastRun:
         *,
         ramp: float,
         cutoff: float | None,
-        absorbing: bool,
+        termination: str,
         step: float | None,
         initial: State | None,
         tally: Tally,
         sample_rate: float | None,
     ) -> None:
         self.scene, self.ramp, self.tally = scene, ramp, tally
-        self.model = reduced_model(scene.rig, scene.theta, CUTOFF if cutoff is None else cutoff, absorbing)
-        self.step = default_step(self.model) if step is None else step
-        limit = LIMIT / self.model.contact_frequency
+        self.model = reduced_model(scene.rig, scene.theta, CUTOFF if cutoff is None else cutoff, termination)
+        self.step = self.model.default_step if step is None else step
+        limit = self.model.largest_step
         if self.step > limit:
             raise ValueError(
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {limit:.3g} s; beyond, the"
                 " contact is unstable"
             )
-        self._onset_wanted = cutoff is None and initial is None
+        self._onset_wanted = cutoff is None and initial is None and termination != "none"
         distance = slip_distance(scene)
         self._share = 1.0 - min(LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
-        self._absorbing = absorbing
+        self._termination = termination
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
         self._solver = _Solver(self.model, scene, self.step)
@@ -78,18 +69,18 @@ class FastRun:
     def _begin(self, initial: State | None) -> None:
         model, scene = self.model, self.scene
         kept = model.kept
-        flexibility = np.linalg.inv(model.K)
         if initial is None:
             self.tally.flags[STATE] = STICK
             q, v = np.zeros(len(model.rest)), np.zeros(len(model.rest))
-            self._contact[[U_N, U_T]] = flexibility[:, 0]
+            self._contact[:2] = np.linalg.solve(model.K, [1.0, 0.0]) if model.K.any() else 0.0
         else:
             full = full_model(scene.rig, scene.theta)
             self.tally.flags[STATE] = initial.contact
             q = initial.displacement[kept] - model.rest
             v = initial.velocity[kept].copy()
-            dropped = np.stack([full.normal, full.tangential]) * np.logical_not(kept)
-            self._contact[[U_N, U_T]] = dropped @ initial.displacement
+            if model.K.any():
+                dropped = np.stack([full.normal, full.tangential]) * np.logical_not(kept)
+                self._contact[:2] = dropped @ initial.displacement
         self._contact[ANCHOR] = self._contact[U_T] + model.tangential @ (q + model.rest)
         # Kicks come in the middle of a step.
         self._shift = np.zeros(len(q))
@@ -134,6 +125,7 @@ class FastRun:
             solver.model_arrays,
             solver.laws,
             self.scene.mu,
+            solver.landing,
             solver.model.K,
             solver.model.C,
             solver.W,
@@ -172,7 +164,7 @@ class FastRun:
         """From step `first` to the first separation (or LONGEST) with more modes and finer steps."""
         coarse = self._solver
         rig = replace(self.scene.rig, d2=self.scene.rig.d2 + ADDED_DAMPING)
-        model = reduced_model(rig, self.scene.theta, HIGHER * CUTOFF, self._absorbing)
+        model = reduced_model(rig, self.scene.theta, HIGHER * CUTOFF, self._termination)
         fine = _Solver(model, self.scene, self.step / FINER)
         common = coarse.model.kept[model.kept]
         before = self.stored_energy()
@@ -252,13 +244,13 @@ class _Solver:
 
     def __init__(self, model: ReducedModel, scene: Canonical, step: float) -> None:
         self.model, self.step, self.W = model, step, model.W
-        worst = slip_divisors(model.K, model.C, self.W, scene.mu, step)
-        if worst.min() <= 0.0:
-            raise ContactError("contact force not unique")
+        check_unique(model, scene.mu, step)
         flow = propagator(model.stiffness, model.damping, step)
         self.model_arrays = (flow, model.damping, model.normal, model.tangential, model.point_b)
         maps = regime_maps(model.K, model.C, self.W, scene.mu, step)
-        self.laws = tuple(float(x) for part in maps for x in part.ravel())
+        self.laws = tuple(float(x) for part in maps for x in np.ravel(part))
+        # Without an element half the force of lasting contact is what a landing needs.
+        self.landing = 1.0 if model.K.any() else 0.5
         self.at_rest = (-float(model.normal @ model.rest), float(model.tangential @ model.rest))
 
 

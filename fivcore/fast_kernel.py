@@ -17,6 +17,7 @@ from fivcore.tally import (
     DAMPED,
     FIRST_SEPARATION,
     FRICTION,
+    IMPACT,
     SEPARATION,
     SETTLED_FROM,
     SLIP,
@@ -52,8 +53,9 @@ def kick_and_move(flow: Any, normal: Any, tangential: Any, q: Any, v: Any, hN: f
 
 @inlined
 def find_contact(
-    laws: Any, mu: float, was: int, uN: float, uT: float, anchor: float, p: float, gT: float, vN: float, vT: float
-) -> Any:
+    laws: Any, mu: float, was: int, uN: float, uT: float, anchor: float, p: float, gT: float, vN: float, vT: float,
+    half: float, WNT: float, WTT: float,
+) -> Any:  # fmt: skip
     """State, N, T, the element's new state and its u_T before, from penetration, g_T and their rates.
 
     `laws` are the numbers of `fivcore.contact_law.regime_maps`, not arrays: whoever passes arrays to a function
@@ -64,10 +66,18 @@ def find_contact(
         return SEPARATION, 0.0, 0.0, freeN, freeT, uT
     if was == STICK:
         uT = anchor - gT
-    N = (laws[0] * p + laws[2] * vN) + (laws[1] * uT + laws[3] * vT)
-    T = (laws[4] * p + laws[6] * vN) + (laws[5] * uT + laws[7] * vT)
-    if N > 0.0 and abs(T) <= mu * N:
-        return STICK, N, T, p, uT, uT
+        N = (laws[0] * p + laws[2] * vN) + (laws[1] * uT + laws[3] * vT)
+        T = (laws[4] * p + laws[6] * vN) + (laws[5] * uT + laws[7] * vT)
+        if N > 0.0 and abs(T) <= mu * N:
+            return STICK, N, T, p, uT, uT
+        # From the middle of the step, where stick holds u_T, back to its start, where slip begins.
+        uT += laws[32] * (vT + half * (WNT * N + WTT * T))
+    else:
+        N = (laws[24] * p + laws[26] * vN) + (laws[25] * uT + laws[27] * vT)
+        T = (laws[28] * p + laws[30] * vN) + (laws[29] * uT + laws[31] * vT)
+        if N > 0.0 and abs(T) <= mu * N:
+            after = uT - laws[32] * (vT + half * (WNT * N + WTT * T))
+            return STICK, N, T, p, after, uT
     if T > 0.0:
         N = laws[8] * p + laws[9] * uT + laws[10] * vN
         T = mu * N
@@ -86,6 +96,7 @@ def advance(
     model: Any,
     laws: Any,
     mu: float,
+    landing: float,
     K: Any,
     C: Any,
     W: Any,
@@ -111,9 +122,10 @@ def advance(
     ----------
     model : tuple
         Flow over a step (4, n), damping, normal and tangential gap shapes, and shape at B, each (n,).
-    laws : tuple of 24 floats
-        Maps of stick, slip and separation (`fivcore.contact_law.regime_maps`), row by row.
-    mu : float
+    laws : tuple of 34 floats
+        What `fivcore.contact_law.regime_maps` returns, row by row.
+    mu, landing : float
+        Coefficient of friction, and what share of the laws' force acts at touch-down.
     K, C, W : ndarray, (2, 2)
         Of the element and of the kept modes.
     drive : ndarray, (5,)
@@ -165,10 +177,12 @@ def advance(
         # The unit load's share of the kick comes first; pace is the drive's.
         rateN, rateT = vN - half * W[0, 0], vT - half * W[1, 0] - pace
         state, N, T, uN, uT, before = find_contact(
-            laws, mu, was, contact[U_N], contact[U_T], contact[ANCHOR], p, gT, rateN, rateT
+            laws, mu, was, contact[U_N], contact[U_T], contact[ANCHOR], p, gT, rateN, rateT, half, W[1, 0], W[1, 1]
         )
         if stop == 1 and (state != STICK or abs(T) > share * mu * N):
             return i
+        if was == SEPARATION and state != SEPARATION:
+            N, T = landing * N, landing * T
         meanN = rateN + half * (W[0, 0] * N + W[0, 1] * T)
         meanT = rateT + half * (W[1, 0] * N + W[1, 1] * T)
         if state == STICK:
@@ -190,8 +204,14 @@ def advance(
             sums[WORK] += step * T * pace
             sums[FRICTION] -= step * T * speed
             sums[TERMINATION] += step * (
-                C[0, 0] * ratesN**2 + 2.0 * C[0, 1] * ratesN * ratesT + C[1, 1] * ratesT**2
+                C[0, 0] * ratesN**2
+                + 2.0 * C[0, 1] * ratesN * ratesT
+                + (C[1, 1] * laws[33] if state == SLIP else C[1, 1]) * ratesT**2
             )
+        if landing != 1.0:
+            # Nothing moves in the element, so what work the contact takes is the landing's loss.
+            sums[IMPACT] -= step * (N * meanN + (T * meanT if state == STICK else 0.0))
+            speed = meanT
         contact[U_N], contact[U_T] = uN, uT
         if state != was:
             follow(flags, moments, sums, forces, speeds, sticks, t, state)

@@ -21,7 +21,7 @@ import numpy as np
 
 from fivcore import listener
 from fivcore.drive import Canonical, State
-from fivcore.errors import ContactError
+from fivcore.errors import not_unique
 from fivcore.kernel import Array, inlined, kernel
 from fivcore.progress import Chunk
 from fivcore.reduced import ReducedModel, full_model
@@ -223,14 +223,14 @@ class PaperRun:
         limit = largest_step(model.stiffness, model.damping, beta2)
         if self.step > limit:
             raise ValueError(
-                f"step = {self.step:g}: with this rig the published scheme needs at most {limit:.4g} s; beyond, its"
+                f"step = {self.step:g}: with this rig the published scheme needs at most {limit:.4g} s; else its"
                 " fastest mode grows"
             )
         self._b, self._r = beta2, self.step / tau
         self._inverse = 1.0 / (1.0 + beta2 * self.step * model.damping)
         self._W = contact_closing(model, self.step, beta2)
         if slip_divisors(self._W, scene.mu, self._r).min() <= 0.0:
-            raise ContactError("contact force not unique")
+            raise not_unique(scene.mu, self._W[0] * (1.0 + self._r) / (self._r * abs(self._W[1])))
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
         self.rate = 1.0 / (self._hearing * self.step)

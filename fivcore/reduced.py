@@ -10,6 +10,8 @@ element of `fivcore.contact_law` in their place:
   wave comes back. With the kept modes alone, contact rings against the element and would open again at
   once. tau is the smallest relaxation time for which it does not: one number for a rig and a cut-off,
   independent of inclination, speed, load and friction. "elastic" is tau = 0.
+
+With the termination "none" the modes above the cut-off are dropped and the kept ones touch rigidly.
 """
 
 from __future__ import annotations
@@ -28,6 +30,10 @@ from fivcore.propagation import propagator
 from fivcore.rig import Rig
 
 CUTOFF = 75e3
+TERMINATIONS = ("absorbing", "elastic", "none")
+# Default step of `fast` in units of the contact's own time 1 / omega and, without an element, of the fastest
+# mode's; the largest stable one.
+STEP, RIGID_STEP, LIMIT = 1.15, 0.5, 1.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +55,7 @@ class ReducedModel:
     kept : ndarray, (all modes,)
         Which modes of `fivcore.bases.contact_modes` these are.
     K, C : ndarray, (2, 2)
-        Stiffness and damping of the element; both empty where every mode is kept.
+        Stiffness and damping of the element; zero where there is none.
     """
 
     stiffness: Array
@@ -76,9 +82,23 @@ class ReducedModel:
     @property
     def contact_frequency(self) -> float:
         """The largest angular frequency of the kept modes' mass on the element, rad/s; zero without one."""
-        if not self.K.size:
+        if not self.K.any():
             return 0.0
         return float(np.sqrt(np.linalg.eigvals(self.K @ self.W).real.max()))
+
+    @property
+    def default_step(self) -> float:
+        """Step of `fast`, s: rounded down to two digits."""
+        omega = self.contact_frequency
+        most = STEP / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
+        digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
+        return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
+
+    @property
+    def largest_step(self) -> float:
+        """Beyond this step `fast` is unstable, s."""
+        omega = self.contact_frequency
+        return LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
 
 
 @lru_cache(maxsize=64)
@@ -96,7 +116,6 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
     load[:n1] = -upper.shapes[0, 1]
     rest = _equilibrium(stiffness, normal, load, 0.0)
-    empty = np.zeros((0, 0))
     kept = np.ones(len(stiffness), dtype=bool)
     damping = rig.d1 + rig.d2 * stiffness
     return ReducedModel(
@@ -108,27 +127,29 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
         point_b,
         rest,
         kept,
-        empty,
-        empty.copy(),
+        np.zeros((2, 2)),
+        np.zeros((2, 2)),
     )
 
 
 @lru_cache(maxsize=64)
 @one_blas_thread()
-def reduced_model(rig: Rig, theta: float, cutoff: float = CUTOFF, absorbing: bool = True) -> ReducedModel:
+def reduced_model(rig: Rig, theta: float, cutoff: float = CUTOFF, termination: str = "absorbing") -> ReducedModel:
     """The modes below `cutoff` (Hz) and the element for the others."""
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
     shape = np.stack([full.normal[~kept], full.tangential[~kept]])
     flexibility = (shape / full.stiffness[~kept]) @ shape.T
-    K = np.linalg.inv(flexibility)
+    without = bool(kept.all()) or termination == "none"
+    flexibility = np.zeros((2, 2)) if without else np.asarray(flexibility)
+    K = np.zeros((2, 2)) if without else np.asarray(np.linalg.inv(flexibility))
     stiffness, damping = full.stiffness[kept], full.damping[kept]
     normal, tangential = full.normal[kept], full.tangential[kept]
     upper, _ = rig_bases(rig, theta)
     load = np.zeros(len(full.stiffness))
     load[: len(upper.stiffness)] = -upper.shapes[0, 1]
     rest = _equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
-    tau = relaxation_time(rig, cutoff) if absorbing else 0.0
+    tau = relaxation_time(rig, cutoff) if termination == "absorbing" else 0.0
     inertia, point_b = full.inertia[kept], full.point_b[kept]
     return ReducedModel(
         stiffness, damping, normal, tangential, inertia, point_b, rest, kept, np.asarray(K), np.asarray(tau * K)

@@ -116,7 +116,7 @@ def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outco
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], settled), 0.0)))
     figures["regime"] = regime_of(
         slipped=slipped,
-        drive=float(displacement(np.array(end), scene.pace, outcome.ramp)) / slip_distance(scene),
+        drive=float(displacement(np.array(end), scene.pace, outcome.ramp)) / max(slip_distance(scene), 1e-300),
         slip_share=float(share[SLIP]),
         steadiness=outcome.steadiness,
         stick_share=filled / (end - settled) if end > settled else 0.0,

@@ -15,12 +15,12 @@ from fivcore.fast import FastRun
 from fivcore.kernel import Array
 from fivcore.listener import Listener
 from fivcore.published import PaperRun
-from fivcore.rig import Scene
+from fivcore.reduced import TERMINATIONS
+from fivcore.rig import Rig, Scene
 from fivcore.summary import Outcome, summarise
 from fivcore.tally import FIRST_SLIP, LEAST_STICK, SETTLED_FROM, STICK_START, Tally
 
 METHODS = ("fast", "exact", "paper")
-TERMINATIONS = ("absorbing", "elastic", "none")
 # Statistics start this long after the first slip, s.
 SETTLING = 0.1
 
@@ -92,12 +92,12 @@ def simulate(
     contact_motion : {0}
         The contact point stays at the same distance from P2's clamp.
     cutoff : float, optional
-        Modes above are represented by the termination, Hz; not for "paper", which keeps all. Default: 100 kHz,
+        Modes above are represented by the termination, Hz; not for "paper", which keeps all. Default: 75 kHz,
         with more for the onset (`fivcore.fast`).
-    termination : {"absorbing", "elastic"}
-        What stands for the modes above the cut-off.
+    termination : {"absorbing", "elastic", "none"}
+        What stands for the modes above the cut-off (`fivcore.reduced`).
     step : float, optional
-        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1e-6 with the default rig).
+        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.2e-6 with the default rig).
     min_stick : float, optional
         What counts as a long stick, s. Default: a fifth of the time to the first slip.
     record : bool
@@ -127,7 +127,7 @@ def simulate(
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     sample_rate = checks.between("sample_rate", sample_rate, 1e-3, 1e9, "Hz")
     method = checks.choice("method", method, ("fast", "paper"))
-    termination = checks.choice("termination", termination, ("absorbing", "elastic"))
+    termination = checks.choice("termination", termination, TERMINATIONS)
     if contact_motion != 0:
         raise ValueError(f"contact_motion = {contact_motion!r}: it must be 0")
     canonical = Canonical.of(scene)
@@ -142,10 +142,10 @@ def simulate(
                 raise ValueError(f"cutoff = {cutoff:g}: the published scheme keeps all modes; leave it out")
             run = PaperRun(canonical, **common)
         else:
-            run = FastRun(canonical, cutoff=cutoff, absorbing=termination == "absorbing", **common)
+            run = FastRun(canonical, cutoff=cutoff, termination=termination, **common)
         return _watch(scene, canonical, run, tally, duration, ramp)
     except (ContactError, DivergenceError) as error:
-        raise type(error)(f"{error} ({scene})", scene) from None
+        raise type(error)(f"{error}; {_named(scene)}", scene) from None
 
 
 def _watch(scene: Scene, canonical: Canonical, run: Any, tally: Tally, duration: float, ramp: float) -> Transient:
@@ -192,6 +192,12 @@ def _stuck(tally: Tally, ended: Array, t: Array) -> tuple[Array, float]:
     if len(t) and t[-1] - begun >= moments[LEAST_STICK]:
         return np.vstack([ended, [begun, np.inf]]), np.inf
     return ended, float(begun)
+
+
+def _named(scene: Scene) -> str:
+    """A scene in one line; its rig only where it is not the paper's."""
+    rig = "" if scene.rig == Rig() else f", rig = {scene.rig}"
+    return f"scene V = {scene.V:g} m/s, theta = {scene.theta:g} degrees, mu = {scene.mu:g}, F = {scene.F:g} N{rig}"
 
 
 def _checked_state(initial: Any, scene: Scene, canonical: Canonical) -> State:

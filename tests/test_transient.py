@@ -1,0 +1,329 @@
+"""Transient motion: what the paper's rig does, and what every run must do whatever its scene."""
+
+import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fivcore import Beam, ContactError, Rig, Scene, critical_mu, glued_frequencies, simulate
+from fivcore.published import STEP, TAU
+from fivcore.reduced import full_model, reduced_model, relaxation_time
+from tests.ensembles import FRACTIONS, SCENES, compare
+from tests.rigs import workshop_rig
+
+SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")
+
+
+def paper_scene(V, F=9.0):
+    return Scene(V, 5.0, 0.2, F)
+
+
+@pytest.fixture(scope="module")
+def vibrating():
+    """One second at 2 mm/s, recorded."""
+    return simulate(paper_scene(2e-3), 1.0, record=True)
+
+
+@pytest.fixture(scope="module")
+def onset():
+    """First slip and first separation of both methods, by speed."""
+    found = {}
+    for V in (1e-3, 2e-3, 5e-3):
+        for method in ("fast", "paper"):
+            summary = simulate(paper_scene(V), 0.5e-3 + 0.1435e-3 / V + 5e-3, method).summary
+            found[V, method] = summary["first_slip_time"], summary["first_separation_time"]
+    return found
+
+
+# What the paper's rig does.
+
+
+@pytest.mark.parametrize("method", ["fast", "paper"])
+@pytest.mark.parametrize("V", [1e-3, 2e-3, 5e-3])
+def test_first_slip_comes_when_the_clamp_has_moved_0_1435_mm(onset, V, method):
+    slip, _ = onset[V, method]
+    assert slip == pytest.approx(0.5e-3 + 0.1435e-3 / V, rel=0.01)
+
+
+@pytest.mark.parametrize("V", [1e-3, 2e-3])
+def test_first_separation_follows_in_3_6_to_3_95_ms_by_the_published_scheme(onset, V):
+    slip, separation = onset[V, "paper"]
+    assert 3.6e-3 <= separation - slip <= 3.95e-3
+
+
+@pytest.mark.parametrize("V", [1e-3, 2e-3, 5e-3])
+def test_fast_separates_first_when_the_published_scheme_does(onset, V):
+    (slip, separation), (theirs, apart) = onset[V, "fast"], onset[V, "paper"]
+    assert separation - slip == pytest.approx(apart - theirs, abs=0.2e-3)
+
+
+@pytest.mark.parametrize(
+    ("V", "fractions", "rms"),
+    [
+        (1e-3, (0.925, 0.045, 0.030), 5.1e-3),
+        (2e-3, (0.743, 0.073, 0.184), 5.1e-3),
+        (5e-3, (0.596, 0.083, 0.321), 10.1e-3),
+    ],
+)
+def test_time_fractions_lines_and_forces_at_the_papers_speeds(V, fractions, rms):
+    """Three members: shares of time within 0.02, the RMS of the velocity of B within 10 %."""
+    runs = [simulate(paper_scene(V), 2.8, ramp=1e-3 * (1 + 0.013 * k), settle=0.3).summary for k in range(3)]
+    for key, expected in zip(FRACTIONS, fractions, strict=True):
+        assert np.mean([run[key] for run in runs]) == pytest.approx(expected, abs=0.02)
+    assert np.mean([run["velocity_rms"] for run in runs]) == pytest.approx(rms, rel=0.1)
+    assert 2.54e3 < np.mean([run["dominant_frequency"] for run in runs]) < 2.69e3
+    force, slip = {1e-3: (28, None), 2e-3: (28, 37e-3), 5e-3: (36, 65e-3)}[V]
+    assert np.mean([run["normal_force_999"] for run in runs]) == pytest.approx(force, abs=3.0)
+    if slip is not None:
+        assert np.mean([run["slip_speed_999"] for run in runs]) == pytest.approx(slip, rel=0.12)
+    for run in runs:
+        assert run["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
+        assert run["energy_residual"] < 0.01
+
+
+def test_while_stuck_a_glued_mode_rings():
+    summary = simulate(paper_scene(1e-3), 2.0).summary
+    glued = glued_frequencies(Rig(), 5.0)
+    assert np.min(np.abs(glued / summary["stuck_frequency"] - 1.0)) < 5e-3
+    assert summary["regime"] == "intermittent"
+    assert all(0.025 < t < 0.09 for t in summary["stick_times"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("V", [1e-3, 2e-3, 5e-3])
+def test_the_published_scheme_at_the_papers_speeds(V):
+    expected = {1e-3: (0.925, 0.045, 0.030), 2e-3: (0.743, 0.073, 0.184), 5e-3: (0.596, 0.083, 0.321)}[V]
+    summary = simulate(paper_scene(V), 2.8, "paper", settle=0.3).summary
+    for key, fraction in zip(FRACTIONS, expected, strict=True):
+        assert summary[key] == pytest.approx(fraction, abs=0.01)
+    assert summary["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
+    rms = {1e-3: 5.1e-3, 2e-3: 5.1e-3, 5e-3: 10.1e-3}[V]
+    assert summary["velocity_rms"] == pytest.approx(rms, rel=0.05)
+    assert 2.54e3 < summary["dominant_frequency"] < 2.69e3
+    assert summary["normal_force_999"] == pytest.approx({1e-3: 28, 2e-3: 28, 5e-3: 36}[V], abs=3.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["2 mm/s", "theta 10"])
+def test_fast_agrees_with_the_published_scheme_in_its_statistics(name):
+    """Two scenes of the table that `python -m tests.ensembles` makes."""
+    keys = (*FRACTIONS, "dominant_frequency", "velocity_rms", "stick_times")
+    runs = {}
+    for method, members in (("paper", 2), ("fast", 6)):
+        runs[method] = [{key: simulate_member(name, method, k)[key] for key in keys} for k in range(members)]
+    for key, difference, _, allowed in compare(runs["paper"], runs["fast"]):
+        assert abs(difference) <= allowed, key
+
+
+def simulate_member(name, method, number):
+    return simulate(SCENES[name], 2.4, method, ramp=1e-3 * (1 + 0.013 * number)).summary
+
+
+# What every run must do.
+
+
+def test_a_record_obeys_the_contact_law(vibrating):
+    state, N, T = vibrating.state, vibrating.normal_force, vibrating.tangential_force
+    assert {0, 1, 2} == set(np.unique(state))
+    assert np.all(N >= 0.0)
+    assert np.all(N[state == 0] == 0.0)
+    assert np.all(T[state == 0] == 0.0)
+    assert np.all(np.abs(T) <= 0.2 * N * (1.0 + 1e-12))
+    sliding = state == 2
+    assert np.abs(T[sliding]) == pytest.approx(0.2 * N[sliding], rel=1e-12)
+    assert np.all(T[sliding] * vibrating.slip_velocity[sliding] <= 0.0)
+    assert np.max(np.abs(vibrating.slip_velocity[state == 1])) < 1e-9
+
+
+def test_a_record_is_what_the_summary_speaks_of(vibrating):
+    summary, t = vibrating.summary, vibrating.time
+    settled = t > summary["first_slip_time"] + 0.1
+    for key, state in zip(FRACTIONS, (1, 2, 0), strict=True):
+        assert np.mean(vibrating.state[settled] == state) == pytest.approx(summary[key], abs=2e-3)
+    assert vibrating.velocity_B[settled].std() == pytest.approx(summary["velocity_rms"], rel=2e-3)
+    assert vibrating.normal_force[settled].mean() == pytest.approx(summary["mean_normal_force"], rel=2e-3)
+    assert t[1] - t[0] == pytest.approx(1e-5, rel=0.1)
+    assert t[-1] == pytest.approx(1.0, abs=2e-5)
+
+
+def test_without_record_there_is_none():
+    result = simulate(paper_scene(5e-3), 0.01)
+    assert all(len(getattr(result, name)) == 0 for name in SERIES)
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.0, 0.7])
+@pytest.mark.parametrize("method", ["fast", "paper"])
+def test_speed_and_load_together_only_scale_the_motion(factor, method):
+    """(a V, a F) gives a times the motion: the same bits of the motion per newton."""
+    duration = 0.2 if method == "fast" else 0.035
+    unit = simulate(Scene(5e-3 / 9.0, 5.0, 0.2, 1.0), duration, method, record=True)
+    scaled = simulate(Scene(factor * 5e-3, 5.0, 0.2, factor * 9.0), duration, method, record=True)
+    F = factor * 9.0
+    for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
+        assert np.array_equal(getattr(scaled, name), F * getattr(unit, name)), name
+    assert np.array_equal(scaled.time, unit.time)
+    assert np.array_equal(scaled.state, unit.state)
+    assert scaled.summary["first_separation_time"] == unit.summary["first_separation_time"]
+
+
+def test_the_mirrored_scene_moves_the_other_way():
+    scene = paper_scene(5e-3)
+    one, other = (simulate(s, 0.1, record=True) for s in (scene, scene.mirrored()))
+    assert np.array_equal(one.normal_force, other.normal_force)
+    assert np.array_equal(one.velocity_B, -other.velocity_B)
+    assert np.array_equal(one.tangential_force, -other.tangential_force)
+    assert np.array_equal(one.slip_velocity, -other.slip_velocity)
+
+
+def test_the_same_scene_has_the_same_bits_on_threads():
+    scenes = [Scene(V, theta, 0.2, 9.0) for V in (5e-3, 8e-3) for theta in (3.0, 5.0, 8.0)]
+    alone = [simulate(scene, 0.1, record=True) for scene in scenes]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda scene: simulate(scene, 0.1, record=True), scenes))
+    for one, other in zip(alone, together, strict=True):
+        assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in SERIES)
+
+
+def test_memory_does_not_grow_with_duration_unless_recorded():
+    simulate(paper_scene(5e-3), 0.3)
+    peaks = []
+    for duration in (1.0, 10.0):
+        tracemalloc.start()
+        simulate(paper_scene(5e-3), duration)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.1 * peaks[0]
+
+
+def test_without_a_drive_worth_the_name_the_rig_stays_at_rest():
+    result = simulate(Scene(1e-9, 5.0, 0.2, 9.0), 0.05, record=True)
+    assert result.normal_force == pytest.approx(9.0, rel=1e-6)
+    assert result.summary["regime"] == "undecided"
+
+
+@pytest.mark.parametrize(
+    "scene", [Scene(5e-3, 5.0, 0.05, 9.0), Scene(5e-3, -8.0, 0.3, 9.0), Scene(5e-3, 15.0, 0.2, 9.0)]
+)
+def test_a_stable_scene_settles_into_steady_sliding(scene):
+    result = simulate(scene, 3.0, record=True, sample_rate=1e3)
+    assert result.summary["regime"] == "steady sliding"
+    last = result.time > 2.99
+    assert result.normal_force[last] == pytest.approx(9.0, rel=1e-6)
+    assert np.abs(result.tangential_force[last]) == pytest.approx(scene.mu * 9.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_hard_scenes_end_with_an_answer_or_an_error_that_names_them(seed):
+    rng = np.random.default_rng(seed)
+    scene = Scene(
+        float(10 ** rng.uniform(-6, 0)) * rng.choice([-1.0, 1.0]),
+        float(rng.uniform(-60.0, 60.0)),
+        float(rng.uniform(0.0, 2.0)),
+        float(10 ** rng.uniform(-2, 4)),
+    )
+    ramp = float(rng.choice([0.0, 1e-3]))
+    if scene.mu >= 0.999 * critical_mu(Rig(), scene.theta):
+        with pytest.raises(ContactError, match=f"mu = {scene.mu:g}, ") as caught:
+            simulate(scene, 0.05, ramp=ramp)
+        assert caught.value.scene == scene
+        return
+    result = simulate(scene, 0.05, record=True, ramp=ramp, settle=0.0)
+    for name in SERIES:
+        assert np.isfinite(getattr(result, name)).all()
+    assert np.all(result.normal_force >= 0.0)
+    assert np.all(np.abs(result.tangential_force) <= scene.mu * result.normal_force * (1 + 1e-12))
+    assert sum(result.summary[key] for key in FRACTIONS) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("method", ["fast", "paper"])
+@pytest.mark.parametrize("termination", ["absorbing", "elastic", "none"])
+def test_beyond_the_critical_friction_a_method_refuses(method, termination):
+    if method == "paper" and termination != "absorbing":
+        pytest.skip("the published scheme keeps every mode")
+    critical = critical_mu(Rig(), 30.0, method, termination=termination)
+    below, above = (Scene(0.1, 30.0, critical * factor, 9.0) for factor in (1 - 1e-6, 1 + 1e-6))
+    simulate(below, 1e-4, method, termination=termination, cutoff=None if method == "paper" else 75e3)
+    with pytest.raises(ContactError, match="Painleve") as caught:
+        simulate(above, 1e-4, method, termination=termination)
+    assert caught.value.scene == above
+    assert f"{critical:.6g}" in str(caught.value) or method == "fast"
+
+
+def test_without_an_element_24_modes_lose_their_contact_force_at_1_92():
+    assert critical_mu(Rig(), 5.0, cutoff=50e3, termination="none") == pytest.approx(1.92, abs=0.005)
+    model = full_model(Rig(), 5.0)
+    inverse = 1.0 / (1.0 + 0.8 * STEP * model.damping)
+    r = STEP / TAU
+    normal, cross = np.sum(model.normal**2 * inverse), np.sum(model.normal * model.tangential * inverse)
+    assert critical_mu(Rig(), 5.0, "paper") == pytest.approx(normal * (1 + r) / (r * abs(cross)))
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"step": 3e-6}, "step = 3e-06: .* at most 2.* s"),
+        ({"step": 2.2e-8, "method": "paper"}, "step = 2.2e-08: .* at most 2.165e-08 s"),
+        ({"method": "newmark"}, "method = 'newmark': it must be one of fast, "),
+        ({"termination": "soft"}, "termination = 'soft': it must be one of absorbing, elastic, none"),
+        ({"cutoff": -1.0}, "cutoff = -1"),
+        ({"cutoff": 50e3, "method": "paper"}, "cutoff = 50000: the published scheme keeps all modes"),
+        ({"duration": 0.0}, "duration = 0"),
+        ({"duration": float("nan")}, "duration = nan"),
+        ({"ramp": -1.0}, "ramp = -1"),
+        ({"settle": -1.0}, "settle = -1"),
+        ({"min_stick": 0.0}, "min_stick = 0"),
+        ({"sample_rate": 0.0}, "sample_rate = 0"),
+        ({"initial": 3}, "initial: it must be modal displacements"),
+        ({"initial": (np.zeros(3), np.zeros(3), 1)}, r"initial: modal displacements of shape \(3,\)"),
+        ({"initial": (np.zeros(361), np.zeros(361), 7)}, "initial: contact state 7"),
+        ({"scene": "fig5"}, "scene = 'fig5': it must be a Scene"),
+    ],
+)
+def test_a_bad_argument_is_named_with_its_value_and_what_would_do(given, text):
+    arguments = {"scene": paper_scene(5e-3), "duration": 0.01, **given}
+    with pytest.raises(ValueError, match=text):
+        simulate(**arguments)
+
+
+# The reduced model.
+
+
+@pytest.mark.parametrize("cutoff", [75e3, 100e3, 200e3])
+def test_the_element_keeps_the_static_flexibility(cutoff):
+    rig, theta = Rig(), 20.0
+    full, reduced = full_model(rig, theta), reduced_model(rig, theta, cutoff)
+    elastic = full.stiffness > 0.0
+    shape = np.stack([full.normal, full.tangential])[:, elastic]
+    all_modes = (shape / full.stiffness[elastic]) @ shape.T
+    kept = reduced.stiffness > 0.0
+    shape = np.stack([reduced.normal, reduced.tangential])[:, kept]
+    assert (shape / reduced.stiffness[kept]) @ shape.T + np.linalg.inv(reduced.K) == pytest.approx(all_modes)
+
+
+@pytest.mark.parametrize("rig", [Rig(), workshop_rig(3), replace(Rig(), contact_position=0.12)])
+def test_with_all_modes_a_striking_tip_stays_in_contact_and_the_kept_ones_need_tau(rig):
+    """The observation on which the element's damping rests, by the published scheme without friction."""
+    full = full_model(rig, 0.0)
+    rigid = full.stiffness == 0.0
+    velocity = np.where(rigid, -1.0, 0.0) / np.where(rigid, full.normal, 1.0)
+    transit = 2.0 * rig.p1.length * np.sqrt(rig.p1.density / rig.p1.young_modulus)
+    step = min(STEP, 0.2 / np.sqrt(full.stiffness.max()))
+    scene = Scene(1e-9, 1e-9, 0.0, 1e-6, rig)
+    struck = simulate(
+        scene, 0.9 * transit, "paper", initial=(np.zeros(len(velocity)), velocity, 0), step=step, record=True,
+        sample_rate=1.0 / (8 * step),
+    )  # fmt: skip
+    touched = int(np.argmax(struck.state > 0))
+    assert np.all(struck.state[touched:] > 0)
+    tau = relaxation_time(rig, 75e3)
+    assert 0.0 < tau * reduced_model(rig, 0.0).contact_frequency < 2.0
+
+
+def test_a_model_of_all_modes_needs_no_element():
+    beam = Beam(0.05, 0.01, 0.0015, 185e9, 7900.0, 2)
+    rig = Rig(beam, replace(beam, length=0.15, elements=4), 0.08)
+    model = reduced_model(rig, 5.0, 1e9)
+    assert model.kept.all()
+    assert not model.K.any()
