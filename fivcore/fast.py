@@ -15,13 +15,14 @@ import numpy as np
 
 from fivcore import listener
 from fivcore.contact_law import regime_maps
+from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.fast_kernel import ANCHOR, U_T, advance
 from fivcore.kernel import Array
 from fivcore.progress import Chunk
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
-from fivcore.reduced import CUTOFF, ReducedModel, full_model, reduced_model
+from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, STATE, STICK, WORK, Tally
 from fivcore.uniqueness import check_unique
 
@@ -45,9 +46,10 @@ class FastRun:
         initial: State | None,
         tally: Tally,
         sample_rate: float | None,
+        motion: ContactMotion | None = None,
     ) -> None:
         self.scene, self.ramp, self.tally = scene, ramp, tally
-        self.model = reduced_model(scene.rig, scene.theta, CUTOFF if cutoff is None else cutoff, termination)
+        self.model = reduced_model(scene.rig, scene.theta, cutoff, termination)
         self.step = self.model.default_step if step is None else step
         limit = self.model.largest_step
         if self.step > limit:
@@ -55,10 +57,12 @@ class FastRun:
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {limit:.3g} s; beyond, the"
                 " contact is unstable"
             )
-        self._onset_wanted = cutoff is None and initial is None and termination != "none"
+        self._onset_wanted = cutoff is None and initial is None and motion is None and termination != "none"
         distance = slip_distance(scene)
         self._share = 1.0 - min(LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
         self._termination = termination
+        self._motion, self._slide, self._rest_slide = motion, (np.zeros(0), np.zeros(0)), (0.0, 0.0)
+        self._stretch = 0 if motion is None else max(int(STRETCH / (abs(motion.speed) * self.step)), 1)
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
         self._solver = _Solver(self.model, scene, self.step)
@@ -94,7 +98,7 @@ class FastRun:
 
     def chunks(self, last: int) -> Iterator[Chunk]:
         """Run to step `last`, handing over what was heard."""
-        per_chunk = max(round(CHUNK / self.step), 1)
+        per_chunk = self._stretch or max(round(CHUNK / self.step), 1)
         ramp_ends = min(int(self.ramp / self.step), last)
         watching = self._onset_wanted
         i = 0
@@ -102,6 +106,8 @@ class FastRun:
             target = min(i + per_chunk, last)
             if i < ramp_ends:
                 target = min(target, ramp_ends)
+            if self._motion is not None:
+                self._follow(self._motion, i, target)
             reached, chunk = self._advance(self._solver, i, target, 1, 1 if watching else 0)
             yield chunk
             i = reached
@@ -129,7 +135,8 @@ class FastRun:
             solver.model.K,
             solver.model.C,
             solver.W,
-            np.array([self.scene.pace, self.ramp, *solver.at_rest, solver.model.tangential @ self._shift]),
+            self._drive(solver),
+            self._slide,
             solver.step,
             first,
             last,
@@ -148,6 +155,23 @@ class FastRun:
         taken = self.tally.taken(sticks)
         return reached, Chunk.cut(first, reached, solver.step, 0.5, heard, hearing, rows, recording, taken)
 
+    def _drive(self, solver: _Solver) -> Array:
+        shift = solver.model.tangential @ self._shift
+        return np.array([self.scene.pace, self.ramp, *solver.at_rest, shift, *self._rest_slide])
+
+    def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
+        """Take the contact point along with P2 through steps `first` to `last`."""
+        begin, end = (motion.position((i + 0.5) * self.step) for i in (first, last))
+        q = self._q + self.model.rest
+        model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
+        ends = ((model.normal, after.normal), (model.tangential, after.tangential))
+        slides = [(b - a) / (last - first) for a, b in ends]
+        self._slide = (slides[0], slides[1])
+        self._rest_slide = (float(slides[0] @ model.rest), float(slides[1] @ model.rest))
+        # The stick that goes on has been held up to here by the last stretch.
+        self._q = q - model.rest
+        self.model, self._solver = model, _Solver(model, self.scene, self.step)
+
     def _end_ramp(self, step: int) -> None:
         """The clamp stops accelerating, between the kicks of steps `step` - 1 and `step`."""
         model = self.model
@@ -164,7 +188,7 @@ class FastRun:
         """From step `first` to the first separation (or LONGEST) with more modes and finer steps."""
         coarse = self._solver
         rig = replace(self.scene.rig, d2=self.scene.rig.d2 + ADDED_DAMPING)
-        model = reduced_model(rig, self.scene.theta, HIGHER * CUTOFF, self._termination)
+        model = reduced_model(rig, self.scene.theta, HIGHER * default_cutoff(rig), self._termination)
         fine = _Solver(model, self.scene, self.step / FINER)
         common = coarse.model.kept[model.kept]
         before = self.stored_energy()
@@ -246,7 +270,7 @@ class _Solver:
         self.model, self.step, self.W = model, step, model.W
         check_unique(model, scene.mu, step)
         flow = propagator(model.stiffness, model.damping, step)
-        self.model_arrays = (flow, model.damping, model.normal, model.tangential, model.point_b)
+        self.model_arrays = (flow, model.damping, model.normal.copy(), model.tangential.copy(), model.point_b)
         maps = regime_maps(model.K, model.C, self.W, scene.mu, step)
         self.laws = tuple(float(x) for part in maps for x in np.ravel(part))
         # Without an element half the force of lasting contact is what a landing needs.

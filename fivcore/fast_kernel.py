@@ -51,6 +51,49 @@ def kick_and_move(flow: Any, normal: Any, tangential: Any, q: Any, v: Any, hN: f
     return gN, gT, vN, vT
 
 
+@reordered
+def seen(normal: Any, tangential: Any, q: Any, v: Any) -> Any:
+    """g_N, g_T and their rates."""
+    gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
+    for j in range(q.shape[0]):
+        gN += normal[j] * q[j]
+        gT += tangential[j] * q[j]
+        vN += normal[j] * v[j]
+        vT += tangential[j] * v[j]
+    return gN, gT, vN, vT
+
+
+@reordered
+def follow_shapes(slideN: Any, slideT: Any, normal: Any, tangential: Any, q: Any) -> Any:
+    """Gap shapes of the next step, and by how much the gaps change with them alone."""
+    gN, gT = 0.0, 0.0
+    for j in range(q.shape[0]):
+        normal[j] += slideN[j]
+        tangential[j] += slideT[j]
+        gN += slideN[j] * q[j]
+        gT += slideT[j] * q[j]
+    return gN, gT
+
+
+@reordered
+def along(shape: Any, v: Any) -> Any:
+    """Velocity of a point."""
+    x = 0.0
+    for j in range(v.shape[0]):
+        x += shape[j] * v[j]
+    return x
+
+
+@reordered
+def damped(damping: Any, normal: Any, tangential: Any, v: Any, hN: float, hT: float) -> Any:
+    """Power that the modes lose after a kick by hN and hT."""
+    x = 0.0
+    for j in range(v.shape[0]):
+        y = v[j] + (normal[j] * hN + tangential[j] * hT)
+        x += damping[j] * y * y
+    return x
+
+
 @inlined
 def find_contact(
     laws: Any, mu: float, was: int, uN: float, uT: float, anchor: float, p: float, gT: float, vN: float, vT: float,
@@ -101,6 +144,7 @@ def advance(
     C: Any,
     W: Any,
     drive: Any,
+    slide: Any,
     step: float,
     first: int,
     last: int,
@@ -128,8 +172,11 @@ def advance(
         Coefficient of friction, and what share of the laws' force acts at touch-down.
     K, C, W : ndarray, (2, 2)
         Of the element and of the kept modes.
-    drive : ndarray, (5,)
-        V, ramp, penetration and g_T at rest, and the inertia of the base as a shift of g_T.
+    drive : ndarray, (7,)
+        V, ramp, penetration and g_T at rest, the inertia of the base as a shift of g_T, and by how much
+        the gaps at rest change in a step.
+    slide : tuple
+        By how much the gap shapes change in a step, each (n,); empty where the contact point stays.
     q, v : ndarray, (n,)
         Before the kick in the middle of step `first`.
     contact : ndarray, (3,)
@@ -153,8 +200,9 @@ def advance(
     """
     flow, damping, normal, tangential, point_b = model
     flags, moments, sums, forces, speeds, word, bits = tally
-    V, ramp, p_rest, gT_rest, shift = drive
-    n = q.shape[0]
+    V, ramp, p_rest, gT_rest, shift, rest_N, rest_T = drive
+    slideN, slideT = slide
+    n, moving, creep = q.shape[0], slideN.shape[0] > 0, 0.0
     half = 0.5 * step
     gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
     B_N, B_T = 0.0, 0.0
@@ -165,6 +213,10 @@ def advance(
         vT += tangential[j] * v[j]
         B_N += point_b[j] * normal[j]
         B_T += point_b[j] * tangential[j]
+        if moving:
+            creep += slideN[j] * q[j] / step
+    if moving:
+        creep += rest_N / step
     for i in range(first, last):
         t = (i + 0.5) * step
         if t < ramp:
@@ -175,7 +227,7 @@ def advance(
         p = p_rest - gN
         gT += gT_rest + shift - X
         # The unit load's share of the kick comes first; pace is the drive's.
-        rateN, rateT = vN - half * W[0, 0], vT - half * W[1, 0] - pace
+        rateN, rateT = vN - (half * W[0, 0] - creep), vT - half * W[1, 0] - pace
         state, N, T, uN, uT, before = find_contact(
             laws, mu, was, contact[U_N], contact[U_T], contact[ANCHOR], p, gT, rateN, rateT, half, W[1, 0], W[1, 1]
         )
@@ -201,7 +253,7 @@ def advance(
                 + K[1, 1] * (before**2 - uT**2)
             )
         else:
-            sums[WORK] += step * T * pace
+            sums[WORK] += step * (T * pace - N * creep)
             sums[FRICTION] -= step * T * speed
             sums[TERMINATION] += step * (
                 C[0, 0] * ratesN**2
@@ -221,9 +273,7 @@ def advance(
         listen = i % hearing == 0
         record = recording > 0 and i % recording == 0
         if listen or record:
-            x = 0.5 * (B_N * hN + B_T * hT)
-            for j in range(n):
-                x += point_b[j] * v[j]
+            x = 0.5 * (B_N * hN + B_T * hT) + along(point_b, v)
             if listen:
                 place = i // hearing - (first + hearing - 1) // hearing
                 heard[place, 0], heard[place, 1] = x, speed
@@ -232,12 +282,15 @@ def advance(
                 rows[place, 0], rows[place, 1], rows[place, 2] = t, x, N
                 rows[place, 3], rows[place, 4], rows[place, 5] = T, speed, state
         if i % SAMPLED == 0:
-            x = 0.0
-            for j in range(n):
-                y = v[j] + 0.5 * (normal[j] * hN + tangential[j] * hT)
-                x += damping[j] * y * y
-            sums[DAMPED] += SAMPLED * step * x
+            lost = damped(damping, normal, tangential, v, 0.5 * hN, 0.5 * hT)
+            sums[DAMPED] += SAMPLED * step * lost
         gN, gT, vN, vT = kick_and_move(flow, normal, tangential, q, v, hN, hT)
+        if moving:
+            creep, along_T = follow_shapes(slideN, slideT, normal, tangential, q)
+            gN, gT, vN, vT = seen(normal, tangential, q, v)
+            # What sticks does not slide over P2.
+            contact[ANCHOR] += along_T + rest_T
+            p_rest, gT_rest, creep = p_rest - rest_N, gT_rest + rest_T, (creep + rest_N) / step
         if stop == 2 and not np.isnan(moments[FIRST_SEPARATION]):
             return i + 1
     return last

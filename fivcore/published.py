@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from fivcore import listener
+from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State
 from fivcore.errors import not_unique
 from fivcore.kernel import Array, inlined, kernel
@@ -52,24 +53,37 @@ GT_LAST, T_LAST, N_NOW, T_NOW = 0, 1, 2, 3
 @inlined
 def correct_and_predict(
     k: Any, c: Any, inverse: Any, normal: Any, tangential: Any, f: Any,
-    q: Any, vs: Any, a: Any, N: float, T: float, dt: float, b: float,
+    q: Any, vs: Any, a: Any, reach: Any, N: float, T: float, dt: float, b: float,
 ) -> Any:  # fmt: skip
     """End one step with the contact force found, begin the next, and return its free gaps.
 
-    Between steps `q` holds q, `vs` v* and `a` a*.
+    Between steps `q` holds q, `vs` v* and `a` a*; `reach` receives q_free. This is the yardstick of the other
+    methods, so unlike them it adds its sums in a fixed order, four at a time: the same bits on every machine.
     """
-    gN, gT = 0.0, 0.0
-    for j in range(q.shape[0]):
+    n = q.shape[0]
+    for j in range(n):
         acceleration = a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]
         rate = vs[j] + b * dt * acceleration
         x = q[j] + dt * rate + 0.5 * dt * dt * acceleration
         star = rate + dt * (1.0 - b) * acceleration
         free = (f[j] - k[j] * x - c[j] * star) * inverse[j]
-        reach = x + dt * (star + b * dt * free) + 0.5 * dt * dt * free
         q[j], vs[j], a[j] = x, star, free
-        gN += normal[j] * reach
-        gT += tangential[j] * reach
-    return gN, gT
+        reach[j] = x + dt * (star + b * dt * free) + 0.5 * dt * dt * free
+    n0, n1, n2, n3, t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    whole = n // 4 * 4
+    for j in range(0, whole, 4):
+        n0 += normal[j] * reach[j]
+        n1 += normal[j + 1] * reach[j + 1]
+        n2 += normal[j + 2] * reach[j + 2]
+        n3 += normal[j + 3] * reach[j + 3]
+        t0 += tangential[j] * reach[j]
+        t1 += tangential[j + 1] * reach[j + 1]
+        t2 += tangential[j + 2] * reach[j + 2]
+        t3 += tangential[j + 3] * reach[j + 3]
+    for j in range(whole, n):
+        n0 += normal[j] * reach[j]
+        t0 += tangential[j] * reach[j]
+    return (n0 + n1) + (n2 + n3), (t0 + t1) + (t2 + t3)
 
 
 @inlined
@@ -100,11 +114,13 @@ def advance(
     mu: float,
     scheme: Any,
     drive: Any,
+    slide: Any,
     first: int,
     last: int,
     q: Any,
     vs: Any,
     a: Any,
+    reach: Any,
     contact: Any,
     gaps: Any,
     tally: Any,
@@ -128,8 +144,12 @@ def advance(
         dt, b, r.
     drive : tuple
         V, ramp.
+    slide : tuple
+        By how much the gap shapes change in a step, each (n,); empty where the contact point stays.
     q, vs, a : ndarray, (n,)
         q, v* and a* of step `first`.
+    reach : ndarray, (n,)
+        Work space.
     contact : ndarray, (2,)
         g_T and T at the end of the last step.
     gaps : ndarray, (2,)
@@ -141,6 +161,7 @@ def advance(
     flags, moments, sums, forces, speeds, word, bits = tally
     dt, b, r = scheme
     V, ramp = drive
+    slideN, slideT = slide
     WNN, WNT, WTT = W
     n = q.shape[0]
     for i in range(first, last):
@@ -176,7 +197,18 @@ def advance(
             for j in range(n):
                 x += c[j] * vs[j] * vs[j]
             sums[DAMPED] += SAMPLED * dt * x
-        gaps[0], gaps[1] = correct_and_predict(k, c, inverse, normal, tangential, f, q, vs, a, N, T, dt, b)
+        gaps[0], gaps[1] = correct_and_predict(k, c, inverse, normal, tangential, f, q, vs, a, reach, N, T, dt, b)
+        if slideN.shape[0] > 0:
+            gN, gT, along = 0.0, 0.0, 0.0
+            for j in range(n):
+                normal[j] += slideN[j]
+                tangential[j] += slideT[j]
+                gN += normal[j] * reach[j]
+                gT += tangential[j] * reach[j]
+                # What sticks does not slide over P2.
+                along += slideT[j] * q[j]
+            gaps[0], gaps[1] = gN, gT
+            contact[GT_LAST] += along
 
 
 def largest_step(stiffness: Array, damping: Array, b: float) -> float:
@@ -214,6 +246,7 @@ class PaperRun:
         initial: State | None,
         tally: Tally,
         sample_rate: float | None,
+        motion: ContactMotion | None = None,
         beta2: float = BETA2,
         tau: float = TAU,
     ) -> None:
@@ -226,11 +259,13 @@ class PaperRun:
                 f"step = {self.step:g}: with this rig the published scheme needs at most {limit:.4g} s; else its"
                 " fastest mode grows"
             )
+        self._motion, self._slide = motion, (np.zeros(0), np.zeros(0))
         self._b, self._r = beta2, self.step / tau
         self._inverse = 1.0 / (1.0 + beta2 * self.step * model.damping)
         self._W = contact_closing(model, self.step, beta2)
         if slip_divisors(self._W, scene.mu, self._r).min() <= 0.0:
-            raise not_unique(scene.mu, self._W[0] * (1.0 + self._r) / (self._r * abs(self._W[1])))
+            critical = self._W[0] * (1.0 + self._r) / (self._r * abs(self._W[1]))
+            raise not_unique(scene.mu, critical)
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
         self.rate = 1.0 / (self._hearing * self.step)
@@ -259,7 +294,7 @@ class PaperRun:
         self._f = self._load + ramping
         self._vs = v + dt * (1.0 - b) * a
         self._a = (self._f - model.stiffness * q - model.damping * self._vs) * self._inverse
-        self._q = q
+        self._q, self._reach = q, np.empty(len(q))
         self._set_gaps()
 
     def _set_gaps(self) -> None:
@@ -269,21 +304,25 @@ class PaperRun:
 
     def chunks(self, last: int) -> Iterator[Chunk]:
         """Run to step `last`, handing over what was heard."""
-        model = self.model
         per_chunk = max(round(CHUNK / self.step), 1)
+        if self._motion is not None:
+            per_chunk = max(int(STRETCH / (abs(self._motion.speed) * self.step)), 1)
         ramp_ends = min(round(self.ramp / self.step), last)
         hearing, recording = self._hearing, self._recording
-        modes = (model.stiffness, model.damping, self._inverse, model.normal, model.tangential, model.point_b)
+        modes = self._modes()
         i = 0
         while i < last:
             target = min(i + per_chunk, last if i >= ramp_ends else ramp_ends)
+            if self._motion is not None:
+                self._follow(self._motion, i, target)
+                modes = self._modes()
             heard = np.empty(((target - i) // hearing + 1, 2))
             rows = np.empty(((target - i) // recording + 1 if recording else 0, 6))
             sticks = self.tally.room(i * self.step, target * self.step, self.step)
             advance(
                 modes, self._f, self._W, self.scene.mu, (self.step, self._b, self._r),
-                (self.scene.pace, self.ramp), i, target, self._q, self._vs, self._a, self._contact, self._gaps,
-                self.tally.arrays, sticks, heard, hearing, rows, recording,
+                (self.scene.pace, self.ramp), self._slide, i, target, self._q, self._vs, self._a, self._reach,
+                self._contact, self._gaps, self.tally.arrays, sticks, heard, hearing, rows, recording,
             )  # fmt: skip
             yield Chunk.cut(i, target, self.step, 1.0, heard, hearing, rows, recording, self.tally.taken(sticks))
             i = target
@@ -291,7 +330,24 @@ class PaperRun:
                 # What was predicted for the next step with the clamp's acceleration is predicted anew.
                 self._a += (self._load - self._f) * self._inverse
                 self._f = self._load
+                if self._motion is not None:
+                    self.model = moved_model(self.model, self.scene, self._motion.position((i + 1) * self.step))
                 self._set_gaps()
+
+    def _modes(self) -> tuple[Array, ...]:
+        """What `advance` takes; it moves the gap shapes along with the contact point."""
+        model = self.model
+        shapes = (model.normal.copy(), model.tangential.copy())
+        return model.stiffness, model.damping, self._inverse, *shapes, model.point_b
+
+    def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
+        """Take the contact point along with P2 through steps `first` to `last`."""
+        begin, end = (motion.position((i + 1) * self.step) for i in (first, last))
+        model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
+        steps = last - first
+        self._slide = ((after.normal - model.normal) / steps, (after.tangential - model.tangential) / steps)
+        self.model = model
+        self._W = contact_closing(model, self.step, self._b)
 
     def stored_energy(self) -> float:
         """Of the modes and the load, canonical; v* stands for the velocity."""

@@ -29,7 +29,9 @@ from fivcore.kernel import Array, kernel
 from fivcore.propagation import propagator
 from fivcore.rig import Rig
 
-CUTOFF = 75e3
+# The default cut-off lies just above the second axial mode of P1, 3 c / (4 L): with it and the first, most of
+# what the contact feels along its normal is kept.
+AXIAL = 3.1
 TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega and, without an element, of the fastest
 # mode's; the largest stable one.
@@ -115,7 +117,7 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     ends = upper.shapes[node : node + 2, 0]
     point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
     load[:n1] = -upper.shapes[0, 1]
-    rest = _equilibrium(stiffness, normal, load, 0.0)
+    rest = equilibrium(stiffness, normal, load, 0.0)
     kept = np.ones(len(stiffness), dtype=bool)
     damping = rig.d1 + rig.d2 * stiffness
     return ReducedModel(
@@ -132,10 +134,19 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     )
 
 
+def default_cutoff(rig: Rig) -> float:
+    """Cut-off of a rig's reduced model, Hz: 75 kHz for the paper's."""
+    beam = rig.p1
+    return float(AXIAL * np.sqrt(beam.young_modulus / beam.density) / (4.0 * beam.length))
+
+
 @lru_cache(maxsize=64)
 @one_blas_thread()
-def reduced_model(rig: Rig, theta: float, cutoff: float = CUTOFF, termination: str = "absorbing") -> ReducedModel:
+def reduced_model(
+    rig: Rig, theta: float, cutoff: float | None = None, termination: str = "absorbing"
+) -> ReducedModel:
     """The modes below `cutoff` (Hz) and the element for the others."""
+    cutoff = default_cutoff(rig) if cutoff is None else cutoff
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
     shape = np.stack([full.normal[~kept], full.tangential[~kept]])
@@ -148,7 +159,7 @@ def reduced_model(rig: Rig, theta: float, cutoff: float = CUTOFF, termination: s
     upper, _ = rig_bases(rig, theta)
     load = np.zeros(len(full.stiffness))
     load[: len(upper.stiffness)] = -upper.shapes[0, 1]
-    rest = _equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
+    rest = equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
     tau = relaxation_time(rig, cutoff) if termination == "absorbing" else 0.0
     inertia, point_b = full.inertia[kept], full.point_b[kept]
     return ReducedModel(
@@ -156,7 +167,7 @@ def reduced_model(rig: Rig, theta: float, cutoff: float = CUTOFF, termination: s
     )
 
 
-def _equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
+def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
     """Modal coordinates under a unit load with N = 1 and T = 0; the rigid mode closes the gap."""
     elastic = stiffness > 0.0
     rest = np.zeros(len(stiffness))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import checks
+from fivcore.contact_motion import ContactMotion
 from fivcore.drive import Canonical, State
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.fast import FastRun
@@ -89,11 +90,12 @@ def simulate(
     initial : State or tuple, optional
         Modal displacements and velocities of all modes and the contact state. Default: at rest under the
         load, T = 0, stuck.
-    contact_motion : {0}
-        The contact point stays at the same distance from P2's clamp.
+    contact_motion : {0, -1, 1}
+        0: the contact point stays at the same distance from P2's clamp. -1, 1: P2 slides under C, and the
+        point of P2 below C moves towards P2's clamp or away from it (`fivcore.contact_motion`).
     cutoff : float, optional
-        Modes above are represented by the termination, Hz; not for "paper", which keeps all. Default: 75 kHz,
-        with more for the onset (`fivcore.fast`).
+        Modes above are represented by the termination, Hz; not for "paper", which keeps all. Default: 75 kHz
+        for the paper's rig (`fivcore.reduced.default_cutoff`), with more for the onset (`fivcore.fast`).
     termination : {"absorbing", "elastic", "none"}
         What stands for the modes above the cut-off (`fivcore.reduced`).
     step : float, optional
@@ -128,13 +130,23 @@ def simulate(
     sample_rate = checks.between("sample_rate", sample_rate, 1e-3, 1e9, "Hz")
     method = checks.choice("method", method, ("fast", "paper"))
     termination = checks.choice("termination", termination, TERMINATIONS)
-    if contact_motion != 0:
-        raise ValueError(f"contact_motion = {contact_motion!r}: it must be 0")
+    if contact_motion not in (-1, 0, 1):
+        raise ValueError(f"contact_motion = {contact_motion!r}: it must be 0, -1 (towards P2's clamp) or 1 (away)")
     canonical = Canonical.of(scene)
     state = None if initial is None else _checked_state(initial, scene, canonical)
     tally = Tally().start(1, settle, SETTLING, min_stick)
     rate = sample_rate if record else None
-    common: dict[str, Any] = {"ramp": ramp, "step": step, "initial": state, "tally": tally, "sample_rate": rate}
+    motion = ContactMotion(canonical, ramp, contact_motion) if contact_motion else None
+    if motion is not None:
+        motion.check(duration)
+    common: dict[str, Any] = {
+        "ramp": ramp,
+        "step": step,
+        "initial": state,
+        "tally": tally,
+        "sample_rate": rate,
+        "motion": motion,
+    }
     try:
         run: Any
         if method == "paper":

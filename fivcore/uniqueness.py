@@ -19,7 +19,7 @@ from fivcore import checks, published
 from fivcore.contact_law import slip_divisors
 from fivcore.errors import not_unique
 from fivcore.kernel import Array
-from fivcore.reduced import CUTOFF, TERMINATIONS, ReducedModel, full_model, reduced_model
+from fivcore.reduced import TERMINATIONS, ReducedModel, full_model, reduced_model
 from fivcore.rig import Rig
 
 METHODS = ("fast", "exact", "paper")
@@ -65,7 +65,7 @@ def critical_mu(
         W = published.contact_closing(full_model(rig, theta), dt, published.BETA2)
         r = dt / published.TAU
         return _ratio(W[0] * (1.0 + r) / r, W[1])
-    cutoff = CUTOFF if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
+    cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     model = reduced_model(rig, theta, cutoff, termination)
     return critical_mu_of(model, None if method == "exact" else model.default_step if step is None else step)
 

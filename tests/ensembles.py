@@ -2,7 +2,8 @@
 
 python -m tests.ensembles [--members 3] [--duration 2.4] [--out FILE] [SCENE ...]
 
-The first four scenes were looked at while the termination was made; the others were not. Every run is appended
+The first four scenes and that of the aluminium P2 were looked at while the reduced model was made (the latter
+for its default cut-off); the others were not. Every run is appended
 to FILE as one line of JSON, and what is there already is not run again; without FILE everything is computed.
 """
 
@@ -29,6 +30,18 @@ BRASS = Rig(
     contact_position=0.12,
     head_mass=4.0,
 )
+TITANIUM = Rig(
+    Beam(0.045, 0.012, 0.0018, 110e9, 4430.0, 28),
+    Beam(0.16, 0.018, 0.0035, 200e9, 7850.0, 80),
+    contact_position=0.09,
+    head_mass=2.0,
+)
+SHORT = Rig(
+    Beam(0.030, 0.008, 0.0012, 185e9, 7900.0, 20),
+    Beam(0.10, 0.012, 0.0025, 185e9, 7900.0, 60),
+    contact_position=0.055,
+    head_mass=1.0,
+)
 SCENES = {
     "1 mm/s": Scene(1e-3, 5.0, 0.20, 9.0),
     "2 mm/s": Scene(2e-3, 5.0, 0.20, 9.0),
@@ -44,6 +57,8 @@ SCENES = {
     "contact at 110 mm": Scene(2e-3, 8.0, 0.30, 9.0, Rig(contact_position=0.110)),
     "aluminium P2": Scene(3e-3, 6.0, 0.25, 6.0, ALUMINIUM),
     "brass P2": Scene(4e-3, 5.0, 0.25, 12.0, BRASS),
+    "titanium P1": Scene(3e-3, 6.0, 0.28, 8.0, TITANIUM),
+    "short beams": Scene(3e-3, 8.0, 0.30, 6.0, SHORT),
 }
 FRACTIONS = ("stick_fraction", "slip_fraction", "separation_fraction")
 KEPT = (

@@ -1,0 +1,99 @@
+"""What the transient half costs: `python -m tests.benchmark_transient`.
+
+Every figure is from this one run, on one core; medians over repetitions, methods taken in turns. It prints the
+tables of the README.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+import tracemalloc
+
+from threadpoolctl import threadpool_limits
+
+from fivcore import Rig, Scene, simulate
+from fivcore.bases import lower_basis
+from fivcore.published import STEP
+from fivcore.reduced import full_model, reduced_model, relaxation_time
+from tests.benchmark_stability import machine
+
+SPEEDS = (1e-3, 2e-3, 5e-3)
+
+
+def seconds(scene: Scene, duration: float, method: str, **given: object) -> float:
+    """Wall time of one run."""
+    start = time.perf_counter()
+    simulate(scene, duration, method, **given)
+    return time.perf_counter() - start
+
+
+def methods(repeat: int = 5) -> None:
+    """Wall time per simulated second of `fast` and `paper` at the paper's speeds, and their ratio."""
+    print("\n| V, mm/s | `paper`, s per s | us a step | `fast`, s per s | ns a step | ratio |\n|---|---|---|---|---|---|")
+    step = reduced_model(Rig(), 5.0).default_step
+    for V in SPEEDS:
+        scene = Scene(V, 5.0, 0.2, 9.0)
+        # A long run of `fast`, so that its onset and the first stick weigh what they do in a study.
+        seconds(scene, 0.01, "paper")
+        seconds(scene, 0.3, "fast")
+        slow, quick, ratios = [], [], []
+        for _ in range(repeat):
+            slow.append(seconds(scene, 0.3, "paper") / 0.3)
+            quick.append(seconds(scene, 3.0, "fast") / 3.0)
+            ratios.append(slow[-1] / quick[-1])
+        a, b, ratio = (statistics.median(x) for x in (slow, quick, ratios))
+        print(f"| {V * 1e3:g} | {a:.1f} | {a * STEP * 1e6:.3f} | {b:.4f} | {b * step * 1e9:.1f} | {ratio:.0f} |")
+
+
+def decay(repeat: int = 7) -> None:
+    """A scene that decays to steady sliding beside one that vibrates: cost per simulated second."""
+    vibrating, decaying = Scene(5e-3, 5.0, 0.2, 9.0), Scene(5e-3, 15.0, 0.2, 9.0)
+    ratios = []
+    for _ in range(repeat):
+        ratios.append(seconds(decaying, 20.0, "fast") / seconds(vibrating, 20.0, "fast"))
+    print(f"\nA decaying scene over 20 s costs {statistics.median(ratios):.2f} of a vibrating one")
+
+
+def memory() -> None:
+    """Peak of what a run allocates, without record."""
+    scene = Scene(5e-3, 5.0, 0.2, 9.0)
+    for duration in (1.0, 10.0, 100.0):
+        tracemalloc.start()
+        simulate(scene, duration)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        print(f"{duration:g} s simulated: at most {peak / 1e6:.2f} MB allocated at once")
+
+
+def start_up(repeat: int = 15) -> None:
+    """What a new inclination costs before its first step."""
+    simulate(Scene(5e-3, 5.0, 0.2, 9.0), 1e-5)
+    times = []
+    for k in range(repeat):
+        start = time.perf_counter()
+        simulate(Scene(5e-3, 5.0 + 0.01 * (k + 1), 0.2, 9.0), 1e-5)
+        times.append(time.perf_counter() - start)
+    new_rig = []
+    for _ in range(repeat):
+        for cached in (lower_basis, full_model, reduced_model, relaxation_time):
+            cached.cache_clear()
+        start = time.perf_counter()
+        simulate(Scene(5e-3, 5.0, 0.2, 9.0), 1e-5)
+        new_rig.append(time.perf_counter() - start)
+    print(f"Before the first step: new theta {1e3 * statistics.median(times):.1f} ms,", end=" ")
+    print(f"new rig {1e3 * statistics.median(new_rig):.1f} ms")
+
+
+def main() -> None:
+    """Print the tables."""
+    with threadpool_limits(1):
+        print(machine())
+        methods()
+        start_up()
+        memory()
+        decay()
+
+
+if __name__ == "__main__":
+    main()
