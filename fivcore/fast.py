@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from fivcore import listener
+from fivcore.chunks import Chunk
 from fivcore.contact_law import regime_maps
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.fast_kernel import ANCHOR, U_T, advance
 from fivcore.kernel import Array
-from fivcore.progress import Chunk
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
 from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model

@@ -97,7 +97,7 @@ def damped(damping: Any, normal: Any, tangential: Any, v: Any, hN: float, hT: fl
 @inlined
 def find_contact(
     laws: Any, mu: float, was: int, uN: float, uT: float, anchor: float, p: float, gT: float, vN: float, vT: float,
-    half: float, WNT: float, WTT: float,
+    half: float, WNT: float, WTT: float, rigid: bool,
 ) -> Any:  # fmt: skip
     """State, N, T, the element's new state and its u_T before, from penetration, g_T and their rates.
 
@@ -105,7 +105,8 @@ def find_contact(
     with branches pays for counting references to them, here more than for the physics.
     """
     freeN, freeT = laws[20] * uN + laws[21] * uT, laws[22] * uN + laws[23] * uT
-    if p <= freeN:
+    # Without an element the gap of a lasting contact is rounding: only its force can end it.
+    if p <= freeN and not (rigid and was != SEPARATION):
         return SEPARATION, 0.0, 0.0, freeN, freeT, uT
     if was == STICK:
         uT = anchor - gT
@@ -203,7 +204,7 @@ def advance(
     V, ramp, p_rest, gT_rest, shift, rest_N, rest_T = drive
     slideN, slideT = slide
     n, moving, creep = q.shape[0], slideN.shape[0] > 0, 0.0
-    half = 0.5 * step
+    half, rigid = 0.5 * step, landing != 1.0
     gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
     B_N, B_T = 0.0, 0.0
     for j in range(n):
@@ -229,7 +230,20 @@ def advance(
         # The unit load's share of the kick comes first; pace is the drive's.
         rateN, rateT = vN - (half * W[0, 0] - creep), vT - half * W[1, 0] - pace
         state, N, T, uN, uT, before = find_contact(
-            laws, mu, was, contact[U_N], contact[U_T], contact[ANCHOR], p, gT, rateN, rateT, half, W[1, 0], W[1, 1]
+            laws,
+            mu,
+            was,
+            contact[U_N],
+            contact[U_T],
+            contact[ANCHOR],
+            p,
+            gT,
+            rateN,
+            rateT,
+            half,
+            W[1, 0],
+            W[1, 1],
+            rigid,
         )
         if stop == 1 and (state != STICK or abs(T) > share * mu * N):
             return i
@@ -260,7 +274,7 @@ def advance(
                 + 2.0 * C[0, 1] * ratesN * ratesT
                 + (C[1, 1] * laws[33] if state == SLIP else C[1, 1]) * ratesT**2
             )
-        if landing != 1.0:
+        if rigid:
             # Nothing moves in the element, so what work the contact takes is the landing's loss.
             sums[IMPACT] -= step * (N * meanN + (T * meanT if state == STICK else 0.0))
             speed = meanT

@@ -46,10 +46,12 @@ class Welch:
 
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
-        inside = np.flatnonzero((self.frequency >= BAND[0]) & (self.frequency <= BAND[1]))
-        if not np.any(self.power[inside] > 0.0):
+        inside = (self.frequency[1:-1] >= BAND[0]) & (self.frequency[1:-1] <= BAND[1])
+        # A peak, not the foot of something below or above the band.
+        peaks = inside & (self.power[1:-1] > self.power[:-2]) & (self.power[1:-1] >= self.power[2:])
+        if not peaks.any():
             return float("nan")
-        top = int(inside[np.argmax(self.power[inside])])
+        top = 1 + int(np.argmax(np.where(peaks, self.power[1:-1], -1.0)))
         below, at, above = np.log(np.maximum(self.power[top - 1 : top + 2], 1e-300))
         bend = below - 2.0 * at + above
         offset = 0.5 * (below - above) / bend if bend < 0.0 else 0.0

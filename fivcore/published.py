@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from fivcore import listener
+from fivcore.chunks import Chunk
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State
 from fivcore.errors import not_unique
 from fivcore.kernel import Array, inlined, kernel
-from fivcore.progress import Chunk
 from fivcore.reduced import ReducedModel, full_model
 from fivcore.tally import (
     DAMPED,

@@ -9,7 +9,8 @@ element of `fivcore.contact_law` in their place:
 - C = tau K. With all modes, an upright P1 that strikes P2 at uniform speed stays in contact until its own sound
   wave comes back. With the kept modes alone, contact rings against the element and would open again at
   once. tau is the smallest relaxation time for which it does not: one number for a rig and a cut-off,
-  independent of inclination, speed, load and friction. "elastic" is tau = 0.
+  independent of inclination, speed, load and friction. It is never below d2, their own material damping.
+  "elastic" is tau = 0.
 
 With the termination "none" the modes above the cut-off are dropped and the kept ones touch rigidly.
 """
@@ -33,9 +34,9 @@ from fivcore.rig import Rig
 # what the contact feels along its normal is kept.
 AXIAL = 3.1
 TERMINATIONS = ("absorbing", "elastic", "none")
-# Default step of `fast` in units of the contact's own time 1 / omega and, without an element, of the fastest
-# mode's; the largest stable one.
-STEP, RIGID_STEP, LIMIT = 1.15, 0.5, 1.9
+# Default step of `fast` in units of the contact's own time 1 / omega (an undamped element loses what energy
+# the step gets wrong nowhere, so it is finer) and, without an element, of the fastest mode's; the largest.
+STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.15, 0.3, 0.5, 1.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,8 @@ class ReducedModel:
     def default_step(self) -> float:
         """Step of `fast`, s: rounded down to two digits."""
         omega = self.contact_frequency
-        most = STEP / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
+        share = STEP if self.C.any() else ELASTIC_STEP
+        most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
         digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
         return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
 
@@ -160,7 +162,7 @@ def reduced_model(
     load = np.zeros(len(full.stiffness))
     load[: len(upper.stiffness)] = -upper.shapes[0, 1]
     rest = equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
-    tau = relaxation_time(rig, cutoff) if termination == "absorbing" else 0.0
+    tau = max(relaxation_time(rig, cutoff), rig.d2) if termination == "absorbing" else 0.0
     inertia, point_b = full.inertia[kept], full.point_b[kept]
     return ReducedModel(
         stiffness, damping, normal, tangential, inertia, point_b, rest, kept, np.asarray(K), np.asarray(tau * K)

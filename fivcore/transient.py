@@ -12,6 +12,7 @@ from fivcore import checks
 from fivcore.contact_motion import ContactMotion
 from fivcore.drive import Canonical, State
 from fivcore.errors import ContactError, DivergenceError
+from fivcore.exact import ExactRun
 from fivcore.fast import FastRun
 from fivcore.kernel import Array
 from fivcore.listener import Listener
@@ -20,8 +21,8 @@ from fivcore.reduced import TERMINATIONS
 from fivcore.rig import Rig, Scene
 from fivcore.summary import Outcome, summarise
 from fivcore.tally import FIRST_SLIP, LEAST_STICK, SETTLED_FROM, STICK_START, Tally
+from fivcore.uniqueness import METHODS
 
-METHODS = ("fast", "exact", "paper")
 # Statistics start this long after the first slip, s.
 SETTLING = 0.1
 
@@ -80,8 +81,9 @@ def simulate(
     scene : Scene
     duration : float
         Simulated time, s.
-    method : {"fast", "paper"}
-        "fast": the reduced model (default); "paper": the published scheme on all modes.
+    method : {"fast", "exact", "paper"}
+        "fast": the reduced model in symmetric steps of second order (default); "exact": the same model from
+        event to event, a hundred times slower; "paper": the published scheme on all modes.
     ramp : float
         Time in which the clamp of P2 reaches its velocity, uniformly accelerated, s.
     settle : float, optional
@@ -99,7 +101,8 @@ def simulate(
     termination : {"absorbing", "elastic", "none"}
         What stands for the modes above the cut-off (`fivcore.reduced`).
     step : float, optional
-        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.2e-6 with the default rig).
+        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.2e-6 with the default rig);
+        for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
         What counts as a long stick, s. Default: a fifth of the time to the first slip.
     record : bool
@@ -128,7 +131,7 @@ def simulate(
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     sample_rate = checks.between("sample_rate", sample_rate, 1e-3, 1e9, "Hz")
-    method = checks.choice("method", method, ("fast", "paper"))
+    method = checks.choice("method", method, METHODS)
     termination = checks.choice("termination", termination, TERMINATIONS)
     if contact_motion not in (-1, 0, 1):
         raise ValueError(f"contact_motion = {contact_motion!r}: it must be 0, -1 (towards P2's clamp) or 1 (away)")
@@ -139,14 +142,17 @@ def simulate(
     motion = ContactMotion(canonical, ramp, contact_motion) if contact_motion else None
     if motion is not None:
         motion.check(duration)
+        if method == "exact":
+            raise ValueError(f"contact_motion = {contact_motion}: for method 'exact' it must be 0")
     common: dict[str, Any] = {
         "ramp": ramp,
         "step": step,
         "initial": state,
         "tally": tally,
         "sample_rate": rate,
-        "motion": motion,
     }
+    if method != "exact":
+        common["motion"] = motion
     try:
         run: Any
         if method == "paper":
@@ -154,7 +160,8 @@ def simulate(
                 raise ValueError(f"cutoff = {cutoff:g}: the published scheme keeps all modes; leave it out")
             run = PaperRun(canonical, **common)
         else:
-            run = FastRun(canonical, cutoff=cutoff, termination=termination, **common)
+            kind = FastRun if method == "fast" else ExactRun
+            run = kind(canonical, cutoff=cutoff, termination=termination, **common)
         return _watch(scene, canonical, run, tally, duration, ramp)
     except (ContactError, DivergenceError) as error:
         raise type(error)(f"{error}; {_named(scene)}", scene) from None

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import matplotlib.style
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -43,3 +44,26 @@ def panels(rows: int, columns: int, width: float, height: float, **options: obje
     figure = Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
     return figure, list(axes.ravel())
+
+
+def trace(axes: Axes, x: Any, y: Any, columns: int = 1500, **options: Any) -> None:
+    """A long series without loss of its peaks: the range of y in each of `columns`, or a line if it is short."""
+    if len(x) <= 4 * columns:
+        axes.plot(x, y, **{"linewidth": 0.8} | options)
+        return
+    edges = np.linspace(0, len(x), columns + 1).astype(int)[:-1]
+    # A column reaches to the first sample of the next, so that a steep flank leaves no gap.
+    after = np.append(edges[1:], len(x) - 1)
+    low = np.minimum(np.minimum.reduceat(y, edges), y[after])
+    high = np.maximum(np.maximum.reduceat(y, edges), y[after])
+    axes.fill_between(x[edges], low, high, **{"linewidth": 0.5} | options)
+
+
+def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:
+    """One legend under the whole figure, each label once."""
+    found: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    if found:
+        figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=min(columns, len(found)))

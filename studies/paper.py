@@ -20,3 +20,28 @@ ONSETS = ((0.12, 2800.0), (0.16, 400.0), (0.23, 7700.0))
 
 # Section 3.4.2, Fig. 6a: modes 5 and 6 without friction, Hz.
 MODES_5_AND_6 = (2500.0, 3100.0)
+
+# Table 2: the load (N) and the speeds (m/s) of the tests.
+LOAD = 9.0
+SPEEDS = (1e-3, 2e-3, 5e-3)
+
+# Section 2, Fig. 3: lines of the measured spectra (Hz), the main one with its harmonics, and others.
+LINES = (2700.0, 5400.0, 8100.0)
+OTHER_LINES = (2080.0, 6500.0)
+
+# Section 3.5.3: the main line of the simulated spectra, Hz, and the others (the second perhaps a slip for 6500).
+SIMULATED_LINE = 2700.0
+OTHER_SIMULATED_LINES = (2070.0, 6050.0)
+
+# Sections 2 and 3.5.3, Figs. 2 and 7: kind of vibration by speed (m/s).
+VIBRATION = {1e-3: "intermittent", 2e-3: "intermittent", 5e-3: "periodic"}
+
+# Section 3.5.4.2: mean duration of the sticking phases at 2 mm/s over that at 1 mm/s.
+STICK_RATIO = 0.5
+
+# Sections 3.5.4.1 and 3.5.4.2: what the normal force (N) and the slip speed (m/s) can reach, by speed (m/s).
+CONTACT_PEAKS = {5e-3: (25.0, 0.030), 2e-3: (50.0, 0.120)}
+
+# Section 3.6, Fig. 11: speed (m/s), and by inclination (degrees) the measured frequency (Hz), NaN where stable.
+ANGLES_SPEED = 2e-3
+ANGLES = {10.0: 2700.0, 15.0: float("nan")}

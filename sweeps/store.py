@@ -100,7 +100,9 @@ def write(dataset: xr.Dataset, path: Path) -> None:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in dataset.variables.items():
         chosen = encoding.setdefault(str(name), {})
-        if variable.dtype.kind in "fiu" and name not in dataset.coords and variable.ndim:
+        # Small coordinates are read by the smallest of readers; long ones would outweigh the data.
+        plain = name in dataset.coords and variable.size < 10_000
+        if variable.dtype.kind in "fiu" and variable.ndim and not plain:
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
         if name in dataset.coords or variable.dtype.kind in "iu":
             chosen["_FillValue"] = None

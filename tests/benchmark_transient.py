@@ -30,7 +30,8 @@ def seconds(scene: Scene, duration: float, method: str, **given: object) -> floa
 
 def methods(repeat: int = 5) -> None:
     """Wall time per simulated second of `fast` and `paper` at the paper's speeds, and their ratio."""
-    print("\n| V, mm/s | `paper`, s per s | us a step | `fast`, s per s | ns a step | ratio |\n|---|---|---|---|---|---|")
+    print("\n| V, mm/s | `paper`, s per s | us a step | `fast`, s per s | ns a step | ratio |")
+    print("| --- | --- | --- | --- | --- | --- |")
     step = reduced_model(Rig(), 5.0).default_step
     for V in SPEEDS:
         scene = Scene(V, 5.0, 0.2, 9.0)
@@ -49,9 +50,7 @@ def methods(repeat: int = 5) -> None:
 def decay(repeat: int = 7) -> None:
     """A scene that decays to steady sliding beside one that vibrates: cost per simulated second."""
     vibrating, decaying = Scene(5e-3, 5.0, 0.2, 9.0), Scene(5e-3, 15.0, 0.2, 9.0)
-    ratios = []
-    for _ in range(repeat):
-        ratios.append(seconds(decaying, 20.0, "fast") / seconds(vibrating, 20.0, "fast"))
+    ratios = [seconds(decaying, 20.0, "fast") / seconds(vibrating, 20.0, "fast") for _ in range(repeat)]
     print(f"\nA decaying scene over 20 s costs {statistics.median(ratios):.2f} of a vibrating one")
 
 

@@ -1,0 +1,272 @@
+"""What the studies of motion in time share: scenes run in batches, their series at even times, and spectra."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import signal
+
+from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, checks, simulate
+from studies import paper
+from studies.study import Setting, constants
+from sweeps import Axis, Grid, Variable
+
+Array = NDArray[Any]
+
+METHOD = "fast"
+# The paper's spectra end here, Hz.
+BAND = 10e3
+# Windows of a spectrum, s; half of one is the shortest run that has one.
+WINDOW = 25e-3
+# The motion is recorded so much faster than kept: B rings far above the band, which must not fold into it.
+OVERSAMPLING = 8
+# Of one series, so that a slip of the pen does not fill the memory.
+MOST_SAMPLES = 5_000_000
+# A long stick lasts at least this share of the first one (`fivcore.simulate`, min_stick).
+LONG_STICK = 0.2
+# Statistics start this long after the first slip, s.
+SETTLING = 0.1
+
+SCENE = ("V", "theta", "mu", "F")
+STATES = ("separation", "stick", "slip")
+REGIMES = ("undecided", "stuck", "steady sliding", "intermittent", "periodic", "irregular")
+
+SUMMARY = {
+    "regime": Variable("1", "regime of the motion", (), "int8"),
+    "stick_fraction": Variable("1", "share of the time in stick"),
+    "slip_fraction": Variable("1", "share of the time in slip"),
+    "separation_fraction": Variable("1", "share of the time in separation"),
+    "dominant_frequency": Variable("Hz", "strongest line of the velocity of B outside long sticks"),
+    "stuck_frequency": Variable("Hz", "strongest line of the velocity of B within long sticks"),
+    "coherence": Variable("1", "autocorrelation of the velocity of B after 20 periods"),
+    "velocity_rms": Variable("m s-1", "root mean square of the velocity of B about its mean"),
+    "mean_normal_force": Variable("N", "mean normal force"),
+    "max_normal_force": Variable("N", "largest normal force"),
+    "normal_force_999": Variable("N", "99.9 % quantile of the normal force"),
+    "max_slip_speed": Variable("m s-1", "largest slip speed"),
+    "slip_speed_999": Variable("m s-1", "99.9 % quantile of the slip speed"),
+    "switches_per_second": Variable("s-1", "changes of contact state per second"),
+    "first_slip_time": Variable("s", "time of the first slip"),
+    "first_separation_time": Variable("s", "time of the first separation"),
+    "long_sticks": Variable("1", "number of long sticks after the first slip", (), "int32"),
+    "mean_stick_time": Variable("s", "mean duration of the long sticks"),
+    "energy_residual": Variable("1", "energy unaccounted for"),
+}
+
+
+def run_settings(duration: float) -> dict[str, Setting]:
+    """Settings of a run besides its rig, with the paper's operating point."""
+    return {
+        "mu": Setting(paper.MU, "1", "coefficient of friction"),
+        "F": Setting(paper.LOAD, "N", "load on A"),
+        "duration": Setting(duration, "s", "simulated time"),
+        "ramp": Setting(1e-3, "s", "time in which P2's clamp reaches its velocity"),
+        "cutoff": Setting(0.0, "Hz", "modes above are left to the termination; 0: the method's own"),
+    }
+
+
+def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:
+    """What every scene of a sweep has in common: the rig, the run, and the settings called `names`."""
+    chosen = ("duration", "ramp", "cutoff", *names)
+    return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
+
+
+def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
+    """One scene a point; what the points do not say is fixed."""
+    count = len(next(iter(points.values())))
+    every = {name: points[name] if name in points else np.full(count, fixed[name]) for name in SCENE}
+    return [Scene(**{name: float(every[name][k]) for name in SCENE}, rig=fixed["rig"]) for k in range(count)]
+
+
+def motion(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, **recording: Any) -> Transient:
+    """Simulate one scene as the sweep's constants say."""
+    return simulate(
+        scene,
+        fixed["duration"] if duration is None else duration,
+        fixed["method"],
+        ramp=fixed["ramp"],
+        cutoff=fixed["cutoff"] or None,
+        **recording,
+    )
+
+
+def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
+    """Find out, before anything is planned, what cannot be run.
+
+    A scene whose contact has no unique solution is not refused: its point fails by itself.
+
+    Raises
+    ------
+    ValueError
+        Naming the axis or setting.
+    """
+    checks.between("sample_rate", sample_rate, 1e3, 1e6, "Hz")
+    most = MOST_SAMPLES / sample_rate
+    checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
+    checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
+    every = scenes(grid.points(), fixed)
+    with suppress(ContactError, DivergenceError):
+        motion(every[0], fixed, 1e-6)
+
+
+def without_series(run: Transient) -> Transient:
+    """What remains when the series of a run have been used: a batch of them would fill the memory."""
+    return Transient(run.scene, run.summary)
+
+
+def summaries(runs: Sequence[Transient]) -> dict[str, Array]:
+    """The summary figures of some runs, one entry each, as `SUMMARY` lists them."""
+
+    def one(name: str, summary: Mapping[str, Any]) -> Any:
+        sticks = summary["stick_times"]
+        if name == "regime":
+            return REGIMES.index(summary["regime"])
+        if name == "long_sticks":
+            return len(sticks)
+        if name == "mean_stick_time":
+            return np.mean(sticks) if len(sticks) else np.nan
+        return summary[name]
+
+    return {name: np.array([one(name, run.summary) for run in runs]) for name in SUMMARY}
+
+
+def even_times(duration: float, sample_rate: float) -> Axis:
+    """The `elapsed` of series kept from the start of the drive."""
+    count = int(duration * sample_rate * (1.0 + 1e-12))
+    return Axis(np.arange(count) / sample_rate, "s", "time since the drive started")
+
+
+def frequencies(sample_rate: float) -> Axis:
+    """Where a spectrum is known: twice as fine as its windows resolve, up to the end of the band."""
+    full = np.fft.rfftfreq(2 * _length(sample_rate), 1.0 / sample_rate)
+    return Axis(full[full <= BAND], "Hz", "frequency")
+
+
+def velocity(run: Transient, times: Array, sample_rate: float) -> Array:
+    """Velocity of B at even `times`, m/s, without what lies above half their rate."""
+    fine = np.arange(len(times) * OVERSAMPLING) / (sample_rate * OVERSAMPLING)
+    even = np.interp(fine, run.time, run.velocity_B)
+    return np.asarray(signal.resample_poly(even, 1, OVERSAMPLING, padtype="line"))
+
+
+def long_sticks(run: Transient, times: Array) -> NDArray[np.bool_]:
+    """Which of `times` lie within a long stick begun after the first slip; a running one counts."""
+    inside = np.zeros(len(times), dtype=bool)
+    first = run.summary["first_slip_time"]
+    for begin, end in stretches(run.state == STATES.index("stick")):
+        start, stop = run.time[begin], run.time[end - 1]
+        if start > first and stop - start >= LONG_STICK * first:
+            inside[np.searchsorted(times, start) : np.searchsorted(times, stop)] = True
+    return inside
+
+
+def settled(run: Transient, times: Array) -> NDArray[np.bool_]:
+    """Which of `times` count for statistics."""
+    first = run.summary["first_slip_time"]
+    return np.asarray(times >= (0.0 if np.isnan(first) else first + SETTLING))
+
+
+def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Array:
+    """Power spectral density of a series in its chosen stretches, at `frequencies(sample_rate)`.
+
+    Welch's, one-sided: Hann windows, half overlapping. A stretch shorter than a window counts with what it has if
+    that is an eighth of a window or more; a burst between two long sticks is that short. NaN if there is none.
+    """
+    length = _length(sample_rate)
+    total, weight = np.zeros(length + 1), 0.0
+    for begin, end in stretches(chosen):
+        size = min(end - begin, length)
+        if size < length // 8:
+            continue
+        hann = np.hanning(size)
+        pieces = np.lib.stride_tricks.sliding_window_view(series[begin:end], size)[:: max(size // 2, 1)]
+        centred = pieces - pieces.mean(axis=1, keepdims=True)
+        total += np.sum(np.abs(np.fft.rfft(centred * hann, 2 * length, axis=1)) ** 2, axis=0)
+        weight += len(pieces) * float(np.sum(hann**2))
+    known = len(frequencies(sample_rate))
+    return 2.0 * total[:known] / (weight * sample_rate) if weight else np.full(known, np.nan)
+
+
+def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Begin and end of every run of true flags."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def line_near(frequency: Array, power: Array, target: float, within: float = 0.08) -> float:
+    """Frequency of the strongest peak of a spectrum about `target`, Hz; NaN if none stands out there.
+
+    Parameters
+    ----------
+    within : float
+        How far it may be, in units of `target`.
+    """
+    near = np.flatnonzero(np.abs(frequency - target) <= within * target)  # none for a target that is NaN
+    near = near[(near > 0) & (near < len(power) - 1)]
+    if not len(near) or not np.all(np.isfinite(power[near])):
+        return float("nan")
+    top = int(near[np.argmax(power[near])])
+    before, at, after = np.log(np.maximum(power[top - 1 : top + 2].astype(float), 1e-300))
+    bend = before - 2.0 * at + after
+    # Half as much again as is usual there: less is the scatter of the estimate.
+    if at < max(before, after) or bend >= 0.0 or power[top] <= 1.5 * np.median(power[near]):
+        return float("nan")
+    # The top of the parabola through the logarithms.
+    return float(frequency[top] + 0.5 * (before - after) / bend * frequency[1])
+
+
+def with_flags(dataset: xr.Dataset, **meanings: Sequence[str]) -> xr.Dataset:
+    """Say what the whole numbers of a variable stand for."""
+    for name, words in meanings.items():
+        attributes = dataset[name].attrs
+        attributes.pop("units", None)
+        attributes["flag_values"] = np.arange(len(words), dtype=np.int8)
+        attributes["flag_meanings"] = " ".join(word.replace(" ", "_") for word in words)
+    return dataset
+
+
+def regime_name(point: xr.Dataset) -> str:
+    """The regime of one point in words."""
+    code = float(point["regime"])
+    return "failed" if np.isnan(code) else REGIMES[int(code)]
+
+
+def is_papers(dataset: xr.Dataset, **also: float) -> bool:
+    """Whether the paper's numbers stand beside this result: its rig, load and friction, and `also` as given."""
+    given = constants(dataset)
+    wanted = {"mu": paper.MU, "F": paper.LOAD} | also
+    return given["rig"] == asdict(Rig()) and all(given[name] == value for name, value in wanted.items())
+
+
+def some(count: int, most: int) -> list[int]:
+    """Which of `count` points a figure shows: all, or `most` of them evenly."""
+    return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
+
+
+def of_all(shown: Sequence[int], count: int) -> str:
+    """What a title adds where not all points are shown."""
+    return f" ({len(shown)} of {count})" if len(shown) < count else ""
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table with its columns flush right."""
+    every = [heads, *rows]
+    widths = [max(len(row[k]) for row in every) for k in range(len(heads))]
+    return [
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in every
+    ]
+
+
+def text(value: Any, digits: int, scale: float = 1.0) -> str:
+    """A number for a reader; a dash where there is none."""
+    return "-" if np.isnan(value) else f"{scale * float(value):.{digits}f}"
+
+
+def _length(sample_rate: float) -> int:
+    return round(WINDOW * sample_rate)
