@@ -34,6 +34,7 @@ from fivcore.tally import (
     TERMINATION,
     WORK,
     measure,
+    spread,
 )
 
 # Slots of `start`.
@@ -368,7 +369,8 @@ def sample(
         _outputs(rates, c, real, imaginary, drift, start, t - origin, low, out)
         N, speed = out[low + N_], out[low + SPEED]
         if settled:
-            measure(sums, forces, speeds, word, bits, state, N, abs(speed), step)
+            measure(sums, state, N, abs(speed), step)
+            spread(forces, speeds, word, bits, N, abs(speed), step)
         if listen:
             place = i // hearing - (begin + hearing - 1) // hearing
             heard[place, 0], heard[place, 1] = out[low + V_B], speed

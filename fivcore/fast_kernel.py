@@ -27,12 +27,13 @@ from fivcore.tally import (
     WORK,
     follow,
     measure,
+    spread,
 )
 
 # Slots of `contact`: the element's state and g_T + u_T at the last moment of sliding.
 U_N, U_T, ANCHOR = 0, 1, 2
-# Every how many steps the modal damping is sampled for the energy balance.
-SAMPLED = 8
+# Every how many steps the modal damping is sampled for the energy balance, and the histograms are filled.
+SAMPLED, SPREAD = 8, 4
 
 
 @reordered
@@ -218,6 +219,9 @@ def advance(
             creep += slideN[j] * q[j] / step
     if moving:
         creep += rest_N / step
+    # The next multiples; comparing is cheaper than dividing.
+    heard_rows, next_heard = 0, -(-first // hearing) * hearing
+    written, next_row = 0, -(-first // recording) * recording if recording > 0 else -1
     for i in range(first, last):
         t = (i + 0.5) * step
         if t < ramp:
@@ -282,19 +286,20 @@ def advance(
         if state != was:
             follow(flags, moments, sums, forces, speeds, sticks, t, state)
         if t >= moments[SETTLED_FROM]:
-            measure(sums, forces, speeds, word, bits, state, N, abs(speed), step)
+            measure(sums, state, N, abs(speed), step)
+            if i % SPREAD == 0:
+                spread(forces, speeds, word, bits, N, abs(speed), SPREAD * step)
         hN, hT = step * (N - 1.0), step * T
-        listen = i % hearing == 0
-        record = recording > 0 and i % recording == 0
+        listen, record = i == next_heard, i == next_row
         if listen or record:
             x = 0.5 * (B_N * hN + B_T * hT) + along(point_b, v)
             if listen:
-                place = i // hearing - (first + hearing - 1) // hearing
-                heard[place, 0], heard[place, 1] = x, speed
+                heard[heard_rows, 0], heard[heard_rows, 1] = x, speed
+                heard_rows, next_heard = heard_rows + 1, next_heard + hearing
             if record:
-                place = i // recording - (first + recording - 1) // recording
-                rows[place, 0], rows[place, 1], rows[place, 2] = t, x, N
-                rows[place, 3], rows[place, 4], rows[place, 5] = T, speed, state
+                rows[written, 0], rows[written, 1], rows[written, 2] = t, x, N
+                rows[written, 3], rows[written, 4], rows[written, 5] = T, speed, state
+                written, next_row = written + 1, next_row + recording
         if i % SAMPLED == 0:
             lost = damped(damping, normal, tangential, v, 0.5 * hN, 0.5 * hT)
             sums[DAMPED] += SAMPLED * step * lost

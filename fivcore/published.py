@@ -38,6 +38,7 @@ from fivcore.tally import (
     Tally,
     follow,
     measure,
+    spread,
 )
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
@@ -45,7 +46,8 @@ STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
 # What the scheme adds to d2 of itself, s.
 ADDED_DAMPING = (BETA2 - 0.5) * STEP
 
-SAMPLED = 64
+# Every how many steps the modal damping is sampled for the energy balance, and the histograms are filled.
+SAMPLED, SPREAD = 64, 8
 CHUNK = 0.02
 GT_LAST, T_LAST, N_NOW, T_NOW = 0, 1, 2, 3
 
@@ -176,7 +178,9 @@ def advance(
         if state != was:
             follow(flags, moments, sums, forces, speeds, sticks, t, state)
         if t >= moments[SETTLED_FROM]:
-            measure(sums, forces, speeds, word, bits, state, N, abs(speed), dt)
+            measure(sums, state, N, abs(speed), dt)
+            if i % SPREAD == 0:
+                spread(forces, speeds, word, bits, N, abs(speed), SPREAD * dt)
         sums[WORK] += dt * T * (V * t / ramp if t < ramp else V)
         sums[FRICTION] -= dt * T * speed
         listen = i % hearing == 0

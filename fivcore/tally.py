@@ -1,6 +1,7 @@
 """What every method counts while it runs: time in each contact state, forces, slip speeds, sticks.
 
-A method calls `follow` once a step and, after settling, `measure`; memory is fixed, whatever the duration.
+A method calls `follow` once a step and, after settling, `measure`, and `spread` every few steps; memory is
+fixed, whatever the duration.
 Quantiles come from histograms whose bins are the leading bits of a number: 128 bins an octave, so a quantile
 is known to 0.4 %. All times are in seconds since the drive started, all weights are durations.
 """
@@ -111,14 +112,17 @@ def follow(
 
 
 @inlined
-def measure(
-    sums: Any, forces: Any, speeds: Any, word: Any, bits: Any, state: int, N: float, speed: float, weight: float
-) -> None:
+def measure(sums: Any, state: int, N: float, speed: float, weight: float) -> None:
     """Add a step after settling: state, normal force, and the relative speed of the two surfaces."""
     sums[TIME_IN + state] += weight
     sums[SUM_N] += weight * N
     sums[MAX_N] = max(sums[MAX_N], N)
     sums[MAX_SLIP] = max(sums[MAX_SLIP], speed)
+
+
+@inlined
+def spread(forces: Any, speeds: Any, word: Any, bits: Any, N: float, speed: float, weight: float) -> None:
+    """Add a step, or one for several, to the histograms."""
     word[0] = N
     forces[min(max((bits[0] >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
     word[0] = speed

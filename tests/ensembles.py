@@ -1,6 +1,6 @@
 """Statistics of `fast` beside those of the published scheme, over ensembles whose members differ by the ramp.
 
-python -m tests.ensembles [--members 3] [--duration 2.4] [--out FILE] [SCENE ...]
+python -m tests.ensembles [--members 3] [--duration 2.4] [--out FILE] [--table] [SCENE ...]
 
 The first four scenes and that of the aluminium P2 were looked at while the reduced model was made (the latter
 for its default cut-off); the others were not. Every run is appended
@@ -144,15 +144,40 @@ def compare(paper: list, fast: list) -> list[tuple[str, float, float, float]]:
     return rows
 
 
+def row(name: str, paper: list, fast: list) -> str:
+    """A row of the README's table: `paper` / `fast`, standard errors of the last digits in brackets."""
+    cells = []
+    for key in FRACTIONS:
+        (a, ea), (b, eb) = mean(paper, key), mean(fast, key)
+        cells.append(f"{a:.3f}({1e3 * ea:.0f}) / {b:.3f}({1e3 * eb:.0f})")
+    line, other = mean(paper, "dominant_frequency")[0], mean(fast, "dominant_frequency")[0]
+    speed, same = mean(paper, "velocity_rms")[0], mean(fast, "velocity_rms")[0]
+    gaps = [
+        1e3 * np.mean([run["first_separation_time"] - run["first_slip_time"] for run in runs[: len(paper)]])
+        for runs in (paper, fast)
+    ]
+    return (
+        f"| {name} | {' | '.join(cells)} | {line:.0f} / {other:.0f} | {1e3 * speed:.2f} / {1e3 * same:.2f}"
+        f" | {gaps[0]:.2f} / {gaps[1]:.2f} |"
+    )
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the figures of every scene, or the README's table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--members", type=int, default=3)
     parser.add_argument("--duration", type=float, default=2.4)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--table", action="store_true", help="print the table of the README")
     given = parser.parse_args()
+    if given.table:
+        print("| scene | stick | slip | separation | line, Hz | RMS, mm/s | slip to separation, ms |")
+        print("| --- | --- | --- | --- | --- | --- | --- |")
     for name, paper, fast in ensembles(given.scenes, given.members, given.duration, given.out):
+        if given.table:
+            print(row(name, paper, fast), flush=True)
+            continue
         parts = [
             f"{key.split('_')[0]} {mean(paper, key)[0]:.3f}({mean(paper, key)[1] * 1e3:.0f})"
             f" {mean(fast, key)[0]:.3f}({mean(fast, key)[1] * 1e3:.0f})"

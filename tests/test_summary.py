@@ -21,6 +21,7 @@ from fivcore.tally import (
     follow,
     measure,
     quantile,
+    spread,
 )
 
 RATE = 50e3
@@ -38,13 +39,14 @@ def run(states, forces=None, speeds=None, step=1e-4, settle=None, min_stick=None
         if t >= moments[SETTLED_FROM]:
             N = 1.0 if forces is None else forces[i]
             speed = 0.0 if speeds is None else speeds[i]
-            measure_one(sums, hist, fast, word, bits, int(state), N, speed, step)
+            plainly(measure, sums, int(state), N, speed, step)
+            plainly(spread, hist, fast, word, bits, N, speed, step)
     return tally, sticks[: flags[STICKS]].copy()
 
 
-def measure_one(*given):
-    """`measure` is made to be put into a kernel; here it runs as what it is written as."""
-    measure.py_func(*given) if hasattr(measure, "py_func") else measure(*given)
+def plainly(function, *given):
+    """Run what is made to be put into a kernel as what it is written as."""
+    function.py_func(*given) if hasattr(function, "py_func") else function(*given)
 
 
 def outcome(duration, sticks=None, steadiness=0.0, released=0.0):
@@ -95,9 +97,9 @@ def test_quantiles_of_a_known_distribution(scale):
     rng = np.random.default_rng(1)
     values = scale * rng.exponential(size=200_000)
     tally = Tally()
-    _, _, sums, hist, fast, word, bits = tally.arrays
+    _, _, _, hist, fast, word, bits = tally.arrays
     for value in values:
-        measure_one(sums, hist, fast, word, bits, SLIP, value, 0.5 * value, 1e-6)
+        plainly(spread, hist, fast, word, bits, value, 0.5 * value, 1e-6)
     for share in (0.5, 0.9, 0.999):
         exact = np.quantile(values, share)
         assert quantile(tally.forces, share) == pytest.approx(exact, rel=4e-3)
