@@ -281,6 +281,7 @@ class PaperRun:
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
         self._load = np.where(model.stiffness > 0.0, model.stiffness * rest - model.normal, -model.normal)
         ramping = model.inertia * self.scene.pace / self.ramp if self.ramp > 0.0 else np.zeros(len(rest))
+        T = 0.0
         if initial is None:
             self.tally.flags[STATE] = STICK
             q, v, a = rest.copy(), np.zeros(len(rest)), np.zeros(len(rest))
@@ -289,11 +290,16 @@ class PaperRun:
             q, v = initial.displacement.copy(), initial.velocity.copy()
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
-                # Consistent without friction: the gap does not accelerate.
-                a = a - model.normal * (model.normal @ a) / (model.normal @ model.normal)
+                # The gap does not accelerate, and what slips has its friction already.
+                pace = self.scene.pace if self.ramp == 0.0 else 0.0
+                slips = initial.contact == SLIP
+                m = -self.scene.mu * float(np.sign(model.tangential @ v - pace)) if slips else 0.0
+                push = model.normal + m * model.tangential
+                N = -float(model.normal @ a) / float(model.normal @ push)
+                a, T = a + push * N, m * N
         if self.ramp == 0.0:
             v = v + model.inertia * self.scene.pace
-        self._contact = np.array([model.tangential @ q, 0.0])
+        self._contact = np.array([model.tangential @ q, T])
         self._first_energy = self._energy_of(q, v)
         self._f = self._load + ramping
         self._vs = v + dt * (1.0 - b) * a

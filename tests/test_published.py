@@ -65,7 +65,7 @@ def run_both(case, contact, steps=5000):
         ramp=2e-5,
         q=nodal(rig, theta, start.displacement),
         v=nodal(rig, theta, start.velocity),
-        touching=contact != SEPARATION,
+        contact=contact,
         steps=steps,
         dt=dt,
         keep=(500, 1500, steps),
@@ -202,7 +202,7 @@ def test_beyond_the_limit_the_finite_elements_run_away(share, grows):
     high = nodal(COARSE, 5.0, 1e-12 * (model.stiffness == model.stiffness.max()))
     plain = published_scheme(
         finite_elements(COARSE, 5.0), V=0.0, mu=0.0, F=0.0, ramp=0.0,
-        q=nodal(COARSE, 5.0, start.displacement) + high, v=0.0 * high, touching=False,
+        q=nodal(COARSE, 5.0, start.displacement) + high, v=0.0 * high, contact=SEPARATION,
         steps=4000, dt=dt, keep=(1, 4000),
     )  # fmt: skip
     grown = np.abs(plain.q[4000]).max() / np.abs(plain.q[1]).max()

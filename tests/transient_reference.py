@@ -99,7 +99,7 @@ def published_scheme(
     ramp: float,
     q: np.ndarray,
     v: np.ndarray,
-    touching: bool,
+    contact: int,
     steps: int,
     dt: float = 2e-8,
     b: float = 0.8,
@@ -108,8 +108,8 @@ def published_scheme(
 ) -> Motion:
     """Run the scheme from displacements q and velocities v (of P2 relative to its clamp).
 
-    The first prediction needs an acceleration: that of the load and the structure alone, without drive and
-    friction; for surfaces that touch, such that the gap does not accelerate.
+    The first prediction needs an acceleration: that of the load and the structure alone, without the drive's; for
+    surfaces that touch with the force that keeps the gap from accelerating, and where they slip its friction.
     """
     GN, GT = fe.normal, fe.tangential
     implicit = cho_factor(fe.M + b * dt * fe.C)
@@ -121,13 +121,18 @@ def published_scheme(
 
     mass = cho_factor(fe.M)
     a = cho_solve(mass, F * fe.weight - fe.K @ q - fe.C @ v)
-    if touching:
-        lift = cho_solve(mass, GN)
-        a = a - lift * (GN @ a) / (GN @ lift)
+    last_T = 0.0
+    if contact != SEPARATION:
+        m = 0.0
+        if contact == SLIP:
+            m = -mu * np.sign(GT @ v)
+        push = cho_solve(mass, GN + m * GT)
+        N = -(GN @ a) / (GN @ push)
+        a, last_T = a + push * N, m * N
     if ramp == 0.0:
         v = v + V * cho_solve(mass, fe.thrown)
     ramp_ends = round(ramp / dt)
-    last_gT, last_T = GT @ q, 0.0
+    last_gT = GT @ q
     for i in range(steps):
         load = F * fe.weight + (V / ramp * fe.thrown if i < ramp_ends else 0.0)
         v_star = v + dt * (1.0 - b) * a
