@@ -516,7 +516,7 @@ def test_with_the_papers_damping_too(name, pair):
     assert found.imag == pytest.approx(phi.imag, rel=2e-3)
 
 
-@pytest.mark.parametrize("method", ["fast", "paper"])
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
 @pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.05), (-5.0, 0.2)])
 def test_a_stable_scene_returns_to_steady_sliding(theta, mu, method):
     """N = F, T = mu F to 1e-6 of F; with a light head and more damping it does not take a second."""
