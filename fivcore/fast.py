@@ -18,6 +18,7 @@ from fivcore.chunks import Chunk
 from fivcore.contact_law import regime_maps
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
+from fivcore.errors import ContactError
 from fivcore.fast_kernel import ANCHOR, U_T, advance
 from fivcore.kernel import Array
 from fivcore.propagation import propagator
@@ -57,10 +58,10 @@ class FastRun:
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {limit:.3g} s; beyond, the"
                 " contact is unstable"
             )
-        self._onset_wanted = cutoff is None and initial is None and motion is None and termination != "none"
+        wanted = cutoff is None and initial is None and motion is None and termination != "none"
+        self._fine = self._onset_solver(termination) if wanted else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
-        self._termination = termination
         self._motion, self._slide, self._rest_slide = motion, (np.zeros(0), np.zeros(0)), (0.0, 0.0)
         self._stretch = 0 if motion is None else max(int(STRETCH / (abs(motion.speed) * self.step)), 1)
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
@@ -100,7 +101,7 @@ class FastRun:
         """Run to step `last`, handing over what was heard."""
         per_chunk = self._stretch or max(round(CHUNK / self.step), 1)
         ramp_ends = min(int(self.ramp / self.step), last)
-        watching = self._onset_wanted
+        watching = self._fine is not None
         i = 0
         while i < last:
             target = min(i + per_chunk, last)
@@ -113,9 +114,9 @@ class FastRun:
             i = reached
             if i == ramp_ends and self._shift.any():
                 self._end_ramp(ramp_ends)
-            if watching and reached < target and i >= ramp_ends:
+            if watching and self._fine is not None and reached < target and i >= ramp_ends:
                 watching = False
-                for chunk, at in self._onset(i, last):
+                for chunk, at in self._onset(self._fine, i, last):
                     i = at
                     yield chunk
             elif reached < target:
@@ -184,12 +185,22 @@ class FastRun:
         self._v += v
         self._shift = np.zeros(len(q))
 
-    def _onset(self, first: int, last: int) -> Iterator[tuple[Chunk, int]]:
+    def _onset_solver(self, termination: str) -> _Solver | None:
+        """More modes, finer steps; None where they would keep every mode or lose their unique contact force."""
+        rig = replace(self.scene.rig, d2=self.scene.rig.d2 + ADDED_DAMPING)
+        model = reduced_model(rig, self.scene.theta, HIGHER * default_cutoff(rig), termination)
+        step = self.step / FINER
+        if not (self.model.K.any() and model.K.any()) or step > model.largest_step:
+            return None
+        try:
+            return _Solver(model, self.scene, step)
+        except ContactError:
+            return None
+
+    def _onset(self, fine: _Solver, first: int, last: int) -> Iterator[tuple[Chunk, int]]:
         """From step `first` to the first separation (or LONGEST) with more modes and finer steps."""
         coarse = self._solver
-        rig = replace(self.scene.rig, d2=self.scene.rig.d2 + ADDED_DAMPING)
-        model = reduced_model(rig, self.scene.theta, HIGHER * default_cutoff(rig), self._termination)
-        fine = _Solver(model, self.scene, self.step / FINER)
+        model = fine.model
         common = coarse.model.kept[model.kept]
         before = self.stored_energy()
         # Lift: what was not kept follows the contact force statically, and so does what was.
