@@ -7,7 +7,8 @@ import pytest
 
 from fivcore import Rig, Scene, State, simulate
 from fivcore.drive import Canonical
-from fivcore.published import BETA2, STEP, TAU, PaperRun, advance, largest_step
+from fivcore.published import BETA2, STEP, TAU, PaperRun, largest_step
+from fivcore.published_kernel import advance
 from fivcore.reduced import full_model
 from fivcore.rig import P1, P2
 from fivcore.tally import Tally
