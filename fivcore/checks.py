@@ -71,7 +71,7 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
 
 def choice(name: str, value: Any, allowed: tuple[str, ...]) -> str:
     """One of a few words."""
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise ValueError(f"{name} = {_short(value)}: it must be one of {', '.join(allowed)}")
     return str(value)
 

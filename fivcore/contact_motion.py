@@ -53,7 +53,14 @@ class ContactMotion:
         beam, start = self.scene.rig.p2, self.scene.rig.contact_position
         # The element next to the clamp hardly moves: contact there is contact with the wall.
         room = start - beam.length / beam.elements if self.direction < 0 else beam.length - start
+        if room <= 0.0:
+            raise ValueError(
+                f"contact_motion = {self.direction}: it must be 0, for at {start:g} m the contact is at P2's end"
+            )
+        # Within the ramp D moves by speed t^2 / (2 ramp), after it by speed (t - ramp / 2).
         longest = room / abs(self.speed) + 0.5 * self.ramp
+        if longest < self.ramp:
+            longest = float(np.sqrt(2.0 * self.ramp * room / abs(self.speed)))
         if duration > longest:
             end = "P2's clamp" if self.direction < 0 else "P2's free end"
             raise ValueError(

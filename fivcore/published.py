@@ -144,12 +144,16 @@ class PaperRun:
         per_chunk = max(round(CHUNK / self.step), 1)
         if self._motion is not None:
             per_chunk = max(int(STRETCH / (abs(self._motion.speed) * self.step)), 1)
-        ramp_ends = min(round(self.ramp / self.step), last)
+        ramp_ends = round(self.ramp / self.step)
         hearing, recording = self._hearing, self._recording
         modes = self._modes()
         i = 0
+        if ramp_ends == 0:
+            self._end_ramp(0)
         while i < last:
-            target = min(i + per_chunk, last if i >= ramp_ends else ramp_ends)
+            target = min(i + per_chunk, last)
+            if i < ramp_ends:
+                target = min(target, ramp_ends)
             if self._motion is not None:
                 self._follow(self._motion, i, target)
                 modes = self._modes()
@@ -163,13 +167,21 @@ class PaperRun:
             )  # fmt: skip
             yield Chunk.cut(i, target, self.step, 1.0, heard, hearing, rows, recording, self.tally.taken(sticks))
             i = target
-            if i == ramp_ends and self._f is not self._load:
-                # What was predicted for the next step with the clamp's acceleration is predicted anew.
-                self._a += (self._load - self._f) * self._inverse
-                self._f = self._load
-                if self._motion is not None:
-                    self.model = moved_model(self.model, self.scene, self._motion.position((i + 1) * self.step))
-                self._set_gaps()
+            if i == ramp_ends:
+                self._end_ramp(i)
+
+    def _end_ramp(self, step: int) -> None:
+        """The clamp stops accelerating: what was predicted for step `step` is predicted anew."""
+        if self.ramp == 0.0:
+            return
+        model = self.model
+        # What the ramp lasts beyond a whole number of steps.
+        self._vs += model.inertia * self.scene.pace / self.ramp * (self.ramp - step * self.step)
+        self._a = (self._load - model.stiffness * self._q - model.damping * self._vs) * self._inverse
+        self._f = self._load
+        if self._motion is not None:
+            self.model = moved_model(model, self.scene, self._motion.position((step + 1) * self.step))
+        self._set_gaps()
 
     def _modes(self) -> tuple[Array, ...]:
         """What `advance` takes; it moves the gap shapes along with the contact point."""

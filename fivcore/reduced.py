@@ -33,6 +33,7 @@ from fivcore.rig import Rig
 # The default cut-off lies just above the second axial mode of P1, 3 c / (4 L): with it and the first, most of
 # what the contact feels along its normal is kept.
 AXIAL = 3.1
+LEAST_KEPT = 3
 TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega (an undamped element loses what energy
 # the step gets wrong nowhere, so it is finer) and, without an element, of the fastest mode's; the largest.
@@ -151,10 +152,18 @@ def reduced_model(
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
+    lowest = float(np.sqrt(np.sort(full.stiffness)[LEAST_KEPT - 1])) / (2.0 * np.pi)
+    if kept.sum() < LEAST_KEPT:
+        raise ValueError(
+            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
+        )
     shape = np.stack([full.normal[~kept], full.tangential[~kept]])
-    flexibility = (shape / full.stiffness[~kept]) @ shape.T
+    flexibility = np.asarray((shape / full.stiffness[~kept]) @ shape.T)
+    # One or two modes left over are no element; with them the finite elements are complete.
+    if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
+        kept = np.ones(len(kept), dtype=bool)
     without = bool(kept.all()) or termination == "none"
-    flexibility = np.zeros((2, 2)) if without else np.asarray(flexibility)
+    flexibility = np.zeros((2, 2)) if without else flexibility
     K = np.zeros((2, 2)) if without else np.asarray(np.linalg.inv(flexibility))
     stiffness, damping = full.stiffness[kept], full.damping[kept]
     normal, tangential = full.normal[kept], full.tangential[kept]

@@ -116,6 +116,7 @@ def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outco
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], settled), 0.0)))
     figures["regime"] = regime_of(
         slipped=slipped,
+        measured=measured,
         drive=float(displacement(np.array(end), scene.pace, outcome.ramp)) / max(slip_distance(scene), 1e-300),
         slip_share=float(share[SLIP]),
         steadiness=outcome.steadiness,
@@ -129,6 +130,7 @@ def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outco
 def regime_of(
     *,
     slipped: bool,
+    measured: bool,
     drive: float,
     slip_share: float,
     steadiness: float,
@@ -142,6 +144,8 @@ def regime_of(
     ----------
     slipped : bool
         Whether the contact has slipped at all.
+    measured : bool
+        Whether the run went on after settling.
     drive : float
         How far the clamp has moved, in units of what slips statically.
     slip_share : float
@@ -158,11 +162,14 @@ def regime_of(
     Returns
     -------
     str
-        "undecided" (too short a run: no slip yet and the drive below 1.3 times what slips), "stuck" (no slip
+        "undecided" (too short a run: no slip yet and the drive below 1.3 times what slips, or ended before
+        it settled), "stuck" (no slip
         though the drive is beyond), "steady sliding", "intermittent", "periodic" or "irregular".
     """
     if not slipped:
         return "undecided" if drive < UNDECIDED_BELOW else "stuck"
+    if not measured:
+        return "undecided"
     if slip_share > STEADY_SHARE and steadiness < STEADY_WOBBLE:
         return "steady sliding"
     if stick_share > LONG_SHARE and last_stick > LONG_LATE:

@@ -32,10 +32,10 @@ SETTLED_SUMS = 7
 # ... and, from the start, the energy balance.
 WORK, DAMPED, FRICTION, TERMINATION, IMPACT = 7, 8, 9, 10, 11
 
-# Histogram bins: exponent and seven bits of the mantissa, from 2^-64 to 2^16.
+# Histogram bins: exponent and seven bits of the mantissa, from 2^-120 to 2^60.
 _SHIFT = 45
-_LOWEST = (1023 - 64) << 7
-BINS = 80 << 7
+_LOWEST = (1023 - 120) << 7
+BINS = 180 << 7
 
 
 @dataclass
@@ -103,7 +103,7 @@ def follow(
         if not np.isnan(moments[FIRST_SLIP]):
             moments[STICK_START] = t
     elif moments[STICK_START] >= 0.0:
-        if t - moments[STICK_START] >= moments[LEAST_STICK]:
+        if t - moments[STICK_START] >= moments[LEAST_STICK] and flags[STICKS] < sticks.shape[0]:
             sticks[flags[STICKS], 0] = moments[STICK_START]
             sticks[flags[STICKS], 1] = t
             flags[STICKS] += 1
@@ -132,7 +132,7 @@ def spread(forces: Any, speeds: Any, word: Any, bits: Any, N: float, speed: floa
 def quantile(histogram: Array, share: float) -> float:
     """The value that a share of the counted time stays below; NaN where nothing was counted.
 
-    Linear within a bin; the first bin holds zero and all that is below 2^-64.
+    Linear within a bin; the first bin holds zero and all that is below 2^-120.
     """
     total = float(histogram.sum())
     if total == 0.0:

@@ -20,11 +20,15 @@ from fivcore.published import PaperRun
 from fivcore.reduced import TERMINATIONS
 from fivcore.rig import Rig, Scene
 from fivcore.summary import Outcome, summarise
-from fivcore.tally import FIRST_SLIP, LEAST_STICK, SETTLED_FROM, STICK_START, Tally
+from fivcore.tally import FIRST_SLIP, LEAST_STICK, SETTLED_FROM, STICK_START, WORK, Tally
 from fivcore.uniqueness import METHODS
 
 # Statistics start this long after the first slip, s.
 SETTLING = 0.1
+# Samples that a record may have.
+MOST_SAMPLES = 1e8
+# A run has diverged when its energy is that many times what it was given.
+DIVERGED = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,7 @@ def simulate(
     """
     checks.instance("scene", scene, Scene)
     duration = checks.between("duration", duration, 1e-9, 1e6, "s")
-    ramp = checks.between("ramp", ramp, 0.0, 1e3, "s")
+    ramp = checks.number("ramp", ramp, "0 or a time from 1e-9 to 1000 s", lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
     settle = None if settle is None else checks.between("settle", settle, 0.0, 1e6, "s")
     min_stick = None if min_stick is None else checks.between("min_stick", min_stick, 1e-9, 1e6, "s")
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
@@ -133,9 +137,17 @@ def simulate(
     sample_rate = checks.between("sample_rate", sample_rate, 1e-3, 1e9, "Hz")
     method = checks.choice("method", method, METHODS)
     termination = checks.choice("termination", termination, TERMINATIONS)
-    if contact_motion not in (-1, 0, 1):
-        raise ValueError(f"contact_motion = {contact_motion!r}: it must be 0, -1 (towards P2's clamp) or 1 (away)")
+    checks.number(
+        "contact_motion", contact_motion, "0, -1 (towards P2's clamp) or 1 (away)", lambda x: x in (-1, 0, 1)
+    )
+    contact_motion = int(contact_motion)
+    checks.instance("record", record, bool)
+    if record and duration * sample_rate > MOST_SAMPLES:
+        most = MOST_SAMPLES / duration
+        raise ValueError(f"sample_rate = {sample_rate:g}: over this duration it must be at most {most:g} Hz")
     canonical = Canonical.of(scene)
+    if not 1e-12 <= canonical.pace <= 1e8:
+        raise ValueError(f"V / F = {canonical.pace:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved")
     state = None if initial is None else _checked_state(initial, scene, canonical)
     tally = Tally().start(1, settle, SETTLING, min_stick)
     rate = sample_rate if record else None
@@ -173,12 +185,16 @@ def _watch(scene: Scene, canonical: Canonical, run: Any, tally: Tally, duration:
     steps = max(round(duration / run.step), 1)
     rows: list[Array] = []
     sticks: list[Array] = []
-    late = np.array([np.inf, -np.inf])
+    late = np.full(2, np.nan)
     floor = 1e-150 * min(canonical.pace, 1.0)
+    model = run.model
+    given = abs(run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
+    given += canonical.pace**2 * float(np.sum(model.inertia**2))
     for chunk in run.chunks(steps):
-        if not run.calm(floor):
+        finite = run.calm(floor)
+        if not finite or not run.stored_energy() <= DIVERGED * (given + abs(tally.sums[WORK])):
             now = chunk.t[-1] if len(chunk.t) else 0.0
-            raise DivergenceError(f"the motion is not finite any more at t = {now:.6g} s")
+            raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
         if len(chunk.rows):
             rows.append(chunk.rows)
         sticks.append(chunk.sticks)
@@ -186,7 +202,7 @@ def _watch(scene: Scene, canonical: Canonical, run: Any, tally: Tally, duration:
         listener.hear(chunk.t, chunk.velocity, heard_sticks, unsure, float(tally.moments[SETTLED_FROM]))
         last = chunk.slip_rate[chunk.t >= 0.75 * duration]
         if len(last):
-            late = np.array([min(late[0], last.min()), max(late[1], last.max())])
+            late = np.array([np.fmin(late[0], last.min()), np.fmax(late[1], last.max())])
     listener.close()
     steadiness = float(0.5 * (late[1] - late[0]) / canonical.pace)
     outcome = Outcome(steps * run.step, ramp, np.concatenate(sticks), steadiness, run.released_energy(), False)
@@ -225,15 +241,17 @@ def _checked_state(initial: Any, scene: Scene, canonical: Canonical) -> State:
         q, v, contact = (
             (initial.displacement, initial.velocity, initial.contact) if isinstance(initial, State) else initial
         )
-        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
+        q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
         raise ValueError("initial: it must be modal displacements, modal velocities and a contact state") from None
     modes = 3 * scene.rig.p1.elements + 1 + 3 * scene.rig.p2.elements
     for name, part in (("displacements", q), ("velocities", v)):
-        if part.shape != (modes,) or not np.isfinite(part).all():
-            raise ValueError(f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers")
-    if contact not in (0, 1, 2):
+        if part.shape != (modes,) or part.dtype.kind not in "iuf" or not np.all(np.abs(part) < 1e50):
+            text = f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers below 1e50"
+            raise ValueError(text)
+    if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):
         raise ValueError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
+    q, v = q.astype(float), v.astype(float)
     if canonical.sense < 0:
         raise ValueError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
     return State(q / canonical.load, v / canonical.load, int(contact))

@@ -47,7 +47,9 @@ def histories(points: Mapping[str, Any], *, sample_rate: float, **fixed: Any) ->
 
 def finish(dataset: xr.Dataset, *, rig: Rig, theta: float) -> xr.Dataset:
     """Add what the flags mean and the modes of the glued rig, which ring while it sticks."""
-    frequency = glued_frequencies(rig, theta, 8)
+    # Each element has three freedoms, one of P1 is held at A and two are glued.
+    count = min(8, 3 * (rig.p1.elements + rig.p2.elements) - 1)
+    frequency = glued_frequencies(rig, theta, count)
     about = {"units": "Hz", "long_name": "natural frequency of the rig glued at its contact"}
     return transients.with_flags(
         dataset.assign(glued_frequency=("glued_mode", frequency, about)),

@@ -7,7 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import Beam, ContactError, Rig, Scene, critical_mu, glued_frequencies, simulate
+from fivcore import (
+    Beam,
+    ContactError,
+    DivergenceError,
+    Rig,
+    Scene,
+    critical_mu,
+    glued_frequencies,
+    simulate,
+    step_limit,
+)
 from fivcore.published import STEP, TAU
 from fivcore.reduced import full_model, reduced_model
 from tests.ensembles import FRACTIONS, SCENES, compare
@@ -278,6 +288,17 @@ def test_without_an_element_24_modes_lose_their_contact_force_at_1_92():
         ({"duration": 0.0}, "duration = 0"),
         ({"duration": float("nan")}, "duration = nan"),
         ({"ramp": -1.0}, "ramp = -1"),
+        ({"ramp": 1e-320}, "ramp = 1e-320: it must be 0 or a time"),
+        ({"cutoff": 1.0}, "cutoff = 1: it must be above .* Hz, so that three modes"),
+        ({"record": "a"}, "record = 'a': it must be a bool"),
+        ({"method": np.array(["fast"])}, "method = array"),
+        ({"contact_motion": True}, "contact_motion = True"),
+        (
+            {"duration": 1e4, "record": True},
+            "sample_rate = 100000: .* at most 10000 Hz",
+        ),
+        ({"scene": Scene(1e-30, 5.0, 0.2, 9.0)}, "V / F = 1.11111e-31: it must be from 1e-12"),
+        ({"initial": (np.full(361, 1e60), np.zeros(361), 1)}, "initial: modal displacements"),
         ({"settle": -1.0}, "settle = -1"),
         ({"min_stick": 0.0}, "min_stick = 0"),
         ({"sample_rate": 0.0}, "sample_rate = 0"),
@@ -312,6 +333,62 @@ def test_the_energy_residual_falls_with_the_step():
     assert residuals[0] < 0.01
     assert residuals[1] < 0.4 * residuals[0]
     assert residuals[2] < 0.4 * residuals[1]
+
+
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+@pytest.mark.parametrize("ramp", [1e-9, 3e-8, 1e-7, 1.3e-6])
+def test_a_ramp_shorter_than_a_step_is_a_jerk(method, ramp):
+    """What matters is the speed that P2 is given at once, not in how many steps."""
+    jerk, short = (
+        simulate(Scene(1e-3, 5.0, 0.2, 9.0), 1e-3, method, ramp=r, settle=0.0, record=True) for r in (0.0, ramp)
+    )
+    assert short.summary["stick_fraction"] == pytest.approx(jerk.summary["stick_fraction"], abs=0.02)
+    assert short.normal_force[-1] == pytest.approx(jerk.normal_force[-1], rel=0.02)
+    assert short.tangential_force[-1] == pytest.approx(jerk.tangential_force[-1], abs=0.05)
+
+
+def test_a_run_that_ends_within_the_ramp_balances_its_energy():
+    for ramp in (0.1, 1.0):
+        assert simulate(paper_scene(5e-3), 0.02, ramp=ramp).summary["energy_residual"] < 0.02
+
+
+@pytest.mark.parametrize("d2", [3e-6, 1e-5, 1e-4])
+def test_heavy_damping_does_not_make_the_contact_slip_early(d2):
+    scene = Scene(5e-3, 5.0, 0.2, 9.0, Rig(d2=d2))
+    default, plain = (simulate(scene, 0.035, cutoff=cutoff, settle=0.0).summary for cutoff in (None, 75e3))
+    assert default["first_slip_time"] == pytest.approx(plain["first_slip_time"], rel=1e-3)
+
+
+def test_a_step_at_which_slip_alternates_is_refused():
+    model, mu = reduced_model(Rig(), 60.0, 600e3), 2.0
+    assert step_limit.stable(model, mu, model.default_step)
+    scene, step = Scene(-0.05, -60.0, mu, 9.0), 0.99 * model.largest_step
+    with pytest.raises(ValueError, match=r"at mu = 2 it must be at most .* s") as caught:
+        simulate(scene, 1e-3, step=step, cutoff=600e3)
+    limit = float(str(caught.value).split("at most ")[1].split(" s")[0])
+    assert step_limit.stable(model, mu, 0.99 * limit)
+    assert not step_limit.stable(model, mu, 1.01 * limit)
+
+
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+def test_a_run_that_blows_up_says_so(method, monkeypatch):
+    """Steps known to be unstable are refused beforehand; here a run is told that its energy has exploded."""
+    kind = {"fast": "fast.FastRun", "exact": "exact.ExactRun", "paper": "published.PaperRun"}[method]
+    energies = iter([1.0])
+    monkeypatch.setattr(f"fivcore.{kind}.stored_energy", lambda run: next(energies, 1e9))
+    scene = paper_scene(5e-3)
+    with pytest.raises(DivergenceError, match=r"blown up at t = .*; scene V = 0\.005 m/s") as caught:
+        simulate(scene, 1e-3, method)
+    assert caught.value.scene == scene
+
+
+@pytest.mark.parametrize(("n1", "n2"), [(1, 1), (2, 2), (1, 40), (30, 1)])
+@pytest.mark.parametrize("method", ["fast", "exact"])
+def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
+    rig = replace(Rig(), p1=replace(Rig().p1, elements=n1), p2=replace(Rig().p2, elements=n2))
+    summary = simulate(Scene(0.02, 5.0, 0.2, 9.0, rig), 0.02, method, settle=0.0).summary
+    # Over a third of a period of the head on its beam.
+    assert summary["mean_normal_force"] == pytest.approx(9.0, rel=0.05)
 
 
 # The reduced model.
