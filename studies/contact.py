@@ -100,7 +100,9 @@ def within(run: Transient, times: np.ndarray) -> dict[str, Any]:
 def at_large(run: Transient, overview: float) -> dict[str, Any]:
     """The largest force and speed in every interval of the overview."""
     edges = np.searchsorted(run.time, INTERVAL * np.arange(len(intervals(overview))))
-    last = np.searchsorted(run.time, INTERVAL * len(edges))
+    # With a very low cut-off a step is longer than an interval.
+    edges = np.minimum(edges, len(run.time) - 1)
+    last = max(np.searchsorted(run.time, INTERVAL * len(edges)), edges[-1] + 1)
     return {
         "largest_normal_force": np.maximum.reduceat(run.normal_force[:last], edges),
         "largest_slip_speed": np.maximum.reduceat(np.abs(run.slip_velocity[:last]), edges),
@@ -255,7 +257,7 @@ def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) ->
     middle = at["interval"].values
     force.step(middle, at["largest_normal_force"].values, where="mid", color=figures.BLUE, linewidth=0.8)
     speed.step(middle, 1e3 * at["largest_slip_speed"].values, where="mid", color=figures.BLUE, linewidth=0.8)
-    papers = given["theta"] == paper.THETA and given["mu"] == paper.MU and given["F"] == paper.LOAD
+    papers = transients.is_papers(at, theta=paper.THETA)
     said = paper.CONTACT_PEAKS.get(float(at["V"])) if papers else None
     for axes, scale, value in ((force, 1.0, 0), (speed, 1e3, 1)):
         if said:
