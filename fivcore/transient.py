@@ -87,7 +87,7 @@ def simulate(
         Simulated time, s.
     method : {"fast", "exact", "paper"}
         "fast": the reduced model in symmetric steps of second order (default); "exact": the same model from
-        event to event, a hundred times slower; "paper": the published scheme on all modes.
+        event to event, some two hundred times slower; "paper": the published scheme on all modes.
     ramp : float
         Time in which the clamp of P2 reaches its velocity, uniformly accelerated, s.
     settle : float, optional
