@@ -20,37 +20,19 @@ the cone were overstepped meanwhile) is counted in sums[IMPACT]. `held` says how
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from fivcore import listener
-from fivcore.bases import one_blas_thread
 from fivcore.chunks import Chunk
 from fivcore.drive import Canonical, State
-from fivcore.exact_kernels import (
-    ONE,
-    Q_R,
-    REFINED,
-    V_R,
-    A,
-    P,
-    Regime,
-    S,
-    full_state,
-    in_eigenbasis,
-    integrate,
-    sample,
-    search,
-)
+from fivcore.exact_kernels import S, full_state, integrate, sample, search
+from fivcore.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
 from fivcore.kernel import Array
-from fivcore.reduced import ReducedModel, full_model, reduced_model
+from fivcore.reduced import full_model, reduced_model
 from fivcore.tally import IMPACT, SEPARATION, SETTLED_FROM, STATE, STICK, SUM_N, WORK, Tally, follow
 from fivcore.uniqueness import check_unique
 
-# Regimes: those of `fivcore.tally`, slip with T = mu N and with T = -mu N apart.
-SLIP_UP, SLIP_DOWN = 2, 3
 # An event this soon after another, s, is not acted on.
 DWELL = 1e-10
 # What ended a stretch that no watched function did.
@@ -59,107 +41,6 @@ BOUNDARY, HELD = -1, -2
 STEP = 1e-6
 CHUNK = 0.04
 _NONE = (0, 0, 0)
-
-
-def regime(model: ReducedModel, mu: float, which: int) -> Regime:
-    """One of SEPARATION, STICK, SLIP_UP (T = mu N) and SLIP_DOWN (T = -mu N)."""
-    parts = (model.stiffness, model.damping, model.normal, model.tangential, model.inertia, model.point_b)
-    k, c, normal, tangential, inertia, point_b = (part.astype(np.longdouble) for part in parts)
-    K, C = model.K.astype(np.longdouble), model.C.astype(np.longdouble)
-    G = np.stack([normal, tangential])
-    n, element, dashpot = len(k), bool(K.any()), bool(C.any())
-    free_flight, sticking = which == SEPARATION, which == STICK
-    s = 1.0 if which == SLIP_UP else -1.0
-    m = s * mu
-    # Coordinates: what the constraints leave of the modes, their rates, and what the element adds.
-    Z = np.eye(n, dtype=np.longdouble)
-    rigid = int(np.argmin(model.stiffness))
-    if free_flight:
-        Z = np.delete(Z, rigid, axis=1)
-    elif not element:
-        Z = _complement(G if sticking else G[:1])
-    r = Z.shape[1]
-    extra = (2 if free_flight else 0 if sticking else 1) if dashpot else 0
-    size = 2 * r + extra
-    # Every quantity is a row of factors of the coordinates and of d.
-    unit = np.eye(size + 6, dtype=np.longdouble)
-    d = unit[size:]
-    q, v = Z @ unit[:r], Z @ unit[r : 2 * r]
-    if free_flight:
-        q[rigid], v[rigid] = d[Q_R], d[V_R]
-    elif sticking and not element:
-        held = G.T @ np.linalg.inv((G @ G.T).astype(float))[:, 1]
-        held /= tangential @ held
-        q, v = q + np.outer(held, d[S]), v + np.outer(held, d[P])
-    free = -c[:, None] * v - k[:, None] * q + np.outer(inertia, d[A])
-    g_N, rate_N, rate_T = normal @ q, normal @ v, tangential @ v - d[P]
-    u, rate, force = np.zeros((3, 2, size + 6), dtype=np.longdouble)
-    load = np.stack([d[ONE], 0.0 * d[ONE]])
-    if element and free_flight:
-        flexible = np.linalg.inv(K.astype(float))
-        u = unit[2 * r : size] if dashpot else -flexible @ load
-        if dashpot:
-            rate = -_solve2(C, K @ u + load)
-    elif element:
-        along = K[1] - m * K[0]
-        across = C[1] - m * C[0]
-        u[0], rate[0] = -g_N, -rate_N
-        if sticking:
-            u[1], rate[1] = d[S] - tangential @ q, -rate_T
-        elif dashpot:
-            u[1] = unit[2 * r]
-            rate[1] = -(along @ u + across[0] * rate[0] - m * d[ONE]) / across[1]
-        else:
-            u[1] = -(along[0] * u[0] - m * d[ONE]) / along[1]
-            rate[1] = -along[0] / along[1] * rate[0]
-        force = K @ u + C @ rate + load
-    elif sticking:
-        force = load + _solve2(G @ G.T, np.stack([0.0 * d[A], d[A]]) - G @ free)
-    elif not free_flight:
-        force[0] = ((normal @ normal) * d[ONE] - normal @ free) / (normal @ normal + m * (normal @ tangential))
-        force[1] = m * force[0]
-    acceleration = free + G.T @ (force - load)
-    moving = [unit[r : 2 * r], Z.T @ acceleration]
-    if extra:
-        moving.append(rate[2 - extra :])
-    speed = 0.0 * rate_T if sticking else rate_T + rate[1]
-    N, T = force
-    always = d[ONE]
-    watched = {SEPARATION: [g_N + u[0], always, always], STICK: [N, mu * N - T, mu * N + T]}
-    signals = np.stack([N, T, g_N + u[0], speed, rate[0], rate[1], point_b @ v])
-    taken = np.zeros((size, 2 * n + 2), dtype=np.longdouble)
-    taken[:r, :n], taken[r : 2 * r, n : 2 * n] = Z.T, Z.T
-    taken[2 * r :, 2 * n + 2 - extra :] = np.eye(extra)
-    return in_eigenbasis(
-        np.vstack(moving),
-        np.concatenate([np.full(r, np.nan), np.ones(r), np.full(extra, np.sqrt(float(K[1, 1])))]),
-        taken,
-        np.vstack([q, v, u]),
-        np.vstack([v, signals]),
-        np.stack(watched.get(which, [N, -s * speed, always])),
-    )
-
-
-def _complement(rows: Any) -> Any:
-    """Orthonormal columns on which all rows vanish."""
-    full = np.linalg.qr(rows.T.astype(float), mode="complete")[0][:, len(rows) :].astype(np.longdouble)
-    inverse = np.linalg.inv((rows @ rows.T).astype(float))
-    for _ in range(REFINED):
-        full = full - rows.T @ (inverse @ (rows @ full))
-    return full
-
-
-def _solve2(matrix: Any, right: Any) -> Any:
-    """Solve a 2 x 2 system in the precision it is given in."""
-    (a, b), (c, d) = matrix
-    return np.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]]) / (a * d - b * c)
-
-
-@lru_cache(maxsize=32)
-@one_blas_thread()
-def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
-    """All four regimes of a model."""
-    return tuple(regime(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
 
 
 class ExactRun:

@@ -1,4 +1,4 @@
-"""Eigenbases and compiled kernels of `method="exact"`: certified search, dissipation by quadrature, sampling.
+"""Compiled kernels of `method="exact"`: certified search, dissipation by quadrature, sampling.
 
 Within a regime every output of interest is, at the time s since the regime was entered,
 
@@ -21,12 +21,11 @@ vanish and a bound B on the next one: f >= s^order / order! (g - B s / (order + 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fivcore.kernel import Array, Complex, inlined, kernel
+from fivcore.kernel import Array, inlined, kernel
 from fivcore.tally import (
     DAMPED,
     FRICTION,
@@ -47,109 +46,8 @@ LOCATED = 1e-14
 # How far ahead growth is allowed for in one bound, s.
 AHEAD = 1e-4
 
-# Largest condition number of an eigenbasis, and how often it is refined.
-WORST, REFINED = 1e9, 2
-
 # Gauss-Legendre with eight points: over 2.5 / omega of the fastest oscillation its relative error is 3e-12.
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-
-
-@dataclass(frozen=True, eq=False)
-class Regime:
-    """One linear regime in its eigenbasis; one of each conjugate pair, weighted twice.
-
-    Attributes
-    ----------
-    rates : ndarray of complex, (m,)
-    into, into_drift : ndarray, (m, 2n + 2) and (m, 6)
-        Amplitudes at the start from the full state (q, v, u_N, u_T) and from d.
-    state, state_drift : ndarray, (2n + 2, m) and (2n + 2, 6)
-        The full state from the amplitudes and from d.
-    real, imaginary, drift : ndarray, (m, n + 7), the last (6, n + 7)
-        Outputs: modal velocities and the signals of `fivcore.exact_kernels`.
-    watched, watched_drift : ndarray, (3, m) and (3, 6)
-        What must stay positive.
-    """
-
-    rates: Complex
-    into: Complex
-    into_drift: Complex
-    state: Complex
-    state_drift: Array
-    real: Array
-    imaginary: Array
-    drift: Array
-    watched: Complex
-    watched_drift: Array
-
-
-def in_eigenbasis(moving: Any, scale: Any, taken: Any, state: Any, outputs: Any, watched: Any) -> Regime:
-    """A regime from rows of factors; the eigenbasis is refined in extended precision."""
-    size = len(moving)
-    matrix, forcing = moving[:, :size], moving[:, size:]
-    # Displacements weighted by frequency: then the norm is near the energy's.
-    r = int(np.count_nonzero(np.isnan(scale)))
-    scale[:r] = np.sqrt(np.maximum(-np.diag(matrix[r : 2 * r, :r]).astype(float), 1.0))
-    matrix = matrix * scale[:, None] / scale
-    inverse = np.linalg.inv(matrix.astype(float))
-    steady = np.zeros((size, 6), dtype=np.longdouble)
-    before: Any = np.zeros(size, dtype=np.longdouble)
-    # x = e_S S + e_P P + e_A A + e_1, with S' = P and P' = A.
-    for slot in (S, P, A, ONE):
-        right = (before if slot in (P, A) else 0.0) - scale * forcing[:, slot]
-        x = inverse @ right
-        for _ in range(REFINED):
-            x = x + inverse @ (right - matrix @ x)
-        steady[:, slot], before = x, x
-    rates, vectors, back = _refined(matrix)
-    kept = rates.imag >= 0.0
-    weight = np.where(rates.imag > 0.0, 2.0, 1.0)[kept]
-    vectors = vectors[:, kept] / scale[:, None]
-    steady = steady / scale[:, None]
-    back = weight[:, None] * back[kept] * scale
-
-    def drifting(rows: Any) -> Array:
-        return np.ascontiguousarray(rows[:, :size] @ steady + rows[:, size:], dtype=float)
-
-    def waving(rows: Any) -> Complex:
-        return np.ascontiguousarray(rows[:, :size] @ vectors, dtype=complex)
-
-    out = waving(outputs).T
-    return Regime(
-        rates[kept].astype(complex),
-        np.ascontiguousarray(back @ taken, dtype=complex),
-        np.ascontiguousarray(-back @ steady, dtype=complex),
-        waving(state),
-        drifting(state),
-        np.ascontiguousarray(out.real),
-        np.ascontiguousarray(out.imag),
-        np.ascontiguousarray(drifting(outputs).T),
-        waving(watched),
-        drifting(watched),
-    )
-
-
-def _refined(matrix: Any) -> tuple[Any, Any, Any]:
-    """Eigenvalues, eigenvectors and their inverse, refined in extended precision."""
-    values, vectors = (part.astype(np.clongdouble) for part in np.linalg.eig(matrix.astype(float)))
-    real = values.imag == 0.0
-    if np.linalg.cond(vectors.astype(complex)) > WORST:
-        raise ValueError(
-            "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
-            " mu or theta in the eighth digit"
-        )
-    back = np.linalg.inv(vectors.astype(complex)).astype(np.clongdouble)
-    for _ in range(REFINED):
-        back = back + back @ (np.eye(len(values)) - vectors @ back)
-        wrong = back @ (matrix @ vectors - vectors * values)
-        values = values + np.diag(wrong)
-        apart = values - values[:, None]
-        # What coincides is decoupled, or the condition number would have told.
-        close = np.abs(apart) <= 1e-9 * np.abs(values)
-        vectors = vectors + vectors @ np.where(close, 0.0, wrong / np.where(close, 1.0, apart))
-    back = back + back @ (np.eye(len(values)) - vectors @ back)
-    # Rounding must not make a real eigenvalue one of a pair.
-    return np.where(real, values.real, values), vectors, back
 
 
 @inlined

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from fivcore import Rig, glued_frequencies
-from studies import contact, fig7, fig11, paper, registry, runner, transients
+from studies import contact, contact_figure, fig7, fig11, paper, registry, runner, transients
 from studies.study import constants
 
 SHORT = {
@@ -290,7 +290,7 @@ def test_what_rings_above_the_band_is_not_folded_into_it():
 
 
 def test_the_main_phases_are_found_in_their_order():
-    stick, slip, apart = contact.STICK, contact.SLIP, contact.SEPARATION
+    stick, slip, apart = contact_figure.STICK, contact_figure.SLIP, contact_figure.SEPARATION
     state = np.repeat([stick, slip, stick, slip, apart, slip, apart, slip, stick], [9, 3, 5, 2, 1, 2, 8, 4, 2])
-    assert contact.main_phases(state) == {1: (0, 9), 2: (9, 12), 3: (22, 30), 4: (30, 34)}
-    assert contact.main_phases(np.full(5, stick)) == {1: (0, 5)}
+    assert contact_figure.main_phases(state) == {1: (0, 9), 2: (9, 12), 3: (22, 30), 4: (30, 34)}
+    assert contact_figure.main_phases(np.full(5, stick)) == {1: (0, 5)}
