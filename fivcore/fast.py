@@ -19,13 +19,14 @@ from fivcore.contact_law import regime_maps
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.errors import ContactError
-from fivcore.fast_kernel import ANCHOR, U_T, advance
+from fivcore.fast_kernel import ANCHOR, SAMPLED, SPREAD, U_T, advance
 from fivcore.kernel import Array
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
 from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore.settled import NEAR, SteadySliding, steady_sliding
 from fivcore.step_limit import largest_stable_step, stable
-from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, STATE, STICK, WORK, Tally
+from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, SETTLED_FROM, SLIP, STATE, STICK, WORK, Tally
 from fivcore.uniqueness import check_unique
 
 # The onset: how much finer, how far the cut-off is raised; for how long before the first slip, so that what
@@ -50,6 +51,7 @@ class FastRun:
         tally: Tally,
         sample_rate: float | None,
         motion: ContactMotion | None = None,
+        end_early: bool = False,
     ) -> None:
         self.scene, self.ramp, self.tally = scene, ramp, tally
         self.model = reduced_model(scene.rig, scene.theta, cutoff, termination)
@@ -75,6 +77,7 @@ class FastRun:
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
         self._solver = _Solver(self.model, scene, self.step)
         self.rate = 1.0 / (self._hearing * self.step)
+        self._may_settle = end_early and motion is None and bool(self.model.K.any())
         self._contact = np.zeros(3)
         self._begin(initial)
 
@@ -130,6 +133,31 @@ class FastRun:
                     for chunk, at in self._onset(self._fine, i, last):
                         i = at
                         yield chunk
+            elif i > ramp_ends and last - i > per_chunk and (steady := self._settled(chunk)) is not None:
+                yield self._rest(steady, i, last)
+                return
+
+    def _settled(self, chunk: Chunk) -> SteadySliding | None:
+        """Steady sliding, if nothing else can follow this stretch; a proof is tried only where it looks so."""
+        recent, pace = chunk.slip_rate[3 * len(chunk.slip_rate) // 4 :], self.scene.pace
+        near = self._may_settle and self.tally.flags[STATE] == SLIP and len(recent) > 1
+        if not near or np.ptp(recent) > NEAR * pace:
+            return None
+        steady = steady_sliding(self.model, self.scene.mu, self.step)
+        self._may_settle = steady is not None and steady.decays
+        for_good = steady is not None and steady.for_good(self._q, self._v, self._contact[:2], pace)
+        return steady if for_good else None
+
+    def _rest(self, steady: SteadySliding, first: int, last: int) -> Chunk:
+        """Steps `first` to `last` of steady sliding: a few are taken and counted as often as they occur."""
+        self._q, self._v, self._contact[:2] = steady.start(self.scene.pace)
+        counted, self.tally = self.tally, Tally().start(SLIP, 0.0, 0.0, None)
+        self._advance(self._solver, first, first + SAMPLED, 1, 0)
+        sample, self.tally = self.tally, counted
+        settled = int(np.clip(np.ceil(counted.moments[SETTLED_FROM] / self.step - 0.5), first, last))
+        entries = (-(-last // SPREAD) - -(-settled // SPREAD)) / (SAMPLED // SPREAD)
+        counted.repeat(sample, (last - settled) / SAMPLED, entries, (last - first) / SAMPLED)
+        return Chunk.steady(first, last, self.step, steady.row(self.scene.pace), self._hearing, self._recording)
 
     def _advance(self, solver: _Solver, first: int, last: int, finer: int, stop: int) -> tuple[int, Chunk]:
         """Steps `first` to `last` of this solver; `finer` of them make one of the run's."""

@@ -7,6 +7,8 @@ it has).
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from fivcore.kernel import Array
@@ -44,6 +46,10 @@ class Welch:
             self.power += np.abs(np.fft.rfft(piece, WINDOW)) ** 2
         self._open = np.zeros(0)
 
+    def hold(self, value: float, count: int) -> None:
+        """Continue with the same value `count` times: a window that holds nothing else has no power."""
+        self.add(np.full(min(count, WINDOW), value))
+
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
         inside = (self.frequency[1:-1] >= BAND[0]) & (self.frequency[1:-1] <= BAND[1])
@@ -63,7 +69,7 @@ class Correlation:
 
     def __init__(self) -> None:
         self._power = np.zeros(LONG + 1)
-        self._lengths: list[int] = []
+        self._lengths: Counter[int] = Counter()
         self._open = np.zeros(0)
 
     def add(self, samples: Array) -> None:
@@ -80,21 +86,30 @@ class Correlation:
             self._take(self._open)
         self._open = np.zeros(0)
 
+    def hold(self, value: float, count: int) -> None:
+        """Continue with the same value `count` times; of whole stretches of it only the number counts."""
+        begun = min(count, LONG - len(self._open))
+        self.add(np.full(begun, value))
+        whole, rest = divmod(count - begun, LONG)
+        if whole:
+            self._lengths[LONG] += whole
+        self._open = np.concatenate([self._open, np.full(rest, value)])
+
     def _take(self, piece: Array) -> None:
         self._power += np.abs(np.fft.rfft(piece - piece.mean(), 2 * LONG)) ** 2
-        self._lengths.append(len(piece))
+        self._lengths[len(piece)] += 1
 
     def near(self, lag: float, around: float) -> float:
         """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
         if not self._lengths or lag + around >= 0.5 * max(self._lengths):
             return float("nan")
         lags = np.arange(int(lag - around), int(lag + around) + 2)
-        lengths = np.array(self._lengths)[:, None]
-        pairs = np.sum(np.maximum(lengths - lags, 0), axis=0)
+        pairs = sum(number * np.maximum(length - lags, 0) for length, number in self._lengths.items())
+        samples = sum(number * length for length, number in self._lengths.items())
         product = np.fft.irfft(self._power)
         if product[0] <= 0.0:
             return float("nan")
-        return float(np.max(product[lags] / pairs) / (product[0] / lengths.sum()))
+        return float(np.max(product[lags] / pairs) / (product[0] / samples))
 
 
 class Listener:
@@ -148,6 +163,15 @@ class Listener:
                 self._within = bool(within[first])
             (self.stuck if within[first] else self.moving).add(samples[first:last])
 
+    def hold(self, t: float, value: float, count: int) -> None:
+        """Take `count` more samples of the same value, outside of long sticks, after the last one, at `t`."""
+        early = max(int(np.ceil((self.settled_from - t) * self.rate)) - 1, 0)
+        count -= early
+        if count > 0:
+            self._merge(count, value, 0.0)
+            self.correlation.hold(value, count)
+            (self.stuck if self._within else self.moving).hold(value, count)
+
     def close(self) -> None:
         """No more samples come; what is held back was no long stick."""
         held_t, held = self._held_t, self._held
@@ -163,9 +187,13 @@ class Listener:
         return float(np.sqrt(self._squares / self._count)) if self._count else float("nan")
 
     def _spread(self, samples: Array) -> None:
-        count, mean = len(samples), float(samples.mean())
+        mean = float(samples.mean())
+        self._merge(len(samples), mean, float(np.sum((samples - mean) ** 2)))
+
+    def _merge(self, count: int, mean: float, squares: float) -> None:
+        """Count samples of which number, mean and squares about it are known."""
         total = self._count + count
         apart = mean - self._mean
-        self._squares += float(np.sum((samples - mean) ** 2)) + apart**2 * self._count * count / total
+        self._squares += squares + apart**2 * self._count * count / total
         self._mean += apart * count / total
         self._count = total

@@ -201,7 +201,11 @@ def relaxation_time(rig: Rig, cutoff: float) -> float:
     stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
     if kept.all():
         return 0.0
-    spring = 1.0 / float(np.sum(full.normal[~kept] ** 2 / full.stiffness[~kept]))
+    flexibility = float(np.sum(full.normal[~kept] ** 2 / full.stiffness[~kept]))
+    # Where none of the dropped modes moves along the normal of an upright P1 there is nothing to ring against.
+    if flexibility == 0.0:
+        return 0.0
+    spring = 1.0 / flexibility
     start = np.zeros(len(stiffness))
     start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
     omega = float(np.sqrt(spring * (normal @ normal)))

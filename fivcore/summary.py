@@ -54,6 +54,9 @@ class Outcome:
 def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outcome) -> dict[str, object]:
     """The figures of a run, in the units of its scene; NaN where there is no value.
 
+    What has a unit of speed or force is F times its canonical value, one multiplication: a copy of a scene has
+    the same bits whether computed or scaled.
+
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
     - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to
       10 kHz outside and within long sticks (windows of 20 ms, Hann).
@@ -96,11 +99,11 @@ def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outco
         "stuck_frequency": float("nan") if quiet else listener.stuck.peak(),
         "coherence": coherence,
         "velocity_rms": F * listener.rms,
-        "mean_normal_force": F * float(sums[SUM_N]) / total if measured else float("nan"),
+        "mean_normal_force": F * (float(sums[SUM_N]) / total) if measured else float("nan"),
         "max_normal_force": F * float(sums[MAX_N]) if measured else float("nan"),
-        "normal_force_999": F * quantile(tally.forces, 0.999),
+        "normal_force_999": F * min(quantile(tally.forces, 0.999), float(sums[MAX_N])),
         "max_slip_speed": F * float(sums[MAX_SLIP]) if measured else float("nan"),
-        "slip_speed_999": F * quantile(tally.speeds, 0.999),
+        "slip_speed_999": F * min(quantile(tally.speeds, 0.999), float(sums[MAX_SLIP])),
         "switches_per_second": float(sums[SWITCHES]) / total if measured else float("nan"),
         "first_slip_time": float(moments[FIRST_SLIP]),
         "first_separation_time": float(moments[FIRST_SEPARATION]),

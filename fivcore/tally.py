@@ -32,8 +32,9 @@ SETTLED_SUMS = 7
 # ... and, from the start, the energy balance.
 WORK, DAMPED, FRICTION, TERMINATION, IMPACT = 7, 8, 9, 10, 11
 
-# Histogram bins: exponent and seven bits of the mantissa, from 2^-120 to 2^60.
-_SHIFT = 45
+# Histogram bins: exponent and seven bits of the mantissa, from 2^-120 to 2^60. N = 1, the commonest value of all,
+# lies in the middle of one: rounding does not decide where it counts.
+_SHIFT, _MIDDLE = 45, 1 << 44
 _LOWEST = (1023 - 120) << 7
 BINS = 180 << 7
 
@@ -72,6 +73,17 @@ class Tally:
     def taken(self, sticks: Array) -> Array:
         """The sticks that were entered."""
         return sticks[: self.flags[STICKS]].copy()
+
+    def repeat(self, sample: Tally, settled: float, entries: float, all_in_all: float) -> None:
+        """Count what `sample` counted so many times more: after settling, in the histograms, for the energy."""
+        if settled > 0.0:
+            highest = [MAX_N, MAX_SLIP]
+            peaks = np.maximum(self.sums[highest], sample.sums[highest])
+            self.sums[:SETTLED_SUMS] += settled * sample.sums[:SETTLED_SUMS]
+            self.sums[highest] = peaks
+            self.forces += entries * sample.forces
+            self.speeds += entries * sample.speeds
+        self.sums[SETTLED_SUMS:] += all_in_all * sample.sums[SETTLED_SUMS:]
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -124,9 +136,9 @@ def measure(sums: Any, state: int, N: float, speed: float, weight: float) -> Non
 def spread(forces: Any, speeds: Any, word: Any, bits: Any, N: float, speed: float, weight: float) -> None:
     """Add a step, or one for several, to the histograms."""
     word[0] = N
-    forces[min(max((bits[0] >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
+    forces[min(max(((bits[0] + _MIDDLE) >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
     word[0] = speed
-    speeds[min(max((bits[0] >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
+    speeds[min(max(((bits[0] + _MIDDLE) >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
 
 
 def quantile(histogram: Array, share: float) -> float:
@@ -142,6 +154,6 @@ def quantile(histogram: Array, share: float) -> float:
     if index == 0:
         return 0.0
     within = (share * total - sums[index - 1]) / histogram[index]
-    edges = (np.array([index, index + 1], dtype=np.int64) + _LOWEST) << _SHIFT
+    edges = ((np.array([index, index + 1], dtype=np.int64) + _LOWEST) << _SHIFT) - _MIDDLE
     low, high = edges.view(np.float64)
     return float(low + min(max(within, 0.0), 1.0) * (high - low))
