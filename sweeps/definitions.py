@@ -1,0 +1,347 @@
+"""What the definitions of a program reach, read from its source: from a name to its statements, and on from these.
+
+Nothing is imported for it and nothing is run. What no name leads to is not seen: a module imported for its
+effects alone, `globals()`, attributes that another module sets.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import importlib.util
+import sys
+import sysconfig
+from collections.abc import Iterator
+from functools import cache, cached_property
+from importlib.machinery import PathFinder
+from pathlib import Path
+from types import CodeType
+
+# The names of an expression such as module.name.attribute.
+Chain = tuple[str, ...]
+DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+
+
+class Piece:
+    """A top-level statement of a module; of an import, one name."""
+
+    def __init__(self, node: ast.stmt, module: str, package: str) -> None:
+        self.node, self.module, self.package = node, module, package
+        self.names = frozenset(_bound(node))
+
+    @cached_property
+    def text(self) -> str:
+        """The statement without its formatting."""
+        return ast.dump(self.node)
+
+    @property
+    def uses(self) -> list[Chain]:
+        """What the statement refers to."""
+        return self._references[0]
+
+    @property
+    def targets(self) -> dict[str, list[tuple[str, Chain]]]:
+        """For each name imported here, at the top or within: the module, and what is taken from it."""
+        return self._references[1]
+
+    @cached_property
+    def _references(self) -> tuple[list[Chain], dict[str, list[tuple[str, Chain]]]]:
+        uses: dict[Chain, None] = {}
+        targets: dict[str, list[tuple[str, Chain]]] = {}
+        todo: list[ast.AST] = [self.node]
+        while todo:
+            node = todo.pop()
+            chain: Chain = ()
+            while isinstance(node, ast.Attribute):
+                chain, node = (node.attr, *chain), node.value
+            if isinstance(node, ast.Name):
+                if chain or isinstance(node.ctx, ast.Load):
+                    uses[(node.id, *chain)] = None
+            elif isinstance(node, (ast.Import, ast.ImportFrom)):
+                for name, target in self._imports(node):
+                    targets.setdefault(name, []).append(target)
+            elif isinstance(node, ast.Global):
+                uses |= {(name,): None for name in node.names}
+            else:
+                todo.extend(ast.iter_child_nodes(node))
+        return list(uses), targets
+
+    def _imports(self, node: ast.Import | ast.ImportFrom) -> Iterator[tuple[str, tuple[str, Chain]]]:
+        """Each name that an import binds, and what it then stands for."""
+        for alias in node.names:
+            if isinstance(node, ast.Import):
+                top = alias.name.partition(".")[0]
+                yield (alias.asname, (alias.name, ())) if alias.asname else (top, (top, ()))
+                continue
+            parents = self.package.split(".")
+            parents = parents[: len(parents) - node.level + 1] if node.level else []
+            source = ".".join([*parents, *([node.module] if node.module else [])])
+            yield alias.asname or alias.name, (source, () if alias.name == "*" else (alias.name,))
+            if source == self.module:  # a package's own file, where a submodule may be meant
+                yield alias.asname or alias.name, (f"{source}.{alias.name}", ())
+
+    def within(self, code: CodeType) -> list[str]:
+        """The definitions in this statement of which `code` may be the compiled form."""
+        found: list[ast.AST] = []
+        for node in ast.walk(self.node):
+            if isinstance(node, (*DEFINITIONS, ast.Lambda)):
+                name = node.name if isinstance(node, DEFINITIONS) else "<lambda>"
+                if name == code.co_name and _first_line(node) == code.co_firstlineno:
+                    found.append(node)
+        # Of several lambdas in one line the columns of their bodies tell.
+        spots, bodies = set(code.co_positions()), [(n, n.body) for n in found if isinstance(n, ast.Lambda)]
+        exact = [n for n, b in bodies if (b.lineno, b.end_lineno, b.col_offset, b.end_col_offset) in spots]
+        return [ast.dump(node) for node in exact or found]
+
+
+class Module:
+    """What a file says, cut into pieces; a package without a file has none."""
+
+    def __init__(self, name: str, package: str, file: str, content: bytes) -> None:
+        self.name, self.file = name, file
+        self.pieces: list[Piece] = []
+        for node in _bare(ast.parse(content, file).body):
+            nodes: list[ast.stmt] = [node]
+            if isinstance(node, ast.Import):
+                nodes = [ast.copy_location(ast.Import([alias]), node) for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                one = ((ast.ImportFrom(node.module, [alias], node.level)) for alias in node.names)
+                nodes = [ast.copy_location(part, node) for part in one]
+            self.pieces += [Piece(part, name, package) for part in nodes]
+        self.binders: dict[str, list[Piece]] = {}
+        for piece in self.pieces:
+            for bound in piece.names:
+                self.binders.setdefault(bound, []).append(piece)
+        self.effects = [piece for piece in self.pieces if _acts(piece.node)]
+
+    def texts(self, taken: set[Piece]) -> list[str]:
+        """The pieces taken, in their order; but imports, which tools like to sort anew, by their text."""
+        loose, fixed = list[str](), list[str]()
+        for piece in self.pieces:
+            if piece in taken:
+                free = isinstance(piece.node, (ast.Import, ast.ImportFrom)) and not any(
+                    len(self.binders[name]) > 1 for name in piece.names
+                )
+                (loose if free else fixed).append(piece.text)
+        return sorted(loose) + fixed
+
+
+class Reach:
+    """Goes from what is asked for to all that it reaches; packages in `own` are followed wherever they lie."""
+
+    def __init__(self, own: frozenset[str]) -> None:
+        self.own = own | _siblings()
+        self._modules: dict[str, Module | None] = {}
+        self._entered: set[str] = set()
+        self._taken: dict[str, set[Piece]] = {}
+        self._asked: dict[tuple[str, Chain], None] = {}
+        self._todo: list[tuple[str, Chain]] = []
+
+    def follow(self, module: str, chain: Chain = ()) -> None:
+        """Ask for `module.name` and on; without a name, for all of the module."""
+        if (module, chain) not in self._asked:
+            self._asked[module, chain] = None
+            self._todo.append((module, chain))
+
+    def texts(self) -> dict[str, list[str]]:
+        """What is reached, by module."""
+        while self._todo:
+            name, chain = self._todo.pop()
+            module = self.module(name)
+            if module is not None:
+                self._enter(module)
+                self._go(module, chain)
+        modules = ((name, self.module(name), taken) for name, taken in self._taken.items())
+        return {name: module.texts(taken) for name, module, taken in modules if module is not None}
+
+    def statement(self, module: Module, code: CodeType) -> list[str]:
+        """Ask for the statement that holds the nested function of this code; the function itself."""
+        self._enter(module)
+        for piece in module.pieces:
+            if _first_line(piece.node) <= code.co_firstlineno <= (piece.node.end_lineno or 0):
+                own = piece.within(code)
+                if own:
+                    self._take(module, piece)
+                    return own
+        self.follow(module.name)
+        return []
+
+    def module(self, name: str) -> Module | None:
+        """The module of that name, unless it is a library's or has no source."""
+        if name not in self._modules:
+            file, folders = _find(name)
+            readable = (file.endswith(".py") or (folders and not file)) and not self.library(name)
+            self._modules[name] = _read(name, file, bool(folders)) if readable else None
+        return self._modules[name]
+
+    def library(self, name: str) -> bool:
+        """Whether a module is another's."""
+        if name.partition(".")[0] in self.own:
+            return False
+        file, folders = _find(name)
+        return name in sys.builtin_module_names or installed((file, *folders)[0])
+
+    def _go(self, module: Module, chain: Chain) -> None:
+        for piece in module.binders.get("*", ()):
+            self._take(module, piece, "*")
+        if chain and chain[0] in module.binders:
+            for piece in module.binders[chain[0]]:
+                self._take(module, piece, *chain)
+        elif chain and self.module(f"{module.name}.{chain[0]}") is not None:
+            self.follow(f"{module.name}.{chain[0]}", chain[1:])
+        else:
+            for piece in module.pieces:
+                for name in sorted(piece.names) or [""]:
+                    self._take(module, piece, name)
+
+    def _enter(self, module: Module) -> None:
+        """Take what a module and the packages above it do of themselves when they are imported."""
+        if module.name not in self._entered:
+            self._entered.add(module.name)
+            above = self.module(module.name.rpartition(".")[0])
+            if above is not None:
+                self._enter(above)
+            for piece in module.effects:
+                self._take(module, piece)
+
+    def _take(self, module: Module, piece: Piece, name: str = "", *chain: str) -> None:
+        """Take a piece and all it refers to; `name` was asked for, and of what that is, `chain`."""
+        for target, inner in piece.targets.get(name, ()):
+            self.follow(target, (*inner, *chain))
+        taken = self._taken.setdefault(module.name, set())
+        if piece in taken:
+            return
+        taken.add(piece)
+        for use in piece.uses:
+            for target, inner in piece.targets.get(use[0], ()):
+                self.follow(target, (*inner, *use[1:]))
+            if use[0] in module.binders:
+                self.follow(module.name, use)
+
+
+@cache
+def installed(path: str) -> bool:
+    """Whether a path lies among the libraries or in Python itself."""
+    place = Path(path)
+    if {"site-packages", "dist-packages"} & set(place.parts):
+        return True
+    return any(place.is_relative_to(sysconfig.get_path(kind)) for kind in ("stdlib", "platstdlib"))
+
+
+@cache
+def _siblings() -> frozenset[str]:
+    """The packages installed together with this one, if it is installed at all."""
+    own = __name__.partition(".")[0]
+    if installed(__file__):
+        for distribution in importlib.metadata.distributions():
+            tops = (distribution.read_text("top_level.txt") or "").split()
+            tops = tops or [file.parts[0] for file in distribution.files or () if file.suffix == ".py"]
+            if own in tops:
+                return frozenset(tops)
+    return frozenset({own})
+
+
+def _find(name: str) -> tuple[str, list[str]]:
+    """File of a module, or "", and the folders of its submodules; no package above it is imported for that."""
+    loaded, above = sys.modules.get(name), name.rpartition(".")[0]
+    if loaded is not None:
+        return getattr(loaded, "__file__", None) or "", list(getattr(loaded, "__path__", ()))
+    try:
+        spec = PathFinder.find_spec(name, _find(above)[1]) if above else importlib.util.find_spec(name)
+    except (ImportError, ValueError, KeyError):  # KeyError: of a folder in a package that is not imported
+        spec = None
+    if spec is None:
+        return "", []
+    return (spec.origin or "" if spec.has_location else ""), list(spec.submodule_search_locations or ())
+
+
+def _read(name: str, file: str, is_package: bool) -> Module | None:
+    package = name if is_package else name.rpartition(".")[0]
+    if name == "__main__":
+        package = getattr(sys.modules[name], "__package__", None) or ""
+    try:
+        return _parse(name, package, file, Path(file).read_bytes() if file else b"")
+    except OSError:
+        return None
+
+
+# By content: the clock of files is coarse.
+_parse = cache(Module)
+
+
+def _first_line(node: ast.AST) -> int:
+    parts = [node, *getattr(node, "decorator_list", ())]
+    return min(getattr(part, "lineno", 0) for part in parts)
+
+
+def _blocks(node: ast.AST) -> Iterator[tuple[ast.AST, str]]:
+    """Where a statement holds others: in which node, in which field of it."""
+    for field in ("body", "orelse", "finalbody"):
+        if getattr(node, field, None):
+            yield node, field
+    for part in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
+        yield part, "body"
+
+
+def _bare(body: list[ast.stmt], in_class: bool = False) -> list[ast.stmt]:
+    """The statements that do something: no docstrings, no annotations of functions, nothing for type checkers."""
+    bare: list[ast.stmt] = []
+    for node in body:
+        if isinstance(node, ast.Pass) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+            continue
+        if isinstance(node, ast.If):
+            test, negated = node.test, isinstance(node.test, ast.UnaryOp) and isinstance(node.test.op, ast.Not)
+            test = test.operand if isinstance(test, ast.UnaryOp) and negated else test
+            if "TYPE_CHECKING" in (getattr(test, "id", ""), getattr(test, "attr", "")):
+                bare += _bare(node.body if negated else node.orelse, in_class)
+                continue
+        if isinstance(node, ast.AnnAssign) and not in_class:
+            # A dataclass lives on its annotations; elsewhere nothing does.
+            if node.value is not None:
+                bare.append(ast.copy_location(ast.Assign([node.target], node.value), node))
+            continue
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            node.returns = None
+            every = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+            for argument in (*every, node.args.vararg, node.args.kwarg):
+                if argument is not None:
+                    argument.annotation = None
+        inside = isinstance(node, ast.ClassDef) or (in_class and not isinstance(node, DEFINITIONS))
+        for owner, field in _blocks(node):
+            setattr(owner, field, _bare(getattr(owner, field), inside))
+        bare.append(node)
+    return bare
+
+
+def _bound(node: ast.AST) -> Iterator[str]:
+    """Names that a top-level statement binds, or whose entries or attributes it sets."""
+    if isinstance(node, DEFINITIONS):
+        yield node.name
+    elif isinstance(node, (ast.Import, ast.ImportFrom)):
+        for alias in node.names:
+            yield alias.asname or (alias.name.partition(".")[0] if isinstance(node, ast.Import) else alias.name)
+    elif isinstance(node, ast.Name):
+        if not isinstance(node.ctx, ast.Load):
+            yield node.id
+    elif isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load):
+        base: ast.AST = node
+        while isinstance(base, (ast.Attribute, ast.Subscript)):
+            base = base.value
+        if isinstance(base, ast.Name):
+            yield base.id
+    elif not isinstance(node, ast.Lambda):
+        for name in (getattr(node, "name", None), getattr(node, "rest", None)):  # of a pattern or a handler
+            if isinstance(name, str):
+                yield name
+        for child in ast.iter_child_nodes(node):
+            # The variable of a comprehension is its own.
+            if not (isinstance(node, ast.comprehension) and child is node.target):
+                yield from _bound(child)
+
+
+def _acts(node: ast.AST) -> bool:
+    """Whether a statement does something besides binding names."""
+    if isinstance(node, DEFINITIONS) or (isinstance(node, ast.If) and "__name__" in ast.dump(node.test)):
+        return False
+    inner = (child for owner, field in _blocks(node) for child in getattr(owner, field))
+    return isinstance(node, ast.Expr) or any(map(_acts, inner))
