@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 Points = dict[str, NDArray[Any]]
 
 DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
-RESERVED = ("status", "error", "wall_time")
+# What a sweep's file holds besides axes and results; `failure_*` and `key_*` are its own as well.
+RESERVED = ("status", "error", "wall_time", "traceback", "reproduce", "failure", "point", "original")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +65,19 @@ class Variable:
     dtype : str
         One of DTYPES; missing entries are NaN. In the file a missing whole number is the least of its type,
         which a result therefore may not be.
+    digits : int, optional
+        Significant decimal digits kept of a float; what lies beyond is rounded away, so that it can be
+        compressed. Default: all.
+    scale : str
+        The factor of the sweep's `scale` by which a copy's value is multiplied; "" for none.
     """
 
     units: str = "1"
     long_name: str = ""
     dims: tuple[str, ...] = ()
     dtype: str = "float64"
+    digits: int | None = None
+    scale: str = ""
 
     def __post_init__(self) -> None:
         if self.dtype not in DTYPES:
@@ -78,6 +86,14 @@ class Variable:
         if len(set(dims)) < len(dims):
             raise ValueError(f"Variable: dims = {dims}: each may stand once")
         object.__setattr__(self, "dims", dims)
+        whole = np.dtype(self.dtype).kind != "f"
+        if whole and (self.digits is not None or self.scale):
+            raise ValueError(
+                f"Variable: digits and scale are for floats; with dtype = {self.dtype!r} leave them out"
+            )
+        digits = self.digits
+        if digits is not None and not (type(digits) is int and 1 <= digits <= 15):
+            raise ValueError(f"Variable: digits = {digits!r}: it must be a whole number from 1 to 15")
 
     @property
     def missing(self) -> float:
@@ -128,7 +144,7 @@ class Grid:
             if together not in groups:
                 groups.append(together)
         for group in groups:
-            rows = list(zip(*(axes[name].values.tolist() for name in group), strict=True))
+            rows = self.rows(group)
             if len(set(rows)) < len(rows):
                 twice = next(row for row in rows if rows.count(row) > 1)
                 raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
@@ -153,20 +169,70 @@ class Grid:
         """The dimension along which the axis `name` runs."""
         return next(group[0] for group in self._groups if name in group)
 
-    def points(self) -> Points:
-        """Every point, one entry each, in C order of the dimensions."""
-        index = np.unravel_index(np.arange(self.size), self.shape)
-        place = dict(zip(self.dims, index, strict=True))
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """The axes that vary together, one group a dimension."""
+        return self._groups
+
+    def points(self, index: NDArray[np.intp] | None = None) -> Points:
+        """The points at `index`, one entry each; by default all, in C order of the dimensions."""
+        chosen = np.arange(self.size) if index is None else index
+        place = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
         return {name: axis.values[place[self.dim_of(name)]] for name, axis in self.axes.items()}
 
     def skipped(self, points: Points) -> NDArray[np.bool_]:
         """Which of `points` need not be computed."""
+        count = len(next(iter(points.values())))
         if self.skip is None:
-            return np.zeros(self.size, dtype=bool)
+            return np.zeros(count, dtype=bool)
         flags = np.asarray(self.skip(points), dtype=bool)
-        if flags.shape != (self.size,):
-            raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be ({self.size},)")
+        if flags.shape != (count,):
+            raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be ({count},)")
         return flags
+
+    def rows(self, group: tuple[str, ...]) -> list[tuple[Any, ...]]:
+        """The values along one dimension, as plain tuples."""
+        return list(zip(*(self.axes[name].values.tolist() for name in group), strict=True))
+
+    def grown(self, other: Grid) -> Grid:
+        """This grid with the values of `other`, one of the same axes, added to it.
+
+        Where both are sorted the sum is; otherwise what is new comes last.
+        """
+        axes = dict(self.axes)
+        for group in self._groups:
+            own, new = self.rows(group), other.rows(group)
+            present = set(own)
+            rows = own + [row for row in new if row not in present]
+            if len(rows) == len(own):
+                continue
+            for backwards in (False, True):
+                if all(each == sorted(each, reverse=backwards) for each in (own, new)):
+                    rows.sort(reverse=backwards)
+                    break
+            for name, values in zip(group, zip(*rows, strict=True), strict=True):
+                axis = self.axes[name]
+                axes[name] = Axis(
+                    np.array(values, dtype=_common(axis, other.axes[name])), axis.units, axis.long_name
+                )
+        zipped = [group for group in self._groups if len(group) > 1]
+        return Grid(axes, zipped, self.skip)
+
+    def place(self, other: Grid) -> NDArray[np.intp]:
+        """Where each point of `other` lies in this grid, by value; -1 where it does not."""
+        along = []
+        for group in self._groups:
+            known = {row: k for k, row in enumerate(self.rows(group))}
+            along.append(np.array([known.get(row, -1) for row in other.rows(group)], dtype=np.intp))
+        meshed = np.meshgrid(*along, indexing="ij") if along else []
+        inside = np.all([index >= 0 for index in meshed], axis=0)
+        flat = np.ravel_multi_index([np.maximum(index, 0) for index in meshed], self.shape)
+        return np.where(inside, flat, -1).ravel()
+
+
+def _common(one: Axis, other: Axis) -> np.dtype[Any]:
+    """A type that holds the values of both; texts grow as long as they must."""
+    return np.promote_types(one.values.dtype, other.values.dtype)
 
 
 def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:

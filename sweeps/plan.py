@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from sweeps.assemble import Source
+    from sweeps.batch import Table, Work
+    from sweeps.layout import Layout
+    from sweeps.monitor import Progress
     from sweeps.sweep import Sweep
-
-# A batch long enough to hide its own cost, short enough to spread and to show progress.
-BATCH_SECONDS = 1.0
-LEAST_BATCHES = 16
-
-Progress = Callable[[int, int], None]
-
-
-def make_batches(todo: NDArray[np.intp], seconds: float) -> tuple[NDArray[np.intp], ...]:
-    """Cut the work into runs of neighbouring points, which share what they can share."""
-    if not len(todo):
-        return ()
-    fitting = BATCH_SECONDS / seconds if seconds > 0.0 else math.inf
-    size = max(1, int(min(fitting, math.ceil(len(todo) / LEAST_BATCHES))))
-    return tuple(todo[i : i + size] for i in range(0, len(todo), size))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,16 +26,37 @@ class Plan:
 
     Attributes
     ----------
+    sweep : Sweep
+    store : Path or None
+        The netCDF file.
     points, skipped, distinct, cached, todo : int
         Points of the grid, those needing nothing, different computations, those at hand, those to do.
+    failed : int
+        Those at hand that failed and are not tried again.
     batches : tuple of ndarray
-        Indices of the points to compute, one array a batch.
-    original : ndarray, (points,)
-        The point computed in each point's stead; -1 where skipped.
-    bytes : int
-        Size of the result, uncompressed.
+        The computations to do, one array a batch, by their places in `layout`; those probed are not among them.
+    original : ndarray
+        For each point of the file the one computed in its stead; -1 where skipped.
+    bytes, batch_bytes : int
+        Expected size of the file, and of what a batch holds in memory.
     seconds : float
         Time to expect on one core; NaN if the probes failed.
+    layout : Layout
+        The file that will be.
+    work : Work
+        What is done to every batch.
+    probes : tuple of Table
+        What was computed in order to know the time; it is not computed again.
+    asked : ndarray
+        Places in the file of the points asked for.
+    sources : tuple of Source
+        Where what is at hand is kept.
+    stamp : tuple
+        The state of the store when this was planned.
+    whole : bool
+        Whether the file is already all that is asked.
+    damaged : tuple of str
+        Shards that cannot be used; what was in them is to do.
     """
 
     sweep: Sweep
@@ -56,69 +65,84 @@ class Plan:
     skipped: int
     distinct: int
     cached: int
+    failed: int
     todo: int
     batches: tuple[NDArray[np.intp], ...]
     original: NDArray[np.intp]
     bytes: int
+    batch_bytes: int
     seconds: float
+    layout: Layout
+    work: Work
+    probes: tuple[Table, ...]
+    asked: NDArray[np.intp]
+    sources: tuple[Source, ...]
+    stamp: tuple[Any, ...]
+    whole: bool
+    damaged: tuple[str, ...]
 
     def __repr__(self) -> str:
-        time = "unknown: a probed point failed" if math.isnan(self.seconds) else duration(self.seconds)
+        time = "unknown: the probed points failed" if math.isnan(self.seconds) else duration(self.seconds)
         shape = " x ".join(f"{d} {n}" for d, n in zip(self.sweep.grid.dims, self.sweep.grid.shape, strict=True))
+        probed = sum(len(table) for table in self.probes)
+        todo = f"{self.todo} in {len(self.batches)} batches"
         rows = [
             ("sweep", self.sweep.name),
             ("grid", shape),
             ("points", f"{self.points}"),
             ("skipped", f"{self.skipped}"),
             ("distinct", f"{self.distinct}"),
-            ("cached", f"{self.cached}"),
-            ("to do", f"{self.todo} in {len(self.batches)} batches"),
-            ("size", _size(self.bytes)),
+            ("cached", f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else "")),
+            ("to do", todo + (f", {probed} done as probes" if probed else "")),
+            ("file size", size(self.bytes)),
+            ("a batch", f"{size(self.batch_bytes)} in memory"),
             ("time to expect", f"{time} on one core" if self.seconds > 0 else time),
         ]
         if self.store is not None:
             rows.append(("file", str(self.store)))
+        rows += [("damaged", f"{name}: its points are computed again") for name in self.damaged]
         return "\n".join(f"{name:<15} {text}" for name, text in rows)
 
     def run(
-        self, scheduler: str = "threads", workers: int | None = None, progress: Progress | None = None
+        self,
+        scheduler: str = "threads",
+        workers: int | None = None,
+        progress: Progress | None = None,
+        *,
+        fail_fast: bool = False,
     ) -> xr.Dataset:
         """Compute what is to be done, write the netCDF file if there is a store, return the dataset.
 
         Parameters
         ----------
-        scheduler : {"threads", "sync"}
-            Dask's threads in this process, or one point after the other.
+        scheduler : str
+            "threads": Dask's threads in this process; "sync": one batch after the other; "processes": a
+            Dask cluster of processes on this machine; or the address of a Dask scheduler, tcp://host:port.
         workers : int, optional
-            Threads; default: one a core.
+            Threads or processes; default: one a core. Not for an address.
         progress : callable, optional
-            `progress(done, failed)` after every batch, in points, from any thread.
+            `progress(snapshot)` with a `sweeps.monitor.Snapshot` when batches begin and end, from any thread.
+        fail_fast : bool
+            Stop at the first point that fails.
 
         Returns
         -------
         xarray.Dataset
-            Dimensions in the grid's order. Points that failed keep their error text in `error`.
+            The points asked for, dimensions in the grid's order; of a large file, large variables are read when
+            they are used. Points that failed keep their error text in `error`.
+
+        Raises
+        ------
+        StoreError
+            If the file cannot be written, or another run holds it.
+        SchedulerError
+            If there is no such scheduler.
+        SweepStoppedError
+            With `fail_fast`, if a point failed.
         """
         from sweeps.execute import execute
-        from sweeps.store import assemble, check_store, write
 
-        if scheduler not in ("threads", "sync"):
-            raise ValueError(f"scheduler = {scheduler!r}: it must be 'threads' or 'sync'")
-        whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
-        if workers is not None and not (whole and workers >= 1):
-            raise ValueError(f"workers = {workers!r}: it must be a whole number, 1 or above")
-        if self.store is not None:
-            check_store(self.store, self.sweep.name)
-        outcome = execute(self, scheduler, workers or os.cpu_count() or 1, progress)
-        dataset = assemble(self, outcome)
-        try:
-            if self.sweep.derive is not None:
-                dataset = self.sweep.derive(dataset)
-        finally:
-            # What was computed is kept even where nothing can be derived from it.
-            if self.store is not None:
-                write(dataset, self.store)
-        return dataset
+        return execute(self, scheduler, workers, progress, fail_fast)
 
 
 def duration(seconds: float) -> str:
@@ -130,10 +154,10 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"
 
 
-def _size(size: int) -> str:
-    amount = float(size)
+def size(count: float) -> str:
+    """Bytes for a reader."""
     for unit in ("B", "kB", "MB"):
-        if amount < 999.5:
-            return f"{amount:.3g} {unit}"
-        amount /= 1000.0
-    return f"{amount:.3g} GB"
+        if count < 999.5:
+            return f"{count:.3g} {unit}"
+        count /= 1000.0
+    return f"{count:.3g} GB"

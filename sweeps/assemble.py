@@ -1,0 +1,322 @@
+"""From tables to a dataset: every point gets the result of its computation, times its own factors.
+
+What is small is put together in memory. A large variable goes from shard to file, a few rows at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import netCDF4
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sweeps.batch import DONE, FAILED, PENDING, SKIPPED, STATUS_MEANINGS, Table, rounded
+from sweeps.grid import Variable
+from sweeps.layout import Layout
+from sweeps.shards import NETCDF, ShardFolder
+
+# Of a large variable's chunks: a reader who wants one point should not read a hundred others.
+CHUNK_BYTES = 1 << 18
+MOST_CHUNK_BYTES = 1 << 22
+# Of so many failures, tracebacks and reproducing lines are kept.
+MOST_TRACEBACKS = 1000
+
+
+Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+class Source(Protocol):
+    """Somewhere that computed points are kept.
+
+    Attributes
+    ----------
+    own : bool
+        Whether its rows are those of points, factors included, and not of computations.
+    name : str
+    """
+
+    @property
+    def own(self) -> bool:
+        """See above."""
+
+    @property
+    def name(self) -> str:
+        """See above."""
+
+    def read(self, wanted: Collection[str]) -> Table | None:
+        """The table with the `wanted` results; None if it is damaged."""
+
+    def points(self, layout: Layout, table: Table) -> Pairs:
+        """Points of the layout that get something, and the row of the table for each."""
+
+
+def pairs(layout: Layout, slots: NDArray[np.intp]) -> Pairs:
+    """Every row goes to its slot and to the copies of it; -1 goes nowhere."""
+    first = np.searchsorted(layout.sorted_original, slots)
+    last = np.searchsorted(layout.sorted_original, slots, side="right")
+    counts = np.where(slots >= 0, last - first, 0)
+    rows = np.repeat(np.arange(len(slots)), counts)
+    within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return layout.order[first[rows] + within], rows
+
+
+class KeyedSource:
+    """Rows that are found by their keys."""
+
+    own = False
+
+    def points(self, layout: Layout, table: Table) -> Pairs:
+        """Points of the layout that get something, and the row of the table for each."""
+        return pairs(layout, layout.find(table.key))
+
+
+@dataclass(frozen=True)
+class ShardSource(KeyedSource):
+    """A shard on disk."""
+
+    folder: ShardFolder
+    name: str
+
+    def read(self, wanted: Collection[str]) -> Table | None:
+        """The shard, read anew."""
+        return self.folder.read(self.name, wanted)
+
+
+@dataclass(frozen=True, eq=False)
+class MemorySource(KeyedSource):
+    """A table that is in memory anyway."""
+
+    table: Table
+    name = "memory"
+
+    def read(self, wanted: Collection[str]) -> Table | None:
+        """The table."""
+        return self.table
+
+
+@dataclass(eq=False)
+class Gathered:
+    """Everything but the large variables, one entry a point, and where the large ones are.
+
+    Attributes
+    ----------
+    values : dict of str to ndarray
+    status, error, wall_time : ndarray
+    failures : dict of int to tuple
+        Traceback and reproducing line of the computations that failed, by point.
+    source, row : ndarray
+        For each point the place of its source in the list, and its row there; -1 where there is none.
+    damaged : list of str
+        Sources that could not be read.
+    """
+
+    values: dict[str, NDArray[Any]]
+    status: NDArray[np.int8]
+    error: NDArray[np.object_]
+    wall_time: NDArray[np.float64]
+    failures: dict[int, tuple[str, str]]
+    source: NDArray[np.int32]
+    row: NDArray[np.int32]
+    damaged: list[str] = field(default_factory=list)
+
+
+def gather(layout: Layout, sources: Sequence[Source], large: Collection[str] = ()) -> Gathered:
+    """Read every source once; where several know a point, the last that did it counts."""
+    size = layout.grid.size
+    small = [name for name in layout.variables if name not in large]
+    found = Gathered(
+        {
+            name: np.full(
+                (size, *layout.shape(name)), layout.variables[name].missing, layout.variables[name].dtype
+            )
+            for name in small
+        },
+        np.where(layout.original < 0, np.int8(SKIPPED), np.int8(PENDING)),
+        np.full(size, "", dtype=object),
+        np.full(size, np.nan),
+        {},
+        np.full(size, -1, dtype=np.int32),
+        np.full(size, -1, dtype=np.int32),
+    )
+    for number, source in enumerate(sources):
+        table = source.read(small)
+        if table is None:
+            found.damaged.append(source.name)
+        else:
+            _take(layout, found, source, table, number)
+    return found
+
+
+def _take(layout: Layout, found: Gathered, source: Source, table: Table, number: int) -> None:
+    """Enter a table's rows at their points."""
+    points, rows = source.points(layout, table)
+    status = table.status[rows]
+    # What failed does not replace what was done.
+    better = (status == DONE) | ((status == FAILED) & (found.status[points] != DONE))
+    points, rows = points[better], rows[better]
+    for name, values in found.values.items():
+        values[points] = scaled(layout, name, table.values[name][rows], source, points)
+    found.status[points] = table.status[rows]
+    found.error[points] = table.error[rows]
+    # A copy costs nothing.
+    computed = source.own | (layout.original[points] == points)
+    found.wall_time[points] = np.where(computed, table.wall_time[rows], 0.0)
+    found.source[points], found.row[points] = number, rows
+    if found.failures or table.failed:
+        for point, row in zip(points.tolist(), rows.tolist(), strict=True):
+            found.failures.pop(point, None)
+            if table.status[row] == FAILED and layout.original[point] == point:
+                found.failures[point] = (table.traceback[row], table.reproduce[row])
+
+
+def scaled(
+    layout: Layout, name: str, values: NDArray[Any], source: Source, points: NDArray[np.intp]
+) -> NDArray[Any]:
+    """Results of computations as those of points."""
+    variable = layout.variables[name]
+    if source.own or not variable.scale:
+        return values
+    factor = layout.factors[variable.scale][points]
+    product = (values * factor.reshape(-1, *(1,) * (values.ndim - 1))).astype(values.dtype)
+    return rounded(product, variable.digits)
+
+
+def stream(layout: Layout, sources: Sequence[Source], found: Gathered, large: Sequence[str], path: Path) -> None:
+    """Write the large variables into a new file, a source at a time."""
+    with NETCDF:
+        file = netCDF4.Dataset(path, "w")
+    try:
+        with NETCDF:
+            file.set_auto_maskandscale(False)
+            for dim, length in zip(layout.grid.dims, layout.grid.shape, strict=True):
+                file.createDimension(dim, length)
+            for name in large:
+                _create(file, layout, name)
+        for number, source in enumerate(sources):
+            points = np.flatnonzero(found.source == number)
+            table = source.read(large) if len(points) else None
+            if table is None:
+                continue
+            for begin, end in _runs(points, layout.grid.shape[-1]):
+                here = points[begin:end]
+                *outer, last = np.unravel_index(here[0], layout.grid.shape)
+                for name in large:
+                    values = scaled(layout, name, _rows(table.values[name], found.row[here]), source, here)
+                    with NETCDF:
+                        file[name][(*outer, slice(last, last + len(here)))] = values
+    finally:
+        with NETCDF:
+            file.close()
+
+
+def _rows(values: NDArray[Any], rows: NDArray[np.int32]) -> NDArray[Any]:
+    """Rows of an array, without a copy where they are neighbours."""
+    first, last = int(rows[0]), int(rows[-1])
+    if last - first + 1 == len(rows) and np.all(np.diff(rows) == 1):
+        return values[first : last + 1]
+    return values[rows]
+
+
+def _runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
+    """Stretches of neighbours along the last dimension."""
+    breaks = np.flatnonzero((np.diff(points) != 1) | (points[1:] % length == 0)) + 1
+    edges = [0, *breaks.tolist(), len(points)]
+    yield from zip(edges[:-1], edges[1:], strict=True)
+
+
+def _create(file: Any, layout: Layout, name: str) -> None:
+    variable, inner = layout.variables[name], layout.shape(name)
+    for dim, length in zip(variable.dims, inner, strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, length)
+    row = layout.row_bytes(name)
+    most = layout.grid.shape[-1]
+    chunk = [1] * (len(layout.grid.shape) - 1) + [min(max(CHUNK_BYTES // row, 1), most), *inner]
+    if row > MOST_CHUNK_BYTES:
+        chunk[-1] = max(inner[-1] * MOST_CHUNK_BYTES // row, 1)
+    small = variable.digits is not None or np.dtype(variable.dtype).kind == "i"
+    made = file.createVariable(
+        name,
+        variable.dtype,
+        (*layout.grid.dims, *variable.dims),
+        fill_value=np.array(variable.missing, variable.dtype)[()],
+        chunksizes=chunk,
+        zlib=small,
+        complevel=1,
+        shuffle=small,
+        fletcher32=True,
+    )
+    made.setncatts(attributes(variable))
+
+
+def dataset(layout: Layout, found: Gathered) -> xr.Dataset:
+    """What was gathered, with the attributes CF asks for."""
+    grid = layout.grid
+    coords: dict[str, Any] = {
+        name: ((grid.dim_of(name),), axis.values, attributes(axis)) for name, axis in grid.axes.items()
+    }
+    coords |= {name: ((name,), axis.values, attributes(axis)) for name, axis in layout.coords.items()}
+
+    def shaped(array: NDArray[Any]) -> NDArray[Any]:
+        return array.reshape(*grid.shape, *array.shape[1:])
+
+    data: dict[str, Any] = {
+        name: _variable(layout.variables[name], (*grid.dims, *layout.variables[name].dims), shaped(values))
+        for name, values in found.values.items()
+    }
+    flags = {
+        "flag_values": np.arange(len(STATUS_MEANINGS.split()), dtype=np.int8),
+        "flag_meanings": STATUS_MEANINGS,
+        "long_name": "status of the point",
+    }
+    data["status"] = (grid.dims, shaped(found.status), flags)
+    data["error"] = (grid.dims, shaped(found.error), {"long_name": "why the point failed"})
+    time = {"units": "s", "long_name": "computing time of the point"}
+    data["wall_time"] = (grid.dims, shaped(found.wall_time), time)
+    data |= _failures(layout, found)
+    return xr.Dataset(data, coords)
+
+
+def _failures(layout: Layout, found: Gathered) -> dict[str, Any]:
+    """The computations that failed: where, why, and the line of Python that shows it again."""
+    slots = sorted(found.failures)[:MOST_TRACEBACKS]
+    if not slots:
+        return {}
+    about = {
+        "traceback": "where the computation failed",
+        "reproduce": "Python that computes the point again",
+    }
+    texts = np.array([found.failures[slot] for slot in slots], dtype=object).reshape(-1, 2)
+    data: dict[str, Any] = {
+        name: (("failure",), texts[:, k], {"long_name": text}) for k, (name, text) in enumerate(about.items())
+    }
+    for name, values in layout.grid.points(np.array(slots)).items():
+        told = {"long_name": f"{name} of the point that failed"}
+        data[f"failure_{name}"] = (("failure",), values, attributes(layout.grid.axes[name]) | told)
+    return data
+
+
+def _variable(described: Variable, dims: tuple[str, ...], values: NDArray[Any]) -> xr.Variable:
+    """A variable as it will look when it is read again: missing whole numbers are NaN."""
+    encoding: dict[str, Any] = {}
+    if values.dtype.kind == "i":
+        encoding = {"dtype": described.dtype, "_FillValue": np.array(described.missing, described.dtype)[()]}
+        values = np.where(values == described.missing, np.nan, values.astype(float))
+    return xr.Variable(dims, values, attributes(described), encoding)
+
+
+def attributes(described: Any) -> dict[str, str]:
+    """Units, name and digits of an axis or a variable."""
+    told = {"units": described.units, "long_name": described.long_name}
+    values = getattr(described, "values", None)  # of an axis
+    if values is not None and values.dtype.kind == "U":
+        # A text has no units.
+        del told["units"]
+    if getattr(described, "digits", None) is not None:
+        told["comment"] = f"kept to {described.digits} significant digits"
+    return {name: text for name, text in told.items() if text}

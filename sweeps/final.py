@@ -1,0 +1,216 @@
+"""The one CF netCDF file of a sweep: written under a temporary name, renamed, and opened again."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from sweeps.assemble import MemorySource, Source, dataset, gather, stream
+from sweeps.batch import DONE, FAILED, Table
+from sweeps.errors import StoreError
+from sweeps.layout import Layout
+from sweeps.provenance import source
+from sweeps.shards import NETCDF, write_table
+from sweeps.store import COMPUTED, Store, sources_of
+
+Derive = Callable[[xr.Dataset], xr.Dataset]
+# A file up to this size is read at once, so that it stays free to be replaced.
+READ_AT_ONCE = 50_000_000
+
+
+def attach(layout: Layout, data: xr.Dataset, derive: Derive | None) -> xr.Dataset:
+    """Add what is derived, and what the file says of itself."""
+    made = source()
+    attributes = {
+        "Conventions": "CF-1.11",
+        "title": layout.title,
+        "history": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {layout.name} computed by {made}",
+        "source": made,
+        "sweep": layout.name,
+    }
+    data = data.assign_attrs(attributes | dict(layout.attributes))
+    return data if derive is None else derive(data)
+
+
+def stored_only(layout: Layout, data: xr.Dataset) -> xr.Dataset:
+    """Of an opened file what was computed, without what was derived from it."""
+    own = [*layout.variables, "status", "error", "wall_time"]
+    return data[own + [name for name in data.variables if str(name).startswith("failure_")]]
+
+
+def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Derive | None) -> None:
+    """Put a sweep's file together and replace the old one by it.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be written; an older one is left as it was.
+    """
+    temporary = store.file.with_name(f".{store.file.name}.{os.getpid()}.tmp")
+    problems: list[Exception] = []
+    try:
+        _compose(temporary, layout, sources, derive, problems)
+        with open(temporary, "rb") as written:
+            os.fsync(written.fileno())
+        os.replace(temporary, store.file)
+    except (OSError, RuntimeError) as problem:
+        if isinstance(problem, StoreError):
+            raise
+        # The netCDF library reports a full disk as a RuntimeError.
+        reason = getattr(problem, "strerror", None) or problem
+        raise StoreError(
+            f"{store.file} could not be written: {reason}; all points are kept, and the same run writes it again"
+        ) from problem
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    if problems:
+        # What was computed is kept even where nothing can be derived from it.
+        raise problems[0]
+
+
+def _compose(
+    path: Path, layout: Layout, sources: Sequence[Source], derive: Derive | None, problems: list[Exception]
+) -> None:
+    large = layout.large()
+    found = gather(layout, sources, large)
+    if large:
+        stream(layout, sources, found, large, path)
+    data = dataset(layout, found)
+    if large:
+        with xr.open_dataset(path, engine="netcdf4") as streamed:
+            try:
+                data = attach(layout, data.assign(streamed[large]), derive).drop_vars(large).load()
+            except Exception as problem:  # noqa: BLE001 - raised again when the file is written
+                problems.append(problem)
+                data = attach(layout, data.drop_vars(large, errors="ignore"), None)
+    else:
+        try:
+            data = attach(layout, data, derive)
+        except Exception as problem:  # noqa: BLE001 - raised again when the file is written
+            problems.append(problem)
+            data = attach(layout, data, None)
+    with NETCDF:
+        data.to_netcdf(
+            path, mode="a" if large else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(data)
+        )
+    if any(variable.scale for variable in layout.variables.values()) and not large:
+        _keep_computations(path, layout, sources)
+
+
+def _encoding(data: xr.Dataset) -> dict[str, dict[str, Any]]:
+    encoding: dict[str, dict[str, Any]] = {}
+    for name, variable in data.variables.items():
+        chosen = encoding.setdefault(str(name), {})
+        # Small coordinates are read by the smallest of readers; long ones would outweigh the data.
+        plain = name in data.coords and variable.size < 10_000
+        text = variable.dtype.kind in "OUT"
+        if (
+            variable.ndim
+            and not plain
+            and (variable.dtype.kind in "fiu" or name in ("error", "traceback", "reproduce"))
+        ):
+            chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
+        if text and name in ("error", "traceback", "reproduce"):
+            # As characters: they shrink to nothing where they are empty.
+            chosen["dtype"] = "S1"
+        if name in data.coords or variable.dtype.kind in "iu":
+            chosen["_FillValue"] = None
+        chosen |= {key: variable.encoding[key] for key in ("dtype", "_FillValue") if key in variable.encoding}
+    return encoding
+
+
+def _keep_computations(path: Path, layout: Layout, sources: Sequence[Source]) -> None:
+    """Keep what was computed as it was before it was scaled, for points that are added later."""
+    plain = Layout(
+        layout.name,
+        layout.title,
+        layout.grid,
+        layout.coords,
+        layout.variables,
+        np.where(layout.original == np.arange(layout.grid.size), layout.original, -1),
+        layout.key,
+        {name: np.ones_like(values) for name, values in layout.factors.items()},
+    )
+    found = gather(plain, [each for each in sources if not each.own])
+    slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
+    texts = [np.full(len(slots), "", dtype=object) for _ in range(2)]
+    table = Table(
+        layout.grid.points(slots),
+        layout.slot_key(slots),
+        {name: values[slots] for name, values in found.values.items()},
+        found.status[slots],
+        found.error[slots],
+        *texts,
+        found.wall_time[slots],
+    )
+    with NETCDF, netCDF4.Dataset(path, "a") as file:
+        write_table(file.createGroup(COMPUTED), table, layout.variables)
+
+
+def open_results(path: str | Path) -> xr.Dataset:
+    """Open a sweep's netCDF file, or what is finished of one that is still running or was interrupted.
+
+    A file of moderate size is read into memory, so that it stays free to be replaced; of a larger one, large
+    variables are read when they are used.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or it is not the result of a sweep.
+    """
+    store = Store(path)
+    if store.layout.is_file():
+        with suppress(ValueError, StoreError):
+            return _unfinished(store)
+    if not store.file.is_file():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if not os.access(store.file, os.R_OK):
+        raise ValueError(f"{path}: it cannot be read")
+    try:
+        data = _opened(store.file)
+    except (OSError, ValueError, RuntimeError):
+        raise ValueError(f"{path}: it is damaged or not netCDF") from None
+    try:
+        json.loads(data.attrs["configuration"])["constants"]
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"{path}: it is not the result of a sweep") from None
+    return data
+
+
+def _opened(path: Path) -> xr.Dataset:
+    with NETCDF:
+        data = xr.open_dataset(path, engine="netcdf4")
+        if data.nbytes <= READ_AT_ONCE:
+            with data:
+                return data.load()
+        for name in data.variables:
+            if data[name].nbytes * 10 <= READ_AT_ONCE:
+                data[name].load()
+    return data
+
+
+def _unfinished(store: Store) -> xr.Dataset:
+    """The points that are finished so far; the others are pending."""
+    layout = Layout.load(store.layout)
+    sources = sources_of(store, layout)
+    if not layout.large():
+        return attach(layout, dataset(layout, gather(layout, sources)), None)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "unfinished.nc"
+        _compose(path, layout, sources, None, [])
+        # Opened files stay readable when their names are gone.
+        return _opened(path)
+
+
+__all__ = ["MemorySource", "attach", "open_results", "stored_only", "write"]

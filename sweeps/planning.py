@@ -1,0 +1,229 @@
+"""Deciding what a sweep will do: what is asked, what is at hand, what is one computation, and how it is cut."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sweeps.assemble import Source, gather
+from sweeps.batch import FAILED, PENDING, Table, Work
+from sweeps.grid import Axis, Grid
+from sweeps.identity import configuration, identity, presentation
+from sweeps.keys import Index, key_columns
+from sweeps.layout import Layout
+from sweeps.plan import Plan
+from sweeps.store import Kept, Store, check_owner, kept
+
+if TYPE_CHECKING:
+    from sweeps.sweep import Sweep
+
+# A batch long enough to hide its own cost, short enough to spread and to show progress, small enough to hold.
+BATCH_SECONDS = 1.0
+BATCH_BYTES = 48e6
+# A short sweep is cut finer, so that all workers have something, but not below this.
+LEAST_BATCHES, SHORTEST = 16, 0.02
+# Probes go on, each larger than the one before, while they are expected to take less than this, s.
+PROBE_SIZES, PROBE_SECONDS = (1, 1, 8, 64, 512), 0.15
+# Bytes of a point besides its results: status, error, computing time.
+ROW_BYTES = 16
+# What rounding and compression leave of a rounded float.
+COMPRESSED = 0.6
+
+
+def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed: bool) -> Plan:
+    """The plan of a sweep; see `Sweep.plan`."""
+    place = None if store is None else Store(store)
+    attributes: dict[str, str] = {}
+    present: Kept | None = None
+    if place is not None:
+        place.check_place(sweep.name)
+        told = identity(sweep)
+        attributes = {
+            "configuration": configuration(sweep),
+            "identity": json.dumps(told),
+            "presentation": presentation(sweep),
+        }
+        if not fresh:
+            present = kept(place, sweep.name, told)
+        elif place.file.exists():
+            check_owner(place.file, sweep.name)
+    stamp = () if place is None else place.stamp()
+
+    grid = sweep.grid if present is None else _grown(present.grid, sweep.grid)
+    asked = grid.place(sweep.grid)
+    skipped = sweep.grid.skipped(sweep.grid.points())
+    wanted = asked[~skipped]
+    sources: list[Source] = [] if present is None else present.sources
+    layout = _layout(sweep, grid, wanted, attributes, fresh)
+    known = gather(layout, sources, list(sweep.variables))
+    status = known.status
+
+    slots = layout.original[wanted]
+    again = (PENDING, FAILED) if retry_failed else (PENDING,)
+    todo = np.unique(slots[np.isin(status[wanted], again)])
+    todo = _in_order(sweep, layout, todo)
+    work = Work(
+        sweep.name,
+        sweep.function,
+        sweep.constants,
+        sweep.variables,
+        {name: layout.shape(name) for name in sweep.variables},
+    )
+    probes, seconds = _probe(work, layout, todo)
+    probed = np.concatenate([np.zeros(0, dtype=np.intp), *(index for index, _ in probes)])
+    row = sum(layout.row_bytes(name) for name in sweep.variables) + ROW_BYTES
+    batches = make_batches(todo[~np.isin(todo, probed)], seconds, row)
+    longest = max((len(batch) for batch in batches), default=0)
+    whole = (
+        present is not None
+        and present.finished
+        and not len(todo)
+        and grid.size == present.grid.size
+        and present.attributes.get("presentation") == attributes["presentation"]
+    )
+    return Plan(
+        sweep=sweep,
+        store=None if place is None else place.file,
+        points=sweep.grid.size,
+        skipped=int(skipped.sum()),
+        distinct=len(np.unique(slots)),
+        cached=len(np.unique(slots)) - len(todo),
+        failed=int(np.count_nonzero(status[np.setdiff1d(slots, todo)] == FAILED)),
+        todo=len(todo),
+        batches=batches,
+        original=layout.original,
+        bytes=_bytes(sweep, layout),
+        batch_bytes=longest * row,
+        seconds=0.0 if not len(todo) else seconds * len(todo),
+        layout=layout,
+        work=work,
+        probes=tuple(table for _, table in probes),
+        asked=asked,
+        sources=tuple(sources),
+        stamp=stamp,
+        whole=whole,
+        damaged=tuple(known.damaged),
+    )
+
+
+def _grown(present: Grid, asked: Grid) -> Grid:
+    """The grid of the file: what is present and what is asked, described as it is now."""
+    grown = present.grown(asked)
+    axes = {name: Axis(grown.axes[name].values, axis.units, axis.long_name) for name, axis in asked.axes.items()}
+    return Grid(axes, [group for group in asked.groups if len(group) > 1], asked.skip)
+
+
+def _layout(sweep: Sweep, grid: Grid, wanted: NDArray[np.intp], attributes: dict[str, str], fresh: bool) -> Layout:
+    """The file that will be: which point is computed in each one's stead, and what it is multiplied by."""
+    rest = np.ones(grid.size, dtype=bool)
+    rest[wanted] = False
+    others = np.flatnonzero(rest)
+    others = others[~grid.skipped(grid.points(others))] if len(others) else others
+    # Of equal points the first one asked for is computed.
+    live = np.concatenate([wanted, others])
+    points = grid.points(live)
+    original = np.full(grid.size, -1, dtype=np.intp)
+    original[live] = live
+    key = None
+    if sweep.key is not None:
+        columns = key_columns(sweep, points)
+        original[live] = live[Index(columns).first()]
+        key = [_scattered(column, live, grid.size) for column in columns]
+    factors = {}
+    if sweep.scale is not None:
+        for name, values in sweep.scale(points).items():
+            factors[name] = _scattered(np.asarray(values, dtype=float), live, grid.size)
+    missing = {v.scale for v in sweep.variables.values() if v.scale} - set(factors)
+    if missing:
+        raise ValueError(f"Sweep {sweep.name}: scale gives no {', '.join(sorted(missing))}")
+    zipped = [group for group in grid.groups if len(group) > 1]
+    return Layout(
+        sweep.name,
+        sweep.title or sweep.name,
+        Grid(grid.axes, zipped),
+        sweep.coords,
+        sweep.variables,
+        original,
+        key,
+        factors,
+        attributes,
+        fresh,
+    )
+
+
+def _scattered(values: NDArray[Any], at: NDArray[np.intp], size: int) -> NDArray[Any]:
+    """An array of `size` with the values where they belong."""
+    whole = np.zeros(size, dtype=values.dtype)
+    whole[at] = values
+    return whole
+
+
+def _in_order(sweep: Sweep, layout: Layout, todo: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Neighbours that share what is costly come together."""
+    if not sweep.together or not len(todo):
+        return todo
+    points = layout.grid.points(todo)
+    order = np.lexsort([todo, *(points[name] for name in reversed(sweep.together))])
+    return todo[order]
+
+
+def make_batches(todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0) -> tuple[NDArray[np.intp], ...]:
+    """Cut the work into runs of neighbouring points, which share what they can share."""
+    if not len(todo):
+        return ()
+    fitting = BATCH_SECONDS / seconds if seconds > 0.0 else math.inf
+    if row_bytes > 0.0:
+        fitting = min(fitting, BATCH_BYTES / row_bytes)
+    # NaN, where nothing is known of the time, cuts as if it were long.
+    pieces = (
+        LEAST_BATCHES if not seconds * len(todo) < LEAST_BATCHES * SHORTEST else seconds * len(todo) / SHORTEST
+    )
+    size = max(1, int(min(fitting, math.ceil(len(todo) / max(pieces, 1)))))
+    return tuple(todo[i : i + size] for i in range(0, len(todo), size))
+
+
+def _probe(
+    work: Work, layout: Layout, todo: NDArray[np.intp]
+) -> tuple[list[tuple[NDArray[np.intp], Table]], float]:
+    """A few points computed and timed, and the seconds a point takes; NaN if all that were timed failed.
+
+    The first probe pays for compilation and caches and tells nothing. Their results are kept by the run.
+    """
+    probes: list[tuple[NDArray[np.intp], Table]] = []
+    if not len(todo):
+        return probes, 0.0
+    seconds, free = math.nan, np.ones(len(todo), dtype=bool)
+    # Spread over the work: costs may differ from end to end.
+    for size, share in zip(PROBE_SIZES, (0.0, 0.5, 0.25, 0.75, 0.5), strict=True):
+        if probes and size > 1 and not seconds * size < PROBE_SECONDS:
+            break
+        start = int(share * max(len(todo) - size, 0))
+        chosen = start + np.flatnonzero(free[start : start + size])
+        if not len(chosen):
+            break
+        free[chosen] = False
+        index = todo[chosen]
+        begin = time.perf_counter()
+        table = work.table(layout.grid.points(index), layout.slot_key(index))
+        taken = (time.perf_counter() - begin) / len(index)
+        if probes or len(todo) == 1:
+            done = table.failed < len(table)
+            seconds = taken if done else seconds
+        probes.append((index, table))
+        if taken * len(index) > PROBE_SECONDS and len(probes) > 1:
+            break
+    return probes, seconds
+
+
+def _bytes(sweep: Sweep, layout: Layout) -> int:
+    """Expected size of the file."""
+    point = float(ROW_BYTES)
+    for name, variable in sweep.variables.items():
+        point += layout.row_bytes(name) * (COMPRESSED if variable.digits is not None else 1.0)
+    return int(layout.grid.size * point)

@@ -1,0 +1,151 @@
+"""Shards: a table as the bytes of a netCDF file, whose name holds a check sum of its content.
+
+A shard is written under a temporary name, flushed and renamed, so that it is whole or not there; a damaged one
+no longer fits its name.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import netCDF4
+import numpy as np
+
+from sweeps.batch import Table
+from sweeps.grid import Variable
+
+# The netCDF library is not made for several threads at once.
+NETCDF = threading.RLock()
+
+TEXTS = ("error", "traceback", "reproduce")
+# Bytes of one row from which on it has a chunk of its own.
+WIDE = 1 << 16
+# Of a shard's number.
+DIGITS = 6
+
+
+def encode(table: Table, variables: Mapping[str, Variable]) -> bytes:
+    """A table as a netCDF file in memory."""
+    with NETCDF:
+        file = netCDF4.Dataset("shard.nc", "w", memory=table.nbytes + (1 << 16))
+        write_table(file, table, variables)
+        return bytes(file.close())
+
+
+def decode(content: bytes, wanted: Collection[str] | None = None) -> Table:
+    """The table in a shard's bytes, with all results or those that are `wanted`."""
+    with NETCDF:
+        file = netCDF4.Dataset("shard.nc", memory=content)
+        file.set_auto_maskandscale(False)
+        table = read_table(file, wanted)
+        file.close()
+    return table
+
+
+def write_table(file: Any, table: Table, variables: Mapping[str, Variable]) -> None:
+    """Write a table into an open netCDF file or group."""
+    file.createDimension("point", len(table))
+    for name, values in table.points.items():
+        _put(file, f"axis_{name}", values)
+    for k, values in enumerate(table.key):
+        _put(file, f"key_{k}", values)
+    for name, values in table.values.items():
+        # Full-precision floats hardly shrink; rounded ones and whole numbers do.
+        small = variables[name].digits is not None or values.dtype.kind == "i"
+        _put(file, f"value_{name}", values, zlib=small, complevel=1, shuffle=small)
+    _put(file, "status", table.status)
+    _put(file, "wall_time", table.wall_time)
+    if table.failed:
+        for name in TEXTS:
+            _put(file, name, getattr(table, name))
+
+
+def read_table(file: Any, wanted: Collection[str] | None = None) -> Table:
+    """Read a table from an open netCDF file or group."""
+    names, rows = list(file.variables), len(file.dimensions["point"])
+
+    def some(prefix: str) -> dict[str, Any]:
+        return {name.removeprefix(prefix): file[name][...] for name in names if name.startswith(prefix)}
+
+    if wanted is None:
+        values = some("value_")
+    else:
+        values = {name: file[f"value_{name}"][...] for name in wanted}
+    texts = [
+        np.asarray(file[name][...], dtype=object) if name in names else np.full(rows, "", dtype=object)
+        for name in TEXTS
+    ]
+    key = some("key_")
+    columns = [key[str(k)] for k in range(len(key))]
+    return Table(some("axis_"), columns, values, file["status"][...], *texts, file["wall_time"][...])
+
+
+def _put(file: Any, name: str, values: np.ndarray, **options: Any) -> None:
+    """Write a variable whose first dimension is the point."""
+    dims = ["point"]
+    for length in values.shape[1:]:
+        dims.append(f"n{length}")
+        if dims[-1] not in file.dimensions:
+            file.createDimension(dims[-1], length)
+    if values.dtype.kind == "b":
+        values = values.astype(np.int8)
+    if values.dtype.kind in "OU":
+        made = file.createVariable(name, str, tuple(dims))
+        values = values.astype(object)
+    else:
+        # A reader takes whole rows.
+        wide = values.ndim > 1 and values[:1].nbytes > WIDE and bool(options.get("zlib"))
+        chunk = (1, *values.shape[1:]) if wide else None
+        made = file.createVariable(name, values.dtype, tuple(dims), fill_value=False, chunksizes=chunk, **options)
+    made[...] = values
+
+
+class ShardFolder:
+    """The shards of a store."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._numbers = count(1 + max((int(name[:DIGITS]) for name in self.names()), default=0))
+        self._lock = threading.Lock()
+
+    def names(self) -> list[str]:
+        """The shards' names in the order in which they were written."""
+        return sorted(path.name for path in self.path.glob("[0-9]*-*.nc"))
+
+    def put(self, content: bytes) -> None:
+        """Write a shard: temporary name, flush, rename."""
+        with self._lock:
+            number = next(self._numbers)
+        name = f"{number:0{DIGITS}d}-{_check(content)}.nc"
+        temporary = self.path / f".{name}.tmp"
+        try:
+            with open(temporary, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, self.path / name)
+        finally:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+    def read(self, name: str, wanted: Collection[str] | None = None) -> Table | None:
+        """A shard's table; None if it is damaged or gone."""
+        try:
+            content = (self.path / name).read_bytes()
+        except OSError:
+            return None
+        if _check(content) != name[DIGITS + 1 :].removesuffix(".nc"):
+            return None
+        return decode(content, wanted)
+
+
+def _check(content: bytes) -> str:
+    """Of the whole file; what it is to find is damage, not malice."""
+    return f"{crc32(content):08x}"
