@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -226,7 +227,7 @@ def _runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
     """Stretches of neighbours along the last dimension."""
     breaks = np.flatnonzero((np.diff(points) != 1) | (points[1:] % length == 0)) + 1
     edges = [0, *breaks.tolist(), len(points)]
-    yield from zip(edges[:-1], edges[1:], strict=True)
+    yield from pairwise(edges)
 
 
 def _create(file: Any, layout: Layout, name: str) -> None:

@@ -187,15 +187,15 @@ def rounded(values: NDArray[Any], digits: int | None) -> NDArray[Any]:
     """
     if digits is None:
         return values
-    bits, word = (23, np.uint32) if values.dtype == np.float32 else (52, np.uint64)
+    bits, word = (23, np.dtype(np.uint32)) if values.dtype == np.float32 else (52, np.dtype(np.uint64))
+    # Half a unit of the last bit is at most 10^-digits / 2.
     drop = bits - int(np.ceil(digits * np.log2(10.0)))
     if drop <= 0:
         return values
-    raw = values.view(word)
-    half = word((1 << (drop - 1)) - 1)
-    even = (raw >> word(drop)) & word(1)
-    kept = (raw + half + even) & ~word((1 << drop) - 1)
-    return np.asarray(np.where(np.isfinite(values), kept.view(values.dtype), values))
+    raw: NDArray[Any] = values.view(word)
+    shift, half, mask = (word.type(n) for n in (drop, (1 << (drop - 1)) - 1, (1 << drop) - 1))
+    kept = (raw + half + ((raw >> shift) & word.type(1))) & ~mask
+    return np.where(np.isfinite(values), kept.view(values.dtype), values)
 
 
 def _fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:

@@ -144,14 +144,15 @@ def _keep_computations(path: Path, layout: Layout, sources: Sequence[Source]) ->
     )
     found = gather(plain, [each for each in sources if not each.own])
     slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
-    texts = [np.full(len(slots), "", dtype=object) for _ in range(2)]
+    none = np.full(len(slots), "", dtype=object)
     table = Table(
         layout.grid.points(slots),
         layout.slot_key(slots),
         {name: values[slots] for name, values in found.values.items()},
         found.status[slots],
         found.error[slots],
-        *texts,
+        none,
+        none,
         found.wall_time[slots],
     )
     with NETCDF, netCDF4.Dataset(path, "a") as file:

@@ -195,7 +195,7 @@ class Grid:
         return list(zip(*(self.axes[name].values.tolist() for name in group), strict=True))
 
     def grown(self, other: Grid) -> Grid:
-        """This grid with the values of `other`, one of the same axes, added to it.
+        """The grid with the values of `other`, one of the same axes, added to it.
 
         Where both are sorted the sum is; otherwise what is new comes last.
         """

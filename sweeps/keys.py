@@ -84,6 +84,12 @@ class Index:
         return np.where(known & found, self._order[place], -1)
 
 
+def column(values: Any) -> NDArray[Any]:
+    """What was read from a file as a column: texts as texts."""
+    values = np.asarray(values)
+    return np.asarray(values.astype(str) if values.dtype.kind == "O" else values)
+
+
 def _search(values: NDArray[Any], wanted: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Where in the sorted `values` each of the wanted stands, and whether it does."""
     if not len(values):

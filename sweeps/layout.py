@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.grid import Axis, Grid, Variable
-from sweeps.keys import Columns, Index
+from sweeps.keys import Columns, Index, column
 from sweeps.shards import NETCDF
 
 # A variable with more bytes than this is never in memory as a whole.
@@ -157,7 +157,7 @@ class Layout:
             with NETCDF, netCDF4.Dataset(path) as file:
                 file.set_auto_maskandscale(False)
                 told = json.loads(file.layout)
-                arrays = {name: _plain(variable[...]) for name, variable in file.variables.items()}
+                arrays = {name: column(variable[...]) for name, variable in file.variables.items()}
             axes = {name: Axis(arrays[f"axis_{name}"], *about) for name, about in told["axes"].items()}
             grid = Grid(axes, [tuple(group) for group in told["groups"] if len(group) > 1])
             return cls(
@@ -174,8 +174,3 @@ class Layout:
             )
         except (OSError, RuntimeError, AttributeError, KeyError, TypeError, ValueError, IndexError) as problem:
             raise ValueError(f"{path}: it is damaged or not the layout of a sweep") from problem
-
-
-def _plain(values: Any) -> NDArray[Any]:
-    values = np.asarray(values)
-    return values.astype(str) if values.dtype.kind == "O" else values

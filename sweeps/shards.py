@@ -74,17 +74,22 @@ def read_table(file: Any, wanted: Collection[str] | None = None) -> Table:
     def some(prefix: str) -> dict[str, Any]:
         return {name.removeprefix(prefix): file[name][...] for name in names if name.startswith(prefix)}
 
-    if wanted is None:
-        values = some("value_")
-    else:
-        values = {name: file[f"value_{name}"][...] for name in wanted}
-    texts = [
-        np.asarray(file[name][...], dtype=object) if name in names else np.full(rows, "", dtype=object)
-        for name in TEXTS
-    ]
+    def text(name: str) -> Any:
+        return np.asarray(file[name][...], dtype=object) if name in names else np.full(rows, "", dtype=object)
+
+    values = some("value_") if wanted is None else {name: file[f"value_{name}"][...] for name in wanted}
     key = some("key_")
     columns = [key[str(k)] for k in range(len(key))]
-    return Table(some("axis_"), columns, values, file["status"][...], *texts, file["wall_time"][...])
+    return Table(
+        some("axis_"),
+        columns,
+        values,
+        file["status"][...],
+        text("error"),
+        text("traceback"),
+        text("reproduce"),
+        file["wall_time"][...],
+    )
 
 
 def _put(file: Any, name: str, values: np.ndarray, **options: Any) -> None:

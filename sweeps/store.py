@@ -28,6 +28,7 @@ from sweeps.batch import DONE, FAILED, Table
 from sweeps.errors import StoreError
 from sweeps.grid import Axis, Grid
 from sweeps.identity import differences
+from sweeps.keys import column
 from sweeps.layout import LARGE, Layout
 from sweeps.shards import NETCDF, ShardFolder, read_table
 
@@ -181,7 +182,7 @@ def _finished(path: Path, name: str, identity: dict[str, Any] | None) -> Kept:
     stored = json.loads(told["identity"])
     try:
         with NETCDF, netCDF4.Dataset(path) as file:
-            axes = {axis: Axis(_column(file[axis][...])) for axis in stored["axes"]}
+            axes = {axis: Axis(column(file[axis][...])) for axis in stored["axes"]}
             grid = Grid(axes, [tuple(group) for group in stored["groups"] if len(group) > 1])
             computed = COMPUTED in file.groups
             row = max(
@@ -289,7 +290,7 @@ class FileSource:
         return table
 
     def _failures(self, file: Any, table: Table, flat: NDArray[np.intp]) -> None:
-        columns = [_column(file[f"failure_{name}"][...]) for name in self.grid.axes]
+        columns = [column(file[f"failure_{name}"][...]) for name in self.grid.axes]
         known = Layout("", "", self.grid, {}, {}, np.arange(self.grid.size)).find(columns)
         rows = {int(point): row for row, point in enumerate(flat)}
         for k, point in enumerate(known.tolist()):
@@ -326,15 +327,7 @@ class ComputedSource(KeyedSource):
         """All of them."""
         with NETCDF, netCDF4.Dataset(self.path) as file:
             file.set_auto_maskandscale(False)
-            group = file.groups[COMPUTED]
-            held = {name.removeprefix("value_") for name in group.variables if name.startswith("value_")}
-            # Large ones are not held twice.
-            return read_table(group, wanted) if set(wanted) <= held else None
-
-
-def _column(values: Any) -> NDArray[Any]:
-    values = np.asarray(values)
-    return values.astype(str) if values.dtype.kind == "O" else values
+            return read_table(file.groups[COMPUTED], wanted)
 
 
 def _text(letters: Any) -> str:
