@@ -17,9 +17,10 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from types import CodeType
 
+from sweeps.syntax import DEFINITIONS, acts, bare, bound, dumped, first_line
+
 # The names of an expression such as module.name.attribute.
 Chain = tuple[str, ...]
-DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 
 
 class Piece:
@@ -27,12 +28,12 @@ class Piece:
 
     def __init__(self, node: ast.stmt, module: str, package: str) -> None:
         self.node, self.module, self.package = node, module, package
-        self.names = frozenset(_bound(node))
+        self.names = frozenset(bound(node))
 
     @cached_property
     def text(self) -> str:
         """The statement without its formatting."""
-        return ast.dump(self.node)
+        return dumped(self.node)
 
     @property
     def uses(self) -> list[Chain]:
@@ -86,12 +87,12 @@ class Piece:
         for node in ast.walk(self.node):
             if isinstance(node, (*DEFINITIONS, ast.Lambda)):
                 name = node.name if isinstance(node, DEFINITIONS) else "<lambda>"
-                if name == code.co_name and _first_line(node) == code.co_firstlineno:
+                if name == code.co_name and first_line(node) == code.co_firstlineno:
                     found.append(node)
         # Of several lambdas in one line the columns of their bodies tell.
         spots, bodies = set(code.co_positions()), [(n, n.body) for n in found if isinstance(n, ast.Lambda)]
         exact = [n for n, b in bodies if (b.lineno, b.end_lineno, b.col_offset, b.end_col_offset) in spots]
-        return [ast.dump(node) for node in exact or found]
+        return [dumped(node) for node in exact or found]
 
 
 class Module:
@@ -100,7 +101,7 @@ class Module:
     def __init__(self, name: str, package: str, file: str, content: bytes) -> None:
         self.name, self.file = name, file
         self.pieces: list[Piece] = []
-        for node in _bare(ast.parse(content, file).body):
+        for node in bare(ast.parse(content, file).body):
             nodes: list[ast.stmt] = [node]
             if isinstance(node, ast.Import):
                 nodes = [ast.copy_location(ast.Import([alias]), node) for alias in node.names]
@@ -110,9 +111,10 @@ class Module:
             self.pieces += [Piece(part, name, package) for part in nodes]
         self.binders: dict[str, list[Piece]] = {}
         for piece in self.pieces:
-            for bound in piece.names:
-                self.binders.setdefault(bound, []).append(piece)
-        self.effects = [piece for piece in self.pieces if _acts(piece.node)]
+            for own in piece.names:
+                self.binders.setdefault(own, []).append(piece)
+        # What a script does of itself is to use its functions.
+        self.effects = [] if self.name == "__main__" else [piece for piece in self.pieces if acts(piece.node)]
 
     def texts(self, taken: set[Piece]) -> list[str]:
         """The pieces taken, in their order; but imports, which tools like to sort anew, by their text."""
@@ -158,7 +160,7 @@ class Reach:
         """Ask for the statement that holds the nested function of this code; the function itself."""
         self._enter(module)
         for piece in module.pieces:
-            if _first_line(piece.node) <= code.co_firstlineno <= (piece.node.end_lineno or 0):
+            if first_line(piece.node) <= code.co_firstlineno <= (piece.node.end_lineno or 0):
                 own = piece.within(code)
                 if own:
                     self._take(module, piece)
@@ -267,81 +269,3 @@ def _read(name: str, file: str, is_package: bool) -> Module | None:
 
 # By content: the clock of files is coarse.
 _parse = cache(Module)
-
-
-def _first_line(node: ast.AST) -> int:
-    parts = [node, *getattr(node, "decorator_list", ())]
-    return min(getattr(part, "lineno", 0) for part in parts)
-
-
-def _blocks(node: ast.AST) -> Iterator[tuple[ast.AST, str]]:
-    """Where a statement holds others: in which node, in which field of it."""
-    for field in ("body", "orelse", "finalbody"):
-        if getattr(node, field, None):
-            yield node, field
-    for part in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
-        yield part, "body"
-
-
-def _bare(body: list[ast.stmt], in_class: bool = False) -> list[ast.stmt]:
-    """The statements that do something: no docstrings, no annotations of functions, nothing for type checkers."""
-    bare: list[ast.stmt] = []
-    for node in body:
-        if isinstance(node, ast.Pass) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
-            continue
-        if isinstance(node, ast.If):
-            test, negated = node.test, isinstance(node.test, ast.UnaryOp) and isinstance(node.test.op, ast.Not)
-            test = test.operand if isinstance(test, ast.UnaryOp) and negated else test
-            if "TYPE_CHECKING" in (getattr(test, "id", ""), getattr(test, "attr", "")):
-                bare += _bare(node.body if negated else node.orelse, in_class)
-                continue
-        if isinstance(node, ast.AnnAssign) and not in_class:
-            # A dataclass lives on its annotations; elsewhere nothing does.
-            if node.value is not None:
-                bare.append(ast.copy_location(ast.Assign([node.target], node.value), node))
-            continue
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            node.returns = None
-            every = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
-            for argument in (*every, node.args.vararg, node.args.kwarg):
-                if argument is not None:
-                    argument.annotation = None
-        inside = isinstance(node, ast.ClassDef) or (in_class and not isinstance(node, DEFINITIONS))
-        for owner, field in _blocks(node):
-            setattr(owner, field, _bare(getattr(owner, field), inside))
-        bare.append(node)
-    return bare
-
-
-def _bound(node: ast.AST) -> Iterator[str]:
-    """Names that a top-level statement binds, or whose entries or attributes it sets."""
-    if isinstance(node, DEFINITIONS):
-        yield node.name
-    elif isinstance(node, (ast.Import, ast.ImportFrom)):
-        for alias in node.names:
-            yield alias.asname or (alias.name.partition(".")[0] if isinstance(node, ast.Import) else alias.name)
-    elif isinstance(node, ast.Name):
-        if not isinstance(node.ctx, ast.Load):
-            yield node.id
-    elif isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load):
-        base: ast.AST = node
-        while isinstance(base, (ast.Attribute, ast.Subscript)):
-            base = base.value
-        if isinstance(base, ast.Name):
-            yield base.id
-    elif not isinstance(node, ast.Lambda):
-        for name in (getattr(node, "name", None), getattr(node, "rest", None)):  # of a pattern or a handler
-            if isinstance(name, str):
-                yield name
-        for child in ast.iter_child_nodes(node):
-            # The variable of a comprehension is its own.
-            if not (isinstance(node, ast.comprehension) and child is node.target):
-                yield from _bound(child)
-
-
-def _acts(node: ast.AST) -> bool:
-    """Whether a statement does something besides binding names."""
-    if isinstance(node, DEFINITIONS) or (isinstance(node, ast.If) and "__name__" in ast.dump(node.test)):
-        return False
-    inner = (child for owner, field in _blocks(node) for child in getattr(owner, field))
-    return isinstance(node, ast.Expr) or any(map(_acts, inner))
