@@ -13,13 +13,16 @@ if TYPE_CHECKING:
 __all__ = ["open", "run"]
 
 
-def run(name: str, **axes: Any) -> xr.Dataset:
+def run(name: str, *, fresh: bool = False, **axes: Any) -> xr.Dataset:
     """Run a study, keep its netCDF file and figure in the results folder, and return its dataset.
 
     Parameters
     ----------
     name : str
         As `fiv list` shows it.
+    fresh : bool
+        Start over where the results folder holds the study with other settings. Otherwise what is there is kept
+        and completed.
     **axes
         New values of an axis (a number or a list) or of a setting (a number) of the study.
 
@@ -31,10 +34,12 @@ def run(name: str, **axes: Any) -> xr.Dataset:
     ------
     ValueError
         For an unknown study or axis, or a value out of range; nothing is written then.
+    sweeps.StoreError
+        If the results folder cannot be used, or holds the study with other settings.
     """
     from studies import runner
 
-    return runner.run(name, axes).dataset
+    return runner.run(name, axes, fresh=fresh).dataset
 
 
 def open(name: str) -> xr.Dataset:  # shadows the built-in only as studies.open

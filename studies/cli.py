@@ -5,18 +5,25 @@ Heavy packages are imported inside the commands: `fiv --help` answers at once.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from traceback import print_exception
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 if TYPE_CHECKING:
+    import xarray as xr
+
+    from sweeps import Status
     from sweeps.plan import Plan
 
 SOME_FAILED, WRONG_INPUT, STORE_TAKEN, INTERRUPTED = 1, 2, 3, 130
 ASK_SECONDS, ASK_BYTES = 300.0, 1e9
+# So many failed points are listed.
+LISTED = 20
 
 set_option = click.option(
     "--set",
@@ -28,6 +35,22 @@ set_option = click.option(
 out_option = click.option(
     "--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results."
 )
+
+
+def what_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options of `plan` and `run` that say what there is to do."""
+    for option in (
+        click.option("--retry-failed", is_flag=True, help="Compute again the points that failed."),
+        click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it."),
+        click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
+        click.option(
+            "--record", metavar="NAME,...", help="Keep time series, for example velocity_B,normal_force."
+        ),
+        out_option,
+        set_option,
+    ):
+        function = option(function)
+    return function
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -77,55 +100,85 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
 
 @command("plan")
 @click.argument("study")
-@set_option
-@out_option
-def show_plan(study: str, assignments: tuple[str, ...], out: str | None, quiet: bool, verbose: bool) -> None:
+@what_options
+def show_plan(study: str, quiet: bool, verbose: bool, **what: Any) -> None:
     """Dry run: what a run would compute, store and cost. Nothing is written."""
-    click.echo(repr(_planned(study, assignments, out, verbose)))
+    click.echo(repr(_planned(study, verbose, **what)))
 
 
 @command("run")
 @click.argument("study")
-@set_option
-@out_option
-@click.option("--scheduler", default="threads", metavar="threads|sync", help="How batches are executed.")
-@click.option("--workers", type=click.IntRange(min=1), help="Threads; default: one a core.")
+@what_options
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS|threads|sync",
+    help="Where: the tcp://host:port of a Dask scheduler. Default: DASK_SCHEDULER_ADDRESS, else threads.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="So many processes on this machine; with threads, so many threads.",
+)
+@click.option("--fail-fast", is_flag=True, help="Stop at the first point that fails.")
 @click.option("--yes", is_flag=True, help="Never ask, however long it takes.")
 def run(
     study: str,
-    assignments: tuple[str, ...],
-    out: str | None,
-    scheduler: str,
+    scheduler: str | None,
     workers: int | None,
+    fail_fast: bool,
     yes: bool,
     quiet: bool,
     verbose: bool,
+    **what: Any,
 ) -> None:
-    """Compute a study, store it as netCDF, draw its figure, and print its numbers beside the paper's."""
-    if scheduler not in ("threads", "sync"):
-        raise click.UsageError(f"--scheduler {scheduler!r}: it must be threads or sync")
-    planned = _planned(study, assignments, out, verbose)
-    if not quiet:
-        click.echo(repr(planned), err=True)
-    large = planned.seconds > ASK_SECONDS or planned.bytes > ASK_BYTES
-    if large and not yes and sys.stdin.isatty():
-        click.confirm("Go ahead?", abort=True, err=True)
+    """Compute a study, store it as netCDF, draw its figure, and print its numbers beside the paper's.
+
+    What the results folder holds of it already is kept and completed. Ctrl-C finishes what is under way and keeps
+    it; the same command goes on from there.
+    """
     from studies import runner
     from studies.progress import progress
+    from sweeps import SchedulerError
 
-    with progress(planned.todo, quiet) as told:
-        finished = runner.execute(planned, scheduler, workers, told)
+    with _input_errors(verbose):
+        backend = runner.backend(scheduler, workers)
+        runner.check_free(study, what["out"])
+    planned = _planned(study, verbose, **what)
+    if not quiet:
+        click.echo(repr(planned), err=True)
+    large = planned.seconds > ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
+    if large and not yes and sys.stdin.isatty():
+        click.confirm("Go ahead?", abort=True, err=True)
+    try:
+        with progress(planned.todo, quiet) as told:
+            finished = runner.execute(planned, *backend, told, fail_fast=fail_fast)
+    except SchedulerError as problem:
+        raise click.UsageError(str(problem)) from None
+    except KeyboardInterrupt:
+        _leave_interrupted(study, planned)
     click.echo(finished.study.report(finished.dataset))
     if not quiet:
         click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
     if finished.failed:
-        dataset = finished.dataset
-        for place in zip(*(dataset["status"].values == 2).nonzero(), strict=True):
-            at = dict(zip(dataset["status"].dims, place, strict=True))
-            point = dataset.isel(at)
-            where = ", ".join(f"{dim} = {point[dim].item()}" for dim in at)
-            click.echo(f"failed: {where}: {point['error'].item()}", err=True)
+        _list_failures(finished.dataset, verbose)
         sys.exit(SOME_FAILED)
+
+
+@command("status")
+@click.argument("target", metavar="STUDY|PATH")
+@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@out_option
+def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbose: bool) -> None:
+    """How far a study is: running, interrupted or complete; from any shell, while it runs."""
+    from dataclasses import asdict
+    from json import dumps
+
+    from studies import runner
+    from sweeps import status
+
+    with _input_errors(verbose):
+        found = status(runner.results_file(target, out))
+    click.echo(dumps(asdict(found)) if as_json else _status_text(found))
 
 
 @command("plot")
@@ -145,7 +198,16 @@ def plot(target: str, out: str | None, quiet: bool, verbose: bool) -> None:
     click.echo(str(drawn))
 
 
-def _planned(study: str, assignments: tuple[str, ...], out: str | None, verbose: bool) -> Plan:
+def _planned(
+    study: str,
+    verbose: bool,
+    assignments: tuple[str, ...],
+    out: str | None,
+    record: str | None,
+    sample_rate: float | None,
+    fresh: bool,
+    retry_failed: bool,
+) -> Plan:
     """The plan; whatever is wrong with the input shows here, before anything is written."""
     from studies import runner, spec
 
@@ -156,7 +218,60 @@ def _planned(study: str, assignments: tuple[str, ...], out: str | None, verbose:
             if name in given:
                 raise ValueError(f"--set {text!r}: {name} is set already; give all its values at once")
             given[name] = values
-        return runner.plan(study, given, out)
+        names = tuple(name.strip() for name in record.split(",")) if record else ()
+        return runner.plan(
+            study, given, out, fresh=fresh, retry_failed=retry_failed, record=names, sample_rate=sample_rate
+        )
+
+
+def _leave_interrupted(study: str, planned: Plan) -> NoReturn:
+    """Say what is kept, and go: threads that still compute have nothing more to say."""
+    from sweeps import status
+
+    kept = ""
+    with suppress(Exception):
+        # Whatever the store is like now, an interrupted run ends as one.
+        found = status(str(planned.store))
+        count = f"{found.done + found.failed} of {found.points} points"
+        kept = f"; {count} are kept, and the same command goes on from there"
+    click.echo(f"fiv: interrupted{kept}", err=True)
+    sys.stdout.flush()
+    os._exit(INTERRUPTED)
+
+
+def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
+    """Failed points, each with its reason, and how to see them again."""
+    places = list(zip(*(dataset["status"].values == 2).nonzero(), strict=True))
+    for place in places[:LISTED]:
+        at = dict(zip(dataset["status"].dims, place, strict=True))
+        point = dataset.isel(at)
+        where = ", ".join(f"{dim} = {point[dim].item()}" for dim in at)
+        click.echo(f"failed: {where}: {point['error'].item()}", err=True)
+    if len(places) > LISTED:
+        click.echo(f"failed: and {len(places) - LISTED} more", err=True)
+    if "reproduce" in dataset and dataset.sizes["failure"]:
+        if verbose:
+            click.echo(dataset["traceback"].values[0], err=True)
+        click.echo(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
+
+
+def _status_text(found: Status) -> str:
+    """A status as lines."""
+    from sweeps.plan import duration
+
+    rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
+    rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]
+    told = found.run
+    if "pid" in told:
+        rows.append(
+            ("run by", f"process {told['pid']} on {told['host']}, begun {told.get('started', 'just now')}")
+        )
+    if "todo" in told:
+        rows.append(("this run", f"{told['done']} of {told['todo']} computations, {told['rate']:.3g} a second"))
+        if told["left"] == told["left"]:
+            rows.append(("time left", duration(told["left"])))
+        rows += [("now", what) for what in told["now"]]
+    return "\n".join(f"{name:<15} {text}" for name, text in rows)
 
 
 class _input_errors:
@@ -189,10 +304,10 @@ def main() -> NoReturn:
         code = WRONG_INPUT
     except Exception as problem:
         # Imported here: most runs need no sweeps to fail.
-        from sweeps import StoreError
+        from sweeps import StoreError, SweepStoppedError
 
-        if not isinstance(problem, StoreError):
+        if not isinstance(problem, (StoreError, SweepStoppedError)):
             raise
         click.echo(f"fiv: {problem}", err=True)
-        code = STORE_TAKEN
+        code = STORE_TAKEN if isinstance(problem, StoreError) else SOME_FAILED
     sys.exit(code if isinstance(code, int) else 0)

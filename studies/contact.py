@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
-from fivcore import Transient, checks
-from studies import paper, transients
+from fivcore import Scene, Transient, checks
+from studies import paper, recording, transients
 from studies.contact_figure import draw
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
@@ -41,6 +41,7 @@ STARTING = {
     "start_up_normal_force": Variable("N", "largest normal force in the first 0.1 s after the first slip"),
     "start_up_slip_speed": Variable("m s-1", "largest slip speed in the first 0.1 s after the first slip"),
 }
+VARIABLES = SERIES | OVERVIEW | STARTING | transients.SUMMARY
 
 
 def contacts(
@@ -54,16 +55,17 @@ def contacts(
 ) -> dict[str, Any]:
     """The contact of each point in the window and at large, and the summary figures of its whole run."""
     times = window_times(window_start, window, sample_rate).values
-    runs = []
-    found: dict[str, list[Any]] = {name: [] for name in (*SERIES, *OVERVIEW, *STARTING)}
-    for scene in transients.scenes(points, fixed):
-        runs.append(transients.motion(scene, fixed))
-        # Every step of the whole run would fill the memory: what is shown is run again.
-        until = max(window_start + window, overview)
+    # Every step of the whole run would fill the memory: what is shown is run again.
+    until = max(window_start + window, overview)
+
+    def one(scene: Scene) -> dict[str, Any]:
+        figures = transients.figures_of(transients.motion(scene, fixed))
         run = transients.motion(scene, fixed, until, record=True, sample_rate=RECORDED)
-        for name, values in (within(run, times) | at_large(run, overview) | starting(run)).items():
-            found[name].append(values)
-    return {name: np.array(values) for name, values in found.items()} | transients.summaries(runs)
+        return within(run, times) | at_large(run, overview) | starting(run) | figures
+
+    return transients.outcomes(
+        transients.scenes(points, fixed), one, VARIABLES, elapsed=len(times), interval=len(intervals(overview))
+    )
 
 
 def window_times(start: float, length: float, sample_rate: float) -> Axis:
@@ -133,7 +135,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         "contact",
         contacts,
         grid,
-        SERIES | OVERVIEW | STARTING | transients.SUMMARY,
+        VARIABLES,
         fixed | shown,
         coords={
             "elapsed": window_times(shown["window_start"], shown["window"], shown["sample_rate"]),
@@ -220,4 +222,5 @@ STUDY = Study(
     build=build,
     draw=draw,
     report=report,
+    record=recording.in_a_window,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fivcore import Scene, sliding_modes
-from studies import figures, paper, transients
+from studies import figures, paper, recording, transients
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -26,24 +26,42 @@ STABILITY = {
     "mode_growth_rate": Variable("s-1", "growth rate of the fastest-growing mode of steady sliding below 10 kHz"),
     "mode_frequency": Variable("Hz", "frequency of the fastest-growing mode of steady sliding below 10 kHz"),
 }
+VARIABLES = (
+    {
+        "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
+        "spectrum": Variable(
+            "m2 s-1", "power spectral density of the velocity of B after settling", ("frequency",), "float32"
+        ),
+    }
+    | STABILITY
+    | transients.SUMMARY
+)
 
 
-def histories(points: Mapping[str, Any], *, sample_rate: float, **fixed: Any) -> dict[str, Any]:
-    """Velocity of B, its spectrum, the summary figures, and what the stability analysis says of each point."""
+def histories(
+    points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
+) -> dict[str, Any]:
+    """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
     times = transients.even_times(fixed["duration"], sample_rate).values
-    rate = transients.OVERSAMPLING * sample_rate
-    runs = []
-    found: dict[str, list[Any]] = {name: [] for name in ("velocity_B", "spectrum", *STABILITY)}
-    for scene in transients.scenes(points, fixed):
-        run = transients.motion(scene, fixed, record=True, sample_rate=rate)
+
+    def one(scene: Scene) -> dict[str, Any]:
+        run = transients.motion(scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate)
         series = transients.velocity(run, times, sample_rate)
-        found["velocity_B"].append(series)
-        found["spectrum"].append(transients.spectrum(series, transients.settled(run, times), sample_rate))
-        growth, frequency = fastest(scene)
-        found["mode_growth_rate"].append(growth)
-        found["mode_frequency"].append(frequency)
-        runs.append(transients.without_series(run))
-    return {name: np.array(values) for name, values in found.items()} | transients.summaries(runs)
+        spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)
+        return (
+            {"velocity_B": series, "spectrum": spectrum}
+            | dict(zip(STABILITY, fastest(scene), strict=True))
+            | recording.again(scene, fixed, record, sample_rate, times)
+            | transients.figures_of(run)
+        )
+
+    return transients.outcomes(
+        transients.scenes(points, fixed),
+        one,
+        VARIABLES | recording.variables(record),
+        elapsed=len(times),
+        frequency=len(transients.frequencies(sample_rate)),
+    )
 
 
 def fastest(scene: Scene) -> tuple[float, float]:
@@ -64,14 +82,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         "fig11",
         histories,
         grid,
-        {
-            "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
-            "spectrum": Variable(
-                "m2 s-1", "power spectral density of the velocity of B after settling", ("frequency",), "float32"
-            ),
-        }
-        | STABILITY
-        | transients.SUMMARY,
+        VARIABLES,
         fixed | {"sample_rate": sample_rate},
         coords={
             "elapsed": transients.even_times(settings["duration"], sample_rate),
@@ -220,4 +231,5 @@ STUDY = Study(
     build=build,
     draw=draw,
     report=report,
+    record=recording.on_own_times,
 )

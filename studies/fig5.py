@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from fivcore import Rig, flutter_onsets, sliding_modes
 from studies import figures, paper
+from studies.spec import evenly
 from studies.study import Study, constants, is_papers, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -174,7 +175,7 @@ STUDY = Study(
     question="At which coefficient of friction do modes of the sliding beams coalesce and become unstable?",
     paper="Section 3.4.2 and Fig. 5: below 10 kHz and mu = 0.5 three coalescences, first unstable at "
     "mu = 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz).",
-    axes={"mu": Axis(np.linspace(0.0, 0.5, 501), "1", "coefficient of friction")},
+    axes={"mu": Axis(evenly(0.0, 0.5, 501), "1", "coefficient of friction")},
     settings=rig_settings(),
     build=build,
     draw=draw,

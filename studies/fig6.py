@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from fivcore import Rig, SlidingModes, flutter_onsets, node_positions, sliding_modes
 from studies import figures, paper
+from studies.spec import evenly
 from studies.study import Study, constants, is_papers, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -258,7 +259,7 @@ STUDY = Study(
     paper="Section 3.4.2 and Fig. 6: modes 5 and 6, near 2500 and 3100 Hz without friction, approach along the "
     "imaginary axis, lock in at mu = 0.12 near 2800 Hz and part in growth rate; at lock-in normal and "
     "tangential motion of the contact are strongly coupled.",
-    axes={"mu": Axis(np.linspace(0.0, 0.2, 2001), "1", "coefficient of friction")},
+    axes={"mu": Axis(evenly(0.0, 0.2, 2001), "1", "coefficient of friction")},
     settings=rig_settings(),
     build=build,
     draw=draw,

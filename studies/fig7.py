@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from fivcore import Rig, glued_frequencies
-from studies import figures, paper, transients
+from fivcore import Rig, Scene, glued_frequencies
+from studies import figures, paper, recording, transients
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -26,23 +26,43 @@ SPECTRA = {
 }
 
 
-def histories(points: Mapping[str, Any], *, sample_rate: float, **fixed: Any) -> dict[str, Any]:
-    """Velocity of B, its spectra and the summary figures of each point's motion."""
+VARIABLES = (
+    {
+        "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
+        "long_stick": Variable("1", "whether within a long stick", ("elapsed",), "int8"),
+    }
+    | {name: Variable("m2 s-1", text, ("frequency",), "float32") for name, text in SPECTRA.items()}
+    | transients.SUMMARY
+)
+
+
+def histories(
+    points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
+) -> dict[str, Any]:
+    """Velocity of B, its spectra, the summary figures and what else is recorded of each point's motion."""
     times = transients.even_times(fixed["duration"], sample_rate).values
-    rate = transients.OVERSAMPLING * sample_rate
-    runs = []
-    found: dict[str, list[Any]] = {name: [] for name in ("velocity_B", "long_stick", *SPECTRA)}
-    for scene in transients.scenes(points, fixed):
-        run = transients.motion(scene, fixed, record=True, sample_rate=rate)
+
+    def one(scene: Scene) -> dict[str, Any]:
+        run = transients.motion(scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate)
         series = transients.velocity(run, times, sample_rate)
         stuck, settled = transients.long_sticks(run, times), transients.settled(run, times)
-        found["velocity_B"].append(series)
-        found["long_stick"].append(stuck)
         # Long sticks of the start count too: at 2 mm/s there are no others.
-        for name, chosen in zip(SPECTRA, (settled, settled & ~stuck, stuck), strict=True):
-            found[name].append(transients.spectrum(series, chosen, sample_rate))
-        runs.append(transients.without_series(run))
-    return {name: np.array(values) for name, values in found.items()} | transients.summaries(runs)
+        chosen = (settled, settled & ~stuck, stuck)
+        spectra = [transients.spectrum(series, flags, sample_rate) for flags in chosen]
+        return (
+            {"velocity_B": series, "long_stick": stuck}
+            | dict(zip(SPECTRA, spectra, strict=True))
+            | recording.again(scene, fixed, record, sample_rate, times)
+            | transients.figures_of(run)
+        )
+
+    return transients.outcomes(
+        transients.scenes(points, fixed),
+        one,
+        VARIABLES | recording.variables(record),
+        elapsed=len(times),
+        frequency=len(transients.frequencies(sample_rate)),
+    )
 
 
 def finish(dataset: xr.Dataset, *, rig: Rig, theta: float) -> xr.Dataset:
@@ -65,17 +85,11 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     sample_rate = settings["sample_rate"]
     grid = Grid(axes)
     transients.check(grid, fixed, sample_rate)
-    density = {name: Variable("m2 s-1", text, ("frequency",), "float32") for name, text in SPECTRA.items()}
     return Sweep(
         "fig7",
         histories,
         grid,
-        {
-            "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
-            "long_stick": Variable("1", "whether within a long stick", ("elapsed",), "int8"),
-        }
-        | density
-        | transients.SUMMARY,
+        VARIABLES,
         fixed | {"sample_rate": sample_rate},
         coords={
             "elapsed": transients.even_times(settings["duration"], sample_rate),
@@ -261,4 +275,5 @@ STUDY = Study(
     build=build,
     draw=draw,
     report=report,
+    record=recording.on_own_times,
 )

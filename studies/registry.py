@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.study import Study
 
-NAMES = ("table4", "fig5", "fig6", "fig7", "contact", "fig11")
+NAMES = ("table4", "fig5", "fig6", "fig7", "contact", "fig11", "scenes")
 
 
 def load(name: str) -> Study:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import sweeps
 from studies import figures, registry
+from sweeps.execute import check_backend
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from studies.study import Study
-    from sweeps.plan import Progress
+    from sweeps.monitor import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +40,52 @@ def results_folder(out: str | Path | None = None) -> Path:
     return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
 
 
-def plan(name: str, given: Mapping[str, Any], out: str | Path | None = None) -> sweeps.Plan:
+def plan(
+    name: str,
+    given: Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    fresh: bool = False,
+    retry_failed: bool = False,
+    record: Sequence[str] = (),
+    sample_rate: float | None = None,
+) -> sweeps.Plan:
     """The plan of a study, with its file in the results folder."""
-    return registry.load(name).sweep(given).plan(results_folder(out) / name / f"{name}.nc")
+    sweep = registry.load(name).sweep(given, record=record, sample_rate=sample_rate)
+    file = results_folder(out) / name / f"{name}.nc"
+    return sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
 
 
-def run(name: str, given: Mapping[str, Any], out: str | Path | None = None) -> Finished:
+def run(name: str, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False) -> Finished:
     """Plan and execute a study."""
-    return execute(plan(name, given, out))
+    return execute(plan(name, given, out, fresh=fresh), *backend(None, None))
+
+
+def check_free(name: str, out: str | Path | None = None) -> None:
+    """Refuse, before anything is planned, a study that another run is writing."""
+    registry.load(name)
+    sweeps.check_free(results_file(name, out))
+
+
+def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:
+    """What `Plan.run` needs: as asked; else a cluster that Dask is configured for; else threads.
+
+    Workers without a scheduler are processes on this machine.
+
+    Raises
+    ------
+    ValueError
+        If they do not go together.
+    """
+    if scheduler is None:
+        import dask
+
+        address = dask.config.get("scheduler-address", None)  # DASK_SCHEDULER_ADDRESS sets it
+        scheduler = "processes" if workers is not None else (address or "threads")
+    if "://" in scheduler and workers is not None:
+        raise ValueError(f"--workers {workers}: the cluster at {scheduler} has workers of its own; leave it out")
+    check_backend(scheduler, workers)
+    return scheduler, workers
 
 
 def execute(
@@ -54,12 +93,15 @@ def execute(
     scheduler: str = "threads",
     workers: int | None = None,
     progress: Progress | None = None,
+    *,
+    fail_fast: bool = False,
 ) -> Finished:
-    """Run a study's plan, then draw what it stored."""
+    """Run a study's plan, then draw what its file holds, which may be more than was asked for now."""
     study = registry.load(planned.sweep.name)
     assert planned.store is not None
-    dataset = planned.run(scheduler, workers, progress)
-    return Finished(study, dataset, planned.store, plot(study, dataset, planned.store))
+    dataset = planned.run(scheduler, workers, progress, fail_fast=fail_fast)
+    whole = dataset if planned.points == planned.layout.grid.size else sweeps.open_results(planned.store)
+    return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
 
 
 def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:

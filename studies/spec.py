@@ -48,7 +48,24 @@ def _range(parts: list[str], logarithmic: bool) -> NDArray[Any]:
         raise ValueError("the ends must not be so far apart")
     if logarithmic and not (start > 0.0 and stop > 0.0):
         raise ValueError("both ends of a log: range must be above 0")
-    return np.geomspace(start, stop, count) if logarithmic else np.linspace(start, stop, count)
+    return logarithmically(start, stop, count) if logarithmic else evenly(start, stop, count)
+
+
+def evenly(start: float, stop: float, count: int) -> NDArray[Any]:
+    """Values from start to stop, as one would write them: 0.3 and not 0.30000000000000004.
+
+    So a value that is asked for alone is the one that a range has.
+    """
+    return _written(np.linspace(start, stop, count))
+
+
+def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
+    """Values of equal ratio from start to stop, likewise."""
+    return _written(np.geomspace(start, stop, count))
+
+
+def _written(values: NDArray[Any]) -> NDArray[Any]:
+    return np.array([float(f"{value:.15g}") for value in values])
 
 
 def _finite(text: str) -> float:

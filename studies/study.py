@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +66,9 @@ class Study:
         `draw(dataset)` gives the figure, from what the file holds and nothing else.
     report : callable
         `report(dataset)` gives the numbers beside the paper's, as text.
+    record : callable, optional
+        `record(study, given, names, sample_rate)` gives the sweep that keeps the series called `names` too
+        (`studies.recording`); without it the study has no motion in time.
     """
 
     name: str
@@ -77,6 +80,7 @@ class Study:
     build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep]
     draw: Callable[[xr.Dataset], Figure]
     report: Callable[[xr.Dataset], str]
+    record: Callable[[Study, Mapping[str, Any], Sequence[str], float | None], Sweep] | None = None
 
     def statement(self) -> str:
         """What the paper says and what can be varied, as lines."""
@@ -89,14 +93,30 @@ class Study:
             lines.append(f"setting  {name:<17} {f'{setting.value:g}{units}':<22} {setting.long_name}")
         return "\n".join(lines)
 
-    def sweep(self, given: Mapping[str, Any]) -> Sweep:
+    def sweep(
+        self, given: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
+    ) -> Sweep:
         """The study's sweep with the `given` values in place of its own.
+
+        Parameters
+        ----------
+        given : mapping
+            Values of axes and settings.
+        record : sequence of str
+            Series of the motion to keep besides, of `studies.recording.SERIES`; by default none.
+        sample_rate : float, optional
+            Of what is recorded, Hz.
 
         Raises
         ------
         ValueError
-            For a name that is neither an axis nor a setting, or a value out of range.
+            For a name that is neither an axis nor a setting, or a value out of range; for a series that there is
+            not, or that this study cannot record.
         """
+        if len(record) or sample_rate is not None:
+            if self.record is None:
+                raise ValueError(f"study {self.name} has no motion in time to record")
+            return self.record(self, given, record, sample_rate)
         axes, settings = dict(self.axes), {name: s.value for name, s in self.settings.items()}
         for name, value in given.items():
             if name in axes:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
@@ -12,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, checks, simulate
+from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, checks, simulate, transient
 from studies import paper
 from studies.study import Setting, constants
 from sweeps import Axis, Grid, Variable
@@ -31,7 +32,7 @@ MOST_SAMPLES = 5_000_000
 # A long stick lasts at least this share of the first one (`fivcore.simulate`, min_stick).
 LONG_STICK = 0.2
 # Statistics start this long after the first slip, s.
-SETTLING = 0.1
+SETTLING = transient.SETTLING
 
 SCENE = ("V", "theta", "mu", "F")
 STATES = ("separation", "stick", "slip")
@@ -92,6 +93,7 @@ def motion(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None
         fixed["method"],
         ramp=fixed["ramp"],
         cutoff=fixed["cutoff"] or None,
+        settle=fixed.get("settle"),
         **recording,
     )
 
@@ -115,25 +117,58 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
         motion(every[0], fixed, 1e-6)
 
 
-def without_series(run: Transient) -> Transient:
-    """What remains when the series of a run have been used: a batch of them would fill the memory."""
-    return Transient(run.scene, run.summary)
+def outcomes(
+    every: Sequence[Scene],
+    one: Callable[[Scene], Mapping[str, Any]],
+    variables: Mapping[str, Variable],
+    **lengths: int,
+) -> dict[str, Any]:
+    """What `one` finds for each scene, as a sweep's function returns it.
+
+    A scene without an answer has an error of its own, so that the others of its batch are not computed again.
+    Alone it raises: the line that reproduces a failed point shall end as the point did.
+
+    Parameters
+    ----------
+    every : sequence of Scene
+    one : callable
+        `one(scene)` gives the value of each variable.
+    variables : mapping of str to Variable
+    **lengths : int
+        Of the variables' dimensions. The series of one run are let go before the next begins, and what is
+        kept has its final type: a batch of whole records would fill the memory.
+    """
+    found: dict[str, Any] = {
+        name: np.zeros((len(every), *(lengths[dim] for dim in variable.dims)), variable.dtype)
+        for name, variable in variables.items()
+    }
+    errors: list[Exception | None] = [None] * len(every)
+    taken = np.zeros(len(every))
+    for k, scene in enumerate(every):
+        start = time.perf_counter()
+        try:
+            values = one(scene)
+        except (ContactError, DivergenceError) as problem:
+            if len(every) == 1:
+                raise
+            errors[k] = problem
+        else:
+            for name, kept in found.items():
+                kept[k] = values[name]
+            del values
+        taken[k] = time.perf_counter() - start
+    return found | {"error": errors, "wall_time": taken}
 
 
-def summaries(runs: Sequence[Transient]) -> dict[str, Array]:
-    """The summary figures of some runs, one entry each, as `SUMMARY` lists them."""
-
-    def one(name: str, summary: Mapping[str, Any]) -> Any:
-        sticks = summary["stick_times"]
-        if name == "regime":
-            return REGIMES.index(summary["regime"])
-        if name == "long_sticks":
-            return len(sticks)
-        if name == "mean_stick_time":
-            return np.mean(sticks) if len(sticks) else np.nan
-        return summary[name]
-
-    return {name: np.array([one(name, run.summary) for run in runs]) for name in SUMMARY}
+def figures_of(run: Transient) -> dict[str, Any]:
+    """The summary figures of a run, as `SUMMARY` lists them."""
+    sticks = run.summary["stick_times"]
+    counted = {
+        "regime": REGIMES.index(run.summary["regime"]),
+        "long_sticks": len(sticks),
+        "mean_stick_time": np.mean(sticks) if len(sticks) else np.nan,
+    }
+    return {name: counted[name] if name in counted else run.summary[name] for name in SUMMARY}
 
 
 def even_times(duration: float, sample_rate: float) -> Axis:

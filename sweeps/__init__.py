@@ -3,23 +3,28 @@
 It knows no physics. A sweep is declared, planned, executed and stored; each step reads only the one before.
 """
 
-from sweeps.errors import LockedError, SchedulerError, StoreError, SweepStoppedError
+from sweeps.errors import AbandonedError, LockedError, SchedulerError, StoreError, SweepStoppedError
 from sweeps.final import open_results
 from sweeps.grid import Axis, Grid, Variable
 from sweeps.monitor import Snapshot
 from sweeps.plan import Plan
+from sweeps.status import Status, check_free, status
 from sweeps.sweep import Sweep
 
 __all__ = [
+    "AbandonedError",
     "Axis",
     "Grid",
     "LockedError",
     "Plan",
     "SchedulerError",
     "Snapshot",
+    "Status",
     "StoreError",
     "Sweep",
     "SweepStoppedError",
     "Variable",
+    "check_free",
     "open_results",
+    "status",
 ]

@@ -17,6 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sweeps.batch import DONE, FAILED, PENDING, SKIPPED, STATUS_MEANINGS, Table, rounded
+from sweeps.errors import StoreError
 from sweeps.grid import Variable
 from sweeps.layout import Layout
 from sweeps.shards import NETCDF, ShardFolder
@@ -28,7 +29,8 @@ MOST_CHUNK_BYTES = 1 << 22
 MOST_TRACEBACKS = 1000
 
 
-Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+# Points of a layout, the row of a table for each, and whether it was computed there rather than copied.
+Pairs = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]
 
 
 class Source(Protocol):
@@ -53,7 +55,7 @@ class Source(Protocol):
         """The table with the `wanted` results; None if it is damaged."""
 
     def points(self, layout: Layout, table: Table) -> Pairs:
-        """Points of the layout that get something, and the row of the table for each."""
+        """Points of the layout that get something."""
 
 
 def pairs(layout: Layout, slots: NDArray[np.intp]) -> Pairs:
@@ -63,7 +65,8 @@ def pairs(layout: Layout, slots: NDArray[np.intp]) -> Pairs:
     counts = np.where(slots >= 0, last - first, 0)
     rows = np.repeat(np.arange(len(slots)), counts)
     within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return layout.order[first[rows] + within], rows
+    points = layout.order[first[rows] + within]
+    return points, rows, points == slots[rows]
 
 
 class KeyedSource:
@@ -72,7 +75,7 @@ class KeyedSource:
     own = False
 
     def points(self, layout: Layout, table: Table) -> Pairs:
-        """Points of the layout that get something, and the row of the table for each."""
+        """Points of the layout that get something."""
         return pairs(layout, layout.find(table.key))
 
 
@@ -155,24 +158,31 @@ def gather(layout: Layout, sources: Sequence[Source], large: Collection[str] = (
 
 def _take(layout: Layout, found: Gathered, source: Source, table: Table, number: int) -> None:
     """Enter a table's rows at their points."""
-    points, rows = source.points(layout, table)
-    status = table.status[rows]
+    points, rows, computed = source.points(layout, table)
+    before, status = found.status[points], table.status[rows]
+    open_ = (before == PENDING) | (before == FAILED)
     # What failed does not replace what was done.
-    better = (status == DONE) | ((status == FAILED) & (found.status[points] != DONE))
-    points, rows = points[better], rows[better]
+    better = (status == DONE) | ((status == FAILED) & open_)
+    if source.own:
+        # What a finished file says of a point goes before what it says of another that is the same.
+        better &= computed | (before == PENDING)
+    points, rows, computed = points[better], rows[better], computed[better]
     for name, values in found.values.items():
         values[points] = scaled(layout, name, table.values[name][rows], source, points)
     found.status[points] = table.status[rows]
     found.error[points] = table.error[rows]
     # A copy costs nothing.
-    computed = source.own | (layout.original[points] == points)
     found.wall_time[points] = np.where(computed, table.wall_time[rows], 0.0)
     found.source[points], found.row[points] = number, rows
-    if found.failures or table.failed:
-        for point, row in zip(points.tolist(), rows.tolist(), strict=True):
-            found.failures.pop(point, None)
-            if table.status[row] == FAILED and layout.original[point] == point:
-                found.failures[point] = (table.traceback[row], table.reproduce[row])
+    for point in [point for point in found.failures if found.status[point] != FAILED]:
+        del found.failures[point]
+    failed = np.flatnonzero(computed & (table.status[rows] == FAILED))
+    for point, row in zip(points[failed].tolist(), rows[failed].tolist(), strict=True):
+        if table.reproduce[row]:
+            # The entry of a computation stands at the point that is now computed for all of its copies.
+            found.failures[int(layout.original[point])] = (table.traceback[row], table.reproduce[row])
+    if len(found.failures) > 2 * MOST_TRACEBACKS:
+        found.failures = {point: found.failures[point] for point in sorted(found.failures)[:MOST_TRACEBACKS]}
 
 
 def scaled(
@@ -200,9 +210,11 @@ def stream(layout: Layout, sources: Sequence[Source], found: Gathered, large: Se
                 _create(file, layout, name)
         for number, source in enumerate(sources):
             points = np.flatnonzero(found.source == number)
-            table = source.read(large) if len(points) else None
-            if table is None:
+            if not len(points):
                 continue
+            table = source.read(large)
+            if table is None:
+                raise StoreError(f"{source.name} got damaged while it was read; plan and run again")
             for begin, end in _runs(points, layout.grid.shape[-1]):
                 here = points[begin:end]
                 *outer, last = np.unravel_index(here[0], layout.grid.shape)
@@ -252,7 +264,8 @@ def _create(file: Any, layout: Layout, name: str) -> None:
         shuffle=small,
         fletcher32=True,
     )
-    made.setncatts(attributes(variable))
+    aside = [axis for axis in layout.grid.axes if axis not in layout.grid.dims]
+    made.setncatts(attributes(variable) | ({"coordinates": " ".join(aside)} if aside else {}))
 
 
 def dataset(layout: Layout, found: Gathered) -> xr.Dataset:
@@ -307,7 +320,9 @@ def _variable(described: Variable, dims: tuple[str, ...], values: NDArray[Any]) 
     encoding: dict[str, Any] = {}
     if values.dtype.kind == "i":
         encoding = {"dtype": described.dtype, "_FillValue": np.array(described.missing, described.dtype)[()]}
-        values = np.where(values == described.missing, np.nan, values.astype(float))
+        # Readers of CF take single precision where it holds every value of the type.
+        kind = np.float32 if values.dtype.itemsize <= 2 else np.float64
+        values = np.where(values == described.missing, kind(np.nan), values.astype(kind))
     return xr.Variable(dims, values, attributes(described), encoding)
 
 

@@ -22,6 +22,8 @@ PENDING, DONE, FAILED, SKIPPED = range(4)
 STATUS_MEANINGS = "pending done failed skipped"
 # A function may return these besides its results: what a point raised, and its own computing time.
 ERROR, WALL_TIME = "error", "wall_time"
+# Letters of an error text: every point of a file has room for the longest. The traceback holds all of it.
+MOST_LETTERS = 400
 
 
 @dataclass(eq=False)
@@ -89,14 +91,9 @@ class Work:
     def table(self, points: Points, key: Columns) -> Table:
         """Compute a batch; if it raises as a whole, its halves, down to the points that fail."""
         count = len(next(iter(points.values())))
-        table = Table(
-            points,
-            key,
-            {},
-            np.full(count, PENDING, dtype=np.int8),
-            *(np.full(count, "", dtype=object) for _ in range(3)),
-            np.zeros(count),
-        )
+        none = np.full((3, count), "", dtype=object)
+        status = np.full(count, PENDING, dtype=np.int8)
+        table = Table(points, key, {}, status, none[0], none[1], none[2], np.zeros(count))
         self._fill(table, 0, count)
         if not table.values:
             self._make_room(table)
@@ -112,7 +109,7 @@ class Work:
         points = {name: values[begin:end] for name, values in table.points.items()}
         start = time.perf_counter()
         try:
-            given = self._call(points)
+            given, told = self._call(points)
         except Exception as problem:  # noqa: BLE001 - whatever a point raises is kept as its outcome
             if end - begin > 1:
                 middle = (begin + end) // 2
@@ -122,9 +119,8 @@ class Work:
             table.wall_time[begin] = time.perf_counter() - start
             self._fail(table, begin, problem)
             return
-        table.wall_time[begin:end] = given.pop(WALL_TIME, (time.perf_counter() - start) / (end - begin))
+        table.wall_time[begin:end] = told.get(WALL_TIME, (time.perf_counter() - start) / (end - begin))
         table.status[begin:end] = DONE
-        problems = given.pop(ERROR, ())
         if end - begin == len(table):
             table.values = given
         else:
@@ -132,27 +128,32 @@ class Work:
                 self._make_room(table)
             for name, values in given.items():
                 table.values[name][begin:end] = values
-        for row, problem in enumerate(problems, begin):
-            if problem is not None:
-                self._fail(table, row, problem)
+        for row, each in enumerate(told.get(ERROR, ()), begin):
+            if each is not None:
+                self._fail(table, row, each)
 
     def _fail(self, table: Table, row: int, problem: Exception) -> None:
         """Keep why a point failed, where, and how to see it again."""
         frames = [f for f in traceback.extract_tb(problem.__traceback__) if f.filename != __file__]
-        lines = traceback.format_list(frames)
+        lines = traceback.format_list(frames) or ["(raised by the sweep engine)\n"]
+        error = _described(problem)
         table.status[row] = FAILED
-        table.error[row] = f"{type(problem).__name__}: {problem}"
-        table.traceback[row] = "".join(lines).rstrip() or "(raised by the sweep engine)"
+        table.error[row] = error if len(error) <= MOST_LETTERS else f"{error[: MOST_LETTERS - 3]}..."
+        table.traceback[row] = _writable("".join([*lines, error]))
         point = {name: values[row] for name, values in table.points.items()}
-        table.reproduce[row] = one_liner(self.function, point, self.constants)
+        table.reproduce[row] = _writable(one_liner(self.function, point, self.constants))
         for name, values in table.values.items():
             values[row] = self.variables[name].missing
 
-    def _call(self, points: Points) -> dict[str, Any]:
+    def _call(self, points: Points) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """The function's results, each of its declared shape and type, and what else it told."""
         count = len(next(iter(points.values())))
         given = self.function(points, **self.constants)
-        results: dict[str, Any] = {}
+        if not isinstance(given, Mapping):
+            raise TypeError(
+                f"the function of sweep {self.name} returned {type(given).__name__}; it must be a dict"
+            )
+        results: dict[str, NDArray[Any]] = {}
         for name, variable in self.variables.items():
             if name not in given:
                 raise KeyError(f"the function of sweep {self.name} returned no {name!r}")
@@ -167,23 +168,49 @@ class Work:
                     f"the function of sweep {self.name} returned {name!r} of type {values.dtype}, "
                     f"which does not fit {variable.dtype}"
                 )
-            results[name] = rounded(values.astype(variable.dtype, copy=False), variable.digits)
-        for name in (ERROR, WALL_TIME):
-            if name in given:
-                if len(given[name]) != count:
-                    raise ValueError(
-                        f"the function of sweep {self.name} returned {len(given[name])} of {name!r}; it must be "
-                        f"one a point, {count}"
-                    )
-                results[name] = given[name]
-        return results
+            # A copy: the function may use its array again, or may have returned the points themselves.
+            results[name] = rounded(values.astype(variable.dtype), variable.digits)
+        return results, self._told(given, count)
+
+    def _told(self, given: Mapping[str, Any], count: int) -> dict[str, Any]:
+        """Errors and computing times, one a point, where the function returned them."""
+        told: dict[str, Any] = {}
+        who = f"the function of sweep {self.name} returned"
+        if given.get(ERROR) is not None:
+            told[ERROR] = list(given[ERROR])
+            for each in told[ERROR]:
+                if not (each is None or isinstance(each, Exception)):
+                    raise TypeError(f"{who} the {ERROR} {each!r}; it must be an exception or None")
+        if given.get(WALL_TIME) is not None:
+            told[WALL_TIME] = np.asarray(given[WALL_TIME], dtype=float)
+            if told[WALL_TIME].ndim != 1:
+                raise ValueError(f"{who} {WALL_TIME!r} of shape {told[WALL_TIME].shape}; it must be ({count},)")
+        for name, entries in told.items():
+            if len(entries) != count:
+                raise ValueError(f"{who} {len(entries)} of {name!r}; it must be one a point, {count}")
+        return told
+
+
+def _described(problem: Exception) -> str:
+    """Type and message."""
+    try:
+        message = str(problem)
+    except Exception:  # noqa: BLE001 - what cannot tell its reason has failed all the same
+        message = "(its message cannot be read)"
+    return _writable(f"{type(problem).__name__}: {message}" if message else type(problem).__name__)
+
+
+def _writable(text: str) -> str:
+    """A text that a file can hold: UTF-8, without the letter that ends a text there."""
+    return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def rounded(values: NDArray[Any], digits: int | None) -> NDArray[Any]:
     """Floats to so many significant decimal digits: the last bits of the mantissa become zero.
 
     To nearest, ties to even: idempotent, and the same everywhere. The relative error is at most
-    10^-digits / 2, so that no value moves by more than half a unit of the last digit kept.
+    10^-digits / 2, so that no value moves by more than half a unit of the last digit kept. What has no such
+    neighbour stays as it is: what would become infinite, and what is so small that it has fewer bits.
     """
     if digits is None:
         return values
@@ -192,18 +219,23 @@ def rounded(values: NDArray[Any], digits: int | None) -> NDArray[Any]:
     drop = bits - int(np.ceil(digits * np.log2(10.0)))
     if drop <= 0:
         return values
-    raw: NDArray[Any] = values.view(word)
+    raw: Any = values.view(word)
     shift, half, mask = (word.type(n) for n in (drop, (1 << (drop - 1)) - 1, (1 << drop) - 1))
     kept = (raw + half + ((raw >> shift) & word.type(1))) & ~mask
-    return np.where(np.isfinite(values), kept.view(values.dtype), values)
+    near: NDArray[Any] = kept.view(values.dtype)
+    normal = np.isfinite(values) & np.isfinite(near) & (np.abs(values) >= np.finfo(values.dtype).tiny)
+    return np.where(normal, near, values)
 
 
 def _fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
     """Whether nothing but digits of a float is lost."""
     if dtype.kind == "f":
-        return values.dtype.kind in "biuf"
+        if values.dtype.kind != "f" or values.dtype.itemsize <= dtype.itemsize:
+            return values.dtype.kind in "biuf"
+        most = np.finfo(dtype).max
+        return not np.any(np.isfinite(values) & (np.abs(values) > most))
     if values.dtype.kind not in "biuf":
         return False
     # The least whole number means that there is none; beyond 2^53 a reader's float would lose digits.
-    most = min(np.iinfo(dtype).max, 2**53)
-    return bool(np.all((np.abs(values.astype(float)) <= most) & (values == np.rint(values))))
+    limit = min(np.iinfo(dtype).max, 2**53)
+    return bool(np.all((np.abs(values.astype(float)) <= limit) & (values == np.rint(values))))

@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 
+def reason(problem: BaseException) -> str:
+    """Why a disk refuses, in a few words."""
+    if isinstance(problem, OSError):
+        return problem.strerror or str(problem)
+    # The netCDF library says no more when a disk is full.
+    return f"{problem} (is the disk full?)" if "HDF error" in str(problem) else str(problem)
+
+
 class StoreError(RuntimeError):
     """The place where results are to be kept cannot be used; the message says why."""
 
@@ -17,3 +25,11 @@ class SweepStoppedError(RuntimeError):
 
 class SchedulerError(ValueError):
     """The scheduler that was asked for cannot be used; the message says why."""
+
+
+class AbandonedError(KeyboardInterrupt):
+    """A second interrupt, while threads compute: they have been given up, but they cannot be ended.
+
+    What was finished is kept, the store is released, and nothing is written to it any more. Python waits for such
+    threads at its end; who does not want to leaves with `os._exit`.
+    """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import tempfile
@@ -15,13 +16,14 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from sweeps.assemble import MemorySource, Source, dataset, gather, stream
+from sweeps.assemble import Source, dataset, gather, stream
 from sweeps.batch import DONE, FAILED, Table
-from sweeps.errors import StoreError
+from sweeps.errors import StoreError, reason
+from sweeps.finished import COMPUTED
 from sweeps.layout import Layout
 from sweeps.provenance import source
 from sweeps.shards import NETCDF, write_table
-from sweeps.store import COMPUTED, Store, sources_of
+from sweeps.store import Store, sources_of
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
 # A file up to this size is read at once, so that it stays free to be replaced.
@@ -45,7 +47,7 @@ def attach(layout: Layout, data: xr.Dataset, derive: Derive | None) -> xr.Datase
 def stored_only(layout: Layout, data: xr.Dataset) -> xr.Dataset:
     """Of an opened file what was computed, without what was derived from it."""
     own = [*layout.variables, "status", "error", "wall_time"]
-    return data[own + [name for name in data.variables if str(name).startswith("failure_")]]
+    return data[own + [name for name in data.data_vars if data[name].dims == ("failure",)]]
 
 
 def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Derive | None) -> None:
@@ -59,18 +61,15 @@ def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Deriv
     temporary = store.file.with_name(f".{store.file.name}.{os.getpid()}.tmp")
     problems: list[Exception] = []
     try:
-        _compose(temporary, layout, sources, derive, problems)
+        _compose(temporary, layout, sources, derive, problems, whole=True)
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, store.file)
     except (OSError, RuntimeError) as problem:
         if isinstance(problem, StoreError):
             raise
-        # The netCDF library reports a full disk as a RuntimeError.
-        reason = getattr(problem, "strerror", None) or problem
-        raise StoreError(
-            f"{store.file} could not be written: {reason}; all points are kept, and the same run writes it again"
-        ) from problem
+        kept = "all points are kept, and the same run writes it again"
+        raise StoreError(f"{store.file} could not be written: {reason(problem)}; {kept}") from problem
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -79,11 +78,23 @@ def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Deriv
         raise problems[0]
 
 
+def leftovers(store: Store) -> list[Path]:
+    """Half a file that a killed run has left, for whoever holds the store."""
+    return list(store.file.parent.glob(f".{glob.escape(store.file.name)}.*.tmp"))
+
+
 def _compose(
-    path: Path, layout: Layout, sources: Sequence[Source], derive: Derive | None, problems: list[Exception]
+    path: Path,
+    layout: Layout,
+    sources: Sequence[Source],
+    derive: Derive | None,
+    problems: list[Exception],
+    whole: bool = False,
 ) -> None:
     large = layout.large()
     found = gather(layout, sources, large)
+    if whole and found.damaged:
+        raise StoreError(f"{', '.join(found.damaged)} in {path.parent} got damaged; plan and run again")
     if large:
         stream(layout, sources, found, large, path)
     data = dataset(layout, found)
@@ -121,8 +132,9 @@ def _encoding(data: xr.Dataset) -> dict[str, dict[str, Any]]:
             and (variable.dtype.kind in "fiu" or name in ("error", "traceback", "reproduce"))
         ):
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
-        if text and name in ("error", "traceback", "reproduce"):
-            # As characters: they shrink to nothing where they are empty.
+        if text:
+            # As characters: they shrink to nothing where they are empty. Texts of any length, as netCDF has them
+            # too, bring down HDF5 2.2 where a file that is open is opened and closed once more.
             chosen["dtype"] = "S1"
         if name in data.coords or variable.dtype.kind in "iu":
             chosen["_FillValue"] = None
@@ -144,19 +156,22 @@ def _keep_computations(path: Path, layout: Layout, sources: Sequence[Source]) ->
     )
     found = gather(plain, [each for each in sources if not each.own])
     slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
-    none = np.full(len(slots), "", dtype=object)
+    if not len(slots):
+        return
+    told = [found.failures.get(slot, ("", "")) for slot in slots.tolist()]
+    texts = np.array(told, dtype=object).reshape(-1, 2)
     table = Table(
         layout.grid.points(slots),
         layout.slot_key(slots),
         {name: values[slots] for name, values in found.values.items()},
         found.status[slots],
         found.error[slots],
-        none,
-        none,
+        texts[:, 0],
+        texts[:, 1],
         found.wall_time[slots],
     )
     with NETCDF, netCDF4.Dataset(path, "a") as file:
-        write_table(file.createGroup(COMPUTED), table, layout.variables)
+        write_table(file.createGroup(COMPUTED), table, layout.variables, checked=True)
 
 
 def open_results(path: str | Path) -> xr.Dataset:
@@ -206,12 +221,12 @@ def _unfinished(store: Store) -> xr.Dataset:
     layout = Layout.load(store.layout)
     sources = sources_of(store, layout)
     if not layout.large():
-        return attach(layout, dataset(layout, gather(layout, sources)), None)
+        found = gather(layout, sources)
+        if not store.layout.is_file():
+            raise StoreError(f"{store.file} was finished while its shards were read")
+        return attach(layout, dataset(layout, found), None)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "unfinished.nc"
         _compose(path, layout, sources, None, [])
         # Opened files stay readable when their names are gone.
         return _opened(path)
-
-
-__all__ = ["MemorySource", "attach", "open_results", "stored_only", "write"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 Points = dict[str, NDArray[Any]]
 
 DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
-# What a sweep's file holds besides axes and results; `failure_*` and `key_*` are its own as well.
-RESERVED = ("status", "error", "wall_time", "traceback", "reproduce", "failure", "point", "original")
+# What a sweep's file holds besides axes and results; names that begin with `failure_` are its own as well.
+RESERVED = ("status", "error", "wall_time", "traceback", "reproduce", "failure", "point", "computed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,9 +191,9 @@ class Grid:
             raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be ({count},)")
         return flags
 
-    def rows(self, group: tuple[str, ...]) -> list[tuple[Any, ...]]:
+    def rows(self, group: tuple[str, ...], part: slice = slice(None)) -> list[tuple[Any, ...]]:
         """The values along one dimension, as plain tuples."""
-        return list(zip(*(self.axes[name].values.tolist() for name in group), strict=True))
+        return list(zip(*(self.axes[name].values[part].tolist() for name in group), strict=True))
 
     def grown(self, other: Grid) -> Grid:
         """The grid with the values of `other`, one of the same axes, added to it.
@@ -218,15 +219,19 @@ class Grid:
         zipped = [group for group in self._groups if len(group) > 1]
         return Grid(axes, zipped, self.skip)
 
-    def place(self, other: Grid) -> NDArray[np.intp]:
-        """Where each point of `other` lies in this grid, by value; -1 where it does not."""
-        along = []
-        for group in self._groups:
-            known = {row: k for k, row in enumerate(self.rows(group))}
-            along.append(np.array([known.get(row, -1) for row in other.rows(group)], dtype=np.intp))
-        meshed = np.meshgrid(*along, indexing="ij") if along else []
-        inside = np.all([index >= 0 for index in meshed], axis=0)
-        flat = np.ravel_multi_index([np.maximum(index, 0) for index in meshed], self.shape)
+    @cached_property
+    def _places(self) -> list[dict[tuple[Any, ...], int]]:
+        """Where the values along each dimension stand."""
+        return [{row: n for n, row in enumerate(self.rows(group))} for group in self._groups]
+
+    def place(self, other: Grid, block: tuple[slice, ...] = ()) -> NDArray[np.intp]:
+        """Where each point of `other`, or of a block of it, lies in this grid, by value; -1 where it does not."""
+        flat, inside = np.zeros((), dtype=np.intp), np.ones((), dtype=bool)
+        parts = [*block, *[slice(None)] * (len(self._groups) - len(block))]
+        for group, part, known in zip(self._groups, parts, self._places, strict=True):
+            along = np.array([known.get(row, -1) for row in other.rows(group, part)], dtype=np.intp)
+            flat = flat[..., None] * len(known) + along
+            inside = inside[..., None] & (along >= 0)
         return np.where(inside, flat, -1).ravel()
 
 
@@ -238,10 +243,11 @@ def _common(one: Axis, other: Axis) -> np.dtype[Any]:
 def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:
     """Raise unless every name can stand in a file and every value is a `kind`."""
     for name, value in named.items():
-        if not (isinstance(name, str) and name.isidentifier()) or name in RESERVED:
+        usable = isinstance(name, str) and name.isidentifier() and not name.startswith("failure_")
+        if not usable or name in RESERVED:
             raise ValueError(
                 f"{what} has the name {name!r}: it must be of letters, digits and _, and none of "
-                f"{', '.join(RESERVED)}"
+                f"{', '.join(RESERVED)}, failure_..."
             )
         if not isinstance(value, kind):
             raise ValueError(f"{what}[{name!r}] = {value!r}: it must be of type {kind.__name__}")

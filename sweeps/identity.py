@@ -13,21 +13,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.grid import Axis
+from sweeps.grid import Axis, Grid
 from sweeps.sources import differing, sources
 
 if TYPE_CHECKING:
     from sweeps.sweep import Sweep
 
 LISTED = 20
+# What differs is told in this order.
+LEADING = ("constants", "axes", "groups", "variables", "coords")
 
 
-def configuration(sweep: Sweep) -> str:
+def configuration(sweep: Sweep, grid: Grid) -> str:
     """Everything the values depend on, as one line of JSON; long axes by their ends and length.
 
-    The values of the axes are the coordinates of the same file.
+    The axes are those of the file's grid; their values are the coordinates of the same file.
     """
-    axes = {name: _summary(axis) for name, axis in sweep.grid.axes.items()}
+    axes = {name: _summary(axis) for name, axis in grid.axes.items()}
     return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)})
 
 
@@ -60,7 +62,7 @@ def identity(sweep: Sweep) -> dict[str, Any]:
 
 
 def presentation(sweep: Sweep) -> str:
-    """Digest of what is made from the results afterwards: names, titles, and what is derived."""
+    """Digest of what else the file shows: names, titles, what is derived, and what counts as skipped."""
     shown: dict[str, Any] = {
         "title": sweep.title,
         "names": {
@@ -68,7 +70,8 @@ def presentation(sweep: Sweep) -> str:
             for group in (sweep.grid.axes, sweep.coords, sweep.variables)
             for name, each in group.items()
         },
-        "derive": {} if sweep.derive is None else sources(sweep.derive),
+        "units": {name: axis.units for name, axis in sweep.coords.items()},
+        "code": [{} if f is None else sources(f) for f in (sweep.derive, sweep.grid.skip)],
     }
     return blake2b(json.dumps(shown).encode(), digest_size=8).hexdigest()
 
@@ -76,10 +79,10 @@ def presentation(sweep: Sweep) -> str:
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
     """What differs, in one line; "" if nothing does."""
     told = []
-    for part in ("constants", "axes", "groups", "variables", "coords"):
-        for name, before, now in _changed(stored.get(part), present.get(part)):
-            where = name.removeprefix(".") or part
-            what = where if part == "constants" else f"{part} {where}"
+    for part in (*LEADING, *sorted({*stored, *present} - {*LEADING, "sources"})):
+        for name, before, now in _changed(stored.get(part, ABSENT), present.get(part, ABSENT)):
+            where = name.removeprefix(".")
+            what = where if part == "constants" else f"{part} {where}".rstrip()
             told.append(f"{what} = {_short(before)} there, {_short(now)} here")
     modules = differing(stored.get("sources", {}), present["sources"])
     if modules:

@@ -80,26 +80,34 @@ class Layout:
 
     def find(self, key: Columns) -> NDArray[np.intp]:
         """The slot of each row of a key; -1 where there is none."""
-        if self.key is not None:
-            if not len(self.slots):
-                return np.full(len(key[0]), -1, dtype=np.intp)
-            place = self._index[0].find(key)
-            return np.where(place >= 0, self.slots[place], -1)
+        if self.key is None:
+            flat = self.at(key)
+            return np.where((flat >= 0) & (self.original[flat] == flat), flat, -1)
+        if not len(self.slots):
+            return np.full(len(key[0]), -1, dtype=np.intp)
+        place = self._index.find(key)
+        return np.where(place >= 0, self.slots[place], -1)
+
+    def at(self, values: Columns) -> NDArray[np.intp]:
+        """The point with each row of the axes' values; -1 where there is none."""
         names = list(self.grid.axes)
         along = [
-            index.find([key[names.index(name)] for name in group])
-            for index, group in zip(self._index, self.grid.groups, strict=True)
+            index.find([values[names.index(name)] for name in group])
+            for index, group in zip(self._along, self.grid.groups, strict=True)
         ]
         inside = np.all([place >= 0 for place in along], axis=0)
         flat = np.ravel_multi_index([np.maximum(place, 0) for place in along], self.grid.shape)
-        return np.where(inside & (self.original[flat] == flat), flat, -1)
+        return np.where(inside, flat, -1)
 
     @cached_property
-    def _index(self) -> list[Index]:
-        """What finds a key: one index of the slots, or one a dimension."""
-        if self.key is not None:
-            return [Index([column[self.slots] for column in self.key])]
+    def _along(self) -> list[Index]:
+        """What finds values along each dimension."""
         return [Index([self.grid.axes[name].values for name in group]) for group in self.grid.groups]
+
+    @cached_property
+    def _index(self) -> Index:
+        """What finds a key among those of the slots."""
+        return Index(self.slot_key(self.slots))
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of a variable at one point."""

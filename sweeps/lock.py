@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import time
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from filelock import FileLock, Timeout
 
-from sweeps.errors import LockedError, StoreError
+from sweeps.errors import LockedError, StoreError, reason
 from sweeps.monitor import owner, read_state, write_state
 from sweeps.store import Store
+
+# s. A reader who asks whether there is a run holds the lock for a moment.
+PATIENCE = 0.2
 
 
 @contextmanager
@@ -24,18 +27,18 @@ def locked(store: Store) -> Iterator[None]:
     StoreError
         If nothing can be written there.
     """
-    lock = FileLock(store.lock, timeout=0)
+    lock = FileLock(store.lock, timeout=PATIENCE)
     try:
         store.file.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
-        raise LockedError(
-            f"{store.file} is being written by {holder(store)}; wait for it, or choose another folder"
-        ) from None
+        raise taken(store) from None
     except (OSError, NotImplementedError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise StoreError(f"{store.file} cannot be written: {reason}; choose another folder") from None
+        raise StoreError(f"{store.file} cannot be written: {reason(problem)}; choose another folder") from None
     try:
+        # In place, for the lock is on this very file; only a message needs it, so a full disk is no matter.
+        with suppress(OSError):
+            store.lock.write_text(json.dumps(owner()))
         yield
     finally:
         # Removed while it is held: filelock refuses a lock on a file that has lost its name.
@@ -57,9 +60,14 @@ def is_locked(store: Store) -> bool:
     return False
 
 
+def taken(store: Store) -> LockedError:
+    """The refusal of a store that a run is writing."""
+    return LockedError(f"{store.file} is being written by {holder(store)}; wait for it, or choose another folder")
+
+
 def holder(store: Store) -> str:
     """The run that holds the store, as a reader would name it."""
-    state = read_state(store.progress)
+    state = read_state(store.lock)
     if "pid" not in state:
         return "another run"
     return f"process {state['pid']} on {state['host']}, begun {state.get('started', 'just now')}"
@@ -67,5 +75,4 @@ def holder(store: Store) -> str:
 
 def announce(store: Store) -> None:
     """Say who holds the store, before there is any progress."""
-    started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    write_state(store.progress, owner() | {"started": started})
+    write_state(store.progress, owner())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import socket
 import threading
@@ -54,16 +55,23 @@ Progress = Callable[[Snapshot], None]
 
 
 class Monitor:
-    """Counts batches as they begin and end; may be told from any thread."""
+    """Counts batches as they begin and end; may be told from any thread. `progress` is called by one at a time."""
 
     def __init__(self, todo: int, progress: Progress | None, file: Path | None) -> None:
         self.todo, self.done, self.failed, self.stopping = todo, 0, 0, False
         self._progress, self._file = progress, file
         self._lock = threading.Lock()
         self._begun = time.monotonic()
-        self._started = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-        self._written = -INTERVAL
+        self._owner = owner()
+        self._written = -math.inf
+        self._before = 0
         self._now: dict[int, str] = {}
+        self._closed = False
+
+    def before(self, done: int, failed: int) -> None:
+        """So much was done while the run was planned: it counts, but tells nothing of how fast the run is."""
+        self._before += done
+        self.end(-1, done, failed)
 
     def begin(self, number: int, what: str) -> None:
         """A batch is under way."""
@@ -72,7 +80,7 @@ class Monitor:
             self._tell()
 
     def end(self, number: int, done: int, failed: int) -> None:
-        """A batch has ended."""
+        """A batch has ended, or has been taken back with nothing done."""
         with self._lock:
             self._now.pop(number, None)
             self.done += done
@@ -80,31 +88,51 @@ class Monitor:
             self._tell()
 
     def stop(self) -> None:
-        """The run has been told to stop. Called by a signal's handler, so it must not wait for a lock."""
+        """The run has been told to stop. Called by a signal's handler, which must neither wait nor raise."""
         self.stopping = True
-        if self._progress is not None:
-            self._progress(self.snapshot())
+        # Where the lock is taken, whoever has it sees the flag when it is done; it may be this very thread.
+        if self._lock.acquire(blocking=False):
+            try:
+                with suppress(Exception):
+                    self._tell()
+            finally:
+                self._lock.release()
+
+    def close(self) -> None:
+        """Leave the last state in the file; what threads tell after this is not heard."""
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._write(self.snapshot())
 
     def snapshot(self) -> Snapshot:
         """The state now."""
         elapsed = time.monotonic() - self._begun
-        rate = self.done / elapsed if elapsed > 0.0 else 0.0
-        left = (self.todo - self.done) / rate if rate > 0.0 else float("nan")
+        rate = (self.done - self._before) / elapsed if elapsed > 0.0 else 0.0
+        left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
         now = tuple(list(self._now.values())[:SHOWN])
         return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, now, self.stopping)
 
     def _tell(self) -> None:
+        if self._closed:
+            return
         snapshot = self.snapshot()
         if self._progress is not None:
             self._progress(snapshot)
-        if self._file is not None and time.monotonic() - self._written >= INTERVAL:
+        if time.monotonic() - self._written >= INTERVAL:
+            self._write(snapshot)
+        if self.stopping and not snapshot.stopping:
+            self._tell()
+
+    def _write(self, snapshot: Snapshot) -> None:
+        if self._file is not None:
             self._written = time.monotonic()
-            write_state(self._file, asdict(snapshot) | owner() | {"started": self._started})
+            write_state(self._file, asdict(snapshot) | self._owner)
 
 
 def owner() -> dict[str, Any]:
-    """Who runs this."""
-    return {"pid": os.getpid(), "host": socket.gethostname()}
+    """Who runs this, and since when."""
+    return {"pid": os.getpid(), "host": socket.gethostname(), "started": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
 
 
 def write_state(file: Path, state: dict[str, Any]) -> None:

@@ -5,20 +5,22 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from sweeps.assemble import Source, gather
 from sweeps.batch import FAILED, PENDING, Table, Work
-from sweeps.grid import Axis, Grid
+from sweeps.grid import Axis, Grid, Points
 from sweeps.identity import configuration, identity, presentation
 from sweeps.keys import Index, key_columns
 from sweeps.layout import Layout
 from sweeps.plan import Plan
-from sweeps.store import Kept, Store, check_owner, kept
+from sweeps.store import Kept, Store, check_replaceable, kept
 
 if TYPE_CHECKING:
     from sweeps.sweep import Sweep
@@ -44,18 +46,17 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
     if place is not None:
         place.check_place(sweep.name)
         told = identity(sweep)
-        attributes = {
-            "configuration": configuration(sweep),
-            "identity": json.dumps(told),
-            "presentation": presentation(sweep),
-        }
-        if not fresh:
+        attributes = {"identity": json.dumps(told), "presentation": presentation(sweep)}
+        if fresh:
+            check_replaceable(place, sweep.name)
+        else:
             present = kept(place, sweep.name, told)
-        elif place.file.exists():
-            check_owner(place.file, sweep.name)
+            # A run that started over and was interrupted goes on as that.
+            fresh = present is not None and present.fresh
     stamp = () if place is None else place.stamp()
 
     grid = sweep.grid if present is None else _grown(present.grid, sweep.grid)
+    attributes["configuration"] = configuration(sweep, grid)
     asked = grid.place(sweep.grid)
     skipped = sweep.grid.skipped(sweep.grid.points())
     wanted = asked[~skipped]
@@ -64,10 +65,13 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
     known = gather(layout, sources, list(sweep.variables))
     status = known.status
 
-    slots = layout.original[wanted]
+    # As flags of all points: np.unique takes a second for a million.
+    slots, due = np.zeros(grid.size, dtype=bool), np.zeros(grid.size, dtype=bool)
+    slots[layout.original[wanted]] = True
     again = (PENDING, FAILED) if retry_failed else (PENDING,)
-    todo = np.unique(slots[np.isin(status[wanted], again)])
-    todo = _in_order(sweep, layout, todo)
+    due[layout.original[wanted[np.isin(status[wanted], again)]]] = True
+    distinct = int(np.count_nonzero(slots))
+    todo = _in_order(sweep, layout, np.flatnonzero(due))
     work = Work(
         sweep.name,
         sweep.function,
@@ -75,9 +79,9 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
         sweep.variables,
         {name: layout.shape(name) for name in sweep.variables},
     )
-    probes, seconds = _probe(work, layout, todo)
-    probed = np.concatenate([np.zeros(0, dtype=np.intp), *(index for index, _ in probes)])
     row = sum(layout.row_bytes(name) for name in sweep.variables) + ROW_BYTES
+    probes, seconds = _probe(work, layout, todo, row)
+    probed = np.concatenate([np.zeros(0, dtype=np.intp), *(index for index, _ in probes)])
     batches = make_batches(todo[~np.isin(todo, probed)], seconds, row)
     longest = max((len(batch) for batch in batches), default=0)
     whole = (
@@ -92,9 +96,9 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
         store=None if place is None else place.file,
         points=sweep.grid.size,
         skipped=int(skipped.sum()),
-        distinct=len(np.unique(slots)),
-        cached=len(np.unique(slots)) - len(todo),
-        failed=int(np.count_nonzero(status[np.setdiff1d(slots, todo)] == FAILED)),
+        distinct=distinct,
+        cached=distinct - len(todo),
+        failed=int(np.count_nonzero(status[slots & ~due] == FAILED)),
         todo=len(todo),
         batches=batches,
         original=layout.original,
@@ -115,8 +119,17 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
 def _grown(present: Grid, asked: Grid) -> Grid:
     """The grid of the file: what is present and what is asked, described as it is now."""
     grown = present.grown(asked)
-    axes = {name: Axis(grown.axes[name].values, axis.units, axis.long_name) for name, axis in asked.axes.items()}
+    axes = {
+        name: Axis(_as_asked(grown.axes[name].values, axis.values.dtype), axis.units, axis.long_name)
+        for name, axis in asked.axes.items()
+    }
     return Grid(axes, [group for group in asked.groups if len(group) > 1], asked.skip)
+
+
+def _as_asked(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """In the type that was asked for, if it holds them all: a file has no flags, and may have whole numbers."""
+    same = values.astype(dtype)
+    return same if np.array_equal(same, values) else values.astype(np.promote_types(values.dtype, dtype))
 
 
 def _layout(sweep: Sweep, grid: Grid, wanted: NDArray[np.intp], attributes: dict[str, str], fresh: bool) -> Layout:
@@ -135,13 +148,7 @@ def _layout(sweep: Sweep, grid: Grid, wanted: NDArray[np.intp], attributes: dict
         columns = key_columns(sweep, points)
         original[live] = live[Index(columns).first()]
         key = [_scattered(column, live, grid.size) for column in columns]
-    factors = {}
-    if sweep.scale is not None:
-        for name, values in sweep.scale(points).items():
-            factors[name] = _scattered(np.asarray(values, dtype=float), live, grid.size)
-    missing = {v.scale for v in sweep.variables.values() if v.scale} - set(factors)
-    if missing:
-        raise ValueError(f"Sweep {sweep.name}: scale gives no {', '.join(sorted(missing))}")
+    factors = {name: _scattered(each, live, grid.size) for name, each in _factors(sweep, points).items()}
     zipped = [group for group in grid.groups if len(group) > 1]
     return Layout(
         sweep.name,
@@ -155,6 +162,29 @@ def _layout(sweep: Sweep, grid: Grid, wanted: NDArray[np.intp], attributes: dict
         attributes,
         fresh,
     )
+
+
+def _factors(sweep: Sweep, points: Points) -> dict[str, NDArray[np.float64]]:
+    """What variables are multiplied by, one number a point."""
+    given = {} if sweep.scale is None else sweep.scale(points)
+    count = len(next(iter(points.values())))
+    if not isinstance(given, Mapping):
+        raise ValueError(f"Sweep {sweep.name}: scale gave {type(given).__name__}; it must give a dict of factors")
+    missing = {v.scale for v in sweep.variables.values() if v.scale} - set(given)
+    if missing:
+        raise ValueError(f"Sweep {sweep.name}: scale gives no {', '.join(sorted(missing))}")
+    factors = {}
+    for name, each in given.items():
+        values = np.asarray(each)
+        if values.shape != (count,) or values.dtype.kind not in "biuf":
+            raise ValueError(
+                f"Sweep {sweep.name}: scale gave {name!r} as an array of shape {values.shape} and type "
+                f"{values.dtype} for {count} points; it must give one number for each"
+            )
+        factors[name] = values.astype(float)
+        if not np.all(np.isfinite(factors[name])):
+            raise ValueError(f"Sweep {sweep.name}: scale gave {name!r} with a factor that is not finite")
+    return factors
 
 
 def _scattered(values: NDArray[Any], at: NDArray[np.intp], size: int) -> NDArray[Any]:
@@ -189,7 +219,7 @@ def make_batches(todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0)
 
 
 def _probe(
-    work: Work, layout: Layout, todo: NDArray[np.intp]
+    work: Work, layout: Layout, todo: NDArray[np.intp], row_bytes: int
 ) -> tuple[list[tuple[NDArray[np.intp], Table]], float]:
     """A few points computed and timed, and the seconds a point takes; NaN if all that were timed failed.
 
@@ -201,7 +231,7 @@ def _probe(
     seconds, free = math.nan, np.ones(len(todo), dtype=bool)
     # Spread over the work: costs may differ from end to end.
     for size, share in zip(PROBE_SIZES, (0.0, 0.5, 0.25, 0.75, 0.5), strict=True):
-        if probes and size > 1 and not seconds * size < PROBE_SECONDS:
+        if probes and size > 1 and not (seconds * size < PROBE_SECONDS and row_bytes * size <= BATCH_BYTES):
             break
         start = int(share * max(len(todo) - size, 0))
         chosen = start + np.flatnonzero(free[start : start + size])
@@ -210,7 +240,9 @@ def _probe(
         free[chosen] = False
         index = todo[chosen]
         begin = time.perf_counter()
-        table = work.table(layout.grid.points(index), layout.slot_key(index))
+        # As in a run: the bits of a result may depend on the number of BLAS threads.
+        with threadpool_limits(1, user_api="blas"):
+            table = work.table(layout.grid.points(index), layout.slot_key(index))
         taken = (time.perf_counter() - begin) / len(index)
         if probes or len(todo) == 1:
             done = table.failed < len(table)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,19 +21,16 @@ from typing import Any
 
 import netCDF4
 import numpy as np
-from numpy.typing import NDArray
 
-from sweeps.assemble import KeyedSource, Pairs, ShardSource, Source, pairs
-from sweeps.batch import DONE, FAILED, Table
+from sweeps.assemble import ShardSource, Source
 from sweeps.errors import StoreError
+from sweeps.finished import COMPUTED, ComputedSource, FileSource, blocks
 from sweeps.grid import Axis, Grid
 from sweeps.identity import differences
 from sweeps.keys import column
 from sweeps.layout import LARGE, Layout
-from sweeps.shards import NETCDF, ShardFolder, read_table
+from sweeps.shards import NETCDF, ShardFolder
 
-# The group of a file that holds computations as they were before they were scaled to their points.
-COMPUTED = "computed"
 # What a file or a layout says of its sweep.
 ATTRIBUTES = ("configuration", "identity", "presentation")
 
@@ -97,12 +94,15 @@ class Kept:
         `configuration`, `identity` and `presentation`.
     finished : bool
         Whether all there is is in the finished file.
+    fresh : bool
+        Whether the finished file beside the shards is to be replaced rather than completed.
     """
 
     grid: Grid
     sources: list[Source]
     attributes: dict[str, str]
     finished: bool
+    fresh: bool = False
 
 
 def kept(store: Store, name: str, identity: dict[str, Any]) -> Kept | None:
@@ -113,11 +113,7 @@ def kept(store: Store, name: str, identity: dict[str, Any]) -> Kept | None:
     StoreError
         If what is there belongs to something else; the message says what differs.
     """
-    layout = None
-    if store.layout.is_file():
-        # A layout that cannot be read was never finished: a run was killed at its very beginning.
-        with suppress(ValueError):
-            layout = Layout.load(store.layout)
+    layout = _unfinished(store, name)
     if layout is None:
         return _finished(store.file, name, identity) if store.file.exists() else None
     _same(store.parts, layout.attributes, identity)
@@ -125,7 +121,33 @@ def kept(store: Store, name: str, identity: dict[str, Any]) -> Kept | None:
     if store.file.exists() and not layout.fresh:
         sources += _finished(store.file, name, identity).sources
     sources += [ShardSource(store.shards, shard) for shard in store.shards.names()]
-    return Kept(layout.grid, sources, dict(layout.attributes), False)
+    return Kept(layout.grid, sources, dict(layout.attributes), False, layout.fresh)
+
+
+def _unfinished(store: Store, name: str) -> Layout | None:
+    """The layout of a run that was not finished; None where there is none."""
+    # A layout that cannot be read was never finished: a run was killed at its very beginning.
+    with suppress(ValueError):
+        layout = Layout.load(store.layout)
+        if layout.name != name:
+            raise StoreError(
+                f"{store.parts} holds the results of {layout.name}; the results of {name} need another folder"
+            )
+        return layout
+    return None
+
+
+def check_replaceable(store: Store, name: str) -> None:
+    """Refuse to start over where that would destroy the results of anything but the sweep `name`.
+
+    Raises
+    ------
+    StoreError
+        If there is something else.
+    """
+    if store.file.exists():
+        check_owner(store.file, name)
+    _unfinished(store, name)
 
 
 def sources_of(store: Store, layout: Layout) -> list[Source]:
@@ -140,11 +162,11 @@ def sources_of(store: Store, layout: Layout) -> list[Source]:
 def _same(path: Path, attributes: Mapping[str, Any], identity: dict[str, Any]) -> None:
     try:
         stored = json.loads(attributes["identity"])
-    except (KeyError, TypeError, ValueError):
+        different = differences(stored, identity)
+    except (KeyError, TypeError, ValueError, AttributeError):
         raise StoreError(
             f"{path} does not say what made it; start over with fresh (--fresh), or choose another folder (--out)"
         ) from None
-    different = differences(stored, identity)
     if different:
         raise StoreError(
             f"{path} holds something else: {different}; start over with fresh (--fresh), or choose another "
@@ -197,141 +219,3 @@ def _finished(path: Path, name: str, identity: dict[str, Any] | None) -> Kept:
         sources.append(ComputedSource(path))
     attributes = {key: str(told[key]) for key in ATTRIBUTES if key in told}
     return Kept(grid, sources, attributes, True)
-
-
-def blocks(shape: tuple[int, ...], most: int) -> list[tuple[slice, ...]]:
-    """Cut an array of this shape, in C order, into blocks of at most so many entries, or one."""
-    inner = 1
-    for depth in reversed(range(len(shape))):
-        if inner * shape[depth] > most:
-            break
-        inner *= shape[depth]
-    else:
-        return [()]
-    step = max(most // inner, 1)
-    cuts = [slice(k, min(k + step, shape[depth])) for k in range(0, shape[depth], step)]
-    outer = (tuple(slice(k, k + 1) for k in index) for index in np.ndindex(shape[:depth]))
-    return [(*index, cut) for index in outer for cut in cuts]
-
-
-@dataclass(frozen=True, eq=False)
-class FileSource:
-    """The points of a finished file, or those of one block of it.
-
-    Attributes
-    ----------
-    path : Path
-    grid : Grid
-        The file's.
-    index : tuple of slice
-        The block, along the first dimensions; () for the whole.
-    """
-
-    path: Path
-    grid: Grid
-    index: tuple[slice, ...] = ()
-
-    @property
-    def own(self) -> bool:
-        """Its rows are points, each with its own factors."""
-        return True
-
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
-
-    @property
-    def _flat(self) -> NDArray[np.intp]:
-        every = np.arange(self.grid.size).reshape(self.grid.shape)
-        return np.asarray(every[self.index]).ravel()
-
-    def read(self, wanted: Collection[str]) -> Table:
-        """The block's points.
-
-        Raises
-        ------
-        StoreError
-            If the file is damaged.
-        """
-        flat = self._flat
-        try:
-            with NETCDF, netCDF4.Dataset(self.path) as file:
-                file.set_auto_maskandscale(False)
-                file.set_auto_chartostring(False)
-
-                def part(name: str) -> NDArray[Any]:
-                    values = np.asarray(file[name][(*self.index, ...)])
-                    return values.reshape(len(flat), *file[name].shape[len(self.grid.shape) :])
-
-                status = part("status")
-                # Texts are padded characters.
-                letters = part("error")
-                error = (
-                    np.array([_text(row) for row in letters], dtype=object) if (status == FAILED).any() else None
-                )
-                values = {name: part(name) for name in wanted}
-                table = Table(
-                    {},
-                    [],
-                    values,
-                    status,
-                    np.full(len(flat), "", dtype=object) if error is None else error,
-                    np.full(len(flat), "", dtype=object),
-                    np.full(len(flat), "", dtype=object),
-                    part("wall_time"),
-                )
-                if "failure" in file.dimensions:
-                    self._failures(file, table, flat)
-        except (OSError, RuntimeError, KeyError, IndexError, ValueError) as problem:
-            raise StoreError(
-                f"{self.path} is damaged ({problem}); move it away, or start over with fresh (--fresh)"
-            ) from None
-        return table
-
-    def _failures(self, file: Any, table: Table, flat: NDArray[np.intp]) -> None:
-        columns = [column(file[f"failure_{name}"][...]) for name in self.grid.axes]
-        known = Layout("", "", self.grid, {}, {}, np.arange(self.grid.size)).find(columns)
-        rows = {int(point): row for row, point in enumerate(flat)}
-        for k, point in enumerate(known.tolist()):
-            if point in rows:
-                table.traceback[rows[point]] = _text(file["traceback"][k])
-                table.reproduce[rows[point]] = _text(file["reproduce"][k])
-
-    def points(self, layout: Layout, table: Table) -> Pairs:
-        """Points of the layout that get something, and the row of the table for each."""
-        place = layout.grid.place(self.grid)[self._flat]
-        rows = np.flatnonzero((place >= 0) & ((table.status == DONE) | (table.status == FAILED)))
-        place = place[rows]
-        if any(variable.scale for variable in layout.variables.values()):
-            return place, rows
-        # Without factors a point's result is its computation's, so its copies have it too.
-        original = layout.original[place]
-        some, own = pairs(layout, np.where(original >= 0, original, -1))
-        alone = original < 0
-        return np.concatenate([some, place[alone]]), np.concatenate([rows[own], rows[alone]])
-
-
-@dataclass(frozen=True)
-class ComputedSource(KeyedSource):
-    """The computations of a finished file, before they were scaled."""
-
-    path: Path
-
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
-
-    def read(self, wanted: Collection[str]) -> Table | None:
-        """All of them."""
-        with NETCDF, netCDF4.Dataset(self.path) as file:
-            file.set_auto_maskandscale(False)
-            return read_table(file.groups[COMPUTED], wanted)
-
-
-def _text(letters: Any) -> str:
-    """A padded row of characters as text."""
-    if isinstance(letters, str):
-        return letters
-    return bytes(np.asarray(letters).tobytes()).rstrip(b"\0").decode("utf-8", "replace")

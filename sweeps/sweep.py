@@ -63,6 +63,14 @@ class Sweep:
     def __post_init__(self) -> None:
         if not self.variables:
             raise ValueError(f"Sweep {self.name}: variables = {{}}: there must be at least one")
+        for what, each in (
+            ("function", self.function),
+            ("key", self.key),
+            ("derive", self.derive),
+            ("scale", self.scale),
+        ):
+            if not (callable(each) or (each is None and what != "function")):
+                raise ValueError(f"Sweep {self.name}: {what} = {each!r}: it must be a function")
         check_names(f"Sweep {self.name}: variables", self.variables, Variable)
         check_names(f"Sweep {self.name}: coords", self.coords, Axis)
         groups = (self.grid.axes, self.coords, self.variables)

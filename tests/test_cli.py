@@ -1,9 +1,12 @@
 """The command line as a user meets it: every command, every message, every exit code."""
 
+import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -98,7 +101,7 @@ def test_the_module_is_the_command(tmp_path):
     assert done.stdout.startswith("fiv, version ")
 
 
-@pytest.mark.parametrize("command", [[], ["list"], ["plan"], ["run"], ["plot"]])
+@pytest.mark.parametrize("command", [[], ["list"], ["plan"], ["run"], ["status"], ["plot"]])
 def test_every_command_has_help(tmp_path, command):
     done = fiv(tmp_path, *command, "--help")
     assert done.returncode == 0
@@ -127,7 +130,18 @@ def test_every_command_has_help(tmp_path, command):
         (["run", "fig5", "--set", "p1_density=nan"], "fiv: p1_density = 'nan': 'nan' must be a finite number"),
         (["run", "table4", "--set", "mode=0"], "fiv: mode = 0: it must be a whole number from 1 to 359"),
         (["run", "table4", "--set", "mode=400"], "fiv: mode = 400: it must be a whole number from 1 to 359"),
-        (["run", "fig5", "--scheduler", "cloud"], "fiv: --scheduler 'cloud': it must be threads or sync"),
+        (
+            ["run", "fig5", "--scheduler", "cloud"],
+            "fiv: scheduler = 'cloud': it must be 'threads', 'sync', 'processes', or an address like tcp://host:8786",
+        ),
+        (
+            ["run", "fig5", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"],
+            "fiv: --workers 2: the cluster at tcp://127.0.0.1:9 has workers of its own; leave it out",
+        ),
+        (["plan", "fig5", "--record", "velocity_B"], "fiv: study fig5 has no motion in time to record"),
+        (["plan", "scenes", "--record", "velocity_C"], "velocity_B"),
+        (["plan", "scenes", "--set", "V=0"], "fiv: V = 0.0: it must be"),
+        (["status", "fig5"], "results/fig5/fig5.nc: there is no such file"),
         (["run", "fig5", "--workers", "0"], "fiv: Invalid value for '--workers': 0 is not in the range x>=1."),
         (["list", "fig55"], "fiv: STUDY = 'fig55': there is no such study; did you mean fig5?"),
         (["run"], "fiv: Missing argument 'STUDY'."),
@@ -184,45 +198,162 @@ def test_a_file_in_place_of_the_folder_is_exit_3(tmp_path):
     assert (tmp_path / "results").read_text() == "mine"
 
 
+# fig5 with a function of one's own in front of it; `again` says whether it is mended.
+PICKY = """
+import os, sys, time, studies.progress, studies.fig5 as f
+from studies.cli import main
+whole = f.modes
+def picky(points, **constants):
+    if (points['mu'] == 0.25).any() and not os.path.exists('mended'):
+        raise ArithmeticError('not this one')
+    return whole(points, **constants)
+def slow(points, **constants):
+    time.sleep(0.4)
+    return whole(points, **constants)
+f.modes = {function}
+studies.progress.INTERVAL = 0.5
+sys.argv = ['fiv', *{arguments}]
+main()
+"""
+
+
+def program(function: str, *arguments: str) -> tuple[str, ...]:
+    return (sys.executable, "-c", PICKY.format(function=function, arguments=list(arguments)))
+
+
 def test_failed_points_are_listed_and_exit_1(tmp_path):
-    program = (
-        "import sys, studies.fig5 as f\n"
-        "from studies.cli import main\n"
-        "whole = f.modes\n"
-        "def picky(points, **constants):\n"
-        "    if (points['mu'] == 0.25).any():\n"
-        "        raise ArithmeticError('not this one')\n"
-        "    return whole(points, **constants)\n"
-        "f.modes = picky\n"
-        "sys.argv = ['fiv', 'run', 'fig5', '--set', 'mu=0:0.5:3', '-q']\n"
-        "main()\n"
-    )
-    done = fiv(tmp_path, "-c", program, command=(sys.executable,))
+    run = ("run", "fig5", "--set", "mu=0:0.5:3", "-q")
+    done = fiv(tmp_path, command=program("picky", *run))
     assert done.returncode == 1
     assert "failed: mu = 0.25: ArithmeticError: not this one" in done.stderr
+    assert "again, in Python: " in done.stderr
+    assert "picky of __main__" in done.stderr
     assert written(tmp_path) == ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
+    # What failed is kept as failed, until it is asked for again.
+    (tmp_path / "mended").touch()
+    assert fiv(tmp_path, command=program("picky", *run)).returncode == 1
+    again = fiv(tmp_path, command=program("picky", *run, "--retry-failed"))
+    assert again.returncode == 0
+    assert "failed" not in again.stderr
 
 
-def test_ctrl_c_is_exit_130_and_leaves_nothing_half_done(tmp_path):
-    program = (
-        "import sys, time, studies.fig5 as f\n"
-        "from studies.cli import main\n"
-        "def slow(points, **constants):\n"
-        "    print('working', flush=True)\n"
-        "    time.sleep(0.2)\n"
-        "f.modes = slow\n"
-        "sys.argv = ['fiv', 'run', 'fig5', '-q', '--workers', '1']\n"
-        "main()\n"
+def test_verbose_shows_where_a_point_failed(tmp_path):
+    done = fiv(tmp_path, command=program("picky", "run", "fig5", "--set", "mu=0:0.5:3", "-v"))
+    assert done.returncode == 1
+    assert "in picky" in done.stderr
+
+
+def test_fail_fast_stops_and_keeps_what_was_done(tmp_path):
+    done = fiv(tmp_path, command=program("picky", "run", "fig5", "--set", "mu=0:0.5:3", "-q", "--fail-fast"))
+    assert done.returncode == 1
+    assert done.stderr == "fiv: stopped at the first failure: mu = 0.25: ArithmeticError: not this one\n"
+    assert any(name.startswith("results/fig5/fig5.parts/") for name in written(tmp_path))
+
+
+def test_other_settings_are_exit_3_and_fresh_starts_over(tmp_path):
+    run = ("run", "fig5", "--set", "mu=0:0.5:3", "-q")
+    assert fiv(tmp_path, *run).returncode == 0
+    before = (tmp_path / "results" / "fig5" / "fig5.nc").read_bytes()
+    done = fiv(tmp_path, *run, "--set", "theta=8")
+    assert done.returncode == 3
+    assert done.stderr.strip().count("\n") == 0
+    assert (
+        "fig5.nc holds something else: theta = 5.0 there, 8.0 here; start over with fresh (--fresh)" in done.stderr
     )
+    assert (tmp_path / "results" / "fig5" / "fig5.nc").read_bytes() == before
+    fresh = fiv(tmp_path, *run, "--set", "theta=8", "--fresh")
+    assert fresh.returncode == 0
+    assert "theta = 8 degrees" in fresh.stdout
+
+
+def test_what_is_there_is_not_computed_again(tmp_path):
+    fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:11", "-q")
+    planned = fiv(tmp_path, "plan", "fig5", "--set", "mu=0:0.5:21").stdout
+    assert "cached          11" in planned
+    assert "to do           10" in planned
+    # A part of what is there: the answer is of that part, the file keeps all.
+    part = fiv(tmp_path, "run", "fig5", "--set", "mu=0.2,0.3")
+    assert "to do           0" in part.stderr
+    assert "mu from 0.2 to 0.3 (2)" in part.stdout
+    assert "points          11" in fiv(tmp_path, "status", "fig5").stdout
+
+
+def begun(folder, *arguments):
+    """A slow run, once it has finished its first batches."""
     running = subprocess.Popen(
-        [sys.executable, "-c", program], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        program("slow", *arguments), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    assert running.stdout.readline() == "working\n"
+    until = time.monotonic() + 60.0
+    parts = folder / "results" / "fig5" / "fig5.parts"
+    while len(list(parts.glob("0*.nc"))) < 4:
+        assert running.poll() is None
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    return running
+
+
+def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path):
+    run = ("run", "fig5", "--set", "mu=0:0.5:51", "-q")
+    running = begun(tmp_path, *run)
     running.send_signal(signal.SIGINT)
     _, said = running.communicate(timeout=60)
     assert running.returncode == 130
-    assert said.strip() == "fiv: interrupted"
-    assert written(tmp_path) == []
+    kept = re.fullmatch(
+        r"fiv: interrupted; (\d+) of 51 points are kept, and the same command goes on from there", said.strip()
+    )
+    assert kept
+    status = json.loads(fiv(tmp_path, "status", "fig5", "--json").stdout)
+    assert status["state"] == "interrupted"
+    assert status["done"] == int(kept[1])
+    assert status["pending"] == 51 - int(kept[1])
+    again = fiv(tmp_path, command=program("slow", *run[:-1]))
+    assert again.returncode == 0
+    assert f"cached          {kept[1]}" in again.stderr
+    assert json.loads(fiv(tmp_path, "status", "fig5", "--json").stdout)["state"] == "complete"
+    assert written(tmp_path) == ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
+
+
+def test_status_and_a_second_run_while_the_first_goes_on(tmp_path):
+    run = ("run", "fig5", "--set", "mu=0:0.5:51")
+    running = begun(tmp_path, *run)
+    status = json.loads(fiv(tmp_path, "status", "fig5", "--json").stdout)
+    text = fiv(tmp_path, "status", "fig5").stdout
+    second = fiv(tmp_path, command=program("slow", *run, "-q"))
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 0, said
+    assert status["state"] == "running"
+    assert status["run"]["pid"] == running.pid
+    assert status["run"]["todo"] == 51
+    assert f"run by          process {running.pid} on " in text
+    assert second.returncode == 3
+    assert re.search(rf"fig5.nc is being written by process {running.pid} on .*, begun 20", second.stderr)
+    assert second.stderr.strip().count("\n") == 0
+
+
+def test_plain_lines_tell_of_progress_where_there_is_no_terminal(tmp_path):
+    arguments = ("run", "fig5", "--set", "mu=0:0.5:51", "--scheduler", "sync")
+    done = fiv(tmp_path, command=program("slow", *arguments))
+    assert done.returncode == 0
+    assert re.search(r"^fiv: \d+ of 51 done, [\d.]+ a second, .* left; now mu = 0", done.stderr, re.MULTILINE)
+    assert "\x1b" not in done.stderr
+
+
+def test_workers_are_processes(tmp_path):
+    done = fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:2001", "--workers", "2", "-q")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    threads = fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:2001", "-q", "--out", "there")
+    assert threads.stdout == done.stdout
+
+
+def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path):
+    environment = {k: v for k, v in os.environ.items() if k != "FIV_RESULTS"}
+    environment["DASK_SCHEDULER_ADDRESS"] = "tcp://127.0.0.1:9"
+    run = [FIV, "run", "fig5", "--set", "mu=0:0.5:2001", "-q"]
+    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, env=environment)
+    assert done.returncode == 2
+    assert done.stderr.startswith("fiv: scheduler = 'tcp://127.0.0.1:9': no Dask scheduler answers there")
+    assert done.stderr.strip().count("\n") == 0
 
 
 def test_help_imports_nothing_heavy(tmp_path):

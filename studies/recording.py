@@ -1,0 +1,169 @@
+"""Series of the motion kept besides what a study finds: which there are, how they are taken and declared.
+
+A series holds samples, not averages: at each of its times the value that the motion has there. What the motion has
+above half the sample rate is folded into what is below; the contact's spikes of microseconds are met or missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from fivcore import Scene, Transient, checks
+from studies import transients
+from studies.study import suggest
+from sweeps import Sweep, Variable
+
+if TYPE_CHECKING:
+    from studies.study import Study
+
+# Hz, where no other rate is asked for.
+SAMPLE_RATE = 50e3
+# Of one series of one scene.
+MOST_SAMPLES = 1_000_000
+# Between two of the solver's own samples a line is drawn, and the contact moves at up to 75 kHz, whatever rate is
+# asked for. With every step (1.2 microseconds) at hand the lines are good; with every second one they miss the
+# velocity of B by 1 % and the forces by 6 to 10 % of their spread, with every fifth by 7 and 30 %.
+EVERY_STEP = 1e6
+# While a scene runs, a row of its record takes some 140 bytes: 0.12 GB for a second with every step, 0.6 GB for so
+# many rows. From that length on (4 s) steps are left out, down to FINER rows a sample.
+MOST_ROWS, FINER = 4_000_000, 4
+# Most of a large sweep's file is series, and what is rounded can be compressed.
+DIGITS = 4
+
+_ELAPSED = ("elapsed",)
+SERIES = {
+    "velocity_B": Variable("m s-1", "velocity of B along x, sampled", _ELAPSED, "float32", DIGITS),
+    "normal_force": Variable("N", "normal force on P1, sampled", _ELAPSED, "float32", DIGITS),
+    "tangential_force": Variable("N", "force along x on P1, sampled", _ELAPSED, "float32", DIGITS),
+    "slip_velocity": Variable(
+        "m s-1", "velocity of P1's surface relative to P2's, sampled", _ELAPSED, "float32", DIGITS
+    ),
+    "state": Variable("1", "state of the contact, sampled", _ELAPSED, "int8"),
+}
+# What multiplies the series of a canonical scene (`studies.scenes`).
+FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "along", "slip_velocity": "along"}
+
+
+def variables(record: Sequence[str]) -> dict[str, Variable]:
+    """The variables that hold the recorded series."""
+    return {name: SERIES[name] for name in record}
+
+
+def asked(record: Sequence[str], sample_rate: float, duration: float) -> dict[str, Any]:
+    """What `simulate` is told; nothing is kept where nothing is recorded."""
+    if not record:
+        return {"record": False}
+    return {"record": True, "sample_rate": max(FINER * sample_rate, min(EVERY_STEP, MOST_ROWS / duration))}
+
+
+def series(run: Transient, record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
+    """The recorded series of a run at `times`: on the line between two of the solver's samples.
+
+    The state is that of the sample before. Before the first and after the last sample, which are within a step
+    of the method from the ends of the run or within one of the record's, the nearest stands.
+    """
+    found: dict[str, Any] = {}
+    for name in record:
+        values = getattr(run, name)
+        if name == "state":
+            found[name] = values[np.maximum(np.searchsorted(run.time, times, side="right") - 1, 0)]
+        else:
+            found[name] = np.interp(times, run.time, values)
+    return found
+
+
+def again(
+    scene: Scene, fixed: Mapping[str, Any], record: Sequence[str], sample_rate: float, times: np.ndarray
+) -> dict[str, Any]:
+    """The recorded series of a scene whose study has a coarser record of its own: it is run a second time."""
+    if not record:
+        return {}
+    run = transients.motion(scene, fixed, **asked(record, sample_rate, fixed["duration"]))
+    return series(run, record, times)
+
+
+def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+    """The sweep of a study without series of its own; from the start of the drive to the end of the run."""
+    names = _checked(names, sample_rate)
+    rate = checks.between("sample_rate", SAMPLE_RATE if sample_rate is None else sample_rate, 100.0, 1e6, "Hz")
+    sweep = study.sweep(given)
+    duration = float(sweep.constants["duration"])
+    if duration * rate > MOST_SAMPLES * (1.0 + 1e-9):
+        raise ValueError(
+            f"sample_rate = {rate:g}: over duration = {duration:g} s it must be at most "
+            f"{MOST_SAMPLES / duration:.6g} Hz, for {MOST_SAMPLES} samples of a scene"
+        )
+    if duration * rate < 1.0:
+        raise ValueError(
+            f"sample_rate = {rate:g}: over duration = {duration:g} s it must be at least {1.0 / duration:.6g} Hz"
+        )
+    timed = replace(
+        sweep,
+        constants={**sweep.constants, "sample_rate": rate},
+        coords={**sweep.coords, "elapsed": transients.even_times(duration, rate)},
+    )
+    return _added(timed, names)
+
+
+def on_own_times(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+    """The sweep of a study that keeps the velocity of B, with the other series at the same times."""
+    names = _checked(names, sample_rate)
+    if sample_rate is not None:
+        if "sample_rate" in given:
+            raise ValueError(
+                f"sample_rate = {sample_rate!r}: study {study.name} has it as a setting, and that is set to "
+                f"{given['sample_rate']}; give one of the two"
+            )
+        given = {**given, "sample_rate": sample_rate}
+    sweep = study.sweep(given)
+    return _added(sweep, tuple(name for name in names if name not in sweep.variables))
+
+
+def in_a_window(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+    """Refuse: the study's series are those of a window of its own."""
+    raise ValueError(
+        f"record = {', '.join(_checked(names, sample_rate))}: study {study.name} keeps its series in a window "
+        "already (settings window_start, window and sample_rate); study scenes records whole runs"
+    )
+
+
+def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]:
+    """The names asked for, each once and in the order of SERIES, so that the order asked changes nothing."""
+    names = (names,) if isinstance(names, str) else tuple(names)
+    if not names:
+        raise ValueError(f"sample_rate = {sample_rate!r}: it is for what is recorded, and nothing is; give record")
+    for name in names:
+        if name not in SERIES:
+            raise ValueError(
+                f"record = {name}: there is no such series; {suggest(str(name), list(SERIES))}"
+                f"the series are {', '.join(SERIES)}"
+            )
+    return tuple(name for name in SERIES if name in names)
+
+
+def _added(sweep: Sweep, names: tuple[str, ...]) -> Sweep:
+    """The sweep with these series besides, scaled like its figures if it computes canonical scenes."""
+    if not names:
+        return sweep
+    more = variables(names)
+    if sweep.scale is not None:
+        more = {name: replace(each, scale=FACTORS.get(name, "")) for name, each in more.items()}
+    derive = partial(_with_states, derive=sweep.derive) if "state" in names else sweep.derive
+    return replace(
+        sweep,
+        variables={**sweep.variables, **more},
+        constants={**sweep.constants, "record": names},
+        derive=derive,
+    )
+
+
+def _with_states(dataset: xr.Dataset, *, derive: Callable[[xr.Dataset], xr.Dataset] | None) -> xr.Dataset:
+    """Say what the states are, after what the study derives itself."""
+    dataset = dataset if derive is None else derive(dataset)
+    return transients.with_flags(dataset, state=transients.STATES)

@@ -1,0 +1,80 @@
+"""How far a sweep is, as another process sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sweeps.assemble import gather
+from sweeps.batch import DONE, FAILED, PENDING, SKIPPED
+from sweeps.final import open_results
+from sweeps.layout import Layout
+from sweeps.lock import is_locked, taken
+from sweeps.monitor import read_state
+from sweeps.store import Store, sources_of
+
+
+@dataclass(frozen=True)
+class Status:
+    """The state of a store.
+
+    Attributes
+    ----------
+    file : str
+    state : str
+        "running", "interrupted" or "complete".
+    points, done, failed, pending, skipped : int
+        Points of the file's grid, and how many are in which state.
+    run : dict
+        Of a run: `pid`, `host`, `started`, and once it is under way what a `Snapshot` holds; empty if there is
+        none.
+    """
+
+    file: str
+    state: str
+    points: int
+    done: int
+    failed: int
+    pending: int
+    skipped: int
+    run: dict[str, Any]
+
+
+def status(path: str | Path) -> Status:
+    """The state of a sweep's file, whole, running or interrupted.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or it is not the result of a sweep.
+    """
+    store = Store(path)
+    running = is_locked(store)
+    run = read_state(store.progress) if running else {}
+    if store.layout.is_file():
+        layout = Layout.load(store.layout)
+        codes = gather(layout, sources_of(store, layout), list(layout.variables)).status
+        state = "running" if running else "interrupted"
+    else:
+        codes = open_results(path)["status"].values
+        state = "running" if running else "complete"
+    counts = {code: int(np.count_nonzero(codes == code)) for code in (DONE, FAILED, PENDING, SKIPPED)}
+    return Status(
+        str(path), state, codes.size, counts[DONE], counts[FAILED], counts[PENDING], counts[SKIPPED], run
+    )
+
+
+def check_free(path: str | Path) -> None:
+    """Refuse a store that a run is writing.
+
+    Raises
+    ------
+    LockedError
+        Naming that run.
+    """
+    store = Store(path)
+    if is_locked(store):
+        raise taken(store)

@@ -1,0 +1,229 @@
+"""What the sweep engine costs, as the README quotes it: `python -m tests.benchmark_sweeps [PART ...]`.
+
+Parts: overhead, memory, cores, grid; by default all (a quarter of an hour on two cores). Whatever is compared is
+measured in turns in one run; figures are medians, ratios those of neighbours in time.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+# The transient sweep: so many scenes of so many simulated seconds.
+SCENES, SECONDS = 1200, 1.0
+TURNS = 3
+
+
+def double(points):
+    return {"y": 2.0 * points["x"]}
+
+
+def vector(points):
+    return {"y": points["x"][:, None] * np.arange(1000.0)}
+
+
+def trivial(count, wide):
+    from sweeps import Axis, Grid, Sweep, Variable
+
+    grid = Grid({"x": Axis(np.arange(float(count)))})
+    if not wide:
+        return Sweep("trivial", double, grid, {"y": Variable()})
+    return Sweep("trivial", vector, grid, {"y": Variable(dims=("k",))}, coords={"k": Axis(np.arange(1000))})
+
+
+def scenes(count, record=()):
+    """A transient sweep of `count` different scenes."""
+    from studies import registry
+
+    given = {"V": np.linspace(1e-3, 5e-3, count // 4), "theta": [3.0, 5.0, 7.0, 9.0], "mu": 0.2, "F": 9.0}
+    given["duration"] = SECONDS
+    rate = 50e3 if record else None
+    return registry.load("scenes").sweep(given, record=record, sample_rate=rate)
+
+
+def overhead():
+    """Microseconds a point of a function that does nothing, planned, run through Dask's threads, stored."""
+    print(f"\n{'points':>9}  {'result':<16} {'us a point':>10}  {'batches':>7}  {'all cached':>10}")
+    for count, wide in ((10_000, False), (100_000, False), (10_000, True), (100_000, True)):
+        spent, resumed, batches = [], [], 0
+        # The first round pays for imports.
+        for turn in range(6 if count == 10_000 else 4):
+            with tempfile.TemporaryDirectory() as folder:
+                sweep, store = trivial(count, wide), Path(folder) / "trivial.nc"
+                begin = time.perf_counter()
+                plan = sweep.plan(store)
+                plan.run()
+                middle = time.perf_counter()
+                again = trivial(count, wide).plan(store)
+                assert again.todo == 0
+                again.run()
+                if turn:
+                    spent.append((middle - begin) / count * 1e6)
+                    resumed.append((time.perf_counter() - middle) / count * 1e6)
+                batches = len(plan.batches)
+        what = "vector of 1000" if wide else "scalar"
+        print(f"{count:>9}  {what:<16} {median(spent):>10.1f}  {batches:>7}  {median(resumed):>10.1f}")
+
+
+def memory():
+    """Peak memory, each in a process of its own, and the most that is on the disk."""
+    print(f"\n{'what':<44} {'peak memory':>11}  {'most on disk':>12}  {'file':>8}  {'time':>7}")
+    for what in ("million", "recorded"):
+        told = subprocess.run(
+            [sys.executable, "-m", "tests.benchmark_sweeps", f"_{what}"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        print(told.stdout, end="")
+
+
+def _measured(what, sweep):
+    with tempfile.TemporaryDirectory() as folder:
+        store, most, stop = Path(folder) / "sweep.nc", [0], threading.Event()
+
+        def watch():
+            while not stop.wait(0.1):
+                files = [path for path in Path(folder).rglob("*") if path.is_file()]
+                sizes = []
+                for path in files:
+                    try:
+                        sizes.append(path.stat().st_size)
+                    except OSError:  # gone meanwhile
+                        continue
+                most[0] = max(most[0], sum(sizes))
+
+        watcher = threading.Thread(target=watch)
+        watcher.start()
+        begin = time.perf_counter()
+        data = sweep.plan(store).run()
+        spent = time.perf_counter() - begin
+        stop.set()
+        watcher.join()
+        assert np.all(data["status"] == 1)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        size = store.stat().st_size / 1e6
+        print(f"{what:<44} {peak:>8.0f} MB  {most[0] / 1e6:>9.0f} MB  {size:>5.0f} MB  {spent:>5.1f} s")
+        data.close()
+
+
+def cores():
+    """A transient sweep on two cores, against two independent copies of the same work."""
+    rates = {"copies": [], "threads": [], "processes": [], "processes, whole": []}
+    print(f"\n{SCENES} scenes of {SECONDS:g} s; scenes a second on two cores, {TURNS} turns")
+    for _ in range(TURNS):
+        rates["copies"].append(_copies())
+        for scheduler in ("threads", "processes"):
+            told = subprocess.run(
+                [sys.executable, "-m", "tests.benchmark_sweeps", f"_{scheduler}"],
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout.split()
+            rates[scheduler].append(float(told[0]))
+            if scheduler == "processes":
+                rates["processes, whole"].append(float(told[1]))
+    for name, values in rates.items():
+        ratio = median(v / c for v, c in zip(values, rates["copies"], strict=True))
+        print(f"{name:<18} {median(values):>7.2f}  {ratio:>6.3f} of two copies")
+
+
+def _copies():
+    """Scenes a second of two processes that know nothing of each other or of sweeps."""
+    begun = [
+        subprocess.Popen(
+            [sys.executable, "-m", "tests.benchmark_sweeps", "_copy", str(k)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for k in range(2)
+    ]
+    for copy in begun:
+        assert copy.stdout.readline() == "ready\n"
+    for copy in begun:
+        copy.stdin.write("go\n")
+        copy.stdin.flush()
+    return SCENES / max(float(copy.communicate()[0]) for copy in begun)
+
+
+def _copy(k):
+    from fivcore import Scene, simulate
+
+    points = scenes(SCENES).grid.points()
+    every = [Scene(*(float(points[name][j]) for name in ("V", "theta", "mu", "F"))) for j in range(SCENES)]
+    # As a sweep orders them: by what shares a basis.
+    every.sort(key=lambda scene: scene.theta)
+    simulate(every[0], 0.1)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    begin = time.perf_counter()
+    for scene in every[k::2]:
+        simulate(scene, SECONDS)
+    print(time.perf_counter() - begin)
+
+
+def _engine(scheduler):
+    """Scenes a second while batches are done, and over the whole run, start of the cluster included."""
+    ends = []
+    with tempfile.TemporaryDirectory() as folder:
+        plan = scenes(SCENES).plan(Path(folder) / "scenes.nc")
+        probed = sum(len(table) for table in plan.probes)
+        begin = time.perf_counter()
+        plan.run(scheduler, 2, lambda snapshot: ends.append((time.perf_counter(), snapshot.done)))
+        whole = (SCENES - probed) / (time.perf_counter() - begin)
+    if scheduler == "threads":
+        print(whole, whole)
+        return
+    # From the first batch that ended to the last: the cluster has started then.
+    first = next(k for k, (_, done) in enumerate(ends) if done > probed)
+    (t0, d0), (t1, d1) = ends[first], ends[-1]
+    print((d1 - d0) / (t1 - t0), whole)
+
+
+def grid():
+    """The 4-D grid whose V and F grow by the same ratio."""
+    from studies import registry
+
+    given = {
+        "V": np.geomspace(1e-3, 1e-3 * 1.3**9, 10),
+        "theta": np.linspace(-10.0, 20.0, 13),
+        "mu": np.linspace(0.05, 0.35, 11),
+        "F": np.geomspace(9.0, 9.0 * 1.3**9, 10),
+        "duration": 0.1,
+    }
+    begin = time.perf_counter()
+    plan = registry.load("scenes").sweep(given).plan()
+    print(f"\n{plan.points} points are {plan.distinct} scenes; planned in {time.perf_counter() - begin:.2f} s")
+
+
+def main():
+    parts = sys.argv[1:] or ["overhead", "memory", "cores", "grid"]
+    if parts[0] == "_million":
+        _measured("1 000 000 points, one scalar each", trivial(1_000_000, False))
+    elif parts[0] == "_recorded":
+        _measured(
+            "1000 scenes of 1 s, 3 series at 50 kHz", scenes(1000, ("velocity_B", "normal_force", "slip_velocity"))
+        )
+    elif parts[0] == "_copy":
+        _copy(int(parts[1]))
+    elif parts[0] in ("_threads", "_processes"):
+        _engine(parts[0][1:])
+    else:
+        print(f"{platform.platform()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+        for part in parts:
+            {"overhead": overhead, "memory": memory, "cores": cores, "grid": grid}[part]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,301 @@
+"""What becomes of a batch: digits that are kept, points that fail, and what the file says of them."""
+
+import pickle
+import re
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from sweeps import Axis, Grid, Sweep, Variable, open_results
+from sweeps.batch import MOST_LETTERS, Work, rounded
+
+CALLS: list[int] = []
+RAISED: list[Exception] = []
+
+
+def sweep(function, count=8, **changes):
+    options = {"grid": Grid({"x": Axis(np.arange(float(count)), "m")}), "variables": {"y": Variable("m")}}
+    return Sweep("batches", function, **(options | changes))
+
+
+def numbers(kind):
+    width = 32 if kind == "float32" else 64
+    return hnp.arrays(kind, st.integers(1, 20), elements=st.floats(width=width))
+
+
+@given(st.sampled_from(["float32", "float64"]).flatmap(numbers), st.integers(1, 15))
+@settings(max_examples=300, deadline=None)
+def test_rounding_keeps_its_promise(values, digits):
+    near = rounded(values.copy(), digits)
+    assert near.dtype == values.dtype
+    assert rounded(near, digits).tobytes() == near.tobytes()
+    assert np.array_equal(np.isnan(near), np.isnan(values))
+    finite = np.isfinite(values)
+    assert np.array_equal(near[~finite], values[~finite], equal_nan=True)
+    assert np.all(np.isfinite(near[finite]))
+    assert np.array_equal(np.signbit(near), np.signbit(values))
+    with np.errstate(over="ignore"):
+        error = np.abs(near[finite].astype(np.longdouble) - values[finite].astype(np.longdouble))
+    assert np.all(error <= np.abs(values[finite].astype(np.longdouble)) * np.longdouble(0.5) * 10.0**-digits)
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_rounding_at_the_edges(kind):
+    about = np.finfo(kind)
+    edges = np.array(
+        [about.max, -about.max, about.tiny, about.smallest_subnormal, 0.0, -0.0, np.inf, -np.inf], kind
+    )
+    assert rounded(edges, 1).tobytes() == edges.tobytes()
+    # A NaN with every bit set does not become a number.
+    full = np.full(1, -1, f"i{about.bits // 8}").view(kind)
+    assert np.isnan(rounded(full, 2))[0]
+    assert rounded(np.array([1.23456789], kind), None)[0] == np.array(1.23456789, kind)
+    # Bits beyond what is asked are zero: that is what shrinks.
+    bits = rounded(np.array([np.pi], kind), 3).view(f"u{about.bits // 8}")[0]
+    assert bits % (1 << (about.nmant - 10)) == 0
+
+
+def test_the_file_says_how_many_digits_it_keeps(tmp_path):
+    path = tmp_path / "batches.nc"
+    found = sweep(lambda p: {"y": np.pi * p["x"]}, variables={"y": Variable("m", digits=4)}).plan(path).run()
+    assert found["y"].attrs["comment"] == "kept to 4 significant digits"
+    np.testing.assert_array_equal(found["y"], rounded(np.pi * np.arange(8.0), 4))
+
+
+def test_what_overflows_a_type_does_not_fit():
+    found = sweep(lambda p: {"y": p["x"] * 1e300}, variables={"y": Variable(dtype="float32")}).plan().run()
+    assert found["status"].values.tolist() == [1] + [2] * 7
+    assert "of type float64, which does not fit float32" in found["error"].values[1]
+
+
+def test_a_function_may_use_its_arrays_again():
+    """What was returned belongs to the table, whatever the function does with it later."""
+    scratch = np.zeros(64)
+
+    def reuse(points):
+        part = scratch[: len(points["x"])]
+        np.multiply(points["x"], 2.0, out=part)
+        return {"y": part, "same": points["x"], "fixed": np.broadcast_to(3.0, len(part)), "error": errors(points)}
+
+    def errors(points):
+        return [ValueError("no") if x == 3.0 else None for x in points["x"]]
+
+    variables = {name: Variable() for name in ("y", "same", "fixed")}
+    found = sweep(reuse, 600, variables=variables).plan().run("sync")
+    x = np.arange(600.0)
+    for name, expected in (("y", 2.0 * x), ("same", x), ("fixed", np.full(600, 3.0))):
+        np.testing.assert_array_equal(found[name], np.where(x == 3.0, np.nan, expected))
+    assert found["x"].values[3] == 3.0
+
+
+def inner(x):
+    if x.max() > 5.0:
+        raise ArithmeticError("beyond five:\nλ too high \0 \udc80 here")
+    return x
+
+
+def test_a_failure_is_kept_with_its_place_and_a_way_to_see_it_again(tmp_path):
+    path = tmp_path / "batches.nc"
+    found = sweep(lambda points: {"y": inner(points["x"])}).plan(path).run()
+    with xr.open_dataset(path) as data:
+        assert data["status"].values.tolist() == [1] * 6 + [2] * 2
+        text = data["error"].values[7]
+        assert text == "ArithmeticError: beyond five:\nλ too high \\0 \\udc80 here"
+        assert data["error"].values[:6].tolist() == [""] * 6
+        assert data["traceback"].dims == ("failure",)
+        assert data["failure_x"].values.tolist() == [6.0, 7.0]
+        assert data["failure_x"].attrs["units"] == "m"
+        last = data["traceback"].values[0].splitlines()
+        assert last[-1] == "λ too high \\0 \\udc80 here"
+        assert "in inner" in data["traceback"].values[0]
+        assert "batch.py" not in data["traceback"].values[0]
+        assert (
+            data["reproduce"]
+            .values[1]
+            .startswith("from numpy import array; function({'x': array([7.0])})  # function: ")
+        )
+        xr.testing.assert_equal(data.load(), found)
+
+
+def explain(points):
+    raise ValueError(f"{'long ' * 400}{points['x'][0]:g}")
+
+
+def test_long_reasons_are_cut_and_whole_in_the_traceback(tmp_path):
+    found = sweep(explain, 2).plan(tmp_path / "batches.nc").run()
+    assert len(found["error"].values[1]) == MOST_LETTERS
+    assert found["error"].values[1].endswith("...")
+    assert found["traceback"].values[1].endswith("long 1")
+    line = found["reproduce"].values[1]
+    with pytest.raises(ValueError, match=r"long 1$"):
+        exec(line, {})
+
+
+class OddError(Exception):
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+@pytest.mark.parametrize(
+    ("problem", "said"),
+    [
+        (ValueError(), "ValueError"),
+        (OddError(), "OddError: (its message cannot be read)"),
+        (KeyError("a b"), "KeyError: 'a b'"),
+        (MemoryError("all of it"), "MemoryError: all of it"),
+    ],
+)
+def test_any_exception_is_a_reason(tmp_path, problem, said):
+    def fail(points):
+        raise RAISED[-1]
+
+    RAISED.append(problem)
+    for place in (None, tmp_path / "batches.nc"):
+        found = sweep(fail, 2).plan(place).run()
+        assert found["error"].values.tolist() == [said] * 2
+
+
+def test_a_batch_that_fails_is_halved_until_only_what_fails_is_left():
+    sizes = []
+
+    def pick(points):
+        sizes.append(len(points["x"]))
+        if np.any(points["x"] == 37.0):
+            raise ValueError("37")
+        return {"y": points["x"]}
+
+    found = sweep(pick, 600).plan().run("sync")
+    assert np.flatnonzero(found["status"] == 2).tolist() == [37]
+    np.testing.assert_array_equal(np.isnan(found["y"]), np.arange(600) == 37)
+    assert sum(sizes) < 600 + 2 * 600 + 20
+    assert len(sizes) < 40
+
+
+def test_a_function_may_return_what_failed_and_the_time(tmp_path):
+    def judge(points):
+        CALLS.append(len(points["x"]))
+        wrong = points["x"] % 3 == 2
+        errors = [
+            ValueError(f"{x:g} is wrong") if bad else None for x, bad in zip(points["x"], wrong, strict=True)
+        ]
+        return {"y": points["x"], "error": errors, "wall_time": points["x"] / 10.0}
+
+    CALLS.clear()
+    found = sweep(judge).plan(tmp_path / "batches.nc").run()
+    assert sum(CALLS) == 8  # nothing is halved
+    assert found["status"].values.tolist() == [1, 1, 2, 1, 1, 2, 1, 1]
+    assert found["error"].values[[2, 5]].tolist() == ["ValueError: 2 is wrong", "ValueError: 5 is wrong"]
+    assert found["traceback"].values[0] == "(raised by the sweep engine)\nValueError: 2 is wrong"
+    np.testing.assert_array_equal(found["wall_time"], np.arange(8.0) / 10.0)
+    assert np.isnan(found["y"].values[[2, 5]]).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"error": [None]}, "returned 1 of 'error'; it must be one a point, 2"),
+        ({"error": ["text", None]}, "returned the error 'text'; it must be an exception or None"),
+        ({"error": [KeyboardInterrupt(), None]}, "it must be an exception or None"),
+        ({"wall_time": [1.0]}, "returned 1 of 'wall_time'; it must be one a point, 2"),
+        ({"wall_time": 1.0}, r"returned 'wall_time' of shape (); it must be (2,)"),
+        ({"wall_time": [[1.0], [1.0]]}, r"returned 'wall_time' of shape (2, 1); it must be (2,)"),
+        (None, "returned NoneType; it must be a dict"),
+    ],
+)
+def test_a_wrong_return_is_named(given, said):
+    def function(points):
+        return given if given is None else {"y": points["x"]} | given
+
+    work = Work("batches", function, {}, {"y": Variable()}, {"y": ()})
+    with pytest.raises((TypeError, ValueError), match=re.escape(said)) as caught:
+        work._call({"x": np.arange(2.0)})
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_said_of_errors_and_time_is_as_if_they_were_left_out():
+    found = sweep(lambda p: {"y": p["x"], "error": None, "wall_time": None}).plan().run()
+    assert np.all(found["status"] == 1)
+    assert np.all(found["wall_time"] > 0.0)
+
+
+def test_of_many_failures_the_first_thousand_are_told_in_full(tmp_path):
+    def fail(points):
+        return {"y": points["x"], "error": [ValueError(f"{x:g}") for x in points["x"]]}
+
+    path = tmp_path / "batches.nc"
+    found = sweep(fail, 3500).plan(path).run()
+    assert np.all(found["status"] == 2)
+    assert found["error"].values[-1] == "ValueError: 3499"
+    np.testing.assert_array_equal(found["failure_x"], np.arange(1000.0))
+    xr.testing.assert_equal(open_results(path), found)
+    grown = sweep(fail, 3600).plan(path).run()
+    np.testing.assert_array_equal(grown["failure_x"], np.arange(1000.0))
+    assert grown["traceback"].values.tolist() == found["traceback"].values.tolist()
+
+
+def test_the_file_reads_as_cf_and_without_us(tmp_path):
+    path = tmp_path / "batches.nc"
+    axes = {
+        "x": Axis([1.0, 2.0], "m", "length"),
+        "kind": Axis(["a", "µm", ""]),
+        "n": Axis([3, 4]),
+        "w": Axis([5.0, 6.0], "s"),
+    }
+
+    def compute(points):
+        if points["kind"][0] == "":
+            raise ValueError("no kind")
+        return {"y": points["x"], "count": points["n"], "part": points["x"][:, None] * [1.0, 2.0]}
+
+    variables = {
+        "y": Variable("m", "length"),
+        "count": Variable(dtype="int32"),
+        "part": Variable("m", dims=("side",), dtype="float32"),
+    }
+    asked = sweep(
+        compute, grid=Grid(axes, zipped=("n", "w")), variables=variables, coords={"side": Axis(["left", "right"])}
+    )
+    found = asked.plan(path).run()
+    with xr.open_dataset(path) as data:
+        xr.testing.assert_equal(data.load(), found)
+        assert data["kind"].values.tolist() == ["a", "µm", ""]
+        assert data["side"].values.tolist() == ["left", "right"]
+        assert set(data.coords) == {"x", "kind", "n", "w", "side"}
+    with netCDF4.Dataset(path) as file:
+        assert file.data_model == "NETCDF4"
+        assert file.Conventions == "CF-1.11"
+        for name in ("title", "history", "source", "configuration"):
+            assert isinstance(file.getncattr(name), str)
+        for name in ("x", "kind", "n", "w", "side"):
+            assert "_FillValue" not in file[name].ncattrs()
+        assert file["status"].flag_values.tolist() == [0, 1, 2, 3]
+        assert file["status"].flag_meanings == "pending done failed skipped"
+        assert "_FillValue" not in file["status"].ncattrs()
+        assert file["y"].units == "m"
+        assert file["y"].coordinates == "w"
+        assert np.isnan(file["y"]._FillValue)
+        assert file["count"]._FillValue == np.iinfo("int32").min
+        assert file["wall_time"].units == "s"
+        assert file["kind"][...].tolist() == ["a", "µm", ""]
+        assert file["error"][0, 2, 1] == "ValueError: no kind"
+        assert file["error"][0, 0, 0] == ""
+        assert not hasattr(file["kind"], "units")
+        assert file["y"][0, 2, 0] is np.ma.masked
+        # A file with texts of any length cannot be opened twice at once.
+        assert all(variable.dtype is not str for variable in file.variables.values())
+
+
+def test_nothing_is_pickled(tmp_path, monkeypatch):
+    def refuse(*arguments, **options):
+        raise AssertionError("pickled")
+
+    for name in ("dump", "dumps", "load", "loads", "Pickler", "Unpickler"):
+        monkeypatch.setattr(pickle, name, refuse)
+    path = tmp_path / "batches.nc"
+    sweep(lambda p: {"y": p["x"]}).plan(path).run("sync")
+    assert np.all(sweep(lambda p: {"y": p["x"]}, 9).plan(path, fresh=True).run("sync")["status"] == 1)

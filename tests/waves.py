@@ -1,0 +1,59 @@
+"""A sweep to store, resume and grow: what it computes is logged, and points can be made to fail."""
+
+import numpy as np
+import pytest
+
+from sweeps import Axis, Grid, Sweep, Variable
+
+# What was computed, and which points fail; not part of a sweep's identity, as arguments would be.
+LOG: list[tuple] = []
+BROKEN: dict[str, set] = {"points": set()}
+POWERS = Axis([1, 2, 3])
+
+
+def number(values):
+    """Axis values of any kind as numbers."""
+    return np.array([sum(map(ord, v)) for v in values], float) if values.dtype.kind == "U" else values * 1.0
+
+
+def wave(points, factor=1.0, rig=None):
+    rows = list(zip(*(values.tolist() for values in points.values()), strict=True))
+    LOG.extend(rows)
+    if BROKEN["points"] & set(rows):
+        raise ValueError(f"no result at {sorted(BROKEN['points'] & set(rows))}")
+    total = factor * np.prod([number(values) + 1.0 for values in points.values()], axis=0)
+    return {"root": np.sqrt(total), "count": total.astype(int), "row": total[:, None] ** -POWERS.values}
+
+
+def product(points):
+    return np.prod([number(values) + 1.0 for values in points.values()], axis=0)
+
+
+VARIABLES = {
+    "root": Variable("m", "root"),
+    "count": Variable("1", "count", dtype="int32"),
+    "row": Variable("1", "row", ("power",), "float32"),
+}
+NAMES = list(VARIABLES)
+GRID = {"x": [1.0, 2.0, 3.0], "y": [1.0, 3.0]}
+
+
+def sweep(grid=None, function=wave, **changes):
+    grid = grid or GRID
+    if isinstance(grid, dict):
+        grid = Grid({name: Axis(values, "m") for name, values in grid.items()})
+    options = {"variables": VARIABLES, "coords": {"power": POWERS}}
+    return Sweep("waves", function, grid, **(options | changes))
+
+
+def stop_after(count):
+    def progress(snapshot):
+        if snapshot.done >= count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def interrupted(planned, count):
+    with pytest.raises(KeyboardInterrupt):
+        planned.run("sync", progress=stop_after(count))
