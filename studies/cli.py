@@ -138,7 +138,7 @@ def run(
     """
     from studies import runner
     from studies.progress import progress
-    from sweeps import SchedulerError
+    from sweeps import AbandonedError, SchedulerError
 
     with _input_errors(verbose):
         backend = runner.backend(scheduler, workers)
@@ -154,8 +154,8 @@ def run(
             finished = runner.execute(planned, *backend, told, fail_fast=fail_fast)
     except SchedulerError as problem:
         raise click.UsageError(str(problem)) from None
-    except KeyboardInterrupt:
-        _leave_interrupted(study, planned)
+    except KeyboardInterrupt as interrupt:
+        _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
     click.echo(finished.study.report(finished.dataset))
     if not quiet:
         click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
@@ -172,13 +172,17 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
     """How far a study is: running, interrupted or complete; from any shell, while it runs."""
     from dataclasses import asdict
     from json import dumps
+    from math import isnan
 
     from studies import runner
     from sweeps import status
 
     with _input_errors(verbose):
         found = status(runner.results_file(target, out))
-    click.echo(dumps(asdict(found)) if as_json else _status_text(found))
+    told = asdict(found)
+    if isnan(told["run"].get("left", 0.0)):
+        told["run"]["left"] = None  # JSON has no NaN
+    click.echo(dumps(told) if as_json else _status_text(found))
 
 
 @command("plot")
@@ -224,8 +228,8 @@ def _planned(
         )
 
 
-def _leave_interrupted(study: str, planned: Plan) -> NoReturn:
-    """Say what is kept, and go: threads that still compute have nothing more to say."""
+def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
+    """Say what is kept, and go; not waiting for threads that still compute."""
     from sweeps import status
 
     kept = ""
@@ -235,8 +239,10 @@ def _leave_interrupted(study: str, planned: Plan) -> NoReturn:
         count = f"{found.done + found.failed} of {found.points} points"
         kept = f"; {count} are kept, and the same command goes on from there"
     click.echo(f"fiv: interrupted{kept}", err=True)
-    sys.stdout.flush()
-    os._exit(INTERRUPTED)
+    if abandoned:
+        sys.stdout.flush()
+        os._exit(INTERRUPTED)
+    sys.exit(INTERRUPTED)
 
 
 def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:

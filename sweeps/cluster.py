@@ -55,10 +55,18 @@ def connected(address: str | None, workers: int | None) -> Iterator[distributed.
     SchedulerError
         If no scheduler answers, it has no workers, or no processes can be started.
     """
-    if address is None:
-        with _own(workers or CPU_COUNT) as client:
-            yield client
-        return
+    # What Dask says of lost connections and killed workers is said in one line by whoever meets it.
+    with silence_logging_cmgr(logging.CRITICAL):
+        if address is None:
+            with _own(workers or CPU_COUNT) as client:
+                yield client
+        else:
+            with _theirs(address) as client:
+                yield client
+
+
+@contextmanager
+def _theirs(address: str) -> Iterator[distributed.Client]:
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as problem:
@@ -66,8 +74,7 @@ def connected(address: str | None, workers: int | None) -> Iterator[distributed.
             f"scheduler = {address!r}: no Dask scheduler answers there ({type(problem).__name__}); start one, "
             "or leave it out"
         ) from None
-    # What Dask says of a lost connection is said in one line by whoever meets it.
-    with silence_logging_cmgr(logging.CRITICAL), client, client.as_current():
+    with client, client.as_current():
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:

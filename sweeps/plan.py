@@ -138,6 +138,9 @@ class Plan:
             If there is no such scheduler.
         SweepStoppedError
             With `fail_fast`, if a point failed.
+        KeyboardInterrupt
+            After the first interrupt, when what was under way is finished and kept. After the second at once: as
+            AbandonedError if threads still compute, for which a normal exit would wait.
         """
         from sweeps.execute import execute
 

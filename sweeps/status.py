@@ -10,6 +10,7 @@ import numpy as np
 
 from sweeps.assemble import gather
 from sweeps.batch import DONE, FAILED, PENDING, SKIPPED
+from sweeps.errors import StoreError
 from sweeps.final import open_results
 from sweeps.layout import Layout
 from sweeps.lock import is_locked, taken
@@ -54,11 +55,12 @@ def status(path: str | Path) -> Status:
     store = Store(path)
     running = is_locked(store)
     run = read_state(store.progress) if running else {}
-    if store.layout.is_file():
+    try:
         layout = Layout.load(store.layout)
         codes = gather(layout, sources_of(store, layout), list(layout.variables)).status
         state = "running" if running else "interrupted"
-    else:
+    except (ValueError, StoreError):
+        # There is none, or the run has finished meanwhile.
         codes = open_results(path)["status"].values
         state = "running" if running else "complete"
     counts = {code: int(np.count_nonzero(codes == code)) for code in (DONE, FAILED, PENDING, SKIPPED)}
