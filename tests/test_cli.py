@@ -293,19 +293,19 @@ def begun(folder, *arguments):
 
 
 def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path):
-    run = ("run", "fig5", "--set", "mu=0:0.5:51", "-q")
+    run = ("run", "fig5", "--set", "mu=0:0.5:31", "-q")
     running = begun(tmp_path, *run)
     running.send_signal(signal.SIGINT)
     _, said = running.communicate(timeout=60)
     assert running.returncode == 130
     kept = re.fullmatch(
-        r"fiv: interrupted; (\d+) of 51 points are kept, and the same command goes on from there", said.strip()
+        r"fiv: interrupted; (\d+) of 31 points are kept, and the same command goes on from there", said.strip()
     )
     assert kept
     status = json.loads(fiv(tmp_path, "status", "fig5", "--json").stdout)
     assert status["state"] == "interrupted"
     assert status["done"] == int(kept[1])
-    assert status["pending"] == 51 - int(kept[1])
+    assert status["pending"] == 31 - int(kept[1])
     again = fiv(tmp_path, command=program("slow", *run[:-1]))
     assert again.returncode == 0
     assert f"cached          {kept[1]}" in again.stderr
@@ -331,10 +331,10 @@ def test_status_and_a_second_run_while_the_first_goes_on(tmp_path):
 
 
 def test_plain_lines_tell_of_progress_where_there_is_no_terminal(tmp_path):
-    arguments = ("run", "fig5", "--set", "mu=0:0.5:51", "--scheduler", "sync")
+    arguments = ("run", "fig5", "--set", "mu=0:0.5:9", "--scheduler", "sync")
     done = fiv(tmp_path, command=program("slow", *arguments))
     assert done.returncode == 0
-    assert re.search(r"^fiv: \d+ of 51 done, [\d.]+ a second, .* left; now mu = 0", done.stderr, re.MULTILINE)
+    assert re.search(r"^fiv: \d+ of 9 done, [\d.]+ a second, .* left; now mu = 0", done.stderr, re.MULTILINE)
     assert "\x1b" not in done.stderr
 
 

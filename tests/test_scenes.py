@@ -53,6 +53,26 @@ def test_a_grid_is_planned_as_its_distinct_scenes():
     assert plan.distinct == 19 * 13 * 11
 
 
+@pytest.mark.slow
+def test_the_whole_grid_of_four_axes_has_the_bits_of_direct_simulations(tmp_path):
+    axes = {
+        "V": 2e-3 * RATIO ** np.arange(10),
+        "theta": np.linspace(-15.0, 15.0, 13),
+        "mu": np.linspace(0.05, 0.55, 11),
+        "F": 2.7 * RATIO ** np.arange(10),
+    }
+    plan = scenes.STUDY.sweep(SHORT | axes).plan(tmp_path / "scenes.nc")
+    assert (plan.points, plan.distinct) == (14_300, 19 * 13 * 11)
+    data = plan.run()
+    assert np.all(data["status"] == 1)
+    random = np.random.default_rng(4)
+    for _ in range(100):
+        at = data.isel({name: random.integers(data.sizes[name]) for name in transients.SCENE})
+        run = direct(*(float(at[name]) for name in transients.SCENE))
+        for name, value in transients.figures_of(run).items():
+            np.testing.assert_array_equal(at[name].values, value, err_msg=name)
+
+
 def test_a_mirror_image_is_a_copy_and_another_theta_is_not(tmp_path):
     given = SHORT | {"V": [-6e-3, 6e-3], "theta": [-5.0, 0.0, 5.0], "mu": 0.2, "F": 9.0}
     sweep = scenes.STUDY.sweep(given)
