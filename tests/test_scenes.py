@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fivcore import ContactError, Rig, Scene, simulate
+from fivcore import ContactError, Rig, Scene, reduced, simulate
 from studies import figures, recording, registry, scenes, transients
 
 # One geometric ratio for V and F, no power of two, and with it the same V / F again and again.
@@ -71,6 +71,16 @@ def test_the_whole_grid_of_four_axes_has_the_bits_of_direct_simulations(tmp_path
         run = direct(*(float(at[name]) for name in transients.SCENE))
         for name, value in transients.figures_of(run).items():
             np.testing.assert_array_equal(at[name].values, value, err_msg=name)
+
+
+def test_a_basis_is_built_once_for_each_inclination(tmp_path):
+    for cached in (reduced.full_model, reduced.reduced_model):
+        cached.cache_clear()
+    computed(tmp_path, SHORT | {"V": [4e-3, 6e-3, 8e-3], "theta": [2.0, 4.0, 6.0], "mu": [0.2, 0.3], "F": 9.0})
+    # One for the run and one for its onset, where the damping is the published scheme's.
+    assert reduced.reduced_model.cache_info().misses == 2 * 3
+    # Besides, an upright P1 tells the relaxation time.
+    assert reduced.full_model.cache_info().misses == 2 * (3 + 1)
 
 
 def test_a_mirror_image_is_a_copy_and_another_theta_is_not(tmp_path):
