@@ -51,6 +51,12 @@ def scenes(count, record=()):
     return registry.load("scenes").sweep(given, record=record, sample_rate=rate)
 
 
+def _apart(part):
+    """What a part prints in a process of its own."""
+    command = [sys.executable, "-m", "tests.benchmark_sweeps", f"_{part}"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
 def overhead():
     """Microseconds a point of a function that does nothing, planned, run through Dask's threads, stored."""
     print(f"\n{'points':>9}  {'result':<16} {'us a point':>10}  {'batches':>7}  {'all cached':>10}")
@@ -124,12 +130,7 @@ def cores():
     for _ in range(TURNS):
         rates["copies"].append(_copies())
         for scheduler in ("threads", "processes"):
-            told = subprocess.run(
-                [sys.executable, "-m", "tests.benchmark_sweeps", f"_{scheduler}"],
-                capture_output=True,
-                text=True,
-                check=True,
-            ).stdout.split()
+            told = _apart(scheduler).split()
             rates[scheduler].append(float(told[0]))
             if scheduler == "processes":
                 rates["processes, whole"].append(float(told[1]))

@@ -14,13 +14,7 @@ from hypothesis import strategies as st
 from sweeps import Axis, Grid, open_results, planning
 from tests.waves import BROKEN, LOG, NAMES, VARIABLES, number, product, sweep, wave
 
-
-@pytest.fixture(autouse=True)
-def _in_small_pieces(monkeypatch):
-    LOG.clear()
-    BROKEN["points"] = set()
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
+pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 @given(st.data())

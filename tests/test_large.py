@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import Axis, Grid, Sweep, Variable, open_results, planning
+from sweeps import Axis, Grid, Sweep, Variable, open_results
 
 LOG: list[float] = []
 BROKEN: dict[str, set] = {"points": set()}
@@ -15,12 +15,7 @@ ONE = Axis(["only"])
 DIMS = ("step", "one")
 
 
-@pytest.fixture(autouse=True)
-def _in_small_pieces(monkeypatch):
-    LOG.clear()
-    BROKEN["points"] = set()
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
+pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 @pytest.fixture

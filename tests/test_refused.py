@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results, planning
-from tests.waves import BROKEN, GRID, LOG, NAMES, VARIABLES, interrupted, product, sweep, wave
+from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results
+from tests.waves import GRID, LOG, NAMES, VARIABLES, interrupted, product, sweep, wave
 
-
-@pytest.fixture(autouse=True)
-def _in_small_pieces(monkeypatch):
-    LOG.clear()
-    BROKEN["points"] = set()
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
+pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 @dataclasses.dataclass(frozen=True)

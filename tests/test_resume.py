@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import StoreError, Sweep, open_results, planning
+from sweeps import StoreError, Sweep, open_results
 from tests.waves import BROKEN, GRID, LOG, NAMES, POWERS, VARIABLES, interrupted, product, sweep, wave
 
-
-@pytest.fixture(autouse=True)
-def _in_small_pieces(monkeypatch):
-    LOG.clear()
-    BROKEN["points"] = set()
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
+pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 def test_what_is_complete_is_not_touched(tmp_path):

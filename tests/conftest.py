@@ -1,0 +1,26 @@
+"""Fixtures that several files share."""
+
+import sys
+
+import pytest
+
+from sweeps import planning
+from tests.identity_parts import FILES, Package
+from tests.waves import BROKEN, LOG
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    yield lambda files=FILES: Package(tmp_path, files)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "ident"]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def small_pieces(monkeypatch):
+    """Batches of a point or two, nothing logged yet, nothing broken."""
+    LOG.clear()
+    BROKEN["points"] = set()
+    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
+    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
