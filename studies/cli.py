@@ -6,6 +6,7 @@ Heavy packages are imported inside the commands: `fiv --help` answers at once.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -146,15 +147,19 @@ def run(
     planned = _planned(study, verbose, **what)
     if not quiet:
         click.echo(repr(planned), err=True)
-    large = planned.seconds > ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
-    if large and not yes and sys.stdin.isatty():
-        click.confirm("Go ahead?", abort=True, err=True)
+    # Where no probe tells how long it takes, it may take long.
+    large = not planned.seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
+    if large and not yes and sys.stdin.isatty() and not click.confirm("Go ahead?", err=True):
+        click.echo("fiv: nothing was done", err=True)
+        sys.exit(INTERRUPTED)
     try:
         with progress(planned.todo, quiet) as told:
             finished = runner.execute(planned, *backend, told, fail_fast=fail_fast)
     except SchedulerError as problem:
         raise click.UsageError(str(problem)) from None
     except KeyboardInterrupt as interrupt:
+        # One more changes nothing.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
     click.echo(finished.study.report(finished.dataset))
     if not quiet:
@@ -222,7 +227,7 @@ def _planned(
             if name in given:
                 raise ValueError(f"--set {text!r}: {name} is set already; give all its values at once")
             given[name] = values
-        names = tuple(name.strip() for name in record.split(",")) if record else ()
+        names = () if record is None else tuple(name.strip() for name in record.split(","))
         return runner.plan(
             study, given, out, fresh=fresh, retry_failed=retry_failed, record=names, sample_rate=sample_rate
         )
@@ -267,6 +272,8 @@ def _status_text(found: Status) -> str:
 
     rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
     rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]
+    if found.pending and found.state == "complete":
+        rows[-2] = ("pending", f"{found.pending}, which no run has asked for")
     told = found.run
     if "pid" in told:
         rows.append(

@@ -63,9 +63,7 @@ def contacts(
         run = transients.motion(scene, fixed, until, record=True, sample_rate=RECORDED)
         return within(run, times) | at_large(run, overview) | starting(run) | figures
 
-    return transients.outcomes(
-        transients.scenes(points, fixed), one, VARIABLES, elapsed=len(times), interval=len(intervals(overview))
-    )
+    return transients.outcomes(transients.scenes(points, fixed), one)
 
 
 def window_times(start: float, length: float, sample_rate: float) -> Axis:

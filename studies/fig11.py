@@ -55,13 +55,7 @@ def histories(
             | transients.figures_of(run)
         )
 
-    return transients.outcomes(
-        transients.scenes(points, fixed),
-        one,
-        VARIABLES | recording.variables(record),
-        elapsed=len(times),
-        frequency=len(transients.frequencies(sample_rate)),
-    )
+    return transients.outcomes(transients.scenes(points, fixed), one)
 
 
 def fastest(scene: Scene) -> tuple[float, float]:

@@ -56,13 +56,7 @@ def histories(
             | transients.figures_of(run)
         )
 
-    return transients.outcomes(
-        transients.scenes(points, fixed),
-        one,
-        VARIABLES | recording.variables(record),
-        elapsed=len(times),
-        frequency=len(transients.frequencies(sample_rate)),
-    )
+    return transients.outcomes(transients.scenes(points, fixed), one)
 
 
 def finish(dataset: xr.Dataset, *, rig: Rig, theta: float) -> xr.Dataset:

@@ -16,9 +16,7 @@ from sweeps.plan import duration
 
 # Between two plain lines, s.
 INTERVAL = 5.0
-# Of the batches under way, in characters.
-WIDTH = 48
-STOPPING = "stopping: what is under way is finished and kept; Ctrl-C again stops at once"
+STOPPING = "stopping after what is under way; Ctrl-C again: now"
 
 
 @contextmanager
@@ -62,16 +60,24 @@ class _Lines:
 def _bar(todo: int) -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.table import Column
 
-    columns = (BarColumn(24), MofNCompleteColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    count = Column(no_wrap=True, min_width=2 * len(str(todo)) + 1)
+    words = Column(ratio=1, no_wrap=True, overflow="ellipsis")
+    columns = (
+        BarColumn(16),
+        MofNCompleteColumn(table_column=count),
+        TextColumn("{task.description}", table_column=words),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as bar:
         task = bar.add_task("", total=todo)
 
-        def told(snapshot: Snapshot) -> None:
+        def tell(snapshot: Snapshot) -> None:
             left = "" if math.isnan(snapshot.left) else f"{duration(snapshot.left)} left"
             failed = f"[red]{snapshot.failed} failed[/red]" if snapshot.failed else ""
-            now = snapshot.now[0][:WIDTH] if snapshot.now else ""
-            words = [STOPPING] if snapshot.stopping else [failed, f"{snapshot.rate:.3g}/s", left, now]
-            bar.update(task, completed=snapshot.done, description="  ".join(w for w in words if w))
+            rate = f"{snapshot.rate:.3g}/s" if snapshot.rate > 0.0 else ""
+            now = snapshot.now[0] if snapshot.now else ""
+            told = [STOPPING] if snapshot.stopping else [failed, rate, left, now]
+            bar.update(task, completed=snapshot.done, description="  ".join(word for word in told if word))
 
-        yield told
+        yield tell

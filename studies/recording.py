@@ -74,7 +74,7 @@ def series(run: Transient, record: Sequence[str], times: np.ndarray) -> dict[str
         if name == "state":
             found[name] = values[np.maximum(np.searchsorted(run.time, times, side="right") - 1, 0)]
         else:
-            found[name] = np.interp(times, run.time, values)
+            found[name] = np.interp(times, run.time, values).astype(np.float32)
     return found
 
 
@@ -141,7 +141,7 @@ def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]
     for name in names:
         if name not in SERIES:
             raise ValueError(
-                f"record = {name}: there is no such series; {suggest(str(name), list(SERIES))}"
+                f"record = {name!r}: there is no such series; {suggest(str(name), list(SERIES))}"
                 f"the series are {', '.join(SERIES)}"
             )
     return tuple(name for name in SERIES if name in names)

@@ -80,7 +80,9 @@ def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None
     if scheduler is None:
         import dask
 
-        address = dask.config.get("scheduler-address", None)  # DASK_SCHEDULER_ADDRESS sets it
+        address = dask.config.get("scheduler-address", None)
+        if address is not None and "://" not in str(address):
+            raise ValueError(f"DASK_SCHEDULER_ADDRESS = {address!r}: it must be an address like tcp://host:8786")
         scheduler = "processes" if workers is not None else (address or "threads")
     if "://" in scheduler and workers is not None:
         raise ValueError(f"--workers {workers}: the cluster at {scheduler} has workers of its own; leave it out")
@@ -108,9 +110,10 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     """The kept results of a study, by name or by path."""
     file = results_file(name, out)
     if str(name) in registry.NAMES:
-        if not file.is_file():
-            raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}")
-        dataset = sweeps.open_results(file)
+        try:
+            dataset = sweeps.open_results(file)
+        except FileNotFoundError:
+            raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}") from None
         if dataset.attrs.get("sweep") != name:
             raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
         return dataset

@@ -92,7 +92,7 @@ def motions(
             raise type(error)(f"{error}, which this is a copy of", scene) from error
         return recording.series(run, record, times) | transients.figures_of(run)
 
-    return transients.outcomes(every, one, VARIABLES | recording.variables(record), elapsed=len(times))
+    return transients.outcomes(every, one)
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:

@@ -117,58 +117,47 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
         motion(every[0], fixed, 1e-6)
 
 
-def outcomes(
-    every: Sequence[Scene],
-    one: Callable[[Scene], Mapping[str, Any]],
-    variables: Mapping[str, Variable],
-    **lengths: int,
-) -> dict[str, Any]:
+def outcomes(every: Sequence[Scene], one: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
     """What `one` finds for each scene, as a sweep's function returns it.
 
     A scene without an answer has an error of its own, so that the others of its batch are not computed again.
-    Alone it raises: the line that reproduces a failed point shall end as the point did.
+    Where none has an answer it raises, and a scene alone ends as the line that reproduces it does.
 
     Parameters
     ----------
     every : sequence of Scene
     one : callable
-        `one(scene)` gives the value of each variable.
-    variables : mapping of str to Variable
-    **lengths : int
-        Of the variables' dimensions. The series of one run are let go before the next begins, and what is
-        kept has its final type: a batch of whole records would fill the memory.
+        `one(scene)` gives the value of each variable; what is long in its final type, for a batch holds many.
     """
-    found: dict[str, Any] = {
-        name: np.zeros((len(every), *(lengths[dim] for dim in variable.dims)), variable.dtype)
-        for name, variable in variables.items()
-    }
-    errors: list[Exception | None] = [None] * len(every)
+    found: list[Mapping[str, Any] | None] = []
+    errors: list[Exception | None] = []
     taken = np.zeros(len(every))
     for k, scene in enumerate(every):
         start = time.perf_counter()
         try:
-            values = one(scene)
+            found.append(one(scene))
+            errors.append(None)
         except (ContactError, DivergenceError) as problem:
-            if len(every) == 1:
-                raise
-            errors[k] = problem
-        else:
-            for name, kept in found.items():
-                kept[k] = values[name]
-            del values
+            found.append(None)
+            errors.append(problem)
         taken[k] = time.perf_counter() - start
-    return found | {"error": errors, "wall_time": taken}
+    some = next((values for values in found if values is not None), None)
+    if some is None:
+        raise next(problem for problem in errors if problem is not None)
+    # What stands for a scene without an answer is not looked at, but has the shape of one.
+    whole = {name: np.stack([(values or some)[name] for values in found]) for name in some}
+    return whole | {"error": errors, "wall_time": taken}
 
 
 def figures_of(run: Transient) -> dict[str, Any]:
-    """The summary figures of a run, as `SUMMARY` lists them."""
+    """The summary figures of a run, those that `SUMMARY` describes among them."""
+    untold = ("stick_times", "censored_sticks", "settled_early")
     sticks = run.summary["stick_times"]
-    counted = {
+    return {name: value for name, value in run.summary.items() if name not in untold} | {
         "regime": REGIMES.index(run.summary["regime"]),
         "long_sticks": len(sticks),
         "mean_stick_time": np.mean(sticks) if len(sticks) else np.nan,
     }
-    return {name: counted[name] if name in counted else run.summary[name] for name in SUMMARY}
 
 
 def even_times(duration: float, sample_rate: float) -> Axis:

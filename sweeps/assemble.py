@@ -25,6 +25,8 @@ from sweeps.shards import NETCDF, ShardFolder
 # Of a large variable's chunks: a reader who wants one point should not read a hundred others.
 CHUNK_BYTES = 1 << 18
 MOST_CHUNK_BYTES = 1 << 22
+# Letters of all error texts together, and of each at least.
+LETTERS, LEAST_LETTERS = 30_000_000, 60
 # Of so many failures, tracebacks and reproducing lines are kept.
 MOST_TRACEBACKS = 1000
 
@@ -242,23 +244,28 @@ def _runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
     yield from pairwise(edges)
 
 
+def chunk(layout: Layout, name: str) -> list[int]:
+    """Lengths of the pieces in which a variable is stored: a reader of one point reads few others."""
+    row, inner = layout.row_bytes(name), layout.shape(name)
+    most = layout.grid.shape[-1]
+    lengths = [1] * (len(layout.grid.shape) - 1) + [min(max(CHUNK_BYTES // row, 1), most), *inner]
+    if row > MOST_CHUNK_BYTES:
+        lengths[-1] = max(inner[-1] * MOST_CHUNK_BYTES // row, 1)
+    return lengths
+
+
 def _create(file: Any, layout: Layout, name: str) -> None:
     variable, inner = layout.variables[name], layout.shape(name)
     for dim, length in zip(variable.dims, inner, strict=True):
         if dim not in file.dimensions:
             file.createDimension(dim, length)
-    row = layout.row_bytes(name)
-    most = layout.grid.shape[-1]
-    chunk = [1] * (len(layout.grid.shape) - 1) + [min(max(CHUNK_BYTES // row, 1), most), *inner]
-    if row > MOST_CHUNK_BYTES:
-        chunk[-1] = max(inner[-1] * MOST_CHUNK_BYTES // row, 1)
     small = variable.digits is not None or np.dtype(variable.dtype).kind == "i"
     made = file.createVariable(
         name,
         variable.dtype,
         (*layout.grid.dims, *variable.dims),
         fill_value=np.array(variable.missing, variable.dtype)[()],
-        chunksizes=chunk,
+        chunksizes=chunk(layout, name),
         zlib=small,
         complevel=1,
         shuffle=small,
@@ -271,6 +278,11 @@ def _create(file: Any, layout: Layout, name: str) -> None:
 def dataset(layout: Layout, found: Gathered) -> xr.Dataset:
     """What was gathered, with the attributes CF asks for."""
     grid = layout.grid
+    # In a file every point has room for the longest text; tracebacks hold all of each.
+    letters = max(LEAST_LETTERS, LETTERS // grid.size)
+    for point in np.flatnonzero(found.status == FAILED).tolist():
+        if len(found.error[point]) > letters:
+            found.error[point] = f"{found.error[point][: letters - 3]}..."
     coords: dict[str, Any] = {
         name: ((grid.dim_of(name),), axis.values, attributes(axis)) for name, axis in grid.axes.items()
     }

@@ -110,7 +110,7 @@ class Work:
         start = time.perf_counter()
         try:
             given, told = self._call(points)
-        except Exception as problem:  # noqa: BLE001 - whatever a point raises is kept as its outcome
+        except (Exception, SystemExit) as problem:  # noqa: BLE001 - what a point raises is its outcome
             if end - begin > 1:
                 middle = (begin + end) // 2
                 self._fill(table, begin, middle)
@@ -132,7 +132,7 @@ class Work:
             if each is not None:
                 self._fail(table, row, each)
 
-    def _fail(self, table: Table, row: int, problem: Exception) -> None:
+    def _fail(self, table: Table, row: int, problem: BaseException) -> None:
         """Keep why a point failed, where, and how to see it again."""
         frames = [f for f in traceback.extract_tb(problem.__traceback__) if f.filename != __file__]
         lines = traceback.format_list(frames) or ["(raised by the sweep engine)\n"]
@@ -191,7 +191,7 @@ class Work:
         return told
 
 
-def _described(problem: Exception) -> str:
+def _described(problem: BaseException) -> str:
     """Type and message."""
     try:
         message = str(problem)

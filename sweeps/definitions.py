@@ -2,6 +2,9 @@
 
 Nothing is imported for it and nothing is run. What no name leads to is not seen: a module imported for its
 effects alone, `globals()`, attributes that another module sets.
+
+What names stand for at present is told of modules that are certain to be imported where the function is: by its
+own module and on from there, in statements at the top. So it does not matter whether another was imported yet.
 """
 
 from __future__ import annotations
@@ -12,15 +15,14 @@ import importlib.util
 import sys
 import sysconfig
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache, cached_property
 from importlib.machinery import PathFinder
 from pathlib import Path
 from types import CodeType
+from typing import Any
 
-from sweeps.syntax import DEFINITIONS, acts, bare, bound, dumped, first_line
-
-# The names of an expression such as module.name.attribute.
-Chain = tuple[str, ...]
+from sweeps.syntax import DEFINITIONS, Chain, acts, bare, bound, dumped, first_line, references
 
 
 class Piece:
@@ -40,32 +42,35 @@ class Piece:
         """What the statement refers to."""
         return self._references[0]
 
-    @property
+    @cached_property
     def targets(self) -> dict[str, list[tuple[str, Chain]]]:
         """For each name imported here, at the top or within: the module, and what is taken from it."""
-        return self._references[1]
+        found: dict[str, list[tuple[str, Chain]]] = {}
+        for name, target in (each for node in self._references[1] for each in self._imports(node)):
+            found.setdefault(name, []).append(target)
+        return found
+
+    @property
+    def changes(self) -> set[str]:
+        """Names of the module that functions here bind, or what they stand for changes, when they run."""
+        return self._references[2]
 
     @cached_property
-    def _references(self) -> tuple[list[Chain], dict[str, list[tuple[str, Chain]]]]:
-        uses: dict[Chain, None] = {}
-        targets: dict[str, list[tuple[str, Chain]]] = {}
-        todo: list[ast.AST] = [self.node]
-        while todo:
-            node = todo.pop()
-            chain: Chain = ()
-            while isinstance(node, ast.Attribute):
-                chain, node = (node.attr, *chain), node.value
-            if isinstance(node, ast.Name):
-                if chain or isinstance(node.ctx, ast.Load):
-                    uses[(node.id, *chain)] = None
-            elif isinstance(node, (ast.Import, ast.ImportFrom)):
-                for name, target in self._imports(node):
-                    targets.setdefault(name, []).append(target)
-            elif isinstance(node, ast.Global):
-                uses |= {(name,): None for name in node.names}
-            else:
-                todo.extend(ast.iter_child_nodes(node))
-        return list(uses), targets
+    def literals(self) -> dict[str, Any]:
+        """What the names stand for of which the text says it."""
+        found: dict[str, Any] = {}
+        if isinstance(self.node, ast.Assign):
+            with suppress(ValueError, TypeError):
+                value = ast.literal_eval(self.node.value)
+                for target in self.node.targets:
+                    several = isinstance(target, (ast.Tuple, ast.List)) and isinstance(value, (tuple, list))
+                    pairs = zip(getattr(target, "elts", ()), value, strict=False) if several else [(target, value)]
+                    found |= {each.id: part for each, part in pairs if isinstance(each, ast.Name)}
+        return found
+
+    @cached_property
+    def _references(self) -> tuple[list[Chain], list[ast.Import | ast.ImportFrom], set[str]]:
+        return references(self.node)
 
     def _imports(self, node: ast.Import | ast.ImportFrom) -> Iterator[tuple[str, tuple[str, Chain]]]:
         """Each name that an import binds, and what it then stands for."""
@@ -116,6 +121,14 @@ class Module:
         # What a script does of itself is to use its functions.
         self.effects = [] if self.name == "__main__" else [piece for piece in self.pieces if acts(piece.node)]
 
+    def offers(self, name: str) -> bool:
+        """Whether an import with a star would ask for the name here."""
+        listing = self.binders.get("__all__", [])
+        if not listing:
+            return not name.startswith("_")
+        listed = listing[0].literals.get("__all__") if len(listing) == 1 else None
+        return listed is None or name in listed
+
     def texts(self, taken: set[Piece]) -> list[str]:
         """The pieces taken, in their order; but imports, which tools like to sort anew, by their text."""
         loose, fixed = list[str](), list[str]()
@@ -137,10 +150,15 @@ class Reach:
         self._entered: set[str] = set()
         self._taken: dict[str, set[Piece]] = {}
         self._asked: dict[tuple[str, Chain], None] = {}
+        self._given: set[str] = set()
         self._todo: list[tuple[str, Chain]] = []
 
     def follow(self, module: str, chain: Chain = ()) -> None:
-        """Ask for `module.name` and on; without a name, for all of the module."""
+        """Ask for `module.name` and on; without a name, for all of the module; it is imported."""
+        self._given.add(module)
+        self._ask(module, chain)
+
+    def _ask(self, module: str, chain: Chain) -> None:
         if (module, chain) not in self._asked:
             self._asked[module, chain] = None
             self._todo.append((module, chain))
@@ -156,8 +174,24 @@ class Reach:
         modules = ((name, self.module(name), taken) for name, taken in self._taken.items())
         return {name: module.texts(taken) for name, module, taken in modules if module is not None}
 
+    def values(self) -> Iterator[tuple[str, str, Any, list[Any]]]:
+        """What is reached and no function reached assigns to: module, name, value; and the value the text says."""
+        asked = {(name, chain[:1]) for name, chain in self._asked}
+        for name in sorted(self._imported() & set(self._taken) & set(sys.modules)):
+            module, taken, present = self.module(name), self._taken[name], vars(sys.modules[name])
+            if module is None:
+                continue
+            changes = {own for piece in taken for own in piece.changes}
+            every = {own for piece in taken if not piece.targets for own in piece.names}
+            for own in sorted((every & set(present)) - changes):
+                if (name, (own,)) in asked or (name, ()) in asked:
+                    once = len(module.binders[own]) == 1
+                    said = [piece.literals[own] for piece in module.binders[own] if own in piece.literals]
+                    yield name, own, present[own], said if once else []
+
     def statement(self, module: Module, code: CodeType) -> list[str]:
         """Ask for the statement that holds the nested function of this code; the function itself."""
+        self._given.add(module.name)
         self._enter(module)
         for piece in module.pieces:
             if first_line(piece.node) <= code.co_firstlineno <= (piece.node.end_lineno or 0):
@@ -183,15 +217,48 @@ class Reach:
         file, folders = _find(name)
         return name in sys.builtin_module_names or installed((file, *folders)[0])
 
+    def _imported(self) -> set[str]:
+        """The modules reached that are imported for certain, and libraries."""
+        found: set[str] = set()
+        todo = [*self._given]
+        while todo:
+            name = todo.pop()
+            if name in found:
+                continue
+            found.add(name)
+            todo.append(name.rpartition(".")[0])
+            module = self.module(name) if name in self._entered else None
+            for piece in module.pieces if module is not None else ():
+                if isinstance(piece.node, ast.Import):
+                    todo += [alias.name for alias in piece.node.names]
+                elif isinstance(piece.node, ast.ImportFrom):
+                    for source, inner in (target for targets in piece.targets.values() for target in targets):
+                        todo.append(source)
+                        giver = self.module(source) if inner else None
+                        if giver is not None and inner[0] not in giver.binders:
+                            todo.append(f"{source}.{inner[0]}")
+        return found
+
+    def _stars(self, module: Module, name: str, passed: tuple[str, ...] = ()) -> list[str]:
+        """The modules imported with a star that have the name."""
+        passed, found = (*passed, module.name), []
+        for source, _ in (target for piece in module.binders.get("*", ()) for target in piece.targets["*"]):
+            giver = self.module(source) if source not in passed else None
+            if giver is not None and giver.offers(name):
+                has = name in giver.binders or self.module(f"{source}.{name}") is not None
+                found += [source] if has or self._stars(giver, name, passed) else []
+        return found
+
     def _go(self, module: Module, chain: Chain) -> None:
-        for piece in module.binders.get("*", ()):
-            self._take(module, piece, "*")
+        stars = self._stars(module, chain[0]) if chain else []
+        for source in stars:
+            self._ask(source, chain)
         if chain and chain[0] in module.binders:
             for piece in module.binders[chain[0]]:
                 self._take(module, piece, *chain)
         elif chain and self.module(f"{module.name}.{chain[0]}") is not None:
-            self.follow(f"{module.name}.{chain[0]}", chain[1:])
-        else:
+            self._ask(f"{module.name}.{chain[0]}", chain[1:])
+        elif not stars:
             for piece in module.pieces:
                 for name in sorted(piece.names) or [""]:
                     self._take(module, piece, name)
@@ -203,22 +270,23 @@ class Reach:
             above = self.module(module.name.rpartition(".")[0])
             if above is not None:
                 self._enter(above)
-            for piece in module.effects:
+            # What comes with a star is asked for by name.
+            for piece in (*module.effects, *module.binders.get("*", ())):
                 self._take(module, piece)
 
     def _take(self, module: Module, piece: Piece, name: str = "", *chain: str) -> None:
         """Take a piece and all it refers to; `name` was asked for, and of what that is, `chain`."""
         for target, inner in piece.targets.get(name, ()):
-            self.follow(target, (*inner, *chain))
+            self._ask(target, (*inner, *chain))
         taken = self._taken.setdefault(module.name, set())
         if piece in taken:
             return
         taken.add(piece)
         for use in piece.uses:
             for target, inner in piece.targets.get(use[0], ()):
-                self.follow(target, (*inner, *use[1:]))
-            if use[0] in module.binders:
-                self.follow(module.name, use)
+                self._ask(target, (*inner, *use[1:]))
+            if use[0] in module.binders or self._stars(module, use[0]):
+                self._ask(module.name, use)
 
 
 @cache

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import glob
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -16,13 +18,13 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from sweeps.assemble import Source, dataset, gather, stream
+from sweeps.assemble import Source, chunk, dataset, gather, stream
 from sweeps.batch import DONE, FAILED, Table
 from sweeps.errors import StoreError, reason
 from sweeps.finished import COMPUTED
 from sweeps.layout import Layout
 from sweeps.provenance import source
-from sweeps.shards import NETCDF, write_table
+from sweeps.shards import NETCDF, WIDE, flush_folder, write_table
 from sweeps.store import Store, sources_of
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
@@ -30,13 +32,14 @@ Derive = Callable[[xr.Dataset], xr.Dataset]
 READ_AT_ONCE = 50_000_000
 
 
-def attach(layout: Layout, data: xr.Dataset, derive: Derive | None) -> xr.Dataset:
-    """Add what is derived, and what the file says of itself."""
+def attach(layout: Layout, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
+    """Add what is derived, and what the file says of itself, after what it said `before`."""
     made = source()
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {layout.name} computed by {made}"
     attributes = {
         "Conventions": "CF-1.11",
         "title": layout.title,
-        "history": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {layout.name} computed by {made}",
+        "history": f"{before}\n{now}" if before else now,
         "source": made,
         "sweep": layout.name,
     }
@@ -61,10 +64,12 @@ def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Deriv
     temporary = store.file.with_name(f".{store.file.name}.{os.getpid()}.tmp")
     problems: list[Exception] = []
     try:
-        _compose(temporary, layout, sources, derive, problems, whole=True)
+        _compose(temporary, layout, sources, derive, problems, whole=True, before=_history(store, layout))
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, store.file)
+        # The shards are removed next.
+        flush_folder(store.file.parent)
     except (OSError, RuntimeError) as problem:
         if isinstance(problem, StoreError):
             raise
@@ -76,6 +81,15 @@ def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Deriv
     if problems:
         # What was computed is kept even where nothing can be derived from it.
         raise problems[0]
+
+
+def _history(store: Store, layout: Layout) -> str:
+    """What a file that is completed said of its making."""
+    if layout.fresh or not store.file.is_file():
+        return ""
+    with suppress(OSError, RuntimeError, AttributeError), NETCDF, netCDF4.Dataset(store.file) as file:
+        return str(file.history)
+    return ""
 
 
 def leftovers(store: Store) -> list[Path]:
@@ -90,6 +104,7 @@ def _compose(
     derive: Derive | None,
     problems: list[Exception],
     whole: bool = False,
+    before: str = "",
 ) -> None:
     large = layout.large()
     found = gather(layout, sources, large)
@@ -101,25 +116,25 @@ def _compose(
     if large:
         with xr.open_dataset(path, engine="netcdf4") as streamed:
             try:
-                data = attach(layout, data.assign(streamed[large]), derive).drop_vars(large).load()
+                data = attach(layout, data.assign(streamed[large]), derive, before).drop_vars(large).load()
             except Exception as problem:  # noqa: BLE001 - raised again when the file is written
                 problems.append(problem)
-                data = attach(layout, data.drop_vars(large, errors="ignore"), None)
+                data = attach(layout, data.drop_vars(large, errors="ignore"), None, before)
     else:
         try:
-            data = attach(layout, data, derive)
+            data = attach(layout, data, derive, before)
         except Exception as problem:  # noqa: BLE001 - raised again when the file is written
             problems.append(problem)
-            data = attach(layout, data, None)
+            data = attach(layout, data, None, before)
     with NETCDF:
         data.to_netcdf(
-            path, mode="a" if large else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(data)
+            path, mode="a" if large else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(data, layout)
         )
     if any(variable.scale for variable in layout.variables.values()) and not large:
         _keep_computations(path, layout, sources)
 
 
-def _encoding(data: xr.Dataset) -> dict[str, dict[str, Any]]:
+def _encoding(data: xr.Dataset, layout: Layout) -> dict[str, dict[str, Any]]:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in data.variables.items():
         chosen = encoding.setdefault(str(name), {})
@@ -132,6 +147,8 @@ def _encoding(data: xr.Dataset) -> dict[str, dict[str, Any]]:
             and (variable.dtype.kind in "fiu" or name in ("error", "traceback", "reproduce"))
         ):
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
+        if name in layout.variables and layout.row_bytes(str(name)) > WIDE:
+            chosen["chunksizes"] = chunk(layout, str(name))
         if text:
             # As characters: they shrink to nothing where they are empty. Texts of any length, as netCDF has them
             # too, bring down HDF5 2.2 where a file that is open is opened and closed once more.
@@ -225,8 +242,16 @@ def _unfinished(store: Store) -> xr.Dataset:
         if not store.layout.is_file():
             raise StoreError(f"{store.file} was finished while its shards were read")
         return attach(layout, dataset(layout, found), None)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "unfinished.nc"
+    folder = tempfile.mkdtemp(prefix="sweeps-")
+    path = Path(folder) / "unfinished.nc"
+    try:
         _compose(path, layout, sources, None, [])
-        # Opened files stay readable when their names are gone.
-        return _opened(path)
+        if not store.layout.is_file():
+            raise StoreError(f"{store.file} was finished while its shards were read")
+        data = _opened(path)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    # What is read when it is used needs the file as long as anybody may use it.
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return data

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sweeps.assemble import scaled
+from sweeps.batch import rounded
 from sweeps.grid import Axis, Grid
 from sweeps.sources import differing, sources
 
@@ -42,7 +44,8 @@ def identity(sweep: Sweep) -> dict[str, Any]:
         If the function depends on something that cannot be compared.
     """
     grid = sweep.grid
-    computing = [f for f in (sweep.function, sweep.key, sweep.scale) if f is not None]
+    # With what the engine itself does to a value.
+    computing = [f for f in (sweep.function, sweep.key, sweep.scale, rounded, scaled) if f is not None]
     told = {
         "name": sweep.name,
         "axes": {

@@ -81,7 +81,7 @@ class Plan:
     damaged: tuple[str, ...]
 
     def __repr__(self) -> str:
-        time = "unknown: the probed points failed" if math.isnan(self.seconds) else duration(self.seconds)
+        time = "unknown: no point tells" if math.isnan(self.seconds) else duration(self.seconds)
         shape = " x ".join(f"{d} {n}" for d, n in zip(self.sweep.grid.dims, self.sweep.grid.shape, strict=True))
         probed = sum(len(table) for table in self.probes)
         todo = f"{self.todo} in {len(self.batches)} batches"

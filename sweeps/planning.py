@@ -30,8 +30,9 @@ BATCH_SECONDS = 1.0
 BATCH_BYTES = 48e6
 # A short sweep is cut finer, so that all workers have something, but not below this.
 LEAST_BATCHES, SHORTEST = 16, 0.02
-# Probes go on, each larger than the one before, while they are expected to take less than this, s.
-PROBE_SIZES, PROBE_SECONDS = (1, 1, 8, 64, 512), 0.15
+# Probes: so many points each, at these places of the work, while they are expected to take less than this, s.
+PROBE_SIZES, PROBE_SECONDS = (1, 1, 8, 8, 8, 8, 8, 8), 0.15
+PROBE_PLACES = (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 # Bytes of a point besides its results: status, error, computing time.
 ROW_BYTES = 16
 # What rounding and compression leave of a rounded float.
@@ -221,35 +222,37 @@ def make_batches(todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0)
 def _probe(
     work: Work, layout: Layout, todo: NDArray[np.intp], row_bytes: int
 ) -> tuple[list[tuple[NDArray[np.intp], Table]], float]:
-    """A few points computed and timed, and the seconds a point takes; NaN if all that were timed failed.
+    """A few points computed and timed, and the seconds a point takes; NaN if none tells.
 
-    The first probe pays for compilation and caches and tells nothing. Their results are kept by the run.
+    The first probe pays for compilation and caches and tells nothing, unless it is all there is to do. The
+    results are kept by the run.
     """
     probes: list[tuple[NDArray[np.intp], Table]] = []
-    if not len(todo):
-        return probes, 0.0
-    seconds, free = math.nan, np.ones(len(todo), dtype=bool)
+    free = np.ones(len(todo), dtype=bool)
+    timed = {size: [0.0, 0] for size in PROBE_SIZES}
+    spent, seconds = 0.0, math.nan if len(todo) else 0.0
     # Spread over the work: costs may differ from end to end.
-    for size, share in zip(PROBE_SIZES, (0.0, 0.5, 0.25, 0.75, 0.5), strict=True):
-        if probes and size > 1 and not (seconds * size < PROBE_SECONDS and row_bytes * size <= BATCH_BYTES):
+    for size, share in zip(PROBE_SIZES, PROBE_PLACES, strict=False):
+        dear = spent + seconds * size > PROBE_SECONDS or row_bytes * size > BATCH_BYTES
+        if not free.any() or (len(probes) > 1 and (dear or math.isnan(seconds))):
             break
         start = int(share * max(len(todo) - size, 0))
         chosen = start + np.flatnonzero(free[start : start + size])
-        if not len(chosen):
-            break
+        chosen = chosen if len(chosen) else np.flatnonzero(free)[:size]
         free[chosen] = False
         index = todo[chosen]
         begin = time.perf_counter()
         # As in a run: the bits of a result may depend on the number of BLAS threads.
         with threadpool_limits(1, user_api="blas"):
             table = work.table(layout.grid.points(index), layout.slot_key(index))
-        taken = (time.perf_counter() - begin) / len(index)
-        if probes or len(todo) == 1:
-            done = table.failed < len(table)
-            seconds = taken if done else seconds
+        taken = time.perf_counter() - begin
+        if (probes or len(todo) == 1) and table.failed < len(table):
+            spent += taken
+            # Larger ones tell more of what a batch costs.
+            total = timed[size]
+            total[0], total[1] = total[0] + taken, total[1] + len(index)
+            seconds = total[0] / total[1]
         probes.append((index, table))
-        if taken * len(index) > PROBE_SECONDS and len(probes) > 1:
-            break
     return probes, seconds
 
 

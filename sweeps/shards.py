@@ -175,6 +175,7 @@ class ShardFolder:
             with self._lock:
                 if not self._closed:
                     os.replace(temporary, self.path / name)
+            flush_folder(self.path)
         finally:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
@@ -198,6 +199,16 @@ class ShardFolder:
 
 def _number(name: str) -> int:
     return int(name.partition("-")[0])
+
+
+def flush_folder(path: Path) -> None:
+    """Make a new name in a folder last, power cut or not; where folders cannot be flushed, the system does it."""
+    with suppress(OSError):
+        folder = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _check(content: bytes) -> str:

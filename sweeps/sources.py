@@ -1,7 +1,9 @@
 """Which code computes: a digest for every module that a function reaches, of what it reaches there.
 
 Stored results are taken up again only where these digests are equal. What a function's name leads to is read
-from the source; what it carries along besides, in a closure or as a partial's arguments, enters by its value.
+from the source; what it carries along besides, in a closure or as a partial's arguments, enters by its value. So
+do the numbers and arrays that names of modules stand for, where the text does not say them. Texts do not, unless
+the source has another: they may name a place on this machine. Nor do containers, which functions fill.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ import numpy as np
 
 from sweeps.definitions import Reach, installed
 
+# What a name of a module may stand for to be compared: scalars, and arrays of NumPy's numbers and times.
+SCALARS = (type(None), bool, int, float, complex, str, bytes)
+NUMBERS = "biufcmM"
 PLAIN = (type(None), type(...), bool, int, float, complex, str, bytes, range)
 # Attributes of a class that hold no code of it.
 ASIDE = ("__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__")
@@ -51,6 +56,8 @@ def sources(*functions: Callable[..., Any]) -> dict[str, str]:
     for home, function in zip(homes, functions, strict=True):
         notes.setdefault(home, []).append(carried.function(function))
     texts = carried.reach.texts()
+    for home, name, value, said in carried.reach.values():
+        notes.setdefault(home, []).extend(carried.present(name, value, said))
     return {
         name: _digest("\0".join(texts.get(name, []) + notes.get(name, [])).encode())
         for name in sorted({*texts, *notes})
@@ -104,6 +111,15 @@ class _Carried:
         if callable(value):
             return self.function(value)
         raise _IncomparableError
+
+    def present(self, name: str, value: Any, said: list[Any]) -> list[str]:
+        """What a name of a module stands for, if that is plain and not what the text says."""
+        scalar = type(value) in SCALARS and (said or not isinstance(value, str))
+        array = isinstance(value, np.generic) or type(value) in (np.ndarray, np.memmap)
+        if not scalar and not (array and value.dtype.kind in NUMBERS):
+            return []
+        text = self.text(np.asarray(value) if isinstance(value, np.memmap) else value)
+        return [] if [text] == [self.text(each) for each in said] else [f"{name} is {text}"]
 
     def function(self, function: Any) -> str:
         """What a function carries along, and its name; its code is asked for."""

@@ -116,7 +116,12 @@ def kept(store: Store, name: str, identity: dict[str, Any]) -> Kept | None:
     layout = _unfinished(store, name)
     if layout is None:
         return _finished(store.file, name, identity) if store.file.exists() else None
-    _same(store.parts, layout.attributes, identity)
+    try:
+        _same(store.parts, layout.attributes, identity)
+    except StoreError as problem:
+        if layout.fresh and store.file.exists():
+            raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
+        raise
     sources: list[Source] = []
     if store.file.exists() and not layout.fresh:
         sources += _finished(store.file, name, identity).sources

@@ -6,7 +6,12 @@ import ast
 from collections.abc import Iterator
 from typing import Any
 
+# The names of an expression such as module.name.attribute.
+Chain = tuple[str, ...]
+
 DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 # Fields of a tree that change nothing: whether a name is read or written shows in its place.
 UNTOLD = ("ctx", "kind", "type_comment", "type_params")
 
@@ -92,6 +97,80 @@ def bound(node: ast.AST) -> Iterator[str]:
             # The variable of a comprehension is its own.
             if not (isinstance(node, ast.comprehension) and child is node.target):
                 yield from bound(child)
+
+
+def references(node: ast.AST) -> tuple[list[Chain], list[ast.Import | ast.ImportFrom], set[str]]:
+    """What a top-level statement refers to in its module, its imports, and what it changes there when it runs.
+
+    Changed are the names that its functions declare as global, or whose entries or attributes they set.
+    """
+    uses: dict[Chain, None] = {}
+    imports: list[ast.Import | ast.ImportFrom] = []
+    changes: set[str] = set()
+    # With the names that the functions around keep to themselves; at the top there are no functions.
+    todo: list[tuple[ast.AST, frozenset[str] | None]] = [(node, None)]
+    while todo:
+        node, hidden = todo.pop()
+        if hidden is not None:
+            changes |= _changed(node) - hidden
+        chain: Chain = ()
+        while isinstance(node, ast.Attribute):
+            chain, node = (node.attr, *chain), node.value
+        if isinstance(node, ast.Name):
+            if (chain or isinstance(node.ctx, ast.Load)) and node.id not in (hidden or ()):
+                uses[(node.id, *chain)] = None
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            imports.append(node)
+        elif isinstance(node, ast.Global):
+            uses |= {(name,): None for name in node.names}
+        elif isinstance(node, (*FUNCTIONS, *COMPREHENSIONS)):
+            around, within, own = _scope(node)
+            todo += [(part, hidden) for part in around]
+            shared = {name for part in ast.walk(node) if isinstance(part, ast.Global) for name in part.names}
+            todo += [(part, ((hidden or frozenset()) | own) - shared) for part in within]
+        else:
+            todo += [(part, hidden) for part in ast.iter_child_nodes(node)]
+    return list(uses), imports, changes
+
+
+def _changed(node: ast.AST) -> set[str]:
+    if isinstance(node, ast.Global):
+        return {*node.names}
+    if isinstance(node, ast.keyword) and node.arg == "out":
+        return {part.id for part in ast.walk(node.value) if isinstance(part, ast.Name)}
+    part_of = isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load)
+    return {*bound(node)} if part_of else set()
+
+
+def _scope(node: Any) -> tuple[list[ast.AST], list[ast.AST], set[str]]:
+    """Of a function or comprehension: what is evaluated around it, what within, and names that are its own.
+
+    A name that is imported is followed from there, so it is none of these.
+    """
+    own: set[str] = set()
+    if isinstance(node, COMPREHENSIONS):
+        first = node.generators[0]
+        parts = [part for part in ast.iter_child_nodes(node) if part is not first]
+        todo: list[ast.AST] = [each.target for each in node.generators]
+        around, within = [first.iter], [*parts, *first.ifs, first.target]
+    else:
+        todo = [*node.body] if isinstance(node.body, list) else [node.body]
+        defaults = [each for each in (*node.args.defaults, *node.args.kw_defaults) if each is not None]
+        around, within = [*getattr(node, "decorator_list", ()), *defaults], [*todo]
+        own = {part.arg for part in ast.walk(node.args) if isinstance(part, ast.arg)}
+        # An argument of a lambda among the defaults is not one of the function's.
+        own -= {part.arg for each in defaults for part in ast.walk(each) if isinstance(part, ast.arg)}
+    while todo:
+        part = todo.pop()
+        if isinstance(part, ast.Name) and not isinstance(part.ctx, ast.Load):
+            own.add(part.id)
+        elif isinstance(part, DEFINITIONS):
+            own.add(part.name)
+        elif not isinstance(part, (ast.Lambda, *COMPREHENSIONS, ast.alias)):
+            # Of a pattern or a handler.
+            own |= {name for field in ("name", "rest") if isinstance(name := getattr(part, field, None), str)}
+            todo += ast.iter_child_nodes(part)
+    return around, within, own
 
 
 def acts(node: ast.AST) -> bool:

@@ -35,7 +35,7 @@ MEGABYTE = 1 << 20
 
 def cut(batches=60, patch=None):
     """Let plans have so many batches, or one a point, however short they are; until a `patch` is undone."""
-    wanted = {"LEAST_BATCHES": batches, "SHORTEST": 1e-9, "PROBE_SIZES": (1, 1, 0, 0, 0)}
+    wanted = {"LEAST_BATCHES": batches, "SHORTEST": 1e-9, "PROBE_SIZES": (1, 1)}
     for name, value in wanted.items():
         (setattr if patch is None else patch.setattr)(planning, name, value)
 

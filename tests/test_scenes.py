@@ -74,7 +74,7 @@ def test_the_whole_grid_of_four_axes_has_the_bits_of_direct_simulations(tmp_path
 
 
 def test_a_basis_is_built_once_for_each_inclination(tmp_path):
-    for cached in (reduced.full_model, reduced.reduced_model):
+    for cached in (reduced.full_model, reduced.reduced_model, reduced.relaxation_time):
         cached.cache_clear()
     computed(tmp_path, SHORT | {"V": [4e-3, 6e-3, 8e-3], "theta": [2.0, 4.0, 6.0], "mu": [0.2, 0.3], "F": 9.0})
     # One for the run and one for its onset, where the damping is the published scheme's.
@@ -261,14 +261,14 @@ def test_a_study_with_times_of_its_own_records_there(name, axis, tmp_path):
             {},
             ["velocity_b"],
             None,
-            "^record = velocity_b: there is no such series; did you mean velocity_B",
+            "^record = 'velocity_b': there is no such series; did you mean velocity_B",
         ),
         (
             "fig7",
             {},
             ["force"],
             None,
-            "^record = force: there is no such series; .*the series are velocity_B, normal",
+            "^record = 'force': there is no such series; .*the series are velocity_B, normal",
         ),
         ("fig5", {}, ["velocity_B"], None, "^study fig5 has no motion in time to record"),
         ("fig6", {}, (), 1e4, "^study fig6 has no motion in time to record"),
@@ -295,7 +295,7 @@ def test_a_study_with_times_of_its_own_records_there(name, axis, tmp_path):
         ("fig7", {"sample_rate": 1e4}, ["state"], 2e4, "^sample_rate = 20000.0: study fig7 has it as a setting"),
         ("fig11", {}, ["state"], 200.0, "^sample_rate = 200.0: it must be a number from 1000 to"),
         ("contact", {}, ["state"], 1e5, "^record = state: study contact keeps its series in a window already"),
-        ("contact", {}, ["stat"], 1e5, "^record = stat: there is no such series; did you mean state"),
+        ("contact", {}, ["stat"], 1e5, "^record = 'stat': there is no such series; did you mean state"),
     ],
 )
 def test_what_cannot_be_recorded_is_told(name, given, record, rate, message):
