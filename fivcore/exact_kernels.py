@@ -47,7 +47,31 @@ LOCATED = 1e-14
 AHEAD = 1e-4
 
 # Gauss-Legendre with eight points: over 2.5 / omega of the fastest oscillation its relative error is 3e-12.
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+# Written out: computed, their last bits would be the machine's.
+_POINTS = np.array(
+    [
+        -0.9602898564975362,
+        -0.7966664774136267,
+        -0.525532409916329,
+        -0.18343464249564978,
+        0.18343464249564978,
+        0.525532409916329,
+        0.7966664774136267,
+        0.9602898564975362,
+    ]
+)
+_WEIGHTS = np.array(
+    [
+        0.10122853629037706,
+        0.22238103445337443,
+        0.3137066458778869,
+        0.36268378337836166,
+        0.36268378337836166,
+        0.3137066458778869,
+        0.22238103445337443,
+        0.10122853629037706,
+    ]
+)
 
 
 @inlined

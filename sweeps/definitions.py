@@ -182,7 +182,8 @@ class Reach:
             if module is None:
                 continue
             changes = {own for piece in taken for own in piece.changes}
-            every = {own for piece in taken if not piece.targets for own in piece.names}
+            imports = (ast.Import, ast.ImportFrom)
+            every = {own for piece in taken if not isinstance(piece.node, imports) for own in piece.names}
             for own in sorted((every & set(present)) - changes):
                 if (name, (own,)) in asked or (name, ()) in asked:
                     once = len(module.binders[own]) == 1

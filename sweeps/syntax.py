@@ -148,6 +148,8 @@ def _scope(node: Any) -> tuple[list[ast.AST], list[ast.AST], set[str]]:
     A name that is imported is followed from there, so it is none of these.
     """
     own: set[str] = set()
+    around: list[ast.AST]
+    within: list[ast.AST]
     if isinstance(node, COMPREHENSIONS):
         first = node.generators[0]
         parts = [part for part in ast.iter_child_nodes(node) if part is not first]

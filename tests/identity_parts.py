@@ -89,6 +89,48 @@ FILES = {
     "figures.py": "class Figure:\n    size = 8\n",
 }
 
+# What names stand for that the text does not say; what running changes.
+NAMED = {
+    "__init__.py": "",
+    "late.py": "import os\nT = float(os.environ.get('T', 1))\n",
+    "settings.py": """
+        import os
+        from pathlib import Path
+
+        import numpy as np
+
+        SAID, WORDS, NUMBER = 2.0, "a", 1
+        FOLDER = str(Path(__file__).parent)
+        COUNT = int("1")
+        TABLE = np.arange(3.0) / 7
+        HELD = np.zeros(2)
+        SEEN = list()
+        LAST = int("0")
+        UNUSED = float("5")
+
+        def keep(held):
+            global LAST
+            LAST += 1
+            HELD[0] = held
+            return LAST, HELD
+        """,
+    "main.py": """
+        from ident import settings
+
+        LOCAL = float("3")
+        RUNS = 0
+
+        def f(points):
+            global RUNS
+            from ident.late import T
+            RUNS += 1
+            settings.SEEN.append(points)
+            here = settings.FOLDER, settings.WORDS, settings.NUMBER
+            LOCAL = settings.SAID
+            return here, LOCAL, settings.COUNT * settings.TABLE * T
+        """,
+}
+
 
 class Package:
     """Files of a package called `ident`, which may be changed."""

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from fivcore import ContactError, Rig, Scene
+from fivcore import ContactError, Rig, Scene, exact_kernels
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.exact import DWELL, HELD, ExactRun, states_at
 from fivcore.exact_kernels import search, value_and_slope
@@ -508,3 +508,9 @@ def test_distance_driven_until_the_first_slip():
     slip = run.tally.moments[FIRST_SLIP]
     driven = displacement(np.array(slip), scene.pace, RAMP)
     assert driven == pytest.approx(slip_distance(scene), rel=0.02)
+
+
+def test_the_quadrature_is_gausss():
+    points, weights = np.polynomial.legendre.leggauss(8)
+    np.testing.assert_allclose(exact_kernels._POINTS, points, rtol=1e-14)
+    np.testing.assert_allclose(exact_kernels._WEIGHTS, weights, rtol=1e-14)

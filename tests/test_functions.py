@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from sweeps.sources import differing, sources
-from tests.identity_parts import FILES, HOME, Caller, Colour, Inner, Outer, maker, run
+from tests import waves
+from tests.identity_parts import FILES, HOME, NAMED, Caller, Colour, Inner, Outer, maker, run
 
 
 def same_everywhere():
@@ -151,6 +152,48 @@ def test_a_librarys_function_is_known_by_its_name():
     assert set(sources(functools.partial(math.pow, 2.0))) == {"math"}
 
 
+# What names of modules stand for.
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "value", "counts"),
+    [
+        *(("settings", "COUNT", value, True) for value in (2, True, 1.0, None)),
+        *(
+            ("settings", "TABLE", value, True)
+            for value in (np.arange(3.0), np.arange(3.0, dtype="f4"), np.int8(1))
+        ),
+        *(("settings", "SAID", value, True) for value in (2.5, 2)),
+        *(("settings", "WORDS", "b", True), ("settings", "NUMBER", True, True), ("settings", "SAID", 2.0, False)),
+        *(("settings", "FOLDER", "/elsewhere", False), ("settings", "UNUSED", 6.0, False)),
+        *(("settings", "SEEN", [1], False), ("main", "LOCAL", 4.0, False), ("main", "RUNS", 7, False)),
+    ],
+)
+def test_numbers_and_arrays_of_modules_count(package, module, name, value, counts):
+    files = package(NAMED)
+    f = files.load("main").f
+    before = sources(f)
+    setattr(files.load(module), name, value)
+    assert differing(before, sources(f)) == [f"ident.{module}"] * counts
+
+
+def test_what_running_changes_does_not_count(package):
+    files = package(NAMED)
+    files.edit("main.py", "settings.SAID", "settings.keep(points)")
+    f = files.load("main").f
+    before = sources(f)
+    f(1.0)
+    assert sources(f) == before
+    assert files.load("settings").LAST == 1
+
+
+def test_the_log_of_a_sweep_is_not_its_identity():
+    before = sources(waves.wave)
+    waves.LOG.append((1.0,))
+    assert sources(waves.wave) == before
+    waves.LOG.pop()
+
+
 # Functions without a source, and other processes.
 
 BARE = """
@@ -232,6 +275,30 @@ def test_a_script_is_read_from_its_file(tmp_path):
         found.append(run(script, HOME))
     assert set(json.loads(found[0])) == {"__main__"}
     assert found[0] == found[1] != found[2]
+
+
+def test_scripts_differ_by_what_their_names_stand_for(tmp_path):
+    script, table = tmp_path / "script.py", tmp_path / "coef.txt"
+    script.write_text(
+        textwrap.dedent("""
+            import json, os, time
+            import numpy as np
+            from sweeps.sources import sources
+            start = time.time()
+            K = float(os.environ["K"])
+            T = np.loadtxt("coef.txt")
+            def f(p):
+                start = p["x"]
+                return {"y": start * K + T}
+            print(json.dumps(sources(f)))
+            """)
+    )
+    table.write_text("1 2\n")
+    found = run(script, tmp_path, HOME, K="1")
+    assert found == run(script, tmp_path, HOME, K="1.0")
+    assert found != run(script, tmp_path, HOME, K="2")
+    table.write_text("1 3\n")
+    assert found != run(script, tmp_path, HOME, K="1")
 
 
 def test_an_installed_project_is_known_by_its_distribution(tmp_path):

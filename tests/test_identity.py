@@ -167,6 +167,91 @@ def test_stars_and_relative_imports_are_followed(package):
     assert differing(before, sources(f)) == ["ident.core", "ident.tools"]
 
 
+def test_a_star_brings_only_the_names_that_are_used(package):
+    files = package(
+        {
+            "__init__.py": "from ident.first import *\nfrom ident.second import K\n__all__ = ['g', 'K']\n",
+            "first.py": "def g():\n    return 1\n\n\ndef unused():\n    return 1\n",
+            "second.py": "K = 1\n",
+            "third.py": "import ident.second\n\n\ndef h():\n    return ident.second.K\n",
+            "main.py": """
+                from math import *
+                from ident import *
+                from ident.third import *
+
+                def f(points):
+                    K = len(points)
+                    return g() + sin(K)
+
+                def whole(points):
+                    return h() + K
+                """,
+        }
+    )
+    main = files.load("main")
+    before, whole = sources(main.f), sources(main.whole)
+    assert set(before) == {"ident", "ident.first", "ident.main"}
+    assert set(whole) == {"ident", "ident.second", "ident.third", "ident.main"}
+    files.edit("first.py", "unused():\n    return 1", "unused():\n    return 2")
+    files.edit("second.py", "K = 1", "K = 2")
+    assert sources(main.f) == before
+    assert differing(whole, sources(main.whole)) == ["ident.second"]
+    files.edit("first.py", "return 1", "return 3")
+    assert differing(before, sources(main.f)) == ["ident.first"]
+
+
+def test_a_star_brings_a_script_no_more_than_it_uses(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import json\nfrom sweeps import *\nfrom sweeps.sources import sources\n"
+        "def f(points):\n    return points\nprint(json.dumps(sources(f)))\n"
+    )
+    assert set(json.loads(run(script, HOME))) == {"__main__"}
+
+
+def test_names_of_a_functions_own_lead_nowhere(package):
+    text = """
+        import time
+
+        a = b = c = d = e = g = time.time()
+        k = 1
+
+        def f(points, a=k):
+            (b, c), d = points, 1
+            for e in points:
+                g = lambda e: e
+            return [d for d in b] + [a, c, e, g, lambda g: g]
+        """
+    files = package({"__init__.py": "", "main.py": text})
+    f = files.load("main").f
+    before = sources(f)
+    files.edit("main.py", "= g = time.time()", "= time.time() + 1")
+    assert sources(f) == before
+    files.edit("main.py", "[d for d in b]", "[b for b in b]")
+    files.edit("main.py", "k = 1", "k = 2")
+    assert sources(f) != before
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "    return K\n",
+        "    return [K for K in points] + [K]\n",
+        "    return [1 for K in K]\n",
+        "    def g():\n        K = 1\n    return K\n",
+        "    K = 1\n    def g():\n        global K\n        return K\n    return g()\n",
+        "    return lambda p=K: p\n",
+        "    class C:\n        K = K\n    return C\n",
+    ],
+)
+def test_names_of_the_module_are_followed_from_any_depth(package, body):
+    files = package({"__init__.py": "", "main.py": f"K = 1\ndef f(points):\n{body}"})
+    f = files.load("main").f
+    before = sources(f)
+    files.edit("main.py", "K = 1\ndef", "K = 2\ndef")
+    assert sources(f) != before
+
+
 def test_modules_that_import_each_other(package):
     files = package(
         {
@@ -231,3 +316,18 @@ def test_the_project_itself(tmp_path):
     assert {"fivcore.fast", "fivcore.fast_kernel", "studies.transients", "studies.fig7"} <= set(before)
     assert not {"studies.figures", "studies.registry", "matplotlib", "sweeps.plan"} & set(before)
     assert changed == [[], [], ["fivcore.fast_kernel"], ["fivcore.fast_kernel", "studies.fig7"]]
+
+
+def test_a_run_leaves_the_projects_own_identity():
+    code = """
+        import json
+        from studies import fig7, scenes
+        from sweeps.sources import sources
+        print(json.dumps(sources(fig7.histories, scenes.motions)))
+        from fivcore import Rig, Scene, simulate
+        simulate(Scene(1e-3, 10.0, 0.3, 20.0, Rig()), 1e-3)
+        print(json.dumps(sources(fig7.histories, scenes.motions)))
+        """
+    lines = run(code, HOME, PYTHONHASHSEED="1").splitlines()
+    assert lines == run(code, HOME / "tests", HOME, PYTHONHASHSEED="2").splitlines()
+    assert lines[0] == lines[1]
