@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from fivcore import listener
+from fivcore.bases import one_blas_thread
 from fivcore.chunks import Chunk
 from fivcore.contact_law import regime_maps
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
@@ -319,6 +320,8 @@ class FastRun:
 class _Solver:
     """A model with everything that its steps need."""
 
+    # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
+    @one_blas_thread()
     def __init__(self, model: ReducedModel, scene: Canonical, step: float) -> None:
         self.model, self.step, self.W = model, step, model.W
         check_unique(model, scene.mu, step)
