@@ -21,7 +21,7 @@ from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.errors import ContactError
 from fivcore.fast_kernel import ANCHOR, SAMPLED, SPREAD, U_T, advance
-from fivcore.kernel import Array
+from fivcore.kernel import Array, apart
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
 from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model
@@ -163,6 +163,7 @@ class FastRun:
     def _advance(self, solver: _Solver, first: int, last: int, finer: int, stop: int) -> tuple[int, Chunk]:
         """Steps `first` to `last` of this solver; `finer` of them make one of the run's."""
         hearing, recording = self._hearing * finer, self._recording * finer
+        self._q, self._v, self._contact = apart(self._q), apart(self._v), apart(self._contact)
         heard = np.empty(((last - first) // hearing + 1, 2))
         rows = np.empty(((last - first) // recording + 1 if recording else 0, 6))
         sticks = self.tally.room(first * solver.step, last * solver.step, solver.step)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+# Entries of eight bytes on either side of an array: two lines of a cache.
+ROOM = 16
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -40,3 +42,15 @@ def reordered(function: Function) -> Function:
     """
     freedom = {"reassoc", "contract", "nsz"}
     return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True, fastmath=freedom)(function))
+
+
+def apart(values: NDArray[Any]) -> NDArray[Any]:
+    """A copy with room around it.
+
+    Small arrays lie side by side. Where two threads write into one line of the processor's cache, each waits for
+    the other at every step: a twentieth of the time.
+    """
+    room = np.zeros(len(values) + 2 * ROOM, values.dtype)
+    inside = room[ROOM : ROOM + len(values)]
+    inside[:] = values
+    return inside

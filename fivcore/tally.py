@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore.kernel import Array, inlined, kernel
+from fivcore.kernel import Array, apart, inlined, kernel
 
 # Contact states, as in a record's `state`.
 SEPARATION, STICK, SLIP = 0, 1, 2
@@ -43,12 +43,12 @@ BINS = 180 << 7
 class Tally:
     """Counters of one run."""
 
-    flags: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
-    moments: Array = field(default_factory=lambda: np.full(6, np.nan))
-    sums: Array = field(default_factory=lambda: np.zeros(12))
+    flags: NDArray[np.int64] = field(default_factory=lambda: apart(np.zeros(2, dtype=np.int64)))
+    moments: Array = field(default_factory=lambda: apart(np.full(6, np.nan)))
+    sums: Array = field(default_factory=lambda: apart(np.zeros(12)))
     forces: Array = field(default_factory=lambda: np.zeros(BINS))
     speeds: Array = field(default_factory=lambda: np.zeros(BINS))
-    word: Array = field(default_factory=lambda: np.zeros(1))
+    word: Array = field(default_factory=lambda: apart(np.zeros(1)))
 
     def start(self, state: int, settle: float | None, settling: float, least_stick: float | None) -> Tally:
         """Begin in a contact state.

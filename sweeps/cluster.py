@@ -46,6 +46,10 @@ TICK = 0.25
 DEATHS = 2
 
 
+# A worker that samples its own stack a hundred times a second takes turns with what it computes.
+QUIET = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"}
+
+
 @contextmanager
 def connected(address: str | None, workers: int | None) -> Iterator[distributed.Client]:
     """A Dask client: of the scheduler at an address, or of a new cluster of processes on this machine.
@@ -94,7 +98,7 @@ def _own(workers: int) -> Iterator[distributed.Client]:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             # Scheduler and workers each make folders of their own there.
-            with dask.config.set({"temporary-directory": folder}):
+            with dask.config.set(QUIET | {"temporary-directory": folder}):
                 cluster = distributed.LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
