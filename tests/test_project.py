@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from studies import registry
+
 HOME = Path(__file__).parents[1]
 README = (HOME / "README.md").read_text()
 
@@ -100,3 +102,9 @@ def test_the_readmes_own_sweep_runs_and_resumes(tmp_path):
     (tmp_path / "mine.py").write_text(snippet + "print(data['x'].max())\n")
     third = subprocess.run([sys.executable, "mine.py"], cwd=tmp_path, capture_output=True, text=True)
     assert "to do           0" in third.stdout
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_the_results_kept_here_are_those_of_this_code(name):
+    plan = registry.load(name).sweep({}).plan(HOME / "results" / name / f"{name}.nc")
+    assert (plan.todo, plan.failed, plan.whole) == (0, 0, True)
