@@ -119,7 +119,7 @@ def test_a_worker_that_is_killed_costs_nothing():
     before, killed = children(), []
 
     def kill(snapshot):
-        if snapshot.done >= 8 and not killed:
+        if snapshot.done >= 16 and not killed:
             killed.append((children() - before).pop())
             os.kill(int(killed[0]), signal.SIGKILL)
 
