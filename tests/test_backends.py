@@ -46,7 +46,9 @@ def simple(function, points=24, **options):
 
 
 def children():
-    listed = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(os.getpid())], capture_output=True, text=True)
+    listed = subprocess.run(
+        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(os.getpid())], capture_output=True, text=True
+    )
     return {line.split()[0] for line in listed.stdout.splitlines() if "spawn_main" in line}
 
 
