@@ -14,13 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from fivcore import listener
-from fivcore.bases import one_blas_thread
 from fivcore.chunks import Chunk
-from fivcore.contact_law import regime_maps
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.errors import ContactError
 from fivcore.fast_kernel import ANCHOR, SAMPLED, SPREAD, U_T, advance
+from fivcore.fast_solver import Solver, kicked
 from fivcore.kernel import Array, apart
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
@@ -28,7 +27,6 @@ from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_mo
 from fivcore.settled import NEAR, SteadySliding, steady_sliding
 from fivcore.step_limit import largest_stable_step, stable
 from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, SETTLED_FROM, SLIP, STATE, STICK, WORK, Tally
-from fivcore.uniqueness import check_unique
 
 # The onset: how much finer, how far the cut-off is raised; for how long before the first slip, so that what
 # the change of model stirs up dies away, and for how long in all at most, s.
@@ -76,7 +74,7 @@ class FastRun:
         self._stretch = 0 if motion is None else max(int(STRETCH / (abs(motion.speed) * self.step)), 1)
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
-        self._solver = _Solver(self.model, scene, self.step)
+        self._solver = Solver(self.model, scene, self.step)
         self.rate = 1.0 / (self._hearing * self.step)
         self._may_settle = end_early and motion is None and bool(self.model.K.any())
         self._contact = np.zeros(3)
@@ -160,7 +158,7 @@ class FastRun:
         counted.repeat(sample, (last - settled) / SAMPLED, entries, (last - first) / SAMPLED)
         return Chunk.steady(first, last, self.step, steady.row(self.scene.pace), self._hearing, self._recording)
 
-    def _advance(self, solver: _Solver, first: int, last: int, finer: int, stop: int) -> tuple[int, Chunk]:
+    def _advance(self, solver: Solver, first: int, last: int, finer: int, stop: int) -> tuple[int, Chunk]:
         """Steps `first` to `last` of this solver; `finer` of them make one of the run's."""
         hearing, recording = self._hearing * finer, self._recording * finer
         self._q, self._v, self._contact = apart(self._q), apart(self._v), apart(self._contact)
@@ -195,7 +193,7 @@ class FastRun:
         taken = self.tally.taken(sticks)
         return reached, Chunk.cut(first, reached, solver.step, 0.5, heard, hearing, rows, recording, taken)
 
-    def _drive(self, solver: _Solver) -> Array:
+    def _drive(self, solver: Solver) -> Array:
         shift = solver.model.tangential @ self._shift
         return np.array([self.scene.pace, self.ramp, *solver.at_rest, shift, *self._rest_slide])
 
@@ -210,7 +208,7 @@ class FastRun:
         self._rest_slide = (float(slides[0] @ model.rest), float(slides[1] @ model.rest))
         before = self.stored_energy()
         self._q = q - model.rest
-        self.model, self._solver = model, _Solver(model, self.scene, self.step)
+        self.model, self._solver = model, Solver(model, self.scene, self.step)
         # Another element and another equilibrium: what that changes is nobody's loss.
         self.tally.sums[IMPACT] += before - self.stored_energy()
 
@@ -226,7 +224,7 @@ class FastRun:
         self._v += v
         self._shift = np.zeros(len(q))
 
-    def _onset_solver(self, termination: str) -> _Solver | None:
+    def _onset_solver(self, termination: str) -> Solver | None:
         """More modes, finer steps; None where they would keep every mode or lose their unique contact force."""
         rig = replace(self.scene.rig, d2=self.scene.rig.d2 + ADDED_DAMPING)
         model = reduced_model(rig, self.scene.theta, HIGHER * default_cutoff(rig), termination)
@@ -237,11 +235,11 @@ class FastRun:
         if not (self.model.K.any() and model.K.any()) or step > model.largest_step:
             return None
         try:
-            return _Solver(model, self.scene, step)
+            return Solver(model, self.scene, step)
         except ContactError:
             return None
 
-    def _onset(self, fine: _Solver, first: int, last: int) -> Iterator[tuple[Chunk, int]]:
+    def _onset(self, fine: Solver, first: int, last: int) -> Iterator[tuple[Chunk, int]]:
         """From step `first` to the first separation (or LONGEST) with more modes and finer steps."""
         coarse = self._solver
         model = fine.model
@@ -250,14 +248,14 @@ class FastRun:
         # Lift: what was not kept follows the contact force statically, and so does what was.
         q, v = _move(coarse.model, self._q, self._v, -0.5 * coarse.step)
         force = coarse.model.K @ self._contact[:2]
-        q = q - _kicked(coarse, force)
+        q = q - kicked(coarse, force)
         q_fine, v_fine = np.zeros(len(common)), np.zeros(len(common))
         q_fine[common], v_fine[common] = q, v
         more = ~common
         q_fine[more] = (
             model.normal[more] * (force[0] - 1.0) + model.tangential[more] * force[1]
         ) / model.stiffness[more]
-        q_fine += _kicked(fine, force)
+        q_fine += kicked(fine, force)
         self._contact[:2] = np.linalg.solve(model.K, force)
         self.model, self._solver = model, fine
         self._q, self._v = _move(model, q_fine, v_fine, 0.5 * fine.step)
@@ -285,8 +283,8 @@ class FastRun:
         self.model, self._solver = coarse.model, coarse
         if self.tally.flags[STATE] != SEPARATION:
             force = model.K @ (self._contact[:2] - lost)
-            q -= _kicked(fine, force)
-            q[common] += _kicked(coarse, force)
+            q -= kicked(fine, force)
+            q[common] += kicked(coarse, force)
         self._q, self._v = _move(coarse.model, q[common], v[common], 0.5 * coarse.step)
         self._shift = np.zeros(len(self._q))
         self._hold((i // FINER + 0.5) * coarse.step)
@@ -318,36 +316,7 @@ class FastRun:
         return bool(np.isfinite(self._q).all() and np.isfinite(self._v).all())
 
 
-class _Solver:
-    """A model with everything that its steps need."""
-
-    # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
-    @one_blas_thread()
-    def __init__(self, model: ReducedModel, scene: Canonical, step: float) -> None:
-        self.model, self.step, self.W = model, step, model.W
-        check_unique(model, scene.mu, step)
-        flow = propagator(model.stiffness, model.damping, step)
-        self.model_arrays = (flow, model.damping, model.normal.copy(), model.tangential.copy(), model.point_b)
-        maps = regime_maps(model.K, model.C, self.W, scene.mu, step)
-        self.laws = tuple(float(x) for part in maps for x in np.ravel(part))
-        # Without an element half the force of lasting contact is what a landing needs.
-        self.landing = 1.0 if model.K.any() else 0.5
-        self.at_rest = (-float(model.normal @ model.rest), float(model.tangential @ model.rest))
-
-
 def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:
     """Free motion of the kept modes over any time, backwards too."""
     a, b, c, d = propagator(model.stiffness, model.damping, time)
     return a * q + b * v, c * q + d * v
-
-
-def _kicked(solver: _Solver, force: Array) -> Array:
-    """How much further a steady force deflects the modes between two kicks than it does as a steady force."""
-    model = solver.model
-    modal = model.normal * (force[0] - 1.0) + model.tangential * force[1]
-    z = 0.5 * solver.step * np.sqrt(model.stiffness)
-    small = z < 1e-3
-    safe = np.where(small, 1.0, z)
-    # h / (2 omega sin(omega h / 2)) - 1 / omega^2 = h^2 / 4 (1 / (z sin z) - 1 / z^2), z = omega h / 2.
-    excess = np.where(small, 1.0 / 6.0, 1.0 / (safe * np.sin(safe)) - 1.0 / safe**2)
-    return np.asarray(0.25 * solver.step**2 * excess * modal)

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import eigh
 
 from fivcore import Rig, Scene, State, simulate, sliding_modes
-from fivcore.fast import _Solver
+from fivcore.fast_solver import Solver
 from fivcore.fast_kernel import advance
 from fivcore.propagation import propagator
 from fivcore.reduced import ReducedModel, full_model
@@ -37,7 +37,7 @@ class Small:
         self.model = ReducedModel(
             k, c + none, normal, tangential, none, none.copy(), rest, kept, np.array(K), np.array(C)
         )
-        self.solver = _Solver(self.model, SimpleNamespace(mu=mu), step)
+        self.solver = Solver(self.model, SimpleNamespace(mu=mu), step)
         self.mu, self.V, self.step, self.done = mu, V, step, 0
         # Kicks come in the middle of a step.
         self.x, self.v = self._moved(q - rest, v, 0.5 * step)
