@@ -8,8 +8,8 @@ import pytest
 from scipy.linalg import eigh
 
 from fivcore import Rig, Scene, State, simulate, sliding_modes
-from fivcore.fast_solver import Solver
 from fivcore.fast_kernel import advance
+from fivcore.fast_solver import Solver
 from fivcore.propagation import propagator
 from fivcore.reduced import ReducedModel, full_model
 from fivcore.tally import DAMPED, FRICTION, IMPACT, TERMINATION, WORK, Tally
