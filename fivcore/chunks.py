@@ -50,7 +50,7 @@ class Chunk:
         times = np.asarray((np.arange(start, stop) * hearing + offset) * step, dtype=np.float64)
         written = max(-(-reached // recording) - (-(-first // recording)), 0) if recording else 0
         count = max(stop - start, 0)
-        return cls(times, heard[:count, 0].copy(), heard[:count, 1].copy(), rows[:written].copy(), sticks)
+        return cls(times, heard[:count, 0].copy(), heard[:count, 1].copy(), rows[:written], sticks)
 
     @classmethod
     def steady(

@@ -32,7 +32,9 @@ from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, SETTLED_FROM, SL
 # the change of model stirs up dies away, and for how long in all at most, s.
 FINER, HIGHER, LEAD, LONGEST = 12, 5.0, 6e-3, 18e-3
 MOST_DAMPING = 1e-7
-CHUNK, MOST_STEPS = 0.04, 1_000_000
+# Between two returns to Python, s: where motion may be settling, for an early end is looked for after each, and
+# elsewhere. Of several threads only one at a time can do what is done there.
+SHORT, LONG, MOST_STEPS = 0.04, 0.2, 1_000_000
 
 
 class FastRun:
@@ -77,7 +79,7 @@ class FastRun:
         self._solver = Solver(self.model, scene, self.step)
         self.rate = 1.0 / (self._hearing * self.step)
         self._may_settle = end_early and motion is None and bool(self.model.K.any())
-        self._contact = np.zeros(3)
+        self._contact = apart(np.zeros(3))
         self._begin(initial)
 
     def _begin(self, initial: State | None) -> None:
@@ -104,17 +106,22 @@ class FastRun:
         else:
             v += model.inertia * scene.pace
         self._first_energy = self._energy_of(q, v, self._contact)
-        self._q, self._v = _move(model, q - self._shift, v, 0.5 * self.step)
+        self._place(*_move(model, q - self._shift, v, 0.5 * self.step))
+
+    def _place(self, q: Array, v: Array) -> None:
+        """Put the modes where they are before a kick; their gaps are not known yet."""
+        self._q, self._v, self._gaps = apart(q), apart(v), apart(np.full(4, np.nan))
 
     def chunks(self, last: int) -> Iterator[Chunk]:
         """Run to step `last`, handing over what was heard."""
-        per_chunk = self._stretch or min(max(round(CHUNK / self.step), 1), MOST_STEPS)
+        length = SHORT
         ramp_ends = int(self.ramp / self.step)
         watching = self._fine is not None
         i = 0
         if ramp_ends == 0 and self._shift.any():
             self._end_ramp(0)
         while i < last:
+            per_chunk = self._stretch or min(max(round(length / self.step), 1), MOST_STEPS)
             target = min(i + per_chunk, last)
             if i < ramp_ends:
                 target = min(target, ramp_ends)
@@ -135,12 +142,18 @@ class FastRun:
             elif i > ramp_ends and last - i > per_chunk and (steady := self._settled(chunk)) is not None:
                 yield self._rest(steady, i, last)
                 return
+            length = SHORT if self._unrest(chunk) < self.scene.pace else LONG
+
+    def _unrest(self, chunk: Chunk) -> float:
+        """By how much the slip rate varied at the end of a stretch; infinite where motion cannot be settling."""
+        recent = chunk.slip_rate[3 * len(chunk.slip_rate) // 4 :]
+        slides = self._may_settle and self.tally.flags[STATE] == SLIP and len(recent) > 1
+        return float(np.ptp(recent)) if slides else np.inf
 
     def _settled(self, chunk: Chunk) -> SteadySliding | None:
         """Steady sliding, if nothing else can follow this stretch; a proof is tried only where it looks so."""
-        recent, pace = chunk.slip_rate[3 * len(chunk.slip_rate) // 4 :], self.scene.pace
-        near = self._may_settle and self.tally.flags[STATE] == SLIP and len(recent) > 1
-        if not near or np.ptp(recent) > NEAR * pace:
+        pace = self.scene.pace
+        if not self._unrest(chunk) <= NEAR * pace:
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
         self._may_settle = steady is not None and steady.decays
@@ -149,7 +162,8 @@ class FastRun:
 
     def _rest(self, steady: SteadySliding, first: int, last: int) -> Chunk:
         """Steps `first` to `last` of steady sliding: a few are taken and counted as often as they occur."""
-        self._q, self._v, self._contact[:2] = steady.start(self.scene.pace)
+        q, v, self._contact[:2] = steady.start(self.scene.pace)
+        self._place(q, v)
         counted, self.tally = self.tally, Tally().start(SLIP, 0.0, 0.0, None)
         self._advance(self._solver, first, first + SAMPLED, 1, 0)
         sample, self.tally = self.tally, counted
@@ -161,7 +175,6 @@ class FastRun:
     def _advance(self, solver: Solver, first: int, last: int, finer: int, stop: int) -> tuple[int, Chunk]:
         """Steps `first` to `last` of this solver; `finer` of them make one of the run's."""
         hearing, recording = self._hearing * finer, self._recording * finer
-        self._q, self._v, self._contact = apart(self._q), apart(self._v), apart(self._contact)
         heard = np.empty(((last - first) // hearing + 1, 2))
         rows = np.empty(((last - first) // recording + 1 if recording else 0, 6))
         sticks = self.tally.room(first * solver.step, last * solver.step, solver.step)
@@ -180,6 +193,7 @@ class FastRun:
             last,
             self._q,
             self._v,
+            self._gaps,
             self._contact,
             self.tally.arrays,
             sticks,
@@ -207,7 +221,7 @@ class FastRun:
         self._slide = (slides[0], slides[1])
         self._rest_slide = (float(slides[0] @ model.rest), float(slides[1] @ model.rest))
         before = self.stored_energy()
-        self._q = q - model.rest
+        self._place(q - model.rest, self._v)
         self.model, self._solver = model, Solver(model, self.scene, self.step)
         # Another element and another equilibrium: what that changes is nobody's loss.
         self.tally.sums[IMPACT] += before - self.stored_energy()
@@ -220,8 +234,7 @@ class FastRun:
         boundary_q, _ = _move(model, self._q, self._v, -0.5 * self.step)
         work = float(np.sum(model.stiffness * self._shift * (boundary_q + self._shift)))
         self.tally.sums[WORK] += work
-        self._q += q
-        self._v += v
+        self._place(self._q + q, self._v + v)
         self._shift = np.zeros(len(q))
 
     def _onset_solver(self, termination: str) -> Solver | None:
@@ -258,14 +271,14 @@ class FastRun:
         q_fine += kicked(fine, force)
         self._contact[:2] = np.linalg.solve(model.K, force)
         self.model, self._solver = model, fine
-        self._q, self._v = _move(model, q_fine, v_fine, 0.5 * fine.step)
+        self._place(*_move(model, q_fine, v_fine, 0.5 * fine.step))
         self._shift = np.zeros(len(common))
         self._hold(first * coarse.step + 0.5 * fine.step)
         self.tally.sums[IMPACT] += before - self.stored_energy()
         until = min(last, first + round(LONGEST / coarse.step)) * FINER
         i = first * FINER
         while i < until:
-            target = min(i + round(CHUNK / fine.step), until)
+            target = min(i + round(SHORT / fine.step), until)
             reached, chunk = self._advance(fine, i, target, FINER, 2)
             yield chunk, -(-reached // FINER)
             i = reached
@@ -285,7 +298,7 @@ class FastRun:
             force = model.K @ (self._contact[:2] - lost)
             q -= kicked(fine, force)
             q[common] += kicked(coarse, force)
-        self._q, self._v = _move(coarse.model, q[common], v[common], 0.5 * coarse.step)
+        self._place(*_move(coarse.model, q[common], v[common], 0.5 * coarse.step))
         self._shift = np.zeros(len(self._q))
         self._hold((i // FINER + 0.5) * coarse.step)
         self.tally.sums[IMPACT] += before - self.stored_energy()

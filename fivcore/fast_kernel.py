@@ -152,6 +152,7 @@ def advance(
     last: int,
     q: Any,
     v: Any,
+    gaps: Any,
     contact: Any,
     tally: Any,
     sticks: Any,
@@ -181,6 +182,9 @@ def advance(
         By how much the gap shapes change in a step, each (n,); empty where the contact point stays.
     q, v : ndarray, (n,)
         Before the kick in the middle of step `first`.
+    gaps : ndarray, (4,)
+        What the modes make of g_N, g_T and their rates there, as the last stretch left it; NaN: find out. A sum
+        in another order has other last bits, and motion must not depend on the stretches it is taken in.
     contact : ndarray, (3,)
         U_N, U_T, ANCHOR.
     tally : tuple
@@ -206,13 +210,11 @@ def advance(
     slideN, slideT = slide
     n, moving, creep = q.shape[0], slideN.shape[0] > 0, 0.0
     half, rigid = 0.5 * step, landing != 1.0
-    gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
+    gN, gT, vN, vT = gaps
+    if np.isnan(gN):
+        gN, gT, vN, vT = seen(normal, tangential, q, v)
     B_N, B_T = 0.0, 0.0
     for j in range(n):
-        gN += normal[j] * q[j]
-        gT += tangential[j] * q[j]
-        vN += normal[j] * v[j]
-        vT += tangential[j] * v[j]
         B_N += point_b[j] * normal[j]
         B_T += point_b[j] * tangential[j]
         if moving:
@@ -230,7 +232,7 @@ def advance(
             X, pace = V * (t - 0.5 * ramp), V
         was = flags[STATE]
         p = p_rest - gN
-        gT += gT_rest + shift - X
+        slid = gT + (gT_rest + shift - X)
         # The unit load's share of the kick comes first; pace is the drive's.
         rateN, rateT = vN - (half * W[0, 0] - creep), vT - half * W[1, 0] - pace
         state, N, T, uN, uT, before = find_contact(
@@ -241,7 +243,7 @@ def advance(
             contact[U_T],
             contact[ANCHOR],
             p,
-            gT,
+            slid,
             rateN,
             rateT,
             half,
@@ -250,14 +252,15 @@ def advance(
             rigid,
         )
         if stop == 1 and (state != STICK or abs(T) > share * mu * N):
-            return i
+            last = i
+            break
         if was == SEPARATION and state != SEPARATION:
             N, T = landing * N, landing * T
         meanN = rateN + half * (W[0, 0] * N + W[0, 1] * T)
         meanT = rateT + half * (W[1, 0] * N + W[1, 1] * T)
         if state == STICK:
             if was != STICK:
-                contact[ANCHOR] = gT + uT
+                contact[ANCHOR] = slid + uT
             ratesN, ratesT = -meanN, -meanT
         elif state == SLIP:
             ratesN, ratesT = -meanN, (uT - before) / step
@@ -311,5 +314,7 @@ def advance(
             contact[ANCHOR] += along_T + rest_T
             p_rest, gT_rest, creep = p_rest - rest_N, gT_rest + rest_T, (creep + rest_N) / step
         if stop == 2 and not np.isnan(moments[FIRST_SEPARATION]):
-            return i + 1
+            last = i + 1
+            break
+    gaps[0], gaps[1], gaps[2], gaps[3] = gN, gT, vN, vT
     return last

@@ -188,11 +188,42 @@ def simulate(
         raise type(error)(f"{error}; {_named(scene)}", scene) from None
 
 
+class Record:
+    """Series of a run, gathered column by column in the scene's own units.
+
+    Seconds of motion at every step are tens of MB: they are held once, whatever else is at work meanwhile.
+    """
+
+    def __init__(self, canonical: Canonical) -> None:
+        F, along = canonical.load, canonical.load * canonical.sense
+        # As the columns of `Chunk.rows` come; the time is the same in all units.
+        self._factors = {
+            "time": 1.0,
+            "velocity_B": along,
+            "normal_force": F,
+            "tangential_force": along,
+            "slip_velocity": along,
+        }
+        self._pieces: dict[str, list[NDArray[Any]]] = {name: [] for name in (*self._factors, "state")}
+
+    def add(self, rows: Array) -> None:
+        """Take the next rows."""
+        if len(rows):
+            for column, (name, factor) in enumerate(self._factors.items()):
+                self._pieces[name].append(factor * rows[:, column])
+            self._pieces["state"].append(rows[:, -1].astype(np.int8))
+
+    def whole(self) -> dict[str, Any]:
+        """Each series in one piece; nothing where nothing was recorded."""
+        # One by one, so that of all but one there is only one copy.
+        return {name: np.concatenate(pieces) for name in [*self._pieces] if (pieces := self._pieces.pop(name))}
+
+
 def _watch(scene: Scene, canonical: Canonical, run: Any, tally: Tally, duration: float, ramp: float) -> Transient:
     """Let a run go through, listen to it, and put it into the scene's own units."""
     listener = Listener(run.rate)
+    record = Record(canonical)
     steps = max(round(duration / run.step), 1)
-    rows: list[Array] = []
     sticks: list[Array] = []
     late, early = np.full(2, np.nan), False
     floor = 1e-150 * min(canonical.pace, 1.0)
@@ -204,8 +235,7 @@ def _watch(scene: Scene, canonical: Canonical, run: Any, tally: Tally, duration:
         if not finite or not run.stored_energy() <= DIVERGED * (given + abs(tally.sums[WORK])):
             now = chunk.t[-1] if len(chunk.t) else 0.0
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
-        if len(chunk.rows):
-            rows.append(chunk.rows)
+        record.add(chunk.rows)
         sticks.append(chunk.sticks)
         heard_sticks, unsure = _stuck(tally, chunk.sticks, chunk.t)
         listener.hear(chunk.t, chunk.velocity, heard_sticks, unsure, float(tally.moments[SETTLED_FROM]))
@@ -219,13 +249,7 @@ def _watch(scene: Scene, canonical: Canonical, run: Any, tally: Tally, duration:
     steadiness = float(0.5 * (late[1] - late[0]) / canonical.pace)
     outcome = Outcome(steps * run.step, ramp, np.concatenate(sticks), steadiness, run.released_energy(), early)
     summary = summarise(canonical, tally, listener, outcome)
-    if not rows:
-        return Transient(scene, summary)
-    t, velocity, N, T, slip, state = np.concatenate(rows).T
-    F, along = canonical.load, canonical.load * canonical.sense
-    return Transient(
-        scene, summary, t.copy(), along * velocity, F * N, along * T, along * slip, state.astype(np.int8)
-    )
+    return Transient(scene, summary, **record.whole())
 
 
 def _stuck(tally: Tally, ended: Array, t: Array) -> tuple[Array, float]:

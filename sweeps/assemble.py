@@ -25,6 +25,8 @@ from sweeps.shards import NETCDF, ShardFolder
 # Of a large variable's chunks: a reader who wants one point should not read a hundred others.
 CHUNK_BYTES = 1 << 18
 MOST_CHUNK_BYTES = 1 << 22
+# What was written last and may be written into again, of all large variables; netCDF would keep 64 MB of each.
+CACHE_BYTES = 1 << 25
 # Letters of all error texts together, and of each at least.
 LETTERS, LEAST_LETTERS = 30_000_000, 60
 # Of so many failures, tracebacks and reproducing lines are kept.
@@ -210,6 +212,7 @@ def stream(layout: Layout, sources: Sequence[Source], found: Gathered, large: Se
                 file.createDimension(dim, length)
             for name in large:
                 _create(file, layout, name)
+                file[name].set_var_chunk_cache(max(CACHE_BYTES // len(large), MOST_CHUNK_BYTES))
         for number, source in enumerate(sources):
             points = np.flatnonzero(found.source == number)
             if not len(points):

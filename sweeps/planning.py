@@ -30,6 +30,8 @@ BATCH_SECONDS = 1.0
 BATCH_BYTES = 48e6
 # A short sweep is cut finer, so that all workers have something, but not below this.
 LEAST_BATCHES, SHORTEST = 16, 0.02
+# Towards the end a batch is this share of what is left, down to so long, s: workers end at the same time.
+LAST_SHARE, LAST_SECONDS = 0.125, 0.25
 # Probes: so many points each, at these places of the work, while they are expected to take less than this, s.
 PROBE_SIZES, PROBE_SECONDS = (1, 1, 8, 8, 8, 8, 8, 8), 0.15
 PROBE_PLACES = (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
@@ -216,7 +218,13 @@ def make_batches(todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0)
         LEAST_BATCHES if not seconds * len(todo) < LEAST_BATCHES * SHORTEST else seconds * len(todo) / SHORTEST
     )
     size = max(1, int(min(fitting, math.ceil(len(todo) / max(pieces, 1)))))
-    return tuple(todo[i : i + size] for i in range(0, len(todo), size))
+    least = size if not seconds * size > LAST_SECONDS else max(1, int(LAST_SECONDS / seconds))
+    batches = []
+    while len(todo):
+        count = min(size, max(least, math.ceil(LAST_SHARE * len(todo))))
+        batches.append(todo[:count])
+        todo = todo[count:]
+    return tuple(batches)
 
 
 def _probe(

@@ -20,7 +20,7 @@ from statistics import median
 import numpy as np
 
 # The transient sweep: so many scenes of so many simulated seconds.
-SCENES, SECONDS = 1200, 1.0
+SCENES, SECONDS = 2400, 1.0
 TURNS = 3
 
 

