@@ -19,7 +19,7 @@ from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.errors import ContactError
 from fivcore.fast_kernel import ANCHOR, SAMPLED, SPREAD, U_T, advance
-from fivcore.fast_solver import Solver, kicked
+from fivcore.fast_solver import Solver, frozen_solver, kicked
 from fivcore.kernel import Array, apart
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
@@ -76,7 +76,7 @@ class FastRun:
         self._stretch = 0 if motion is None else max(int(STRETCH / (abs(motion.speed) * self.step)), 1)
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
-        self._solver = Solver(self.model, scene, self.step)
+        self._solver = frozen_solver(self.model, scene.mu, self.step)
         self.rate = 1.0 / (self._hearing * self.step)
         self._may_settle = end_early and motion is None and bool(self.model.K.any())
         self._contact = apart(np.zeros(3))
@@ -222,7 +222,7 @@ class FastRun:
         self._rest_slide = (float(slides[0] @ model.rest), float(slides[1] @ model.rest))
         before = self.stored_energy()
         self._place(q - model.rest, self._v)
-        self.model, self._solver = model, Solver(model, self.scene, self.step)
+        self.model, self._solver = model, Solver(model, self.scene.mu, self.step)
         # Another element and another equilibrium: what that changes is nobody's loss.
         self.tally.sums[IMPACT] += before - self.stored_energy()
 
@@ -248,7 +248,7 @@ class FastRun:
         if not (self.model.K.any() and model.K.any()) or step > model.largest_step:
             return None
         try:
-            return Solver(model, self.scene, step)
+            return frozen_solver(model, self.scene.mu, step)
         except ContactError:
             return None
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from fivcore.bases import one_blas_thread
 from fivcore.contact_law import regime_maps
-from fivcore.drive import Canonical
 from fivcore.kernel import Array
 from fivcore.propagation import propagator
 from fivcore.reduced import ReducedModel
@@ -18,16 +19,22 @@ class Solver:
 
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
     @one_blas_thread()
-    def __init__(self, model: ReducedModel, scene: Canonical, step: float) -> None:
+    def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         self.model, self.step, self.W = model, step, model.W
-        check_unique(model, scene.mu, step)
+        check_unique(model, mu, step)
         flow = propagator(model.stiffness, model.damping, step)
         self.model_arrays = (flow, model.damping, model.normal.copy(), model.tangential.copy(), model.point_b)
-        maps = regime_maps(model.K, model.C, self.W, scene.mu, step)
+        maps = regime_maps(model.K, model.C, self.W, mu, step)
         self.laws = tuple(float(x) for part in maps for x in np.ravel(part))
         # Without an element half the force of lasting contact is what a landing needs.
         self.landing = 1.0 if model.K.any() else 0.5
         self.at_rest = (-float(model.normal @ model.rest), float(model.tangential @ model.rest))
+
+
+@lru_cache(maxsize=64)
+def frozen_solver(model: ReducedModel, mu: float, step: float) -> Solver:
+    """The solver of a contact point that stays, built once: such steps do not change it, whatever V and F."""
+    return Solver(model, mu, step)
 
 
 def kicked(solver: Solver, force: Array) -> Array:

@@ -18,7 +18,7 @@ With the termination "none" the modes above the cut-off are dropped and the kept
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ class ReducedModel:
         shape = np.stack([self.normal, self.tangential])
         return np.asarray(shape @ shape.T)
 
-    @property
+    @cached_property
     def contact_frequency(self) -> float:
         """The largest angular frequency of the kept modes' mass on the element, rad/s; zero without one."""
         if not self.K.any():

@@ -146,14 +146,17 @@ def quantile(histogram: Array, share: float) -> float:
 
     Linear within a bin; the first bin holds zero and all that is below 2^-120.
     """
-    total = float(histogram.sum())
-    if total == 0.0:
+    filled = np.flatnonzero(histogram)
+    if not len(filled):
         return float("nan")
-    sums = np.cumsum(histogram)
-    index = min(int(np.searchsorted(sums, share * total)), BINS - 1)
+    sums = np.cumsum(histogram[filled])
+    wanted = share * sums[-1]
+    place = int(np.searchsorted(sums, wanted))
+    index = int(filled[place])
     if index == 0:
         return 0.0
-    within = (share * total - sums[index - 1]) / histogram[index]
+    below = sums[place - 1] if place else 0.0
+    within = (wanted - below) / histogram[index]
     edges = ((np.array([index, index + 1], dtype=np.int64) + _LOWEST) << _SHIFT) - _MIDDLE
     low, high = edges.view(np.float64)
     return float(low + min(max(within, 0.0), 1.0) * (high - low))

@@ -1,7 +1,6 @@
 """Problems with known answers, through the kernels that run the rig: small systems given as plain arrays."""
 
 from functools import lru_cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ class Small:
         self.model = ReducedModel(
             k, c + none, normal, tangential, none, none.copy(), rest, kept, np.array(K), np.array(C)
         )
-        self.solver = Solver(self.model, SimpleNamespace(mu=mu), step)
+        self.solver = Solver(self.model, mu, step)
         self.mu, self.V, self.step, self.done = mu, V, step, 0
         # Kicks come in the middle of a step.
         self.x, self.v = self._moved(q - rest, v, 0.5 * step)
