@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from studies import registry
+from studies.cli import main
 
 FIV = str(Path(sys.executable).with_name("fiv"))
 
@@ -19,6 +20,21 @@ FIV = str(Path(sys.executable).with_name("fiv"))
 def fiv(folder, *arguments, command=(FIV,)):
     environment = {k: v for k, v in os.environ.items() if k != "FIV_RESULTS"}
     return subprocess.run([*command, *arguments], cwd=folder, capture_output=True, text=True, env=environment)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch, capsys):
+    """The same in this process, where a second of imports is saved each time."""
+
+    def run(*arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.delenv("FIV_RESULTS", raising=False)
+        monkeypatch.setattr(sys, "argv", ["fiv", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return subprocess.CompletedProcess(arguments, ended.value.code, *capsys.readouterr())
+
+    return run
 
 
 def written(folder) -> list[str]:
@@ -47,8 +63,8 @@ def test_out_says_where(tmp_path):
     assert written(tmp_path) == ["there/fig6/fig6.nc", "there/fig6/fig6.png"]
 
 
-def test_plan_writes_nothing(tmp_path):
-    done = fiv(tmp_path, "plan", "fig5", "--set", "mu=0:0.5:101")
+def test_plan_writes_nothing(tmp_path, here):
+    done = here("plan", "fig5", "--set", "mu=0:0.5:101")
     assert done.returncode == 0
     for line in ("points          101", "distinct        101", "cached          0", "to do           101"):
         assert line in done.stdout
@@ -56,8 +72,8 @@ def test_plan_writes_nothing(tmp_path):
     assert written(tmp_path) == []
 
 
-def test_list_shows_every_study(tmp_path):
-    done = fiv(tmp_path, "list")
+def test_list_shows_every_study(here):
+    done = here("list")
     assert done.returncode == 0
     for name in registry.NAMES:
         assert name in done.stdout
@@ -66,8 +82,8 @@ def test_list_shows_every_study(tmp_path):
     assert len(done.stdout.splitlines()) == 3 * len(registry.NAMES)
 
 
-def test_list_tells_all_of_one_study(tmp_path):
-    done = fiv(tmp_path, "list", "fig5")
+def test_list_tells_all_of_one_study(here):
+    done = here("list", "fig5")
     assert done.returncode == 0
     assert "Paper: Section 3.4.2 and Fig. 5" in done.stdout
     assert "axis     mu                0 to 0.5 (501)         coefficient of friction" in done.stdout
@@ -102,8 +118,8 @@ def test_the_module_is_the_command(tmp_path):
 
 
 @pytest.mark.parametrize("command", [[], ["list"], ["plan"], ["run"], ["status"], ["plot"]])
-def test_every_command_has_help(tmp_path, command):
-    done = fiv(tmp_path, *command, "--help")
+def test_every_command_has_help(here, command):
+    done = here(*command, "--help")
     assert done.returncode == 0
     assert "Usage: fiv" in done.stdout
     assert "Traceback" not in done.stderr
@@ -157,8 +173,8 @@ def test_every_command_has_help(tmp_path, command):
         (["plot", "none.nc"], "fiv: none.nc: there is no such file"),
     ],
 )
-def test_wrong_input_is_one_clear_line(tmp_path, arguments, message):
-    done = fiv(tmp_path, *arguments)
+def test_wrong_input_is_one_clear_line(tmp_path, here, arguments, message):
+    done = here(*arguments)
     assert done.returncode == 2
     assert message in done.stderr
     assert done.stderr.strip().count("\n") == 0
@@ -266,16 +282,16 @@ def test_other_settings_are_exit_3_and_fresh_starts_over(tmp_path):
     assert "theta = 8 degrees" in fresh.stdout
 
 
-def test_what_is_there_is_not_computed_again(tmp_path):
-    fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:11", "-q")
-    planned = fiv(tmp_path, "plan", "fig5", "--set", "mu=0:0.5:21").stdout
+def test_what_is_there_is_not_computed_again(here):
+    here("run", "fig5", "--set", "mu=0:0.5:11", "-q")
+    planned = here("plan", "fig5", "--set", "mu=0:0.5:21").stdout
     assert "cached          11" in planned
     assert "to do           10" in planned
     # A part of what is there: the answer is of that part, the file keeps all.
-    part = fiv(tmp_path, "run", "fig5", "--set", "mu=0.2,0.3")
+    part = here("run", "fig5", "--set", "mu=0.2,0.3")
     assert "to do           0" in part.stderr
     assert "mu from 0.2 to 0.3 (2)" in part.stdout
-    assert "points          11" in fiv(tmp_path, "status", "fig5").stdout
+    assert "points          11" in here("status", "fig5").stdout
 
 
 def begun(folder, *arguments):
