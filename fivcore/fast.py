@@ -34,7 +34,8 @@ FINER, HIGHER, LEAD, LONGEST = 12, 5.0, 6e-3, 18e-3
 MOST_DAMPING = 1e-7
 # Between two returns to Python, s: where motion may be settling, for an early end is looked for after each, and
 # elsewhere. Of several threads only one at a time can do what is done there.
-SHORT, LONG, MOST_STEPS = 0.04, 0.2, 1_000_000
+SHORT_STRETCH, LONG_STRETCH = 0.04, 0.2
+MOST_STEPS = 1_000_000
 
 
 class FastRun:
@@ -114,7 +115,7 @@ class FastRun:
 
     def chunks(self, last: int) -> Iterator[Chunk]:
         """Run to step `last`, handing over what was heard."""
-        length = SHORT
+        length = SHORT_STRETCH
         ramp_ends = int(self.ramp / self.step)
         watching = self._fine is not None
         i = 0
@@ -142,7 +143,7 @@ class FastRun:
             elif i > ramp_ends and last - i > per_chunk and (steady := self._settled(chunk)) is not None:
                 yield self._rest(steady, i, last)
                 return
-            length = SHORT if self._unrest(chunk) < self.scene.pace else LONG
+            length = SHORT_STRETCH if self._unrest(chunk) < self.scene.pace else LONG_STRETCH
 
     def _unrest(self, chunk: Chunk) -> float:
         """By how much the slip rate varied at the end of a stretch; infinite where motion cannot be settling."""
@@ -278,7 +279,7 @@ class FastRun:
         until = min(last, first + round(LONGEST / coarse.step)) * FINER
         i = first * FINER
         while i < until:
-            target = min(i + round(SHORT / fine.step), until)
+            target = min(i + round(SHORT_STRETCH / fine.step), until)
             reached, chunk = self._advance(fine, i, target, FINER, 2)
             yield chunk, -(-reached // FINER)
             i = reached

@@ -46,12 +46,16 @@ TICK = 0.25
 DEATHS = 2
 
 
-# A worker that samples its own stack a hundred times a second takes turns with what it computes.
-QUIET: dict[str, Any] = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"}
-# Dask's workers give memory back to the system at once, and get it again page by page: a tenth of the time of
-# whoever needs the same arrays over and over. These keep up to 64 MB of it.
-QUIET["distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_"] = 1 << 26
-QUIET["distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_"] = 1 << 24
+# How Dask runs workers of our own.
+CONFIGURATION = {
+    # A worker that samples its own stack a hundred times a second takes turns with what it computes.
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    # Dask's workers give memory back to the system at once, and get it again page by page: a tenth of the time of
+    # whoever needs the same arrays over and over. These keep up to 64 MB of it.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 26,
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 24,
+}
 
 
 @contextmanager
@@ -102,7 +106,7 @@ def _own(workers: int) -> Iterator[distributed.Client]:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             # Scheduler and workers each make folders of their own there.
-            with dask.config.set(QUIET | {"temporary-directory": folder}):
+            with dask.config.set(CONFIGURATION | {"temporary-directory": folder}):
                 cluster = distributed.LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -113,12 +114,43 @@ def test_places_that_cannot_be_written_to(tmp_path):
             make(points=3).plan(place).run()
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not count for root")
-def test_a_folder_without_permission(tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(StoreError, match="cannot be written to; choose another folder"):
-        make(points=3).plan(tmp_path / "a.nc").run()
-    tmp_path.chmod(0o700)
+def as_anybody(action):
+    """What `action` returns, in a process for which permissions count: for root they do not."""
+    if os.geteuid() != 0:
+        return action()
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setgroups([])
+            os.setgid(65534)
+            os.setuid(65534)
+            os.write(writing, action().encode())
+            os._exit(0)
+        finally:
+            os._exit(1)
+    os.close(writing)
+    with open(reading) as told:
+        answer = told.read()
+    assert os.waitpid(child, 0)[1] == 0
+    return answer
+
+
+def test_a_folder_without_permission():
+    def refused():
+        try:
+            make(points=3).plan(folder / "a.nc").run("sync")
+        except StoreError as problem:
+            return str(problem)
+        return "written"
+
+    # Not below pytest's own folder, which is closed to others.
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        assert as_anybody(refused) == f"{folder} cannot be written to; choose another folder"
+        assert list(folder.iterdir()) == []
+        folder.chmod(0o700)
 
 
 def test_a_folder_that_is_closed_after_planning(tmp_path):

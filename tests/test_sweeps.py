@@ -103,8 +103,12 @@ def test_values_do_not_depend_on_how_a_sweep_runs(nx, ny, scheduler, workers):
 def test_batches_hold_every_point_once(points, seconds):
     batches = make_batches(np.arange(points), seconds)
     np.testing.assert_array_equal(np.concatenate(batches), np.arange(points))
-    longest = max(map(len, batches))
-    assert longest == 1 or longest * seconds <= 1.0
+    sizes = np.array([len(batch) for batch in batches])
+    assert sizes.max() == 1 or sizes.max() * seconds <= 1.0
+    # Towards the end they are no longer than what the other workers have left to do, or a quarter of a second.
+    assert np.all(np.diff(sizes) <= 0)
+    left = np.cumsum(sizes[::-1])[::-1]
+    assert np.all((sizes <= left / 8 + 1) | (sizes == 1) | (sizes * seconds <= 0.25))
 
 
 def test_threads_are_really_used():
