@@ -70,7 +70,8 @@ def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outco
     - `switches_per_second`: changes of contact state.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
     - `stick_times`: s, the sticks of at least `min_stick` begun after first slip and ended within the run;
-      `censored_sticks`: how many are long already but still going on at its end.
+      `stick_starts`: when each began, s since the drive started; `censored_sticks`: how many are long already
+      but still going on at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes,
       from the start.
@@ -108,6 +109,7 @@ def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outco
         "first_slip_time": float(moments[FIRST_SLIP]),
         "first_separation_time": float(moments[FIRST_SEPARATION]),
         "stick_times": outcome.sticks[:, 1] - outcome.sticks[:, 0],
+        "stick_starts": outcome.sticks[:, 0].copy(),
         "censored_sticks": censored,
         "energy_residual": float(abs(work + outcome.released - lost.sum()) / max(np.abs(parts).sum(), 1e-300)),
         "settled_early": outcome.settled_early,

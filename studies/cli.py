@@ -193,7 +193,15 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
 @command("plot")
 @click.argument("target", metavar="STUDY|PATH")
 @click.option("--out", type=click.Path(), help="Results folder of a STUDY; of a PATH, where the figure goes.")
-def plot(target: str, out: str | None, quiet: bool, verbose: bool) -> None:
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["png", "svg", "pdf"]),
+    default="png",
+    show_default=True,
+    help="Of the figure; svg and pdf are drawn in lines, for print.",
+)
+def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) -> None:
     """Draw the figure of a study again from its netCDF file."""
     from studies import registry, runner
 
@@ -203,7 +211,7 @@ def plot(target: str, out: str | None, quiet: bool, verbose: bool) -> None:
         file = runner.results_file(target, out)
         if out and target not in registry.NAMES:
             file = runner.results_folder(out) / file.name
-        drawn = runner.plot(study, dataset, file)
+        drawn = runner.plot(study, dataset, file, form)
     click.echo(str(drawn))
 
 

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from studies.study import Study
 
-NAMES = ("table4", "fig5", "fig6", "fig7", "contact", "fig11", "scenes")
+NAMES = (
+    "table4",
+    "fig5",
+    "fig6",
+    "fig7",
+    "contact",
+    "fig11",
+    "table6",
+    "stick_time",
+    "stability",
+    "regimes",
+    "scenes",
+)
 
 
 def load(name: str) -> Study:

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from sweeps.monitor import Progress
 
 
+# What a figure may be written as, and what keeps its date out of it: the same result is the same file.
+UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+FORMATS = tuple(UNDATED)
+
+
 @dataclass(frozen=True, eq=False)
 class Finished:
     """What a run leaves behind."""
@@ -130,8 +135,8 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
     return Path(text).expanduser()
 
 
-def plot(study: Study, dataset: xr.Dataset, beside: Path) -> Path:
-    """Draw the study's figure to a PNG beside its netCDF file.
+def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png") -> Path:
+    """Draw the study's figure beside its netCDF file, in one of `FORMATS`.
 
     Raises
     ------
@@ -140,7 +145,7 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path) -> Path:
     StoreError
         If the figure cannot be written.
     """
-    target = beside.with_suffix(".png")
+    target = beside.with_suffix(f".{form}")
     temporary = beside.with_name(f".{target.name}.{os.getpid()}.tmp")
     with figures.style():
         try:
@@ -149,7 +154,7 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path) -> Path:
             raise ValueError(f"{beside}: it lacks {missing}; make it again with: fiv run {study.name}") from None
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(temporary, format="png", dpi=200)
+            figure.savefig(temporary, format=form, dpi=200, metadata=UNDATED[form])
             os.replace(temporary, target)
         except OSError as problem:
             raise sweeps.StoreError(f"{target} could not be written: {problem.strerror}") from problem

@@ -11,20 +11,14 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from studies import figures, transients
+from studies import figures, planes, transients
+from studies.planes import COLOURS, DARK, HATCHES, KINDS, SYMBOLS, named
 from studies.study import constants
 
 DONE, FAILED = 1, 2
-# Symbol, unit and factor of each axis, for a reader.
-SYMBOLS = {"V": ("V", " mm/s", 1e3), "theta": ("θ", "°", 1.0), "mu": ("μ", "", 1.0), "F": ("F", " N", 1.0)}
-KINDS = (*transients.REGIMES, "failed", "pending")
-# Of Okabe and Ito's colours; light and dark ones alternate.
-COLOURS = ("#d9d9d9", "#4d4d4d", "#a6dcf7", figures.ORANGE, figures.BLUE, figures.RED, "white", "white")
-DARK = ("stuck", "periodic", "irregular")
-HATCHES = {"failed": "xxxx"}
 STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
 # Maps across and down a figure; of more values it shows so many, evenly chosen.
 MOST_ACROSS, MOST_DOWN = 4, 3
@@ -38,8 +32,6 @@ FIGURES = tuple(
     for name in transients.SUMMARY
     if name != "regime" and not name.endswith("_fraction") and name != "energy_residual"
 )
-# From this ratio of its ends on an axis is logarithmic.
-WIDE = 20.0
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -66,17 +58,6 @@ def regimes(dataset: xr.Dataset) -> NDArray[np.intp]:
     return np.where(done, np.where(done, found, 0.0), other).astype(np.intp)
 
 
-def named(name: str, value: Any) -> str:
-    """A value of an axis as a reader writes it."""
-    symbol, unit, factor = SYMBOLS[name]
-    return f"{symbol} = {factor * float(value):.4g}{unit}"
-
-
-def _label(name: str) -> str:
-    symbol, unit, _ = SYMBOLS[name]
-    return f"{symbol} / {unit.strip()}" if unit else symbol
-
-
 def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figure:
     """The longest axis across and the next one up in every map; the others go from map to map."""
     x, y, *others = varying
@@ -100,12 +81,7 @@ def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figur
         kinds.update(_draw_map(axes, at.transpose(y, x, ...), x, y, written))
         axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
         axes.label_outer()
-    handles = [
-        Patch(
-            facecolor=COLOURS[k], edgecolor="black", linewidth=0.5, hatch=HATCHES.get(KINDS[k], ""), label=KINDS[k]
-        )
-        for k in sorted(kinds)
-    ]
+    handles = planes.patches(kinds)
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     shown = ", ".join(
         f"{len(ks)} of {dataset.sizes[n]} {SYMBOLS[n][0]}"
@@ -153,7 +129,7 @@ def _draw_map(axes: Axes, at: xr.Dataset, x: str, y: str, written: bool) -> NDAr
         values = SYMBOLS[name][2] * at[name].values
         ticks = range(0, len(values), -(-len(values) // MOST_TICKS))
         side.set_ticks(ticks, [f"{values[k]:.3g}" for k in ticks])
-        side.set_label_text(_label(name))
+        side.set_label_text(planes.label(name))
     return np.unique(kinds)
 
 
@@ -168,9 +144,7 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     values = symbol_factor * at[along].values
     kinds = regimes(at)
     figure, (shares, rms) = figures.panels(2, 1, 15.0, 13.0, sharex=True)
-    logarithmic = values[0] > 0.0 and values[-1] >= WIDE * values[0]
-    edges = _edges(np.log(values)) if logarithmic else _edges(values)
-    edges = np.exp(edges) if logarithmic else edges
+    edges = planes.edges(values)
     below = np.zeros(len(values))
     for state in ("stick", "slip", "separation"):
         share = np.nan_to_num(at[f"{state}_fraction"].values)
@@ -196,24 +170,18 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
             height = 1e3 * at["velocity_rms"].values[chosen]
             marker = MARKERS[code]
             rms.plot(values[chosen], height, marker, color=COLOURS[code], label=KINDS[code], zorder=2.5, **marks)
-    if logarithmic:
+    if planes.is_logarithmic(values):
         rms.set_xscale("log")
         rms.xaxis.set_major_formatter("{x:g}")
     rms.set_xlim(edges[0], edges[-1])
     rms.set_ylim(bottom=0.0)
-    rms.set_xlabel(_label(along))
+    rms.set_xlabel(planes.label(along))
     rms.set_ylabel("RMS of the velocity of B / (mm/s)")
     shares.set_ylim(0.0, 1.0)
     shares.set_ylabel("share of the time")
     figures.legend_below(figure, [shares, rms], 5)
     figure.suptitle(title)
     return figure
-
-
-def _edges(values: NDArray[Any]) -> NDArray[Any]:
-    """Ends of the stretch that each value stands for: half-way to its neighbours."""
-    middle = 0.5 * (values[1:] + values[:-1])
-    return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
 
 
 def _draw_one(at: xr.Dataset, title: str) -> Figure:

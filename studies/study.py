@@ -25,6 +25,7 @@ RIG_NUMBERS = {
     "head_mass": ("kg", "mass at A"),
     "d1": ("s-1", "Rayleigh damping on the mass"),
     "d2": ("s", "Rayleigh damping on the stiffness"),
+    "point_b": ("1", "where the velocity of P1 is read, as a share of its length from C"),
 }
 BEAM_NUMBERS = {
     "length": ("m", "length"),

@@ -151,7 +151,7 @@ def outcomes(every: Sequence[Scene], one: Callable[[Scene], Mapping[str, Any]]) 
 
 def figures_of(run: Transient) -> dict[str, Any]:
     """The summary figures of a run, those that `SUMMARY` describes among them."""
-    untold = ("stick_times", "censored_sticks", "settled_early")
+    untold = ("stick_times", "stick_starts", "censored_sticks", "settled_early")
     sticks = run.summary["stick_times"]
     return {name: value for name, value in run.summary.items() if name not in untold} | {
         "regime": REGIMES.index(run.summary["regime"]),
