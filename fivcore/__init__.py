@@ -3,6 +3,7 @@
 Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
 """
 
+from fivcore.curves import OnsetCurve, OnsetCurves, onset_curves
 from fivcore.drive import State
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.glued import glued_frequencies, tune_head_mass
@@ -11,22 +12,28 @@ from fivcore.rig import Beam, Rig, Scene
 from fivcore.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.transient import Transient, simulate
 from fivcore.uniqueness import critical_mu
+from fivcore.windows import UnstableWindows, unstable_windows
 
 __all__ = [
     "Beam",
     "ContactError",
     "DivergenceError",
     "FlutterOnsets",
+    "OnsetCurve",
+    "OnsetCurves",
     "Rig",
     "Scene",
     "SlidingModes",
     "State",
     "Transient",
+    "UnstableWindows",
     "critical_mu",
     "flutter_onsets",
     "glued_frequencies",
     "node_positions",
+    "onset_curves",
     "simulate",
     "sliding_modes",
     "tune_head_mass",
+    "unstable_windows",
 ]

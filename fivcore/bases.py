@@ -88,7 +88,7 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
     Neither theta, nor mu, V and F enter. The contact lies on the neutral axis, so the two families do not
     couple: bending modes have no tangential, axial modes no normal part.
     """
-    (axial_values, axial_vectors), (bending_values, bending_vectors) = _cantilever_modes(beam)
+    (axial_values, axial_vectors), (bending_values, bending_vectors) = cantilever_modes(beam)
     axial_row, bending_row = hermite(beam, contact_position)
     na, nb = len(axial_values), len(bending_values)
     normal, tangential = np.zeros(nb + na), np.zeros(nb + na)
@@ -113,7 +113,7 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     at A. Without contact nothing holds Y, so m_total Y + carried^T v = 0, and the elastic modes are those of
     the cantilever with the mass matrix M - carried carried^T / m_total. theta enters only here.
     """
-    along, across = _families(beam)
+    along, across = families(beam)
     na, nb = len(along.carried), len(across.carried)
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     # The beam's own axes, from A down to C and across it, in terms of x and y.
@@ -191,8 +191,9 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
 
 @lru_cache(maxsize=16)
 @one_blas_thread()
-def _cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    along, across = _families(beam)
+def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Eigenvalues and modes of a beam clamped at one end: axial ones and bending ones."""
+    along, across = families(beam)
     return (
         natural_modes(along.stiffness, along.mass, along.flexibility_root),
         natural_modes(across.stiffness, across.mass, across.flexibility_root),
@@ -200,7 +201,8 @@ def _cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Arr
 
 
 @lru_cache(maxsize=16)
-def _families(beam: Beam) -> tuple[Family, Family]:
+def families(beam: Beam) -> tuple[Family, Family]:
+    """The axial and the bending elements of a beam."""
     return axial(beam), bending(beam)
 
 

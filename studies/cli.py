@@ -10,48 +10,33 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from traceback import print_exception
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from studies.options import (
+    ASK_BYTES,
+    ASK_SECONDS,
+    INTERRUPTED,
+    SOME_FAILED,
+    STORE_TAKEN,
+    WRONG_INPUT,
+    InputErrors,
+    map_options,
+    out_option,
+    what_options,
+    where_options,
+)
+
 if TYPE_CHECKING:
     import xarray as xr
 
+    from studies.runner import Finished
     from sweeps import Status
     from sweeps.plan import Plan
 
-SOME_FAILED, WRONG_INPUT, STORE_TAKEN, INTERRUPTED = 1, 2, 3, 130
-ASK_SECONDS, ASK_BYTES = 300.0, 1e9
 # So many failed points are listed.
 LISTED = 20
-
-set_option = click.option(
-    "--set",
-    "assignments",
-    multiple=True,
-    metavar="AXIS=SPEC",
-    help="Other values for an axis or a setting: mu=0.2, mu=0.1,0.2, mu=0:0.5:101, mu=log:1e-3:1:30.",
-)
-out_option = click.option(
-    "--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results."
-)
-
-
-def what_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options of `plan` and `run` that say what there is to do."""
-    for option in (
-        click.option("--retry-failed", is_flag=True, help="Compute again the points that failed."),
-        click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it."),
-        click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
-        click.option(
-            "--record", metavar="NAME,...", help="Keep time series, for example velocity_B,normal_force."
-        ),
-        out_option,
-        set_option,
-    ):
-        function = option(function)
-    return function
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -66,13 +51,13 @@ def fiv() -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
 
 
-def command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
+def command(name: str, kind: type[click.Command] | None = None) -> Callable[[Callable[..., Any]], click.Command]:
     """A command with -v and -q."""
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         quiet = click.option("-q", "--quiet", is_flag=True, help="Only data and errors.")
         verbose = click.option("-v", "--verbose", is_flag=True, help="With the traceback of an error.")
-        return fiv.command(name)(quiet(verbose(function)))
+        return fiv.command(name, kind)(quiet(verbose(function)))
 
     return decorate
 
@@ -87,7 +72,7 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
     from studies import registry
     from sweeps.plan import duration
 
-    with _input_errors(verbose):
+    with InputErrors(verbose):
         studies = [registry.load(name) for name in ((study,) if study else registry.NAMES)]
     for one in studies:
         click.echo(f"{one.name:<10} {one.title}")
@@ -110,18 +95,7 @@ def show_plan(study: str, quiet: bool, verbose: bool, **what: Any) -> None:
 @command("run")
 @click.argument("study")
 @what_options
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS|threads|sync",
-    help="Where: the tcp://host:port of a Dask scheduler. Default: DASK_SCHEDULER_ADDRESS, else threads.",
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    help="So many processes on this machine; with threads, so many threads.",
-)
-@click.option("--fail-fast", is_flag=True, help="Stop at the first point that fails.")
-@click.option("--yes", is_flag=True, help="Never ask, however long it takes.")
+@where_options
 def run(
     study: str,
     scheduler: str | None,
@@ -139,34 +113,77 @@ def run(
     """
     from studies import runner
     from studies.progress import progress
-    from sweeps import AbandonedError, SchedulerError
 
-    with _input_errors(verbose):
+    with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)
         runner.check_free(study, what["out"])
     planned = _planned(study, verbose, **what)
-    if not quiet:
-        click.echo(repr(planned), err=True)
-    # Where no probe tells how long it takes, it may take long.
-    large = not planned.seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
-    if large and not yes and sys.stdin.isatty() and not click.confirm("Go ahead?", err=True):
-        click.echo("fiv: nothing was done", err=True)
-        sys.exit(INTERRUPTED)
-    try:
+
+    def execute() -> Finished:
         with progress(planned.todo, quiet) as told:
-            finished = runner.execute(planned, *backend, told, fail_fast=fail_fast)
-    except SchedulerError as problem:
-        raise click.UsageError(str(problem)) from None
-    except KeyboardInterrupt as interrupt:
-        # One more changes nothing.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
-    click.echo(finished.study.report(finished.dataset))
-    if not quiet:
-        click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
-    if finished.failed:
-        _list_failures(finished.dataset, verbose)
-        sys.exit(SOME_FAILED)
+            return runner.execute(planned, *backend, told, fail_fast=fail_fast)
+
+    _carry_out(planned, execute, yes, quiet, verbose)
+
+
+class _MapCommand(click.Command):
+    """Its help ends with what there is to choose from, which takes a moment to load."""
+
+    def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        from studies.quantities import AXES, QUANTITIES, RUN
+
+        for head, names in (("Quantities", QUANTITIES), ("Axes", AXES), ("Settings of runs", RUN)):
+            with formatter.section(head):
+                formatter.write_text(", ".join(names))
+
+
+@command("map", _MapCommand)
+@map_options
+@where_options
+def draw_map(
+    x: str,
+    y: str,
+    fixed: tuple[str, ...],
+    quantity: str,
+    halvings: int,
+    tolerance: float | None,
+    out: str | None,
+    fresh: bool,
+    retry_failed: bool,
+    scheduler: str | None,
+    workers: int | None,
+    fail_fast: bool,
+    yes: bool,
+    quiet: bool,
+    verbose: bool,
+) -> None:
+    """Map one quantity over any two axes of the rig or its operation; store it as netCDF and draw it.
+
+    \b
+    fiv map --x theta=-10:20:9 --y mu=0:0.5:9 --quantity growth_rate --refine 3
+    fiv map --x V=log:2e-4:1e-2:9 --y mu=0.01:0.4:9 --quantity regime --refine 3 --fix theta=8
+
+    With --refine the SPECs give a coarse lattice; the map has 2^N times as many intervals, and is computed where
+    it changes.
+    """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import maps, runner
+    from studies.progress import progress
+    from sweeps import check_free
+    from sweeps.refine import passes
+
+    with InputErrors(verbose):
+        backend = runner.backend(scheduler, workers)
+        plane = maps.plane_of(x, y, halvings)
+        sweep = maps.sweep_of(plane, quantity, maps.fixed_of(fixed), halvings, tolerance)
+        file = maps.file_of(plane, quantity, out)
+        check_free(file)
+        plans = passes(sweep, file, fresh=fresh, retry_failed=retry_failed)
+        planned = next(plans)
+
+    def execute() -> Finished:
+        return maps.execute(planned, plans, backend, lambda todo: progress(todo, quiet), fail_fast)
+
+    _carry_out(planned, execute, yes, quiet, verbose)
 
 
 @command("status")
@@ -182,7 +199,7 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
     from studies import runner
     from sweeps import status
 
-    with _input_errors(verbose):
+    with InputErrors(verbose):
         found = status(runner.results_file(target, out))
     told = asdict(found)
     if isnan(told["run"].get("left", 0.0)):
@@ -205,7 +222,7 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     """Draw the figure of a study again from its netCDF file."""
     from studies import registry, runner
 
-    with _input_errors(verbose):
+    with InputErrors(verbose):
         dataset = runner.open_dataset(target, out)
         study = registry.load(dataset.attrs.get("sweep", ""))
         file = runner.results_file(target, out)
@@ -213,6 +230,33 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
             file = runner.results_folder(out) / file.name
         drawn = runner.plot(study, dataset, file, form)
     click.echo(str(drawn))
+
+
+def _carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: bool, verbose: bool) -> None:
+    """Show a plan, ask where it takes long, execute it, and tell what came of it."""
+    from sweeps import AbandonedError, SchedulerError
+
+    if not quiet:
+        click.echo(repr(planned), err=True)
+    # Where no probe tells how long it takes, it may take long.
+    large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
+    if large and not yes and sys.stdin.isatty() and not click.confirm("Go ahead?", err=True):
+        click.echo("fiv: nothing was done", err=True)
+        sys.exit(INTERRUPTED)
+    try:
+        finished = execute()
+    except SchedulerError as problem:
+        raise click.UsageError(str(problem)) from None
+    except KeyboardInterrupt as interrupt:
+        # One more changes nothing.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
+    click.echo(finished.study.report(finished.dataset))
+    if not quiet:
+        click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
+    if finished.failed:
+        _list_failures(finished.dataset, verbose)
+        sys.exit(SOME_FAILED)
 
 
 def _planned(
@@ -228,7 +272,7 @@ def _planned(
     """The plan; whatever is wrong with the input shows here, before anything is written."""
     from studies import runner, spec
 
-    with _input_errors(verbose):
+    with InputErrors(verbose):
         given: dict[str, Any] = {}
         for text in assignments:
             name, values = spec.assignment(text)
@@ -281,7 +325,12 @@ def _status_text(found: Status) -> str:
     rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
     rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]
     if found.pending and found.state == "complete":
-        rows[-2] = ("pending", f"{found.pending}, which no run has asked for")
+        rows[-2] = (
+            "pending",
+            f"{found.pending}, which no run has {'computed' if found.interpolated else 'asked for'}",
+        )
+    if found.interpolated:
+        rows.append(("interpolated", f"{found.interpolated}"))
     told = found.run
     if "pid" in told:
         rows.append(
@@ -295,26 +344,10 @@ def _status_text(found: Status) -> str:
     return "\n".join(f"{name:<15} {text}" for name, text in rows)
 
 
-class _input_errors:
-    """Turn what the checks of input raise into a usage error of one line."""
-
-    def __init__(self, verbose: bool) -> None:
-        self.verbose = verbose
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, problem: BaseException | None, traceback: Any) -> None:
-        if isinstance(problem, (ValueError, ArithmeticError, FileNotFoundError)):
-            if self.verbose:
-                print_exception(problem)
-            raise click.UsageError(str(problem)) from None
-
-
 def main() -> NoReturn:
     """Entry point: exit codes as documented, errors in one line."""
     try:
-        code = fiv.main(standalone_mode=False)
+        code = fiv.main(prog_name="fiv", standalone_mode=False)
     except click.exceptions.Exit as stop:
         code = stop.exit_code
     except (click.Abort, KeyboardInterrupt):

@@ -5,13 +5,46 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fivcore import Scene, Transient
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore import Scene, Transient, checks
 from fivcore.drive import Canonical, slip_distance
 from studies import transients
+from studies.study import Setting
 
 # Members differ by the ramp of the drive: each is longer than the one before by this share of the first. Motion
 # forgets it within milliseconds of the first separation, but no two members then move alike.
 STRETCH = 0.013
+# What says how long a member runs.
+SETTINGS = ("least", "load_ups", "most")
+
+
+def settings(least: float, load_ups: float, most: float) -> dict[str, Setting]:
+    """Settings of runs as long as their own time scale asks (`own_duration`)."""
+    run = transients.run_settings(most)
+    return {
+        "least": Setting(least, "s", "least time simulated after settling"),
+        "load_ups": Setting(
+            load_ups, "1", "least time after settling, in times that a stuck contact takes to slip"
+        ),
+        "most": Setting(most, "s", "longest simulated time"),
+        "ramp": run["ramp"],
+        "cutoff": run["cutoff"],
+    }
+
+
+def check(fixed: Mapping[str, Any]) -> None:
+    """Refuse settings that say nothing of how long a run is to be.
+
+    Raises
+    ------
+    ValueError
+        Naming the setting.
+    """
+    checks.between("least", fixed["least"], 0.0, 1e6, "s")
+    checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
+    checks.between("most", fixed["most"], 1e-3, 1e6, "s")
 
 
 def ramp_of(member: float, ramp: float) -> float:
@@ -38,3 +71,25 @@ def own_duration(scene: Scene, ramp: float, least: float, load_ups: float, most:
 def member(scene: Scene, number: float, fixed: Mapping[str, Any], duration: float, **more: Any) -> Transient:
     """One member of a scene's ensemble, by its number from 1 on."""
     return transients.motion(scene, {**fixed, "ramp": ramp_of(number, fixed["ramp"])}, duration, **more)
+
+
+def figures_of(scene: Scene, fixed: Mapping[str, Any], members: int, duration: float) -> dict[str, NDArray[Any]]:
+    """Every figure of `studies.transients.SUMMARY` of the first `members` members, (members,)."""
+    runs = [transients.figures_of(member(scene, number, fixed, duration)) for number in range(1, members + 1)]
+    return {name: np.array([run[name] for run in runs]) for name in runs[0]}
+
+
+def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
+    """The regime that most members are in, and how many are in each of `studies.transients.REGIMES`.
+
+    Of regimes with equally many members it is the one that comes last: a vibration goes before rest, and anything
+    before "undecided".
+    """
+    counts = np.bincount(regimes, minlength=len(transients.REGIMES))
+    return len(counts) - 1 - int(np.argmax(counts[::-1])), counts
+
+
+def middle(values: NDArray[Any]) -> float:
+    """The lower median of the values there are: one of them, for half-way between two rival lines lies none."""
+    known = np.sort(values[np.isfinite(values)])
+    return float(known[(len(known) - 1) // 2]) if len(known) else float("nan")

@@ -11,8 +11,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fivcore import Scene, sliding_modes
+from fivcore import Scene
 from studies import figures, paper, recording, transients
+from studies.stability import largest_growth
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -60,9 +61,8 @@ def histories(
 
 def fastest(scene: Scene) -> tuple[float, float]:
     """Growth rate (1/s) and frequency (Hz) of the mode of steady sliding that grows fastest."""
-    modes = sliding_modes(scene.rig, scene.drive_theta, [scene.mu], transients.BAND)
-    top = int(np.nanargmax(modes.growth_rate[0]))
-    return float(modes.growth_rate[0, top]), float(modes.frequency[0, top])
+    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, transients.BAND)
+    return float(growth), float(frequency)
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:

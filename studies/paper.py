@@ -38,6 +38,7 @@ VIBRATION = {1e-3: "intermittent", 2e-3: "intermittent", 5e-3: "periodic"}
 
 # Section 3.5.4.2: mean duration of the sticking phases at 2 mm/s over that at 1 mm/s.
 STICK_RATIO = 0.5
+STICK_RATIO_SPEEDS = (2e-3, 1e-3)
 
 # Sections 3.5.4.1 and 3.5.4.2: what the normal force (N) and the slip speed (m/s) can reach, by speed (m/s).
 CONTACT_PEAKS = {5e-3: (25.0, 0.030), 2e-3: (50.0, 0.120)}
@@ -45,3 +46,13 @@ CONTACT_PEAKS = {5e-3: (25.0, 0.030), 2e-3: (50.0, 0.120)}
 # Section 3.6, Fig. 11: speed (m/s), and by inclination (degrees) the measured frequency (Hz), NaN where stable.
 ANGLES_SPEED = 2e-3
 ANGLES = {10.0: 2700.0, 15.0: float("nan")}
+
+# Table 6, whose body is not at hand: what the text says of single inclinations (degrees) at mu = 0.2 and F = 9 N.
+# Sections 2 and 3.6: main line measured at 2 mm/s, Hz.
+ANGLES_MEASURED = {5.0: 2700.0, 10.0: 2700.0}
+# Section 3.5.3: main line of the simulation, Hz.
+ANGLES_SIMULATED = {5.0: 2700.0}
+# Section 3.4.2: frequencies of the unstable pairs of the stability analysis, Hz.
+ANGLES_UNSTABLE = {5.0: (400.0, 2800.0)}
+# Section 3.6: steady sliding at angles below the first (degrees), and above the second.
+STEADY_ANGLES = (0.0, 12.0)

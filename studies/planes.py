@@ -70,8 +70,9 @@ def shown(name: str, values: Any) -> NDArray[Any]:
 
 
 def is_logarithmic(values: Any) -> bool:
-    """Whether values read better on a logarithmic axis."""
-    return bool(values[0] > 0.0 and values[-1] >= WIDE * values[0])
+    """Whether ascending values read better on a logarithmic axis: they span much, and their steps grow."""
+    wide = values[0] > 0.0 and values[-1] >= WIDE * values[0]
+    return bool(wide and (len(values) == 2 or values[-1] - values[-2] >= 2.0 * (values[1] - values[0])))
 
 
 def edges(values: NDArray[Any]) -> NDArray[Any]:

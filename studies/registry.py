@@ -23,6 +23,10 @@ NAMES = (
 )
 
 
+# What is made by a command of its own, but drawn from its file like a study: by the sweep's name, its module.
+UNLISTED = {"map": "maps"}
+
+
 def load(name: str) -> Study:
     """The study called `name`.
 
@@ -31,12 +35,12 @@ def load(name: str) -> Study:
     ValueError
         If there is none; the message suggests the nearest.
     """
-    if not isinstance(name, str) or name not in NAMES:
+    if not isinstance(name, str) or name not in (*NAMES, *UNLISTED):
         from studies.study import suggest
 
         raise ValueError(
             f"STUDY = {name!r}: there is no such study; {suggest(str(name), list(NAMES))}"
             f"the studies are {', '.join(NAMES)}"
         )
-    study: Study = import_module(f"studies.{name}").STUDY
+    study: Study = import_module(f"studies.{UNLISTED.get(name, name)}").STUDY
     return study

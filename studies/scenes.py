@@ -106,15 +106,9 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
         Naming the axis or setting.
     """
     checks.between("duration", fixed["duration"], 1e-6, 1e6, "s")
-    first = {name: float(axis.values[0]) for name, axis in axes.items()}
-    for name, axis in axes.items():
-        for value in axis.values:
-            Scene(**{**first, name: float(value)}, rig=fixed["rig"])
-    # The least and the greatest V / F of the grid, which the solver must resolve.
-    speeds, loads = np.abs(axes["V"].values), axes["F"].values
-    for V, F in ((speeds.min(), loads.max()), (speeds.max(), loads.min())):
+    for scene in transients.extremes(axes, fixed["rig"]):
         with suppress(ContactError, DivergenceError):
-            transients.motion(Scene(float(V), first["theta"], first["mu"], float(F), fixed["rig"]), fixed, 1e-6)
+            transients.motion(scene, fixed, 1e-6)
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:

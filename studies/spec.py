@@ -13,10 +13,16 @@ MOST_VALUES = 10_000_000
 
 def assignment(text: str) -> tuple[str, NDArray[Any]]:
     """Read AXIS=SPEC."""
+    name, spec = split(text)
+    return name, parse(spec, name)
+
+
+def split(text: str, option: str = "--set") -> tuple[str, str]:
+    """AXIS and SPEC, of what follows an option."""
     name, equals, spec = text.partition("=")
     if not equals or not name.strip():
-        raise ValueError(f"--set {text!r}: it must be AXIS=SPEC, for example mu=0:0.5:101")
-    return name.strip(), parse(spec.strip(), name.strip())
+        raise ValueError(f"{option} {text!r}: it must be AXIS=SPEC, for example mu=0:0.5:101")
+    return name.strip(), spec.strip()
 
 
 def parse(spec: str, name: str) -> NDArray[Any]:
@@ -33,6 +39,31 @@ def parse(spec: str, name: str) -> NDArray[Any]:
         return np.array([_finite(part) for part in spec.split(",")])
     except ValueError as problem:
         raise ValueError(f"{name} = {spec!r}: {problem}; the forms are {FORMS}") from None
+
+
+def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
+    """The values that SPEC stands for, in order, each interval between them halved so often.
+
+    Half-way is the geometric mean in a log: range, else the arithmetic one. The values of fewer halvings are among
+    those of more, bit for bit.
+
+    Raises
+    ------
+    ValueError
+        As `parse` does; or if there are no such values, or too many.
+    """
+    values = np.unique(parse(spec, name))
+    logarithmic = spec.startswith("log:")
+    for _ in range(halvings):
+        # Written so that no sum or product overflows.
+        low, high = values[:-1], values[1:]
+        middle = _written(np.sqrt(low) * np.sqrt(high) if logarithmic else low + 0.5 * (high - low))
+        if not np.all((low < middle) & (middle < high)) or len(values) + len(middle) > MOST_VALUES:
+            raise ValueError(f"{name} = {spec!r}: it cannot be halved {halvings} times; choose a smaller --refine")
+        both = np.empty(len(values) + len(middle))
+        both[::2], both[1::2] = values, middle
+        values = both
+    return values
 
 
 def _range(parts: list[str], logarithmic: bool) -> NDArray[Any]:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -19,6 +19,7 @@ from studies.study import Setting, constants
 from sweeps import Axis, Grid, Variable
 
 Array = NDArray[Any]
+Case = TypeVar("Case")
 
 METHOD = "fast"
 # The paper's spectra end here, Hz.
@@ -117,7 +118,25 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
         motion(every[0], fixed, 1e-6)
 
 
-def outcomes(every: Sequence[Scene], one: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
+def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
+    """The scenes of a grid with the least and with the greatest V / F, which the solver must resolve.
+
+    Raises
+    ------
+    ValueError
+        For a value of an axis that makes no scene, naming it.
+    """
+    every = {name: axes[name].values for name in SCENE if name in axes}
+    first = fixed | {name: float(values[0]) for name, values in every.items()}
+    for name, values in every.items():
+        for value in values:
+            Scene(**{**first, name: float(value)}, rig=rig)
+    speeds, loads = np.abs(every["V"]), every["F"]
+    ends = ((speeds.min(), loads.max()), (speeds.max(), loads.min()))
+    return [Scene(**{**first, "V": float(V), "F": float(F)}, rig=rig) for V, F in ends]
+
+
+def outcomes(every: Sequence[Case], one: Callable[[Case], Mapping[str, Any]]) -> dict[str, Any]:
     """What `one` finds for each scene, as a sweep's function returns it.
 
     A scene without an answer has an error of its own, so that the others of its batch are not computed again.
@@ -125,17 +144,18 @@ def outcomes(every: Sequence[Scene], one: Callable[[Scene], Mapping[str, Any]]) 
 
     Parameters
     ----------
-    every : sequence of Scene
+    every : sequence
+        Scenes, or scenes with what else a run depends on.
     one : callable
-        `one(scene)` gives the value of each variable; what is long in its final type, for a batch holds many.
+        `one(each)` gives the value of each variable; what is long in its final type, for a batch holds many.
     """
     found: list[Mapping[str, Any] | None] = []
     errors: list[Exception | None] = []
     taken = np.zeros(len(every))
-    for k, scene in enumerate(every):
+    for k, case in enumerate(every):
         start = time.perf_counter()
         try:
-            found.append(one(scene))
+            found.append(one(case))
             errors.append(None)
         except (ContactError, DivergenceError) as problem:
             found.append(None)

@@ -8,6 +8,7 @@ from sweeps.final import open_results
 from sweeps.grid import Axis, Grid, Variable
 from sweeps.monitor import Snapshot
 from sweeps.plan import Plan
+from sweeps.refine import Refinement, refine, refined
 from sweeps.status import Status, check_free, status
 from sweeps.sweep import Sweep
 
@@ -17,6 +18,7 @@ __all__ = [
     "Grid",
     "LockedError",
     "Plan",
+    "Refinement",
     "SchedulerError",
     "Snapshot",
     "Status",
@@ -26,5 +28,7 @@ __all__ = [
     "Variable",
     "check_free",
     "open_results",
+    "refine",
+    "refined",
     "status",
 ]

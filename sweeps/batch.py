@@ -18,8 +18,10 @@ from sweeps.grid import Points, Variable
 from sweeps.keys import Columns
 from sweeps.reproduce import one_liner
 
-PENDING, DONE, FAILED, SKIPPED = range(4)
+PENDING, DONE, FAILED, SKIPPED, INTERPOLATED = range(5)
 STATUS_MEANINGS = "pending done failed skipped"
+# Only where points were not computed because others tell enough (`sweeps.refine`).
+INTERPOLATED_MEANING = "interpolated"
 # A function may return these besides its results: what a point raised, and its own computing time.
 ERROR, WALL_TIME = "error", "wall_time"
 # Letters of an error text: every point of a file has room for the longest. The traceback holds all of it.

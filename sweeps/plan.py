@@ -28,8 +28,9 @@ class Plan:
     sweep : Sweep
     store : Path or None
         The netCDF file.
-    points, skipped, distinct, cached, todo : int
-        Points of the grid, those needing nothing, different computations, those at hand, those to do.
+    points, skipped, wanted, distinct, cached, todo : int
+        Points of the grid, those needing nothing, those asked for, different computations, those at hand, those to
+        do. Of a refined sweep those asked for are the ones that what is known so far makes worth computing.
     failed : int
         Those at hand that failed and are not tried again.
     batches : tuple of ndarray
@@ -62,6 +63,7 @@ class Plan:
     store: Path | None
     points: int
     skipped: int
+    wanted: int
     distinct: int
     cached: int
     failed: int
@@ -80,6 +82,13 @@ class Plan:
     whole: bool
     damaged: tuple[str, ...]
 
+    @property
+    def most_seconds(self) -> float:
+        """Time to expect on one core; of a refined sweep if every point were asked for in the end."""
+        if self.sweep.refinement is None or not self.todo:
+            return self.seconds
+        return self.seconds / self.todo * (self.points - self.skipped - self.cached)
+
     def __repr__(self) -> str:
         time = "unknown: no point tells" if math.isnan(self.seconds) else duration(self.seconds)
         shape = " x ".join(f"{d} {n}" for d, n in zip(self.sweep.grid.dims, self.sweep.grid.shape, strict=True))
@@ -90,6 +99,7 @@ class Plan:
             ("grid", shape),
             ("points", f"{self.points}"),
             ("skipped", f"{self.skipped}"),
+            ("refined", self._chosen()),
             ("distinct", f"{self.distinct}"),
             ("cached", f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else "")),
             ("to do", todo + (f", {probed} done as probes" if probed else "")),
@@ -97,10 +107,19 @@ class Plan:
             ("a batch", f"{size(self.batch_bytes)} in memory"),
             ("time to expect", f"{time} on one core" if self.seconds > 0 else time),
         ]
+        if self.most_seconds > self.seconds:
+            rows.append(("at most", f"{duration(self.most_seconds)} for all points"))
         if self.store is not None:
             rows.append(("file", str(self.store)))
         rows += [("damaged", f"{name}: its points are computed again") for name in self.damaged]
-        return "\n".join(f"{name:<15} {text}" for name, text in rows)
+        return "\n".join(f"{name:<15} {text}" for name, text in rows if text)
+
+    def _chosen(self) -> str:
+        """How far a refined sweep has got; nothing of any other."""
+        if self.sweep.refinement is None:
+            return ""
+        told = f"to {self.wanted} points ({100.0 * self.wanted / self.points:.3g} %)"
+        return f"{told} so far; what they show may ask for more" if self.todo else told
 
     def run(
         self,

@@ -20,6 +20,7 @@ from sweeps.identity import configuration, identity, presentation
 from sweeps.keys import Index, key_columns
 from sweeps.layout import Layout
 from sweeps.plan import Plan
+from sweeps.refine import wanted_points
 from sweeps.store import Kept, Store, check_replaceable, kept
 
 if TYPE_CHECKING:
@@ -65,8 +66,12 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
     wanted = asked[~skipped]
     sources: list[Source] = [] if present is None else present.sources
     layout = _layout(sweep, grid, wanted, attributes, fresh)
-    known = gather(layout, sources, list(sweep.variables))
+    refinement = sweep.refinement
+    unseen = [name for name in sweep.variables if refinement is None or name != refinement.variable]
+    known = gather(layout, sources, unseen)
     status = known.status
+    if refinement is not None:
+        wanted = asked[wanted_points(sweep, refinement, layout, asked, known) & ~skipped]
 
     # As flags of all points: np.unique takes a second for a million.
     slots, due = np.zeros(grid.size, dtype=bool), np.zeros(grid.size, dtype=bool)
@@ -99,6 +104,7 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
         store=None if place is None else place.file,
         points=sweep.grid.size,
         skipped=int(skipped.sum()),
+        wanted=len(wanted),
         distinct=distinct,
         cached=distinct - len(todo),
         failed=int(np.count_nonzero(status[slots & ~due] == FAILED)),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.assemble import gather
-from sweeps.batch import DONE, FAILED, PENDING, SKIPPED
+from sweeps.batch import DONE, FAILED, INTERPOLATED, PENDING, SKIPPED
 from sweeps.errors import StoreError
 from sweeps.final import open_results
 from sweeps.layout import Layout
@@ -27,7 +27,7 @@ class Status:
     file : str
     state : str
         "running", "interrupted" or "complete".
-    points, done, failed, pending, skipped : int
+    points, done, failed, pending, skipped, interpolated : int
         Points of the file's grid, and how many are in which state.
     run : dict
         Of a run: `pid`, `host`, `started`, and once it is under way what a `Snapshot` holds; empty if there is
@@ -41,6 +41,7 @@ class Status:
     failed: int
     pending: int
     skipped: int
+    interpolated: int
     run: dict[str, Any]
 
 
@@ -63,10 +64,9 @@ def status(path: str | Path) -> Status:
         # There is none, or the run has finished meanwhile.
         codes = open_results(path)["status"].values
         state = "running" if running else "complete"
-    counts = {code: int(np.count_nonzero(codes == code)) for code in (DONE, FAILED, PENDING, SKIPPED)}
-    return Status(
-        str(path), state, codes.size, counts[DONE], counts[FAILED], counts[PENDING], counts[SKIPPED], run
-    )
+    every = (DONE, FAILED, PENDING, SKIPPED, INTERPOLATED)
+    done, failed, pending, skipped, interpolated = (int(np.count_nonzero(codes == code)) for code in every)
+    return Status(str(path), state, codes.size, done, failed, pending, skipped, interpolated, run)
 
 
 def check_free(path: str | Path) -> None:

@@ -14,6 +14,7 @@ from sweeps.identity import plain
 
 if TYPE_CHECKING:
     from sweeps.plan import Plan
+    from sweeps.refine import Refinement
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,8 @@ class Sweep:
         each point, so that one computation serves points that differ in size only.
     together : sequence of str
         Axes whose change is costly: a batch holds neighbours along the others first.
+    refinement : Refinement, optional
+        What decides which points are computed; given by `sweeps.refined`. Without it all are.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Sweep:
     derive: Callable[[xr.Dataset], xr.Dataset] | None = None
     scale: Callable[[Points], Mapping[str, Any]] | None = None
     together: tuple[str, ...] = ()
+    refinement: Refinement | None = None
 
     def __post_init__(self) -> None:
         if not self.variables:

@@ -34,7 +34,7 @@ def median(run, repeat: int, prepare=lambda: None) -> float:
 
 def forget() -> None:
     """Drop every basis."""
-    for cached in (bases.lower_basis, bases.upper_basis, bases._cantilever_modes, bases._families):
+    for cached in (bases.lower_basis, bases.upper_basis, bases.cantilever_modes, bases.families):
         cached.cache_clear()
     sliding_problem.sliding_problem.cache_clear()
 

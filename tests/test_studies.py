@@ -20,9 +20,18 @@ def _elsewhere(tmp_path, monkeypatch):
     monkeypatch.delenv("FIV_RESULTS", raising=False)
 
 
+# Those that take minutes as they are.
+SMALLER = {
+    "table6": {"theta": [-5.0, 5.0, 15.0], "members": 2, "least": 0.3, "load_ups": 1.0},
+    "stick_time": {"V": [1e-3, 2e-3], "member": [1, 2], "mu": 0.2, "F": 9.0, "least": 0.3},
+    "stability": {"theta": [-5.0, 5.0, 15.0], "mu": [0.0, 0.2, 0.4]},
+    "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2], "members": 2, "least": 0.3, "load_ups": 1.0},
+}
+
+
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_every_study_runs_to_a_file_and_a_figure(name, tmp_path):
-    data = studies.run(name)
+    data = studies.run(name, **SMALLER.get(name, {}))
     folder = tmp_path / "results" / name
     assert sorted(p.name for p in folder.iterdir()) == [f"{name}.nc", f"{name}.png"]
     assert np.all(data["status"] == 1)
@@ -61,6 +70,15 @@ def test_a_figure_is_drawn_from_the_file_alone(tmp_path):
     runner.plot(registry.load("fig6"), studies.open("fig6"), file)
     assert file.with_suffix(".png").read_bytes() == drawn
     assert len(data["mu"]) == 31
+
+
+@pytest.mark.parametrize("form", runner.FORMATS)
+def test_a_figure_is_drawn_as_a_picture_or_in_lines_and_the_same_each_time(form, tmp_path):
+    data = studies.run("fig5", mu=np.linspace(0.0, 0.3, 31))
+    file = tmp_path / "fig5.nc"
+    drawn = [runner.plot(registry.load("fig5"), data, file, form).read_bytes() for _ in range(2)]
+    assert drawn[0] == drawn[1]
+    assert drawn[0].lstrip()[:5] == {"png": b"\x89PNG\r", "svg": b"<?xml", "pdf": b"%PDF-"}[form]
 
 
 def test_fig5_has_ten_modes_and_the_papers_onsets():

@@ -86,6 +86,7 @@ def test_long_sticks_are_a_fifth_of_the_first_and_the_last_may_be_censored():
     tally, sticks = run(states)
     figures = summarise(SCENE, tally, silent(), outcome(len(states) * 1e-4, sticks))
     assert figures["stick_times"] == pytest.approx([0.03])
+    assert figures["stick_starts"] == pytest.approx([0.10105], abs=1e-4)
     assert figures["censored_sticks"] == 1
     tally, sticks = run(states, min_stick=0.005)
     figures = summarise(SCENE, tally, silent(), outcome(len(states) * 1e-4, sticks))
