@@ -28,7 +28,7 @@ SPECTRA = {
 
 VARIABLES = (
     {
-        "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
+        "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32", digits=3),
         "long_stick": Variable("1", "whether within a long stick", ("elapsed",), "int8"),
     }
     | {name: Variable("m2 s-1", text, ("frequency",), "float32") for name, text in SPECTRA.items()}
@@ -264,7 +264,7 @@ STUDY = Study(
     "sticking phases half as long at 2 mm/s as at 1 mm/s.",
     axes={"V": Axis(np.array(paper.SPEEDS), "m s-1", "velocity of P2's clamp")},
     settings=transients.run_settings(2.5)
-    | {"sample_rate": Setting(40e3, "Hz", "of the series kept")}
+    | {"sample_rate": Setting(25e3, "Hz", "of the series kept")}
     | rig_settings(),
     build=build,
     draw=draw,
