@@ -5,23 +5,20 @@ Heavy packages are imported inside the commands: `fiv --help` answers at once.
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from studies.carrying_out import carry_out, status_text
 from studies.options import (
-    ASK_BYTES,
-    ASK_SECONDS,
     INTERRUPTED,
     SOME_FAILED,
     STORE_TAKEN,
     WRONG_INPUT,
     InputErrors,
+    MapCommand,
     map_options,
     out_option,
     what_options,
@@ -29,14 +26,8 @@ from studies.options import (
 )
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from studies.runner import Finished
-    from sweeps import Status
     from sweeps.plan import Plan
-
-# So many failed points are listed.
-LISTED = 20
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -123,21 +114,10 @@ def run(
         with progress(planned.todo, quiet) as told:
             return runner.execute(planned, *backend, told, fail_fast=fail_fast)
 
-    _carry_out(planned, execute, yes, quiet, verbose)
+    carry_out(planned, execute, yes, quiet, verbose)
 
 
-class _MapCommand(click.Command):
-    """Its help ends with what there is to choose from, which takes a moment to load."""
-
-    def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        from studies.quantities import AXES, QUANTITIES, RUN
-
-        for head, names in (("Quantities", QUANTITIES), ("Axes", AXES), ("Settings of runs", RUN)):
-            with formatter.section(head):
-                formatter.write_text(", ".join(names))
-
-
-@command("map", _MapCommand)
+@command("map", MapCommand)
 @map_options
 @where_options
 def draw_map(
@@ -183,7 +163,7 @@ def draw_map(
     def execute() -> Finished:
         return maps.execute(planned, plans, backend, lambda todo: progress(todo, quiet), fail_fast)
 
-    _carry_out(planned, execute, yes, quiet, verbose)
+    carry_out(planned, execute, yes, quiet, verbose)
 
 
 @command("status")
@@ -204,7 +184,7 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
     told = asdict(found)
     if isnan(told["run"].get("left", 0.0)):
         told["run"]["left"] = None  # JSON has no NaN
-    click.echo(dumps(told) if as_json else _status_text(found))
+    click.echo(dumps(told) if as_json else status_text(found))
 
 
 @command("plot")
@@ -232,33 +212,6 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     click.echo(str(drawn))
 
 
-def _carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: bool, verbose: bool) -> None:
-    """Show a plan, ask where it takes long, execute it, and tell what came of it."""
-    from sweeps import AbandonedError, SchedulerError
-
-    if not quiet:
-        click.echo(repr(planned), err=True)
-    # Where no probe tells how long it takes, it may take long.
-    large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
-    if large and not yes and sys.stdin.isatty() and not click.confirm("Go ahead?", err=True):
-        click.echo("fiv: nothing was done", err=True)
-        sys.exit(INTERRUPTED)
-    try:
-        finished = execute()
-    except SchedulerError as problem:
-        raise click.UsageError(str(problem)) from None
-    except KeyboardInterrupt as interrupt:
-        # One more changes nothing.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
-    click.echo(finished.study.report(finished.dataset))
-    if not quiet:
-        click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
-    if finished.failed:
-        _list_failures(finished.dataset, verbose)
-        sys.exit(SOME_FAILED)
-
-
 def _planned(
     study: str,
     verbose: bool,
@@ -283,65 +236,6 @@ def _planned(
         return runner.plan(
             study, given, out, fresh=fresh, retry_failed=retry_failed, record=names, sample_rate=sample_rate
         )
-
-
-def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
-    """Say what is kept, and go; not waiting for threads that still compute."""
-    from sweeps import status
-
-    kept = ""
-    with suppress(Exception):
-        # Whatever the store is like now, an interrupted run ends as one.
-        found = status(str(planned.store))
-        count = f"{found.done + found.failed} of {found.points} points"
-        kept = f"; {count} are kept, and the same command goes on from there"
-    click.echo(f"fiv: interrupted{kept}", err=True)
-    if abandoned:
-        sys.stdout.flush()
-        os._exit(INTERRUPTED)
-    sys.exit(INTERRUPTED)
-
-
-def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
-    """Failed points, each with its reason, and how to see them again."""
-    places = list(zip(*(dataset["status"].values == 2).nonzero(), strict=True))
-    for place in places[:LISTED]:
-        at = dict(zip(dataset["status"].dims, place, strict=True))
-        point = dataset.isel(at)
-        where = ", ".join(f"{dim} = {point[dim].item()}" for dim in at)
-        click.echo(f"failed: {where}: {point['error'].item()}", err=True)
-    if len(places) > LISTED:
-        click.echo(f"failed: and {len(places) - LISTED} more", err=True)
-    if "reproduce" in dataset and dataset.sizes["failure"]:
-        if verbose:
-            click.echo(dataset["traceback"].values[0], err=True)
-        click.echo(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
-
-
-def _status_text(found: Status) -> str:
-    """A status as lines."""
-    from sweeps.plan import duration
-
-    rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
-    rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]
-    if found.pending and found.state == "complete":
-        rows[-2] = (
-            "pending",
-            f"{found.pending}, which no run has {'computed' if found.interpolated else 'asked for'}",
-        )
-    if found.interpolated:
-        rows.append(("interpolated", f"{found.interpolated}"))
-    told = found.run
-    if "pid" in told:
-        rows.append(
-            ("run by", f"process {told['pid']} on {told['host']}, begun {told.get('started', 'just now')}")
-        )
-    if "todo" in told:
-        rows.append(("this run", f"{told['done']} of {told['todo']} computations, {told['rate']:.3g} a second"))
-        if told["left"] == told["left"]:
-            rows.append(("time left", duration(told["left"])))
-        rows += [("now", what) for what in told["now"]]
-    return "\n".join(f"{name:<15} {text}" for name, text in rows)
 
 
 def main() -> NoReturn:

@@ -42,6 +42,7 @@ def check(fixed: Mapping[str, Any]) -> None:
     ValueError
         Naming the setting.
     """
+    checks.between("ramp", fixed["ramp"], 0.0, 1e3, "s")
     checks.between("least", fixed["least"], 0.0, 1e6, "s")
     checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
     checks.between("most", fixed["most"], 1e-3, 1e6, "s")

@@ -95,6 +95,18 @@ def map_options(function: Callable[..., Any]) -> Callable[..., Any]:
     )
 
 
+class MapCommand(click.Command):
+    """The command `map`: its help ends with what there is to choose from, which takes a moment to load."""
+
+    def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Quantities, axes and settings."""
+        from studies.quantities import AXES, QUANTITIES, RUN
+
+        for head, names in (("Quantities", QUANTITIES), ("Axes", AXES), ("Settings of runs", RUN)):
+            with formatter.section(head):
+                formatter.write_text(", ".join(names))
+
+
 class InputErrors:
     """Turn what the checks of input raise into a usage error of one line."""
 
