@@ -288,7 +288,7 @@ def test_a_malformed_spec_is_told_why(text, why):
 
 def test_every_study_has_the_same_bits_in_any_batch():
     for name in registry.NAMES:
-        sweep = registry.load(name).sweep({})
+        sweep = registry.load(name).sweep(SMALLER.get(name, {}))
         points = sweep.grid.points()
         whole = sweep.function(points, **sweep.constants)
         rng = np.random.default_rng(0)
