@@ -42,8 +42,8 @@ def check(fixed: Mapping[str, Any]) -> None:
     ValueError
         Naming the setting.
     """
-    # Here, for a member's own ramp would be named otherwise.
-    checks.number("ramp", fixed["ramp"], "0 or a time from 1e-9 to 1000 s", lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
+    # Without a ramp all members would be one run.
+    checks.between("ramp", fixed["ramp"], 1e-9, 1e3, "s, for members differ by it")
     checks.between("least", fixed["least"], 0.0, 1e6, "s")
     checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
     checks.between("most", fixed["most"], 1e-3, 1e6, "s")

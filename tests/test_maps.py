@@ -308,7 +308,7 @@ def test_help_lists_what_there_is_to_choose_from(here):
         ({"--refine": "13"}, "Invalid value for '--refine': 13 is not in the range 0<=x<=12"),
         ({"--refine": "12"}, "8193 x 8193 values are 67125249 points: it must be at most 4000000"),
         ({"--quantity": "regime", "--fix": "members=2.5"}, "members = 2.5: it must be a whole number from 1 to"),
-        ({"--quantity": "regime", "--fix": "ramp=-1"}, "ramp = -1.0: it must be 0 or a time"),
+        ({"--quantity": "regime", "--fix": "ramp=-1"}, "ramp = -1.0: it must be a number from 1e-09"),
         ({"--quantity": "regime", "--fix": "most=0"}, "most = 0.0: it must be a number from"),
         ({"--quantity": "regime", "--fix": "cutoff=-1"}, "cutoff = -1.0: it must be a number from 0"),
         ({"--workers": "0"}, "Invalid value for '--workers': 0 is not in the range x>=1."),

@@ -376,7 +376,7 @@ def test_the_papers_angles_are_on_the_axis():
         ({"most": 0.0}, "^most = 0.0: it must be a number from"),
         ({"least": -1.0}, "^least = -1.0: it must be a number from"),
         ({"load_ups": -1.0}, "^load_ups = -1.0: it must be a number from"),
-        ({"ramp": -1.0}, "^ramp = -1.0: it must be 0 or a time"),
+        ({"ramp": -1.0}, "^ramp = -1.0: it must be a number from 1e-09"),
         ({"cutoff": -1.0}, "^cutoff = -1.0: it must be a number from 0 to"),
         ({"contact_position": 0.2}, "^contact_position = 0.2: it must be"),
     ],
