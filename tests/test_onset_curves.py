@@ -299,7 +299,11 @@ def test_no_growing_mode_is_outside_the_windows_and_no_window_without_one(block)
         high = low + rng.uniform(2.0, 40.0)
         windows = unstable_windows(rig, mu, low, high, fmax)
         theta = rng.uniform(low, high, 30)
-        np.testing.assert_array_equal(growing(rig, theta, mu, fmax), around(windows, theta), str(seed))
+        differ = growing(rig, theta, mu, fmax) != around(windows, theta)
+        # As documented: what grows faster than it oscillates may cross the band unseen between two angles.
+        modes = sliding_modes(rig, theta, mu, fmax)
+        violent = np.any(modes.unstable & (modes.growth_rate > 2.0 * np.pi * modes.frequency), axis=-1)
+        assert not np.any(differ & ~violent), seed
         checked += len(windows.theta_from)
     assert checked > 0
 
