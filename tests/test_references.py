@@ -21,8 +21,8 @@ SCATTER = {
     "normal_force_999": (0.0, 0.25),
     "slip_speed_999": (0.0, 0.25),
     "switches_per_second": (0.0, 0.25),
-    # Of single runs of 2.5 s at 1 mm/s, where bursts are rare: from 2453 to 2640 Hz.
-    "dominant_frequency": (0.0, 0.08),
+    # At 1 mm/s, where bursts are rare, 40 runs of 2.5 s range from 2453 Hz, the one that is held, to 2615 Hz.
+    "dominant_frequency": (0.0, 0.07),
     "first_slip_time": (0.0, 0.01),
     "first_separation_time": (5e-4, 0.01),
     "mean_stick_time": (0.0, 0.1),
