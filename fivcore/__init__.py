@@ -3,18 +3,21 @@
 Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
 """
 
+from fivcore.bench import LANES, Running, alone, side_by_side
 from fivcore.curves import OnsetCurve, OnsetCurves, onset_curves
 from fivcore.drive import State
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.glued import glued_frequencies, tune_head_mass
+from fivcore.motion import Transient
 from fivcore.onsets import FlutterOnsets, flutter_onsets
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.sliding import SlidingModes, node_positions, sliding_modes
-from fivcore.transient import Transient, simulate
+from fivcore.transient import simulate, simulate_many, simulation
 from fivcore.uniqueness import critical_mu
 from fivcore.windows import UnstableWindows, unstable_windows
 
 __all__ = [
+    "LANES",
     "Beam",
     "ContactError",
     "DivergenceError",
@@ -22,17 +25,22 @@ __all__ = [
     "OnsetCurve",
     "OnsetCurves",
     "Rig",
+    "Running",
     "Scene",
     "SlidingModes",
     "State",
     "Transient",
     "UnstableWindows",
+    "alone",
     "critical_mu",
     "flutter_onsets",
     "glued_frequencies",
     "node_positions",
     "onset_curves",
+    "side_by_side",
     "simulate",
+    "simulate_many",
+    "simulation",
     "sliding_modes",
     "tune_head_mass",
     "unstable_windows",

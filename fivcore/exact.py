@@ -26,15 +26,19 @@ import numpy as np
 from fivcore import listener
 from fivcore.chunks import Chunk
 from fivcore.drive import Canonical, State
+from fivcore.errors import ContactError, DivergenceError, not_unique
 from fivcore.exact_kernels import S, full_state, integrate, sample, search
 from fivcore.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
 from fivcore.kernel import Array
 from fivcore.reduced import full_model, reduced_model
 from fivcore.tally import IMPACT, SEPARATION, SETTLED_FROM, STATE, STICK, SUM_N, WORK, Tally, follow
-from fivcore.uniqueness import check_unique
+from fivcore.uniqueness import check_unique, critical_mu_of
 
 # An event this soon after another, s, is not acted on.
 DWELL = 1e-10
+# Slip may grow by so much, as a power of e, within DWELL; and so much of the size of the motion, the root of its
+# energy, may be lost in rounding.
+MOST_GROWTH, LOST = 10.0, 1e-9
 # What ended a stretch that no watched function did.
 BOUNDARY, HELD = -1, -2
 # Grid on which statistics are read, s.
@@ -63,9 +67,12 @@ class ExactRun:
         initial: State | None,
         tally: Tally,
         sample_rate: float | None,
+        relaxation_time: float | None = None,
+        cross_terms: bool = True,
     ) -> None:
         self.scene, self.ramp, self.tally = scene, ramp, tally
-        self.model = model = reduced_model(scene.rig, scene.theta, cutoff, termination)
+        model = reduced_model(scene.rig, scene.theta, cutoff, termination, relaxation_time, cross_terms)
+        self.model = model
         check_unique(model, scene.mu, None)
         self.step = STEP if step is None else step
         self._hearing = max(round(listener.INTERVAL / self.step), 1)
@@ -81,6 +88,13 @@ class ExactRun:
         self._finest = 0.25 / float(np.abs(every).max())
         self._longest = 2.5 / float(np.abs(every.imag).max())
         self.held = 0
+        fastest = max(float(r.rates.real.max()) for r in self._regimes)
+        if fastest * DWELL > MOST_GROWTH:
+            raise ContactError(
+                f"{not_unique(scene.mu, critical_mu_of(model, None))}, and so close to it slip grows by more than"
+                f" e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
+            )
+        self._size = float(np.sum(model.stiffness * model.rest**2) + scene.pace**2 * np.sum(model.inertia**2))
         self._begin(initial)
 
     def _begin(self, initial: State | None) -> None:
@@ -162,7 +176,9 @@ class ExactRun:
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
         c = r.into @ y + r.into_drift @ start[:6]
         self._which, self._regime, self._c, self._start_values, self._origin = which, r, c, start, t
-        self.tally.sums[IMPACT] += self._energy_of(y) - self._energy_of(self._state_at(t))
+        found = self._state_at(t)
+        self._check(t, y, found)
+        self.tally.sums[IMPACT] += self._energy_of(y) - self._energy_of(found)
         flags, moments, sums, forces, speeds, *_ = self.tally.arrays
         follow(flags, moments, sums, forces, speeds, self._sticks, t, min(which, 2))
         boundary = min(self.ramp, self._end) if ramping else self._end
@@ -175,6 +191,21 @@ class ExactRun:
             self._stop = t + DWELL
             self._hit = HELD
             self.held += 1
+
+    def _check(self, t: float, asked: Array, found: Array) -> None:
+        """Refuse to go on where the modes of a state are not found again in the regime's eigenbasis.
+
+        Where one mode is slower than all else by many orders of magnitude, its answer to the drive is so much
+        larger than the motion that the digits of the latter are lost in it.
+        """
+        n = len(self.model.stiffness)
+        wrong = (found - asked)[: 2 * n]
+        size = np.sum(wrong[n:] ** 2) + np.sum(self.model.stiffness * wrong[:n] ** 2)
+        # Without an element a landing changes velocities; no slow mode has been seen to matter there.
+        if self._element and size > LOST**2 * max(self._size, 2.0 * abs(self._energy_of(asked))):
+            raise DivergenceError(
+                f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it"
+            )
 
     def _turn(self) -> None:
         """The stretch is over: decide what follows."""

@@ -99,12 +99,16 @@ def _refined(matrix: Any) -> tuple[Any, Any, Any]:
     """Eigenvalues, eigenvectors and their inverse, refined in extended precision."""
     values, vectors = (part.astype(np.clongdouble) for part in np.linalg.eig(matrix.astype(float)))
     real = values.imag == 0.0
-    if np.linalg.cond(vectors.astype(complex)) > WORST:
+    # In units in which every row is as large as any other: close to the friction at which slip loses its unique
+    # force, u_T is larger than all else by orders of magnitude, and no two eigenvalues coincide.
+    units = 1.0 / np.abs(vectors).sum(axis=1)
+    basis = (units[:, None] * vectors).astype(complex)
+    if np.linalg.cond(basis) > WORST:
         raise ValueError(
             "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
             " mu or theta in the eighth digit"
         )
-    back = np.linalg.inv(vectors.astype(complex)).astype(np.clongdouble)
+    back = np.linalg.inv(basis).astype(np.clongdouble) * units
     for _ in range(REFINED):
         back = back + back @ (np.eye(len(values)) - vectors @ back)
         wrong = back @ (matrix @ vectors - vectors * values)

@@ -8,24 +8,26 @@ published scheme adds there of itself; before and after, the reduced model does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from fivcore import listener
+from fivcore.bench import Running, Stretch, kind_of
 from fivcore.chunks import Chunk
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.errors import ContactError
-from fivcore.fast_kernel import ANCHOR, SAMPLED, SPREAD, U_T, advance
 from fivcore.fast_solver import Solver, frozen_solver, kicked
-from fivcore.kernel import Array, apart
+from fivcore.kernel import Array
+from fivcore.lane_rows import REACH, SAMPLED
+from fivcore.leaps import leaps
 from fivcore.propagation import propagator
 from fivcore.published import ADDED_DAMPING
 from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.settled import NEAR, SteadySliding, steady_sliding
-from fivcore.step_limit import largest_stable_step, stable
+from fivcore.step_limit import at_most, largest_stable_step, stable
 from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, SETTLED_FROM, SLIP, STATE, STICK, WORK, Tally
 
 # The onset: how much finer, how far the cut-off is raised; for how long before the first slip, so that what
@@ -36,6 +38,8 @@ MOST_DAMPING = 1e-7
 # elsewhere. Of several threads only one at a time can do what is done there.
 SHORT_STRETCH, LONG_STRETCH = 0.04, 0.2
 MOST_STEPS = 1_000_000
+# The contact's own state: the element's, and g_T + u_T at the last moment of sliding.
+U_N, U_T, ANCHOR = range(3)
 
 
 class FastRun:
@@ -54,33 +58,39 @@ class FastRun:
         sample_rate: float | None,
         motion: ContactMotion | None = None,
         end_early: bool = False,
+        relaxation_time: float | None = None,
+        cross_terms: bool = True,
+        leap: bool = True,
     ) -> None:
         self.scene, self.ramp, self.tally = scene, ramp, tally
-        self.model = reduced_model(scene.rig, scene.theta, cutoff, termination)
+        self.model = reduced_model(scene.rig, scene.theta, cutoff, termination, relaxation_time, cross_terms)
         self.step = self.model.default_step if step is None else step
         limit = self.model.largest_step
         if self.step > limit:
             raise ValueError(
-                f"step = {self.step:g}: with this rig and cut-off it must be at most {limit:.3g} s; beyond, the"
+                f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s; beyond, the"
                 " contact is unstable"
             )
         if self.step > self.model.default_step and not stable(self.model, scene.mu, self.step):
             limit = largest_stable_step(self.model, scene.mu, self.step)
             raise ValueError(
-                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {limit:.3g} s, for slip's sake"
+                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s, for slip's sake"
             )
         wanted = cutoff is None and initial is None and motion is None and termination != "none"
-        self._fine = self._onset_solver(termination) if wanted else None
+        self._fine = self._onset_solver(termination, cross_terms) if wanted else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
-        self._motion, self._slide, self._rest_slide = motion, (np.zeros(0), np.zeros(0)), (0.0, 0.0)
+        self._motion = motion
+        self._slides: tuple[Array, ...] = ()
+        self._rest_slide = (0.0, 0.0)
         self._stretch = 0 if motion is None else max(int(STRETCH / (abs(motion.speed) * self.step)), 1)
-        self._hearing = max(round(listener.INTERVAL / self.step), 1)
+        self._hearing = max(round(listener.INTERVAL / (self.step * SAMPLED)), 1) * SAMPLED
         self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
         self._solver = frozen_solver(self.model, scene.mu, self.step)
         self.rate = 1.0 / (self._hearing * self.step)
         self._may_settle = end_early and motion is None and bool(self.model.K.any())
-        self._contact = apart(np.zeros(3))
+        self._leaping = leap and motion is None
+        self._contact = np.zeros(3)
         self._begin(initial)
 
     def _begin(self, initial: State | None) -> None:
@@ -99,6 +109,7 @@ class FastRun:
                 dropped = np.stack([full.normal, full.tangential]) * np.logical_not(kept)
                 self._contact[:2] = dropped @ initial.displacement
         self._contact[ANCHOR] = self._contact[U_T] + model.tangential @ (q + model.rest)
+        self._leap_at = 0.0 if self.tally.flags[STATE] == STICK else np.inf
         # Kicks come in the middle of a step.
         self._shift = np.zeros(len(q))
         if self.ramp > 0.0:
@@ -111,106 +122,110 @@ class FastRun:
 
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before a kick; their gaps are not known yet."""
-        self._q, self._v, self._gaps = apart(q), apart(v), apart(np.full(4, np.nan))
+        model = self.model
+        self._q, self._v = q, v
+        at_rest = self._solver.at_rest
+        shift = float(model.tangential @ self._shift)
+        creep = (float(self._slides[0] @ q) + self._rest_slide[0]) / self.step if self._slides else 0.0
+        shapes = (model.normal, model.tangential)
+        gaps = [float(shape @ part) for part in (q, v) for shape in shapes]
+        self._ahead = np.array([*gaps, at_rest[0], at_rest[1] + shift, creep])
 
-    def chunks(self, last: int) -> Iterator[Chunk]:
-        """Run to step `last`, handing over what was heard."""
+    def chunks(self, last: int) -> Iterator[Stretch | Chunk]:
+        """Run to step `last`: ask for stretches to be filled in, hand over what was heard in them."""
         length = SHORT_STRETCH
         ramp_ends = int(self.ramp / self.step)
-        watching = self._fine is not None
         i = 0
         if ramp_ends == 0 and self._shift.any():
             self._end_ramp(0)
         while i < last:
             per_chunk = self._stretch or min(max(round(length / self.step), 1), MOST_STEPS)
             target = min(i + per_chunk, last)
+            if self._motion is None:
+                # Where no leap crosses, and where lanes that are there together take their samples together.
+                reach = REACH * self._hearing
+                target = min((i // reach + (1 if i % reach else max(per_chunk // reach, 1))) * reach, last)
             if i < ramp_ends:
                 target = min(target, ramp_ends)
             if self._motion is not None:
                 self._follow(self._motion, i, target)
-            stop = 1 if watching and i >= ramp_ends else 0
-            reached, chunk = self._advance(self._solver, i, target, 1, stop)
+            share = self._share if self._fine is not None and i >= ramp_ends else np.inf
+            i, chunk = yield from self._advance(i, target, share=share)
             yield chunk
-            i = reached
             if i == ramp_ends and self._shift.any():
                 self._end_ramp(ramp_ends)
-            if self._fine is not None and reached < target:
-                watching = False
+            if self._fine is not None and i < target:
+                fine, self._fine = self._fine, None
                 if np.isnan(self.tally.moments[FIRST_SEPARATION]):
-                    for chunk, at in self._onset(self._fine, i, last):
-                        i = at
-                        yield chunk
+                    i = yield from self._onset(fine, i, last)
+                    self._leap_at = float(i) if self.tally.flags[STATE] == STICK else np.inf
             elif i > ramp_ends and last - i > per_chunk and (steady := self._settled(chunk)) is not None:
-                yield self._rest(steady, i, last)
+                yield (yield from self._rest(steady, i, last))
                 return
             length = SHORT_STRETCH if self._unrest(chunk) < self.scene.pace else LONG_STRETCH
 
     def _unrest(self, chunk: Chunk) -> float:
-        """By how much the slip rate varied at the end of a stretch; infinite where motion cannot be settling."""
+        """By how much the slip rate varied at the end of a stretch; infinite where the contact does not slide."""
         recent = chunk.slip_rate[3 * len(chunk.slip_rate) // 4 :]
-        slides = self._may_settle and self.tally.flags[STATE] == SLIP and len(recent) > 1
+        slides = self.tally.flags[STATE] == SLIP and len(recent) > 1
         return float(np.ptp(recent)) if slides else np.inf
 
     def _settled(self, chunk: Chunk) -> SteadySliding | None:
         """Steady sliding, if nothing else can follow this stretch; a proof is tried only where it looks so."""
         pace = self.scene.pace
-        if not self._unrest(chunk) <= NEAR * pace:
+        if not (self._may_settle and self._unrest(chunk) <= NEAR * pace):
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
         self._may_settle = steady is not None and steady.decays
         for_good = steady is not None and steady.for_good(self._q, self._v, self._contact[:2], pace)
         return steady if for_good else None
 
-    def _rest(self, steady: SteadySliding, first: int, last: int) -> Chunk:
+    def _rest(self, steady: SteadySliding, first: int, last: int) -> Running[Chunk]:
         """Steps `first` to `last` of steady sliding: a few are taken and counted as often as they occur."""
         q, v, self._contact[:2] = steady.start(self.scene.pace)
         self._place(q, v)
         counted, self.tally = self.tally, Tally().start(SLIP, 0.0, 0.0, None)
-        self._advance(self._solver, first, first + SAMPLED, 1, 0)
+        yield from self._advance(first, first + self._hearing)
         sample, self.tally = self.tally, counted
         settled = int(np.clip(np.ceil(counted.moments[SETTLED_FROM] / self.step - 0.5), first, last))
-        entries = (-(-last // SPREAD) - -(-settled // SPREAD)) / (SAMPLED // SPREAD)
-        counted.repeat(sample, (last - settled) / SAMPLED, entries, (last - first) / SAMPLED)
+        entries = (-(-last // SAMPLED) - -(-settled // SAMPLED)) / (self._hearing // SAMPLED)
+        counted.repeat(sample, (last - settled) / self._hearing, entries, (last - first) / self._hearing)
         return Chunk.steady(first, last, self.step, steady.row(self.scene.pace), self._hearing, self._recording)
 
-    def _advance(self, solver: Solver, first: int, last: int, finer: int, stop: int) -> tuple[int, Chunk]:
-        """Steps `first` to `last` of this solver; `finer` of them make one of the run's."""
+    def _advance(
+        self, first: int, last: int, finer: int = 1, share: float = np.inf, until_open: bool = False
+    ) -> Running[tuple[int, Chunk]]:
+        """Steps `first` to `last` of the present solver; `finer` of them make one of the run's."""
         hearing, recording = self._hearing * finer, self._recording * finer
-        heard = np.empty(((last - first) // hearing + 1, 2))
-        rows = np.empty(((last - first) // recording + 1 if recording else 0, 6))
-        sticks = self.tally.room(first * solver.step, last * solver.step, solver.step)
-        reached = advance(
-            solver.model_arrays,
-            solver.laws,
-            self.scene.mu,
-            solver.landing,
-            solver.model.K,
-            solver.model.C,
-            solver.W,
-            self._drive(solver),
-            self._slide,
-            solver.step,
-            first,
-            last,
+        leaping = self._leaping and finer == 1 and first * self.step >= self.ramp
+        stretch = Stretch(
+            self._solver,
             self._q,
             self._v,
-            self._gaps,
             self._contact,
-            self.tally.arrays,
-            sticks,
-            heard,
+            self._ahead,
+            self.tally,
+            first,
+            last,
+            self.scene.pace,
+            self.ramp,
             hearing,
-            rows,
             recording,
-            stop,
-            self._share,
+            share,
+            until_open,
+            self._slides,
+            self._rest_slide,
+            None if self._fine is None else kind_of(self._fine),
+            leaps(self._solver, hearing) if leaping else None,
+            self._leap_at,
         )
-        taken = self.tally.taken(sticks)
-        return reached, Chunk.cut(first, reached, solver.step, 0.5, heard, hearing, rows, recording, taken)
-
-    def _drive(self, solver: Solver) -> Array:
-        shift = solver.model.tangential @ self._shift
-        return np.array([self.scene.pace, self.ramp, *solver.at_rest, shift, *self._rest_slide])
+        if last > first:
+            yield stretch
+        if leaping:
+            self._leap_at = stretch.leap_at
+        reached, step = stretch.first, self._solver.step
+        heard, rows, sticks = stretch.heard, stretch.rows, stretch.sticks
+        return reached, Chunk.cut(first, reached, step, 0.5, heard, hearing, rows, recording, sticks)
 
     def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
         """Take the contact point along with P2 through steps `first` to `last`."""
@@ -218,12 +233,11 @@ class FastRun:
         q = self._q + self.model.rest
         model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
         ends = ((model.normal, after.normal), (model.tangential, after.tangential))
-        slides = [(b - a) / (last - first) for a, b in ends]
-        self._slide = (slides[0], slides[1])
-        self._rest_slide = (float(slides[0] @ model.rest), float(slides[1] @ model.rest))
         before = self.stored_energy()
-        self._place(q - model.rest, self._v)
+        self._slides = tuple((b - a) / (last - first) for a, b in ends)
+        self._rest_slide = (float(self._slides[0] @ model.rest), float(self._slides[1] @ model.rest))
         self.model, self._solver = model, Solver(model, self.scene.mu, self.step)
+        self._place(q - model.rest, self._v)
         # Another element and another equilibrium: what that changes is nobody's loss.
         self.tally.sums[IMPACT] += before - self.stored_energy()
 
@@ -232,16 +246,17 @@ class FastRun:
         model = self.model
         push = model.inertia * self.scene.pace / self.ramp * (self.ramp - step * self.step)
         q, v = _move(model, self._shift, push, 0.5 * self.step)
-        boundary_q, _ = _move(model, self._q, self._v, -0.5 * self.step)
+        boundary_q, boundary_v = _move(model, self._q, self._v, -0.5 * self.step)
         work = float(np.sum(model.stiffness * self._shift * (boundary_q + self._shift)))
+        work += float(np.sum(push * (boundary_v + 0.5 * push)))
         self.tally.sums[WORK] += work
-        self._place(self._q + q, self._v + v)
         self._shift = np.zeros(len(q))
+        self._place(self._q + q, self._v + v)
 
-    def _onset_solver(self, termination: str) -> Solver | None:
+    def _onset_solver(self, termination: str, cross_terms: bool) -> Solver | None:
         """More modes, finer steps; None where they would keep every mode or lose their unique contact force."""
         rig = replace(self.scene.rig, d2=self.scene.rig.d2 + ADDED_DAMPING)
-        model = reduced_model(rig, self.scene.theta, HIGHER * default_cutoff(rig), termination)
+        model = reduced_model(rig, self.scene.theta, HIGHER * default_cutoff(rig), termination, None, cross_terms)
         step = self.step / FINER
         # With much material damping nothing grows up there, and the element is no spring to start from.
         if self.scene.rig.d2 > MOST_DAMPING:
@@ -253,8 +268,8 @@ class FastRun:
         except ContactError:
             return None
 
-    def _onset(self, fine: Solver, first: int, last: int) -> Iterator[tuple[Chunk, int]]:
-        """From step `first` to the first separation (or LONGEST) with more modes and finer steps."""
+    def _onset(self, fine: Solver, first: int, last: int) -> Generator[Stretch | Chunk, None, int]:
+        """More modes and finer steps from step `first` to the first separation (or LONGEST); the step reached."""
         coarse = self._solver
         model = fine.model
         common = coarse.model.kept[model.kept]
@@ -272,23 +287,21 @@ class FastRun:
         q_fine += kicked(fine, force)
         self._contact[:2] = np.linalg.solve(model.K, force)
         self.model, self._solver = model, fine
-        self._place(*_move(model, q_fine, v_fine, 0.5 * fine.step))
         self._shift = np.zeros(len(common))
+        self._place(*_move(model, q_fine, v_fine, 0.5 * fine.step))
         self._hold(first * coarse.step + 0.5 * fine.step)
         self.tally.sums[IMPACT] += before - self.stored_energy()
         until = min(last, first + round(LONGEST / coarse.step)) * FINER
         i = first * FINER
         while i < until:
             target = min(i + round(SHORT_STRETCH / fine.step), until)
-            reached, chunk = self._advance(fine, i, target, FINER, 2)
-            yield chunk, -(-reached // FINER)
-            i = reached
-            if reached < target or not np.isnan(self.tally.moments[FIRST_SEPARATION]):
+            i, chunk = yield from self._advance(i, target, FINER, until_open=True)
+            yield chunk
+            if i < target or not np.isnan(self.tally.moments[FIRST_SEPARATION]):
                 break
         if i % FINER:
-            reached, chunk = self._advance(fine, i, i + FINER - i % FINER, FINER, 0)
-            yield chunk, reached // FINER
-            i = reached
+            i, chunk = yield from self._advance(i, i + FINER - i % FINER, FINER)
+            yield chunk
         # Restrict: what is no longer kept stays at the contact as the element's state.
         before = self.stored_energy()
         q, v = _move(model, self._q, self._v, -0.5 * fine.step)
@@ -299,10 +312,11 @@ class FastRun:
             force = model.K @ (self._contact[:2] - lost)
             q -= kicked(fine, force)
             q[common] += kicked(coarse, force)
+        self._shift = np.zeros(len(coarse.model.rest))
         self._place(*_move(coarse.model, q[common], v[common], 0.5 * coarse.step))
-        self._shift = np.zeros(len(self._q))
         self._hold((i // FINER + 0.5) * coarse.step)
         self.tally.sums[IMPACT] += before - self.stored_energy()
+        return i // FINER
 
     def _hold(self, t: float) -> None:
         """Stick, if it goes on, holds the surfaces where they are at the next kick, at time `t`."""

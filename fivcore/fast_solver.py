@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 
@@ -20,7 +21,7 @@ class Solver:
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
-        self.model, self.step, self.W = model, step, model.W
+        self.model, self.mu, self.step, self.W = model, mu, step, model.W
         check_unique(model, mu, step)
         flow = propagator(model.stiffness, model.damping, step)
         self.model_arrays = (flow, model.damping, model.normal.copy(), model.tangential.copy(), model.point_b)
@@ -28,7 +29,38 @@ class Solver:
         self.laws = tuple(float(x) for part in maps for x in np.ravel(part))
         # Without an element half the force of lasting contact is what a landing needs.
         self.landing = 1.0 if model.K.any() else 0.5
+        self._lay_out(flow)
         self.at_rest = (-float(model.normal @ model.rest), float(model.tangential @ model.rest))
+
+    def _lay_out(self, flow: Array) -> None:
+        """For `fivcore.fast_kernel`: where each mode goes, and a lane's coefficients and numbers."""
+        model = self.model
+        felt = model.normal != 0.0, model.tangential != 0.0
+        kinds = [np.flatnonzero(felt[0] & felt[1]), np.flatnonzero(felt[0] > felt[1]), np.flatnonzero(~felt[0])]
+        self.sizes = cast(tuple[int, int, int], tuple(len(kind) + len(kind) % 2 for kind in kinds))
+        starts = np.concatenate([[0], np.cumsum(self.sizes)])
+        self.place = np.empty(len(model.normal), dtype=np.intp)
+        for kind, start in zip(kinds, starts[:-1], strict=True):
+            self.place[kind] = start + np.arange(len(kind))
+        shapes = (model.normal, model.tangential)
+        columns = []
+        for kind, size, own in zip(kinds, self.sizes, (shapes, shapes[:1], shapes[1:]), strict=True):
+            column = np.zeros((size, len(own) + 4))
+            column[: len(kind)] = np.stack([*own, *flow])[:, kind].T
+            columns.append(column.ravel())
+        self.coefficients = np.concatenate(columns)
+        W, K, C, step = self.W, model.K, model.C, self.step
+        on_b = 0.5 * float(model.point_b @ model.normal), 0.5 * float(model.point_b @ model.tangential)
+        parts = [number for m in (W, K, C) for number in (m[0, 0], m[1, 0], m[1, 1])]
+        rigid = float(self.landing != 1.0)
+        times = [step, 0.5 * step, 1.0 / step]
+        self.given = np.array([*self.laws, self.mu, *times, *parts, *on_b, self.landing, rigid])
+
+    def placed(self, normal: Array, tangential: Array) -> Array:
+        """Changes of the gap shapes, mode by mode in the order of the lanes: P2's, each in its own direction."""
+        column = np.zeros(sum(self.sizes))
+        column[self.place] = normal + tangential
+        return column
 
 
 @lru_cache(maxsize=64)

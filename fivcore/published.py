@@ -26,11 +26,13 @@ from fivcore.errors import not_unique
 from fivcore.kernel import Array
 from fivcore.published_kernel import advance
 from fivcore.reduced import ReducedModel, full_model
+from fivcore.step_limit import at_most
 from fivcore.tally import (
     SEPARATION,
     SLIP,
     STATE,
     STICK,
+    WORK,
     Tally,
 )
 
@@ -87,8 +89,8 @@ class PaperRun:
         limit = largest_step(model.stiffness, model.damping, beta2)
         if self.step > limit:
             raise ValueError(
-                f"step = {self.step:g}: with this rig the published scheme needs at most {limit:.4g} s; else its"
-                " fastest mode grows"
+                f"step = {self.step:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
+                " its fastest mode grows"
             )
         self._motion, self._slide = motion, (np.zeros(0), np.zeros(0))
         self._b, self._r = beta2, self.step / tau
@@ -160,11 +162,15 @@ class PaperRun:
             heard = np.empty(((target - i) // hearing + 1, 2))
             rows = np.empty(((target - i) // recording + 1 if recording else 0, 6))
             sticks = self.tally.room(i * self.step, target * self.step, self.step)
+            before = self._q.copy() if i < ramp_ends else self._q
             advance(
                 modes, self._f, self._W, self.scene.mu, (self.step, self._b, self._r),
                 (self.scene.pace, self.ramp), self._slide, i, target, self._q, self._vs, self._a, self._reach,
                 self._contact, self._gaps, self.tally.arrays, sticks, heard, hearing, rows, recording,
             )  # fmt: skip
+            if i < ramp_ends:
+                # The accelerating clamp works on the inertia of P2; on the contact it does in the kernel.
+                self.tally.sums[WORK] += np.sum((self._f - self._load) * (self._q - before))
             yield Chunk.cut(i, target, self.step, 1.0, heard, hearing, rows, recording, self.tally.taken(sticks))
             i = target
             if i == ramp_ends:
@@ -176,7 +182,9 @@ class PaperRun:
             return
         model = self.model
         # What the ramp lasts beyond a whole number of steps.
-        self._vs += model.inertia * self.scene.pace / self.ramp * (self.ramp - step * self.step)
+        push = model.inertia * self.scene.pace / self.ramp * (self.ramp - step * self.step)
+        self.tally.sums[WORK] += np.sum(push * (self._vs + 0.5 * push))
+        self._vs += push
         self._a = (self._load - model.stiffness * self._q - model.damping * self._vs) * self._inverse
         self._f = self._load
         if self._motion is not None:

@@ -130,7 +130,7 @@ def advance(
     gaps : ndarray, (2,)
         Free g_N and g_T of step `first`, without the drive.
     tally, sticks, heard, hearing, rows, recording
-        As in `fivcore.fast_kernel.advance`.
+        As in `fivcore.tally` and `fivcore.chunks`.
     """
     k, c, inverse, normal, tangential, point_b = modes
     flags, moments, sums, forces, speeds, word, bits = tally

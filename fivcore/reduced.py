@@ -12,6 +12,9 @@ element of `fivcore.contact_law` in their place:
   independent of inclination, speed, load and friction. It is never below d2, their own material damping.
   "elastic" is tau = 0.
 
+What the law leaves open can be asked for otherwise, to see what it is worth: another tau, or an element whose
+static flexibility lacks its cross terms, so that normal and tangential force do not meet in it.
+
 With the termination "none" the modes above the cut-off are dropped and the kept ones touch rigidly.
 """
 
@@ -38,6 +41,9 @@ TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega (an undamped element loses what energy
 # the step gets wrong nowhere, so it is finer) and, without an element, of the fastest mode's; the largest.
 STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.15, 0.3, 0.5, 1.9
+# How much of its velocity a mode may lose in a default step, as a power of e: the contact takes the mean of a
+# velocity over a kick, and a kick that is gone before the next has no such mean.
+MOST_LOST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +102,8 @@ class ReducedModel:
         omega = self.contact_frequency
         share = STEP if self.C.any() else ELASTIC_STEP
         most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
+        damping = float(self.damping.max())
+        most = min(most, MOST_LOST / damping) if damping > 0.0 else most
         digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
         return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
 
@@ -146,9 +154,18 @@ def default_cutoff(rig: Rig) -> float:
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def reduced_model(
-    rig: Rig, theta: float, cutoff: float | None = None, termination: str = "absorbing"
+    rig: Rig,
+    theta: float,
+    cutoff: float | None = None,
+    termination: str = "absorbing",
+    relaxation_time: float | None = None,
+    cross_terms: bool = True,
 ) -> ReducedModel:
-    """The modes below `cutoff` (Hz) and the element for the others."""
+    """The modes below `cutoff` (Hz) and the element for the others.
+
+    `relaxation_time` is tau, s (None: derived), and does not matter where the termination is not "absorbing".
+    Without `cross_terms` K and C are diagonal.
+    """
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
@@ -159,6 +176,8 @@ def reduced_model(
         )
     shape = np.stack([full.normal[~kept], full.tangential[~kept]])
     flexibility = np.asarray((shape / full.stiffness[~kept]) @ shape.T)
+    if not cross_terms:
+        flexibility = np.diag(np.diag(flexibility))
     # One or two modes left over are no element; with them the finite elements are complete.
     if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
         kept = np.ones(len(kept), dtype=bool)
@@ -171,11 +190,15 @@ def reduced_model(
     load = np.zeros(len(full.stiffness))
     load[: len(upper.stiffness)] = -upper.shapes[0, 1]
     rest = equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
-    tau = max(relaxation_time(rig, cutoff), rig.d2) if termination == "absorbing" else 0.0
+    tau = _tau(rig, cutoff, relaxation_time) if termination == "absorbing" else 0.0
     inertia, point_b = full.inertia[kept], full.point_b[kept]
     return ReducedModel(
         stiffness, damping, normal, tangential, inertia, point_b, rest, kept, np.asarray(K), np.asarray(tau * K)
     )
+
+
+def _tau(rig: Rig, cutoff: float, given: float | None) -> float:
+    return max(relaxation_time(rig, cutoff), rig.d2) if given is None else given
 
 
 def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:

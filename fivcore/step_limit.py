@@ -36,6 +36,12 @@ def largest_stable_step(model: ReducedModel, mu: float, step: float) -> float:
     return low
 
 
+def at_most(limit: float, digits: int = 4) -> str:
+    """A limit for a reader, rounded down: what is told to be allowed must be."""
+    unit = 10.0 ** (np.floor(np.log10(limit)) - digits + 1)
+    return f"{np.floor(limit / unit) * unit:.{digits}g}"
+
+
 def step_matrices(model: ReducedModel, mu: float, step: float) -> list[Array]:
     """One step from kick to kick in stick and in slip either way, on (q, v) and in slip u_T."""
     stick, slip, *_ = regime_maps(model.K, model.C, model.W, mu, step)

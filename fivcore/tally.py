@@ -133,12 +133,18 @@ def measure(sums: Any, state: int, N: float, speed: float, weight: float) -> Non
 
 
 @inlined
+def bin_of(bits: int) -> int:
+    """Bin of the histograms for a number of zero or more, from its bits."""
+    return min(max(((bits + _MIDDLE) >> _SHIFT) - _LOWEST, 0), BINS - 1)
+
+
+@inlined
 def spread(forces: Any, speeds: Any, word: Any, bits: Any, N: float, speed: float, weight: float) -> None:
     """Add a step, or one for several, to the histograms."""
     word[0] = N
-    forces[min(max(((bits[0] + _MIDDLE) >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
+    forces[bin_of(bits[0])] += weight
     word[0] = speed
-    speeds[min(max(((bits[0] + _MIDDLE) >> _SHIFT) - _LOWEST, 0), BINS - 1)] += weight
+    speeds[bin_of(bits[0])] += weight
 
 
 def quantile(histogram: Array, share: float) -> float:

@@ -21,8 +21,8 @@ from fivcore.errors import not_unique
 from fivcore.kernel import Array
 from fivcore.reduced import TERMINATIONS, ReducedModel, full_model, reduced_model
 from fivcore.rig import Rig
+from fivcore.switches import METHODS, switches
 
-METHODS = ("fast", "exact", "paper")
 LARGEST = 1e6
 
 
@@ -34,6 +34,9 @@ def critical_mu(
     cutoff: float | None = None,
     termination: str = "absorbing",
     step: float | None = None,
+    relaxation_time: float | None = None,
+    cross_terms: bool = True,
+    beta2: float | None = None,
 ) -> float:
     """Find the coefficient of friction from which on a method's contact force is not unique.
 
@@ -42,7 +45,7 @@ def critical_mu(
     rig : Rig
     theta : float
         Degrees; its sign does not matter, for both directions of slip are looked at.
-    method, cutoff, termination, step
+    method, cutoff, termination, step, relaxation_time, cross_terms, beta2
         As in `fivcore.simulate`.
 
     Returns
@@ -60,13 +63,14 @@ def critical_mu(
     checks.choice("method", method, METHODS)
     checks.choice("termination", termination, TERMINATIONS)
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
+    asked = switches(method, termination, relaxation_time, cross_terms, beta2)
     if method == "paper":
         dt = published.STEP if step is None else step
-        W = published.contact_closing(full_model(rig, theta), dt, published.BETA2)
+        W = published.contact_closing(full_model(rig, theta), dt, asked.get("beta2", published.BETA2))
         r = dt / published.TAU
         return _ratio(W[0] * (1.0 + r) / r, W[1])
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
-    model = reduced_model(rig, theta, cutoff, termination)
+    model = reduced_model(rig, theta, cutoff, termination, **asked)
     return critical_mu_of(model, None if method == "exact" else model.default_step if step is None else step)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
-from fivcore import Scene, Transient, checks
+from fivcore import LANES, Running, Scene, Transient, checks
 from studies import paper, recording, transients
 from studies.contact_figure import draw
 from studies.study import Setting, Study, constants, rig_of, rig_settings
@@ -58,9 +58,9 @@ def contacts(
     # Every step of the whole run would fill the memory: what is shown is run again.
     until = max(window_start + window, overview)
 
-    def one(scene: Scene) -> dict[str, Any]:
-        figures = transients.figures_of(transients.motion(scene, fixed))
-        run = transients.motion(scene, fixed, until, record=True, sample_rate=RECORDED)
+    def one(scene: Scene) -> Running[dict[str, Any]]:
+        figures = transients.figures_of((yield from transients.motion(scene, fixed)))
+        run = yield from transients.motion(scene, fixed, until, record=True, sample_rate=RECORDED)
         return within(run, times) | at_large(run, overview) | starting(run) | figures
 
     return transients.outcomes(transients.scenes(points, fixed), one)
@@ -141,6 +141,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Forces and motion at the contact (Figs. 8 to 10)",
         derive=partial(transients.with_flags, regime=transients.REGIMES, state=transients.STATES),
+        at_once=LANES,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Scene, Transient, checks
+from fivcore import Running, Scene, Transient, checks
 from fivcore.drive import Canonical, slip_distance
 from studies import transients
 from studies.study import Setting
@@ -31,6 +31,7 @@ def settings(least: float, load_ups: float, most: float) -> dict[str, Setting]:
         "most": Setting(most, "s", "longest simulated time"),
         "ramp": run["ramp"],
         "cutoff": run["cutoff"],
+        "leap": run["leap"],
     }
 
 
@@ -70,14 +71,21 @@ def own_duration(scene: Scene, ramp: float, least: float, load_ups: float, most:
     return min(0.5 * ramp + once + transients.SETTLING + max(least, load_ups * once), most)
 
 
-def member(scene: Scene, number: float, fixed: Mapping[str, Any], duration: float, **more: Any) -> Transient:
+def member(
+    scene: Scene, number: float, fixed: Mapping[str, Any], duration: float, **more: Any
+) -> Running[Transient]:
     """One member of a scene's ensemble, by its number from 1 on."""
     return transients.motion(scene, {**fixed, "ramp": ramp_of(number, fixed["ramp"])}, duration, **more)
 
 
-def figures_of(scene: Scene, fixed: Mapping[str, Any], members: int, duration: float) -> dict[str, NDArray[Any]]:
+def figures_of(
+    scene: Scene, fixed: Mapping[str, Any], members: int, duration: float
+) -> Running[dict[str, NDArray[Any]]]:
     """Every figure of `studies.transients.SUMMARY` of the first `members` members, (members,)."""
-    runs = [transients.figures_of(member(scene, number, fixed, duration)) for number in range(1, members + 1)]
+    runs = []
+    for number in range(1, members + 1):
+        run = yield from member(scene, number, fixed, duration)
+        runs.append(transients.figures_of(run))
     return {name: np.array([run[name] for run in runs]) for name in runs[0]}
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fivcore import Scene
+from fivcore import LANES, Running, Scene
 from studies import figures, paper, recording, transients
 from studies.stability import largest_growth
 from studies.study import Setting, Study, constants, rig_of, rig_settings
@@ -45,14 +45,16 @@ def histories(
     """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
     times = transients.even_times(fixed["duration"], sample_rate).values
 
-    def one(scene: Scene) -> dict[str, Any]:
-        run = transients.motion(scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate)
+    def one(scene: Scene) -> Running[dict[str, Any]]:
+        run = yield from transients.motion(
+            scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate
+        )
         series = transients.velocity(run, times, sample_rate)
         spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)
         return (
             {"velocity_B": series, "spectrum": spectrum}
             | dict(zip(STABILITY, fastest(scene), strict=True))
-            | recording.again(scene, fixed, record, sample_rate, times)
+            | (yield from recording.again(scene, fixed, record, sample_rate, times))
             | transients.figures_of(run)
         )
 
@@ -84,6 +86,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Velocity of B at two inclinations (Fig. 11)",
         derive=partial(transients.with_flags, regime=transients.REGIMES),
+        at_once=LANES,
     )
 
 

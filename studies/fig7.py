@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from fivcore import Rig, Scene, glued_frequencies
+from fivcore import LANES, Rig, Running, Scene, glued_frequencies
 from studies import figures, paper, recording, transients
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
@@ -42,8 +42,10 @@ def histories(
     """Velocity of B, its spectra, the summary figures and what else is recorded of each point's motion."""
     times = transients.even_times(fixed["duration"], sample_rate).values
 
-    def one(scene: Scene) -> dict[str, Any]:
-        run = transients.motion(scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate)
+    def one(scene: Scene) -> Running[dict[str, Any]]:
+        run = yield from transients.motion(
+            scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate
+        )
         series = transients.velocity(run, times, sample_rate)
         stuck, settled = transients.long_sticks(run, times), transients.settled(run, times)
         # Long sticks of the start count too: at 2 mm/s there are no others.
@@ -52,7 +54,7 @@ def histories(
         return (
             {"velocity_B": series, "long_stick": stuck}
             | dict(zip(SPECTRA, spectra, strict=True))
-            | recording.again(scene, fixed, record, sample_rate, times)
+            | (yield from recording.again(scene, fixed, record, sample_rate, times))
             | transients.figures_of(run)
         )
 
@@ -91,6 +93,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Velocity of B at several speeds (Fig. 7)",
         derive=partial(finish, rig=rig, theta=theta),
+        at_once=LANES,
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import ContactError, DivergenceError, Scene, checks
+from fivcore import LANES, ContactError, DivergenceError, Scene, alone, checks
 from studies import ensembles, planes, quantities, regimes, runner, spec, transients
 from studies.maps_figure import draw, held, readable
 from studies.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
@@ -95,6 +95,7 @@ def sweep_of(
         together=tuple(name for name in axes if name not in ("V", "mu", "F")),
         title=f"{known.variable.long_name[0].upper()}{known.variable.long_name[1:]}, over {plane.x} and {plane.y}",
         derive=partial(transients.with_flags, regime=transients.REGIMES) if quantity == "regime" else None,
+        at_once=LANES if known.find is quantities.motion else 1,
     )
     return refined(sweep, Refinement(quantity, halvings, limit, known.thresholds))
 
@@ -219,7 +220,7 @@ def _check(plane: Plane, known: Quantity, given: Mapping[str, Any]) -> None:
         ensembles.check(given)
         for scene in corners:
             with suppress(ContactError, DivergenceError):
-                ensembles.member(scene, 1, {**given, "method": transients.METHOD}, 1e-6)
+                alone(ensembles.member(scene, 1, {**given, "method": transients.METHOD}, 1e-6))
 
 
 def _scene(plane: Plane, given: Mapping[str, Any], x: float, y: float) -> Scene:

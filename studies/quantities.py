@@ -17,6 +17,7 @@ from fivcore import (
     ContactError,
     DivergenceError,
     Rig,
+    Running,
     Scene,
     critical_mu,
     flutter_onsets,
@@ -124,10 +125,11 @@ def motion(
         for (pace, theta, mu), rig in zip(canonical, _rig_of_each(every), strict=True)
     ]
 
-    def one(scene: Scene) -> dict[str, Any]:
+    def one(scene: Scene) -> Running[dict[str, Any]]:
         duration = ensembles.own_duration(scene, fixed["ramp"], least, load_ups, most)
         try:
-            return {quantity: regimes.ensemble_figures(scene, fixed, members, duration)[quantity]}
+            found = yield from regimes.ensemble_figures(scene, fixed, members, duration)
+            return {quantity: found[quantity]}
         except (ContactError, DivergenceError) as error:
             # One text goes to all copies, and names none of them.
             raise type(error)(f"{error}, which this is a copy of", scene) from error

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Scene, Transient, checks
+from fivcore import Running, Scene, Transient, checks
 from studies import transients
 from studies.study import suggest
 from sweeps import Sweep, Variable
@@ -80,11 +80,11 @@ def series(run: Transient, record: Sequence[str], times: np.ndarray) -> dict[str
 
 def again(
     scene: Scene, fixed: Mapping[str, Any], record: Sequence[str], sample_rate: float, times: np.ndarray
-) -> dict[str, Any]:
+) -> Running[dict[str, Any]]:
     """The recorded series of a scene whose study has a coarser record of its own: it is run a second time."""
     if not record:
         return {}
-    run = transients.motion(scene, fixed, **asked(record, sample_rate, fixed["duration"]))
+    run = yield from transients.motion(scene, fixed, **asked(record, sample_rate, fixed["duration"]))
     return series(run, record, times)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.special import betaincc
 
-from fivcore import ContactError, DivergenceError, Scene, checks
+from fivcore import LANES, ContactError, DivergenceError, Running, Scene, alone, checks
 from fivcore.reduced import reduced_model
 from fivcore.settled import steady_sliding
 from studies import ensembles, paper, scenes, transients
@@ -82,10 +82,10 @@ def ensemble(
         for V, theta, mu in zip(*scenes.canonical(points), strict=True)
     ]
 
-    def one(scene: Scene) -> dict[str, Any]:
+    def one(scene: Scene) -> Running[dict[str, Any]]:
         duration = ensembles.own_duration(scene, fixed["ramp"], least, load_ups, most)
         try:
-            found = ensemble_figures(scene, fixed, members, duration)
+            found = yield from ensemble_figures(scene, fixed, members, duration)
         except (ContactError, DivergenceError) as error:
             # One text goes to all copies, and names none of them.
             raise type(error)(f"{error}, which this is a copy of", scene) from error
@@ -95,7 +95,9 @@ def ensemble(
     return transients.outcomes(every, one)
 
 
-def ensemble_figures(scene: Scene, fixed: Mapping[str, Any], members: int, duration: float) -> dict[str, Any]:
+def ensemble_figures(
+    scene: Scene, fixed: Mapping[str, Any], members: int, duration: float
+) -> Running[dict[str, Any]]:
     """What the runs of one scene have in common.
 
     Parameters
@@ -121,7 +123,7 @@ def ensemble_figures(scene: Scene, fixed: Mapping[str, Any], members: int, durat
     ContactError, DivergenceError
         Where a run has no answer.
     """
-    runs = ensembles.figures_of(scene, fixed, members, duration)
+    runs = yield from ensembles.figures_of(scene, fixed, members, duration)
     found: dict[str, Any] = majority(runs["regime"])
     for name in FIGURES:
         known = runs[name][np.isfinite(runs[name])]
@@ -192,13 +194,13 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
         raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
     for scene in transients.extremes(axes, fixed["rig"]):
         with suppress(ContactError, DivergenceError):
-            ensembles.member(scene, fixed["members"], fixed, 1e-6)
+            alone(ensembles.member(scene, fixed["members"], fixed, 1e-6))
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     """The sweep over V, mu, theta and F; copies of a scene are computed once."""
     rig, _ = rig_of({**settings, "theta": 0.0})
-    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", *ensembles.SETTINGS)}
+    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", "leap", *ensembles.SETTINGS)}
     fixed |= {"members": settings["members"], "rig": rig, "method": transients.METHOD}
     check(axes, fixed)
     fixed["members"] = int(fixed["members"])
@@ -218,6 +220,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         together=("theta",),
         title="Regimes of vibration over speed and friction",
         derive=partial(with_verdicts, rig=rig),
+        at_once=LANES,
     )
 
 

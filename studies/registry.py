@@ -23,8 +23,9 @@ NAMES = (
 )
 
 
-# What is made by a command of its own, but drawn from its file like a study: by the sweep's name, its module.
-UNLISTED = {"map": "maps"}
+# Studies that are not listed, by the name of the sweep: a map is made by a command of its own, and the
+# others are about the methods, not about the rig.
+UNLISTED = {"map": "maps", "accuracy": "accuracy", "stress": "stress"}
 
 
 def load(name: str) -> Study:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, checks
+from fivcore import LANES, ContactError, DivergenceError, Rig, Running, Scene, alone, checks
 from fivcore.drive import Canonical
 from studies import paper, recording, transients
 from studies.scenes_figure import DONE, FAILED, draw, regimes
@@ -84,9 +84,11 @@ def motions(
         for V, theta, mu in zip(*canonical(points), strict=True)
     ]
 
-    def one(scene: Scene) -> dict[str, Any]:
+    def one(scene: Scene) -> Running[dict[str, Any]]:
         try:
-            run = transients.motion(scene, fixed, **recording.asked(record, sample_rate, fixed["duration"]))
+            run = yield from transients.motion(
+                scene, fixed, **recording.asked(record, sample_rate, fixed["duration"])
+            )
         except (ContactError, DivergenceError) as error:
             # One text goes to all copies, and names none of them.
             raise type(error)(f"{error}, which this is a copy of", scene) from error
@@ -108,7 +110,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     checks.between("duration", fixed["duration"], 1e-6, 1e6, "s")
     for scene in transients.extremes(axes, fixed["rig"]):
         with suppress(ContactError, DivergenceError):
-            transients.motion(scene, fixed, 1e-6)
+            alone(transients.motion(scene, fixed, 1e-6))
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
@@ -129,6 +131,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         together=("theta",),
         title="Motion of scenes over V, theta, mu and F",
         derive=partial(transients.with_flags, regime=transients.REGIMES),
+        at_once=LANES,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import ContactError, DivergenceError, Scene, checks
+from fivcore import LANES, ContactError, DivergenceError, Running, Scene, alone, checks
 from studies import ensembles, paper, scenes, transients
 from studies.spec import evenly
 from studies.stick_laws import with_laws
@@ -48,10 +48,11 @@ def sticks(
         for k, number in enumerate(points["member"])
     ]
 
-    def one(case: tuple[Scene, float]) -> dict[str, Any]:
+    def one(case: tuple[Scene, float]) -> Running[dict[str, Any]]:
         scene, number = case
         duration = ensembles.own_duration(scene, ensembles.ramp_of(number, fixed["ramp"]), least, load_ups, most)
-        return of_sticks(scene, ensembles.member(scene, number, fixed, duration).summary, duration)
+        run = yield from ensembles.member(scene, number, fixed, duration)
+        return of_sticks(scene, run.summary, duration)
 
     return transients.outcomes(every, one)
 
@@ -101,13 +102,13 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
         checks.between("member", float(value), 1.0, 1e6, "a number counted from 1")
     for scene in transients.extremes(axes, fixed["rig"], theta=fixed["theta"]):
         with suppress(ContactError, DivergenceError):
-            ensembles.member(scene, 1.0, fixed, 1e-6)
+            alone(ensembles.member(scene, 1.0, fixed, 1e-6))
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     """The sweep over V and the members, at several mu and F; copies of a scene are computed once."""
     rig, theta = rig_of(settings)
-    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", *ensembles.SETTINGS)}
+    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", "leap", *ensembles.SETTINGS)}
     fixed |= {"rig": rig, "theta": theta, "method": transients.METHOD}
     check(axes, fixed)
     return Sweep(
@@ -120,6 +121,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         coords={"stick": Axis(np.arange(1, KEPT + 1), "1", "long stick, in the order in which they begin")},
         title="Duration of sticks against the speed of the drive (T_st ~ 1/V)",
         derive=with_laws,
+        at_once=LANES,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import ContactError, DivergenceError, Scene, checks, sliding_modes
+from fivcore import LANES, ContactError, DivergenceError, Running, Scene, alone, checks, sliding_modes
 from studies import ensembles, fig11, paper, transients
 from studies.spec import evenly
 from studies.study import Setting, Study, rig_of, rig_settings
@@ -49,12 +49,9 @@ VARIABLES = (
 def inclinations(points: Mapping[str, Any], *, members: int, **fixed: Any) -> dict[str, Any]:
     """Unstable pairs of steady sliding, and the motion of an ensemble, at each inclination."""
 
-    def one(scene: Scene) -> dict[str, Any]:
-        return (
-            unstable_pairs(scene)
-            | dict(zip(fig11.STABILITY, fig11.fastest(scene), strict=True))
-            | ensemble(scene, members, fixed)
-        )
+    def one(scene: Scene) -> Running[dict[str, Any]]:
+        fastest = dict(zip(fig11.STABILITY, fig11.fastest(scene), strict=True))
+        return unstable_pairs(scene) | fastest | (yield from ensemble(scene, members, fixed))
 
     return transients.outcomes(transients.scenes(points, fixed), one)
 
@@ -73,11 +70,11 @@ def unstable_pairs(scene: Scene) -> dict[str, Any]:
     return {"unstable_modes": len(unstable), "frequency": frequency, "growth_rate": growth}
 
 
-def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any]) -> dict[str, Any]:
+def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any]) -> Running[dict[str, Any]]:
     """How the members of a scene's ensemble move: each, and taken together."""
     rule = {name: fixed[name] for name in ensembles.SETTINGS}
     duration = ensembles.own_duration(scene, fixed["ramp"], **rule)
-    runs = ensembles.figures_of(scene, fixed, members, duration)
+    runs = yield from ensembles.figures_of(scene, fixed, members, duration)
     each = {name: runs[name] for name in KEPT}
     each["dominant_frequency"] = np.where(np.isin(each["regime"], VIBRATING), each["dominant_frequency"], np.nan)
     most, counts = ensembles.majority(each["regime"])
@@ -107,14 +104,14 @@ def check(grid: Grid, fixed: Mapping[str, Any]) -> None:
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
     every = transients.scenes(grid.points(), fixed)
     with suppress(ContactError, DivergenceError):
-        ensembles.member(every[0], 1, fixed, 1e-6)
+        alone(ensembles.member(every[0], 1, fixed, 1e-6))
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     """The sweep over theta."""
     rig, _ = rig_of({**settings, "theta": paper.THETA})
     members = checks.count("members", settings["members"], MOST_MEMBERS)
-    names = ("V", "mu", "F", "ramp", "cutoff", *ensembles.SETTINGS)
+    names = ("V", "mu", "F", "ramp", "cutoff", "leap", *ensembles.SETTINGS)
     fixed = {name: settings[name] for name in names} | {"rig": rig, "method": transients.METHOD}
     grid = Grid(axes)
     check(grid, fixed)
@@ -130,6 +127,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Stability and motion over the inclination (Table 6)",
         derive=partial(beside, rig=rig, mu=settings["mu"], V=settings["V"]),
+        at_once=LANES,
     )
 
 

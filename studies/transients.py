@@ -6,14 +6,26 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, checks, simulate, transient
+from fivcore import (
+    ContactError,
+    DivergenceError,
+    Rig,
+    Running,
+    Scene,
+    Transient,
+    alone,
+    checks,
+    side_by_side,
+    simulation,
+)
+from fivcore.motion import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.study import Setting, constants
 from sweeps import Axis, Grid, Variable
@@ -33,7 +45,7 @@ MOST_SAMPLES = 5_000_000
 # A long stick lasts at least this share of the first one (`fivcore.simulate`, min_stick).
 LONG_STICK = 0.2
 # Statistics start this long after the first slip, s.
-SETTLING = transient.SETTLING
+SETTLING = SETTLING_TIME
 
 SCENE = ("V", "theta", "mu", "F")
 STATES = ("separation", "stick", "slip")
@@ -70,12 +82,13 @@ def run_settings(duration: float) -> dict[str, Setting]:
         "duration": Setting(duration, "s", "simulated time"),
         "ramp": Setting(1e-3, "s", "time in which P2's clamp reaches its velocity"),
         "cutoff": Setting(0.0, "Hz", "modes above are left to the termination; 0: the method's own"),
+        "leap": Setting(1.0, "1", "leap over the quiet part of long sticks; 0: take every step"),
     }
 
 
 def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:
     """What every scene of a sweep has in common: the rig, the run, and the settings called `names`."""
-    chosen = ("duration", "ramp", "cutoff", *names)
+    chosen = ("duration", "ramp", "cutoff", "leap", *names)
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
 
 
@@ -86,15 +99,18 @@ def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
     return [Scene(**{name: float(every[name][k]) for name in SCENE}, rig=fixed["rig"]) for k in range(count)]
 
 
-def motion(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, **recording: Any) -> Transient:
-    """Simulate one scene as the sweep's constants say."""
-    return simulate(
+def motion(
+    scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, **recording: Any
+) -> Running[Transient]:
+    """Simulate one scene as the sweep's constants say, beside others (`fivcore.simulation`)."""
+    return simulation(
         scene,
         fixed["duration"] if duration is None else duration,
         fixed["method"],
         ramp=fixed["ramp"],
         cutoff=fixed["cutoff"] or None,
         settle=fixed.get("settle"),
+        leap=bool(fixed.get("leap", True)),
         **recording,
     )
 
@@ -115,7 +131,7 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
     every = scenes(grid.points(), fixed)
     with suppress(ContactError, DivergenceError):
-        motion(every[0], fixed, 1e-6)
+        alone(motion(every[0], fixed, 1e-6))
 
 
 def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
@@ -136,8 +152,8 @@ def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
     return [Scene(**{**first, "V": float(V), "F": float(F)}, rig=rig) for V, F in ends]
 
 
-def outcomes(every: Sequence[Case], one: Callable[[Case], Mapping[str, Any]]) -> dict[str, Any]:
-    """What `one` finds for each scene, as a sweep's function returns it.
+def outcomes(every: Sequence[Case], one: Callable[[Case], Running[Mapping[str, Any]]]) -> dict[str, Any]:
+    """What `one` finds for each scene, as a sweep's function returns it; scenes are simulated side by side.
 
     A scene without an answer has an error of its own, so that the others of its batch are not computed again.
     Where none has an answer it raises, and a scene alone ends as the line that reproduces it does.
@@ -147,26 +163,39 @@ def outcomes(every: Sequence[Case], one: Callable[[Case], Mapping[str, Any]]) ->
     every : sequence
         Scenes, or scenes with what else a run depends on.
     one : callable
-        `one(each)` gives the value of each variable; what is long in its final type, for a batch holds many.
+        `one(each)` is a generator (`fivcore.simulation`) that returns the value of each variable; what is long in
+        its final type, for a batch holds many.
     """
-    found: list[Mapping[str, Any] | None] = []
-    errors: list[Exception | None] = []
-    taken = np.zeros(len(every))
-    for k, case in enumerate(every):
-        start = time.perf_counter()
-        try:
-            found.append(one(case))
-            errors.append(None)
-        except (ContactError, DivergenceError) as problem:
-            found.append(None)
-            errors.append(problem)
-        taken[k] = time.perf_counter() - start
-    some = next((values for values in found if values is not None), None)
+    # What is refused at once has a share too.
+    effort = np.ones(len(every))
+    start = time.perf_counter()
+    results = side_by_side([_counted(one(case), effort, k) for k, case in enumerate(every)])
+    taken = time.perf_counter() - start
+    errors: list[Exception | None] = [each if isinstance(each, Exception) else None for each in results]
+    for problem in errors:
+        if not (problem is None or isinstance(problem, (ContactError, DivergenceError))):
+            raise problem
+    some = next((each for each in results if not isinstance(each, Exception)), None)
     if some is None:
         raise next(problem for problem in errors if problem is not None)
     # What stands for a scene without an answer is not looked at, but has the shape of one.
-    whole = {name: np.stack([(values or some)[name] for values in found]) for name in some}
-    return whole | {"error": errors, "wall_time": taken}
+    found = [some if isinstance(each, Exception) else each for each in results]
+    whole = {name: np.stack([values[name] for values in found]) for name in some}
+    # Of the time all took together each has its share by the steps it took.
+    share = effort / effort.sum()
+    return whole | {"error": errors, "wall_time": taken * share}
+
+
+def _counted(run: Running[Mapping[str, Any]], effort: Array, k: int) -> Running[Mapping[str, Any]]:
+    """The same run, its steps times modes counted."""
+    while True:
+        try:
+            stretch = next(run)
+        except StopIteration as stop:
+            return cast(Mapping[str, Any], stop.value)
+        first = stretch.first
+        yield stretch
+        effort[k] += (stretch.first - first) * len(stretch.q)
 
 
 def figures_of(run: Transient) -> dict[str, Any]:

@@ -88,9 +88,9 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
         {name: layout.shape(name) for name in sweep.variables},
     )
     row = sum(layout.row_bytes(name) for name in sweep.variables) + ROW_BYTES
-    probes, seconds = _probe(work, layout, todo, row)
+    probes, seconds = _probe(work, layout, todo, row, sweep.at_once)
     probed = np.concatenate([np.zeros(0, dtype=np.intp), *(index for index, _ in probes)])
-    batches = make_batches(todo[~np.isin(todo, probed)], seconds, row)
+    batches = make_batches(todo[~np.isin(todo, probed)], seconds, row, sweep.at_once)
     longest = max((len(batch) for batch in batches), default=0)
     whole = (
         present is not None
@@ -212,19 +212,21 @@ def _in_order(sweep: Sweep, layout: Layout, todo: NDArray[np.intp]) -> NDArray[n
     return todo[order]
 
 
-def make_batches(todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0) -> tuple[NDArray[np.intp], ...]:
+def make_batches(
+    todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0, at_once: int = 1
+) -> tuple[NDArray[np.intp], ...]:
     """Cut the work into runs of neighbouring points, which share what they can share."""
     if not len(todo):
         return ()
     fitting = BATCH_SECONDS / seconds if seconds > 0.0 else math.inf
-    if row_bytes > 0.0:
-        fitting = min(fitting, BATCH_BYTES / row_bytes)
+    room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
     # NaN, where nothing is known of the time, cuts as if it were long.
     pieces = (
         LEAST_BATCHES if not seconds * len(todo) < LEAST_BATCHES * SHORTEST else seconds * len(todo) / SHORTEST
     )
-    size = max(1, int(min(fitting, math.ceil(len(todo) / max(pieces, 1)))))
-    least = size if not seconds * size > LAST_SECONDS else max(1, int(LAST_SECONDS / seconds))
+    together = min(float(at_once), room)
+    size = int(max(1.0, together, min(fitting, room, math.ceil(len(todo) / max(pieces, 1)))))
+    least = size if not seconds * size > LAST_SECONDS else int(max(1.0, together, LAST_SECONDS / seconds))
     batches = []
     while len(todo):
         count = min(size, max(least, math.ceil(LAST_SHARE * len(todo))))
@@ -234,7 +236,7 @@ def make_batches(todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0)
 
 
 def _probe(
-    work: Work, layout: Layout, todo: NDArray[np.intp], row_bytes: int
+    work: Work, layout: Layout, todo: NDArray[np.intp], row_bytes: int, at_once: int
 ) -> tuple[list[tuple[NDArray[np.intp], Table]], float]:
     """A few points computed and timed, and the seconds a point takes; NaN if none tells.
 
@@ -243,10 +245,11 @@ def _probe(
     """
     probes: list[tuple[NDArray[np.intp], Table]] = []
     free = np.ones(len(todo), dtype=bool)
-    timed = {size: [0.0, 0] for size in PROBE_SIZES}
+    sizes = [size if size == 1 else max(size, at_once) for size in PROBE_SIZES]
+    timed = {size: [0.0, 0] for size in sizes}
     spent, seconds = 0.0, math.nan if len(todo) else 0.0
     # Spread over the work: costs may differ from end to end.
-    for size, share in zip(PROBE_SIZES, PROBE_PLACES, strict=False):
+    for size, share in zip(sizes, PROBE_PLACES, strict=False):
         dear = spent + seconds * size > PROBE_SECONDS or row_bytes * size > BATCH_BYTES
         if not free.any() or (len(probes) > 1 and (dear or math.isnan(seconds))):
             break
@@ -266,6 +269,9 @@ def _probe(
             total = timed[size]
             total[0], total[1] = total[0] + taken, total[1] + len(index)
             seconds = total[0] / total[1]
+            if size < at_once:
+                # Until it is known better: in company they cost twice what one costs alone.
+                seconds *= min(2.0 / at_once, 1.0)
         probes.append((index, table))
     return probes, seconds
 

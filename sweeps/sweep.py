@@ -47,6 +47,9 @@ class Sweep:
         each point, so that one computation serves points that differ in size only.
     together : sequence of str
         Axes whose change is costly: a batch holds neighbours along the others first.
+    at_once : int
+        How many points the function computes side by side at little more than the cost of one: batches hold as
+        many, where there are.
     refinement : Refinement, optional
         What decides which points are computed; given by `sweeps.refined`. Without it all are.
     """
@@ -62,6 +65,7 @@ class Sweep:
     derive: Callable[[xr.Dataset], xr.Dataset] | None = None
     scale: Callable[[Points], Mapping[str, Any]] | None = None
     together: tuple[str, ...] = ()
+    at_once: int = 1
     refinement: Refinement | None = None
 
     def __post_init__(self) -> None:
@@ -100,6 +104,9 @@ class Sweep:
                 raise ValueError(
                     f"Sweep {self.name}: together names {name!r}: it must be one of {', '.join(self.grid.axes)}"
                 )
+        if not (isinstance(self.at_once, int) and self.at_once >= 1):
+            text = f"Sweep {self.name}: at_once = {self.at_once!r}: it must be a whole number, 1 or above"
+            raise ValueError(text)
         plain(self.constants)
 
     def plan(self, store: str | Path | None = None, *, fresh: bool = False, retry_failed: bool = False) -> Plan:

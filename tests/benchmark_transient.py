@@ -12,7 +12,7 @@ import tracemalloc
 
 from threadpoolctl import threadpool_limits
 
-from fivcore import Rig, Scene, simulate
+from fivcore import LANES, Rig, Scene, simulate, simulate_many
 from fivcore.bases import lower_basis
 from fivcore.published import STEP
 from fivcore.reduced import full_model, reduced_model, relaxation_time
@@ -28,23 +28,40 @@ def seconds(scene: Scene, duration: float, method: str, **given: object) -> floa
     return time.perf_counter() - start
 
 
-def methods(repeat: int = 5) -> None:
-    """Wall time per simulated second of `fast` and `paper` at the paper's speeds, and their ratio."""
-    print("\n| V, mm/s | `paper`, s per s | us a step | `fast`, s per s | ns a step | ratio |")
-    print("| --- | --- | --- | --- | --- | --- |")
+def together(scene: Scene, duration: float, count: int, **given: object) -> float:
+    """Wall time of one of many members side by side, which differ by the ramp."""
+    ramps = [1e-3 * (1.0 + 0.013 * k) for k in range(count)]
+    start = time.perf_counter()
+    simulate_many([scene] * count, duration, ramp=ramps, **given)
+    return (time.perf_counter() - start) / count
+
+
+def methods(repeat: int = 5, count: int = 2 * LANES) -> None:
+    """Wall time per simulated second of `paper` and `fast` at the paper's speeds, and the ratio in a sweep."""
+    print(
+        f"\nA simulated second by `paper` (of 0.3 s), and by `fast` (of 3 s): {count} scenes side by side, every"
+    )
+    print("step taken and with leaps, and one alone.\n")
+    print("| V, mm/s | `paper`, s | us a step | every step, ms | ns a step | leaps, ms | alone, ms | ratio |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     step = reduced_model(Rig(), 5.0).default_step
     for V in SPEEDS:
         scene = Scene(V, 5.0, 0.2, 9.0)
         # A long run of `fast`, so that its onset and the first stick weigh what they do in a study.
         seconds(scene, 0.01, "paper")
-        seconds(scene, 0.3, "fast")
-        slow, quick, ratios = [], [], []
+        together(scene, 0.1, count)
+        columns: dict[str, list[float]] = {name: [] for name in ("paper", "all", "leaps", "alone", "ratio")}
         for _ in range(repeat):
-            slow.append(seconds(scene, 0.3, "paper") / 0.3)
-            quick.append(seconds(scene, 3.0, "fast") / 3.0)
-            ratios.append(slow[-1] / quick[-1])
-        a, b, ratio = (statistics.median(x) for x in (slow, quick, ratios))
-        print(f"| {V * 1e3:g} | {a:.1f} | {a * STEP * 1e6:.3f} | {b:.4f} | {b * step * 1e9:.1f} | {ratio:.0f} |")
+            columns["paper"].append(seconds(scene, 0.3, "paper") / 0.3)
+            columns["all"].append(together(scene, 3.0, count, leap=False) / 3.0)
+            columns["leaps"].append(together(scene, 3.0, count) / 3.0)
+            columns["alone"].append(seconds(scene, 3.0, "fast") / 3.0)
+            columns["ratio"].append(columns["paper"][-1] / columns["leaps"][-1])
+        paper, every, leaps, alone, ratio = (statistics.median(each) for each in columns.values())
+        print(
+            f"| {V * 1e3:g} | {paper:.1f} | {paper * STEP * 1e6:.3f} | {every * 1e3:.2f}"
+            f" | {every * step * 1e9:.1f} | {leaps * 1e3:.2f} | {alone * 1e3:.1f} | {ratio:.0f} |"
+        )
 
 
 def decay(repeat: int = 7) -> None:

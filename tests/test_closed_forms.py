@@ -7,8 +7,9 @@ import pytest
 from scipy.linalg import eigh
 
 from fivcore import Rig, Scene, State, simulate, sliding_modes
-from fivcore.fast_kernel import advance
+from fivcore.bench import Stretch, fulfil
 from fivcore.fast_solver import Solver
+from fivcore.lane_rows import SAMPLED
 from fivcore.propagation import propagator
 from fivcore.reduced import ReducedModel, full_model
 from fivcore.tally import DAMPED, FRICTION, IMPACT, TERMINATION, WORK, Tally
@@ -51,18 +52,14 @@ class Small:
     def run(self, steps):
         """Go on; returns a record of each step: t, -, N, T, slip velocity, state."""
         model, solver = self.model, self.solver
-        rows = np.empty((steps, 6))
-        advance(
-            model=tuple(part.copy() for part in solver.model_arrays), laws=solver.laws, mu=self.mu,
-            landing=solver.landing, K=model.K, C=model.C, W=solver.W, step=self.step,
-            drive=np.array([self.V, 0.0, *solver.at_rest, 0.0, 0.0, 0.0]), slide=(np.zeros(0), np.zeros(0)),
-            first=self.done, last=self.done + steps, q=self.x, v=self.v, contact=self.contact,
-            gaps=np.full(4, np.nan), tally=self.tally.arrays, sticks=np.empty((steps + 2, 2)),
-            heard=np.empty((2, 2)), hearing=self.done + steps + 1, rows=rows, recording=1,
-            stop=0, share=0.0,
+        gaps = [shape @ part for part in (self.x, self.v) for shape in (model.normal, model.tangential)]
+        stretch = Stretch(
+            solver, self.x, self.v, self.contact, np.array([*gaps, *solver.at_rest, 0.0]), self.tally,
+            first=self.done, last=self.done + steps, pace=self.V, ramp=0.0, hearing=SAMPLED, recording=1,
         )  # fmt: skip
+        fulfil(stretch)
         self.done += steps
-        return rows
+        return stretch.rows
 
     def follow(self, duration, every):
         """Time and displacements every so many steps, and the record of all."""

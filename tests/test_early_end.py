@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, State, fast, settled, simulate, sliding_modes
+from fivcore.bench import alone
 from fivcore.drive import Canonical
-from fivcore.fast import FastRun
-from fivcore.fast_kernel import ANCHOR, U_T
+from fivcore.fast import ANCHOR, U_T, FastRun
 from fivcore.reduced import full_model, reduced_model
 from fivcore.settled import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
 from fivcore.step_limit import step_matrices
@@ -149,8 +149,9 @@ def begin_in_steady_sliding(monkeypatch, nudge):
     def placed(run, initial):
         begin(run, initial)
         steady = steady_sliding(run.model, run.scene.mu, run.step)
-        run._q, run._v, run._contact[:2] = steady.start(run.scene.pace)
-        run._v[1] += nudge * run.scene.pace
+        q, v, run._contact[:2] = steady.start(run.scene.pace)
+        v[1] += nudge * run.scene.pace
+        run._place(q, v)
 
     monkeypatch.setattr(FastRun, "_begin", placed)
     nothing = np.zeros(len(full_model(Rig(), 5.0).stiffness))
@@ -220,7 +221,7 @@ def test_the_kernels_step_in_slip_is_the_map(scene, cutoff):
     for scale in (0.0, 1e-7):
         away = scale * rng.standard_normal(len(steady.state)) * steady.state
         put(run, steady.state + away, steady, pace)
-        _, chunk = run._advance(run._solver, 80, 81, 1, 0)
+        _, chunk = alone(run._advance(80, 81))
         after = np.concatenate([run._q, run._v, run._contact[[U_T]]])
         expected = steady.state + matrix @ away
         size = len(run._q)
@@ -253,13 +254,13 @@ def test_what_the_bound_allows_never_ends_slip(seed, V, monkeypatch):
     assert low > 0.0
     bounds = steady.bounds(steady.state + low * kind)[READ]
     put(run, steady.state + low * kind, steady, pace)
-    _, chunk = run._advance(run._solver, 80, 20_080, 1, 0)
+    _, chunk = alone(run._advance(80, 20_080))
     assert np.all(chunk.rows[:, 5] == SLIP)
     away = np.abs(chunk.rows[:, [2, 4, 1]] - steady.readings(pace)[READ]).max(axis=0)
     assert np.all(away <= bounds)
     assert np.all(away > 0.03 * bounds)
     put(run, steady.state + 50.0 * low * kind, steady, pace)
-    _, chunk = run._advance(run._solver, 80, 20_080, 1, 0)
+    _, chunk = alone(run._advance(80, 20_080))
     assert np.any(chunk.rows[:, 5] != SLIP)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fivcore import ContactError, Rig, Scene, reduced, simulate
+from fivcore import ContactError, Rig, Scene, reduced, simulate, simulation
 from studies import figures, recording, registry, scenes, transients
 
 # One geometric ratio for V and F, no power of two, and with it the same V / F again and again.
@@ -122,7 +122,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_planned(given, message
 def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
     ran = []
     monkeypatch.setattr(
-        transients, "simulate", lambda scene, *a, **k: ran.append(scene) or simulate(scene, *a, **k)
+        transients, "simulation", lambda scene, *a, **k: ran.append(scene) or simulation(scene, *a, **k)
     )
     given = SHORT | {"theta": 40.0, "mu": [0.1, 0.2, 0.3, 5.0, 6.0], "V": [5e-3, 1e-2], "F": [4.5, 9.0]}
     sweep = scenes.STUDY.sweep(given)
@@ -199,7 +199,7 @@ def test_what_is_recorded_is_the_motion(V, tmp_path):
 
 def test_nothing_is_recorded_that_was_not_asked_for(monkeypatch):
     told = []
-    monkeypatch.setattr(transients, "simulate", lambda *a, **k: told.append(k) or simulate(*a, **k))
+    monkeypatch.setattr(transients, "simulation", lambda *a, **k: told.append(k) or simulation(*a, **k))
     one = SHORT | {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0}
     sweep = scenes.STUDY.sweep(one)
     assert not sweep.coords
