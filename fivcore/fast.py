@@ -68,13 +68,14 @@ class FastRun:
         limit = self.model.largest_step
         if self.step > limit:
             raise ValueError(
-                f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s; beyond, the"
-                " contact is unstable"
+                f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s; beyond,"
+                " the contact is unstable"
             )
         if self.step > self.model.default_step and not stable(self.model, scene.mu, self.step):
             limit = largest_stable_step(self.model, scene.mu, self.step)
             raise ValueError(
-                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s, for slip's sake"
+                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s, for slip's"
+                " sake"
             )
         wanted = cutoff is None and initial is None and motion is None and termination != "none"
         self._fine = self._onset_solver(termination, cross_terms) if wanted else None
