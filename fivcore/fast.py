@@ -68,8 +68,8 @@ class FastRun:
         limit = self.model.largest_step
         if self.step > limit:
             raise ValueError(
-                f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s; beyond,"
-                " the contact is unstable"
+                f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
+                " beyond, the contact is unstable"
             )
         if self.step > self.model.default_step and not stable(self.model, scene.mu, self.step):
             limit = largest_stable_step(self.model, scene.mu, self.step)
