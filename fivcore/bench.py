@@ -19,8 +19,8 @@ from fivcore import lane_rows as rows
 from fivcore.fast_kernel import work
 from fivcore.fast_solver import Solver
 from fivcore.kernel import Array
-from fivcore.lanes import WIDTH
-from fivcore.leap_kernel import WORKSPACE
+from fivcore.lanes import WIDTH, aligned
+from fivcore.leap_kernel import WORKSPACE, room_width
 from fivcore.tally import STATE, Tally
 
 # Lanes of a bench. While one group waits for its contact forces the other moves its modes.
@@ -29,12 +29,13 @@ LANES = GROUPS * WIDTH
 # Runs under way at once: more than one bench takes, for while some are in their onset others are not.
 AT_ONCE = 2 * LANES
 # How long a stick lasts, in intervals of hearing, before a leap is tried; and then from one leap to the next.
-PATIENCE = 16
+PATIENCE = 48
 Result = TypeVar("Result")
 Kind = tuple[int, int, int, bool]
+NO_END = 1 << 60
 
 
-@dataclass
+@dataclass(eq=False)
 class Stretch:
     """Steps that a run wants to be taken.
 
@@ -123,18 +124,20 @@ class Bench:
         self.sizes = tuple(sizes)
         both, normal, tangential = self.sizes
         size = both + normal + tangential
-        self._modes = aligned(rows.BOTH * both + rows.ONE * (normal + tangential))
-        self._damping, self._point_b, self._q, self._v = (aligned(size) for _ in range(4))
-        self._slides = aligned(size if moving else 0)
-        self._given, self._state = aligned(rows.GIVEN), aligned(rows.STATE)
+        self._modes = in_groups(rows.BOTH * both + rows.ONE * (normal + tangential))
+        self._damping, self._point_b, self._q, self._v = (in_groups(size) for _ in range(4))
+        self._slides = in_groups(size if moving else 0)
+        self._given, self._state = in_groups(rows.GIVEN), in_groups(rows.STATE)
         self._places = np.zeros((GROUPS, rows.PLACES, WIDTH), dtype=np.int64)
-        self._scratch = aligned(rows.SCRATCH)[0]
-        self._room = np.zeros((WORKSPACE, 2 * size))
+        self._scratch = aligned(rows.SCRATCH)
+        self._room = np.zeros((WORKSPACE, room_width(size)))
         parts = (self._given, self._state, self._places, self._q, self._v, self._scratch, self._room)
         slides = self._slides.ctypes.data if moving else 0
         self._addresses = tuple(part.ctypes.data for part in (self._modes, self._damping, self._point_b))
         self._addresses += (slides, *(part.ctypes.data for part in parts))
         self.queue: list[Stretch] = []
+        # Steps taken, up to multiples of what lies between two looks.
+        self._clock = 0
         self._inside: list[Stretch | None] = [None] * LANES
         self._solvers: list[Solver | None] = [None] * LANES
         for lane in range(LANES):
@@ -209,10 +212,31 @@ class Bench:
     def work(self) -> list[Stretch]:
         """Take steps in as many lanes as there is work for until a stretch has ended; return those that have."""
         self.queue.sort(key=Stretch.begins)
-        while self.queue and None in self._inside:
-            self._board(self.queue.pop(0))
-        ended = work(1 if not any(self._inside[WIDTH:]) else GROUPS, self.sizes, *self._addresses)
+        ended = 0
+        while ended == 0:
+            most = self._let_in()
+            groups = 1 if not any(self._inside[WIDTH:]) else GROUPS
+            ended, taken = work(groups, most, self.sizes, *self._addresses)
+            self._clock += taken
         return [self._leave(lane) for lane in range(LANES) if ended >> lane & 1]
+
+    def _let_in(self) -> int:
+        """Take in who waits, as far as there is room; how many steps may be taken before the next one is.
+
+        Lanes hear something at the same steps, or each would stop all others for it: who begins elsewhere between
+        two such steps waits for the others to get there.
+        """
+        if not any(self._inside):
+            self._clock = self.queue[0].first
+        soonest = NO_END
+        for stretch in self.queue[: self._inside.count(None)]:
+            wait = (stretch.first - self._clock) % stretch.hearing
+            if wait == 0:
+                self.queue.remove(stretch)
+                self._board(stretch)
+            else:
+                soonest = min(soonest, wait)
+        return soonest
 
     def _leave(self, lane: int) -> Stretch:
         stretch, column = cast(Stretch, self._inside[lane]), self._column(lane)
@@ -236,12 +260,9 @@ class Bench:
         return stretch
 
 
-def aligned(size: int) -> Array:
-    """Zeros, (GROUPS, size, WIDTH), whose rows do not lie across lines of the processor's cache."""
-    line = 8 * WIDTH
-    room = np.zeros((GROUPS * size + 1) * line, dtype=np.uint8)
-    start = -room.ctypes.data % line
-    return room[start : start + GROUPS * size * line].view(np.float64).reshape(GROUPS, size, WIDTH)
+def in_groups(size: int) -> Array:
+    """Zeros for so many rows of each group, (GROUPS, size, WIDTH)."""
+    return aligned(GROUPS * size).reshape(GROUPS, size, WIDTH)
 
 
 def fulfil(stretch: Stretch) -> None:

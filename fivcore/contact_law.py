@@ -19,7 +19,8 @@ Without an element ("none") the kept modes touch rigidly, with restitution 0.
 
 `regime_maps` turns each regime into numbers for one step of `fivcore.fast_kernel`: positions are held over
 the step's kick, velocities enter by their mean (which makes the dashpot implicit, in closed form), and u_T in
-slip and both parts of u in separation relax exactly. Every regime is second order and symmetric in time.
+slip and both parts of u in separation relax exactly. Every regime is symmetric in time. What a lasting force
+seems to lack when it comes in kicks, `fivcore.kicks` makes up for.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from fivcore.kernel import Array
 
 
 def regime_maps(
-    K: Array, C: Array, W: Array, mu: float, step: float
-) -> tuple[Array, Array, Array, Array, float, float]:
+    K: Array, C: Array, M: Array, mu: float, step: float
+) -> tuple[Array, Array, Array, Array, float, float, Array, float]:
     """Contact forces and element state after one step, as linear maps.
 
     Parameters
@@ -40,8 +41,8 @@ def regime_maps(
     K, C : ndarray, (2, 2)
         The element's stiffness, N/m, and damping, N s/m (zero: purely elastic); normal first. Both zero: no
         element, the kept modes touch rigidly.
-    W : ndarray, (2, 2)
-        Inverse mass of the kept modes seen from the contact, 1/kg.
+    M : ndarray, (2, 2)
+        By how much a force raises the mean rates of the gaps over its kick, m/s per N (`fivcore.kicks`).
     mu : float
     step : float
         s.
@@ -62,16 +63,22 @@ def regime_maps(
         exceeds mu N exactly where sliding would go the right way, so that one step has one answer too.
     unevenness : float
         Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
+    landing : ndarray, (2, 4)
+        As `stick`, for a step in which the surfaces meet: on the average they have stuck for half a step when it
+        is kicked.
+    landing_lag : float
+        That time, s.
     """
     if not K.any():
-        return _rigid_maps(W, mu, step)
-    lag = mean_lag(K, C, step)
-    stick, entry = _stick(K, C, W, step), _stick(K, C + lag * K * np.array([0.0, 1.0]), W, step)
-    slip = np.stack([_slip(K, C, W, sign * mu, step) for sign in (1.0, -1.0)])
+        return _rigid_maps(M, mu)
+    lag, tangential = mean_lag(K, C, step), np.array([0.0, 1.0])
+    stick = _stick(K, C, M)
+    entry, landing = (_stick(K, C + late * K * tangential, M) for late in (lag, 0.5 * step))
+    slip = np.stack([_slip(K, C, M, sign * mu, step) for sign in (1.0, -1.0)])
     separation = expm(-step * np.linalg.solve(C, K)) if C.any() else np.zeros((2, 2))
     decay = step * K[1, 1] / C[1, 1] if C.any() else 0.0
     unevenness = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
-    return stick, slip, separation, entry, lag, unevenness
+    return stick, slip, separation, entry, lag, unevenness, landing, 0.5 * step
 
 
 def mean_lag(K: Array, C: Array, step: float) -> float:
@@ -84,25 +91,25 @@ def mean_lag(K: Array, C: Array, step: float) -> float:
     return float(step * (-1.0 / decay - 1.0 / np.expm1(-decay)))
 
 
-def _stick(K: Array, C: Array, W: Array, step: float) -> Array:
+def _stick(K: Array, C: Array, M: Array) -> Array:
     """(N, T) from (p, u_T, v_N, v_T) with the mean of the rates in the dashpot."""
-    implicit = np.linalg.inv(np.eye(2) + 0.5 * step * C @ W)
+    implicit = np.linalg.inv(np.eye(2) + C @ M)
     return np.hstack([implicit @ K, -implicit @ C])
 
 
-def _rigid_maps(W: Array, mu: float, step: float) -> tuple[Array, Array, Array, Array, float, float]:
+def _rigid_maps(M: Array, mu: float) -> tuple[Array, Array, Array, Array, float, float, Array, float]:
     """Without an element: in lasting contact the mean rates are zero, so no drift and no loss.
 
     Half of these forces, which the kernel takes at touch-down, bring the surfaces to rest: restitution 0.
     """
     stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
-    stick[:, 2:] = -2.0 / step * np.linalg.inv(W)
+    stick[:, 2:] = -np.linalg.inv(M)
     for i, m in enumerate((mu, -mu)):
-        slip[i, 0, 2] = -2.0 / (step * (W[0, 0] + m * W[0, 1]))
-    return stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0
+        slip[i, 0, 2] = -1.0 / (M[0, 0] + m * M[0, 1])
+    return stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0
 
 
-def _slip(K: Array, C: Array, W: Array, m: float, step: float) -> Array:
+def _slip(K: Array, C: Array, M: Array, m: float, step: float) -> Array:
     """N and the new u_T for T = m N; rows on (p, u_T, v_N)."""
     if C.any():
         # u_T' = rate u_T + on_p p + on_v v with v the mean rate of g_N.
@@ -117,8 +124,8 @@ def _slip(K: Array, C: Array, W: Array, m: float, step: float) -> Array:
         mean_rate = np.zeros(3)
         mean = np.array([(m * K[0, 0] - K[1, 0]) / (K[1, 1] - m * K[0, 1]), 0.0, 0.0])
     normal = np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate
-    # v = v_N + step / 2 (W_NN + m W_NT) N, solved for N.
-    inertia = 0.5 * step * (W[0, 0] + m * W[0, 1])
+    # v = v_N + (M_NN + m M_NT) N, solved for N.
+    inertia = M[0, 0] + m * M[0, 1]
     force = normal / (1.0 - inertia * normal[2])
     if not C.any():
         return np.stack([force, mean])
@@ -127,7 +134,7 @@ def _slip(K: Array, C: Array, W: Array, m: float, step: float) -> Array:
     return np.stack([force, end + np.array([0.0, 1.0, 0.0])])
 
 
-def slip_divisors(K: Array, C: Array, W: Array, mu: float, step: float) -> Array:
+def slip_divisors(K: Array, C: Array, M: Array, mu: float, step: float) -> Array:
     """What slip divides by, for T = mu N and T = -mu N: all must be above zero for a unique contact force.
 
     The first two decide between stick and slip (C_TT -+ mu C_TN, or K without damping), relative to
@@ -144,5 +151,5 @@ def slip_divisors(K: Array, C: Array, W: Array, mu: float, step: float) -> Array
         on_v = (C[1, 0] - m * C[0, 0]) / divisor
         mean_rate = np.expm1(rate * step) / (rate * step) * on_v
         slope = -C[0, 0] + K[0, 1] * (mean_rate - on_v) / rate + C[0, 1] * mean_rate
-        own.append(1.0 - 0.5 * step * (W[0, 0] + m * W[0, 1]) * slope)
+        own.append(1.0 - (M[0, 0] + m * M[0, 1]) * slope)
     return np.array([*law, *own])

@@ -1,9 +1,10 @@
 """`method="fast"`: the reduced model in symmetric kicks and exact moves, second order.
 
 The first separation is reached by a growth that lives partly above the cut-off (with the paper's rig at 54
-and 96 kHz). Unless a cut-off is given, the few milliseconds from just before the first slip to the first
-separation are therefore taken with five times the cut-off, a twelfth of the step and the damping that the
-published scheme adds there of itself; before and after, the reduced model does.
+and 96 kHz), and the burst that follows begins with what has grown there. Unless a cut-off is given, the few
+milliseconds from just before the first slip to just after the first separation are therefore taken with five
+times the cut-off, a fifth of the step and the damping that the published scheme adds there of itself; before and
+after, the reduced model does.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from fivcore.chunks import Chunk
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
 from fivcore.errors import ContactError
-from fivcore.fast_solver import Solver, frozen_solver, kicked
+from fivcore.fast_solver import Solver, frozen_solver
+from fivcore.handover import lifted, restricted
 from fivcore.kernel import Array
 from fivcore.lane_rows import REACH, SAMPLED
 from fivcore.leaps import leaps
@@ -31,12 +33,12 @@ from fivcore.step_limit import at_most, largest_stable_step, stable
 from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, SETTLED_FROM, SLIP, STATE, STICK, WORK, Tally
 
 # The onset: how much finer, how far the cut-off is raised; for how long before the first slip, so that what
-# the change of model stirs up dies away, and for how long in all at most, s.
-FINER, HIGHER, LEAD, LONGEST = 12, 5.0, 6e-3, 18e-3
+# the change of model stirs up dies away, for how long to the first separation at most, and after it, s.
+FINER, HIGHER, LEAD, LONGEST, AFTER = 5, 5.0, 3e-3, 21e-3, 3e-3
 MOST_DAMPING = 1e-7
 # Between two returns to Python, s: where motion may be settling, for an early end is looked for after each, and
 # elsewhere. Of several threads only one at a time can do what is done there.
-SHORT_STRETCH, LONG_STRETCH = 0.04, 0.2
+SHORT_STRETCH, LONG_STRETCH = 0.04, 1.0
 MOST_STEPS = 1_000_000
 # The contact's own state: the element's, and g_T + u_T at the last moment of sliding.
 U_N, U_T, ANCHOR = range(3)
@@ -100,7 +102,7 @@ class FastRun:
         if initial is None:
             self.tally.flags[STATE] = STICK
             q, v = np.zeros(len(model.rest)), np.zeros(len(model.rest))
-            self._contact[:2] = np.linalg.solve(model.K, [1.0, 0.0]) if model.K.any() else 0.0
+            self._contact[:2] = np.linalg.solve(self._solver.K, [1.0, 0.0]) if model.K.any() else 0.0
         else:
             full = full_model(scene.rig, scene.theta)
             self.tally.flags[STATE] = initial.contact
@@ -108,8 +110,10 @@ class FastRun:
             v = initial.velocity[kept].copy()
             if model.K.any():
                 dropped = np.stack([full.normal, full.tangential]) * np.logical_not(kept)
-                self._contact[:2] = dropped @ initial.displacement
-        self._contact[ANCHOR] = self._contact[U_T] + model.tangential @ (q + model.rest)
+                u = dropped @ initial.displacement
+                touches = initial.contact != SEPARATION
+                self._contact[:2] = np.linalg.solve(self._solver.K, model.K @ u) if touches else u
+        self._contact[ANCHOR] = self._contact[U_T] + model.tangential @ q + self._solver.at_rest[1]
         self._leap_at = 0.0 if self.tally.flags[STATE] == STICK else np.inf
         # Kicks come in the middle of a step.
         self._shift = np.zeros(len(q))
@@ -119,7 +123,8 @@ class FastRun:
         else:
             v += model.inertia * scene.pace
         self._first_energy = self._energy_of(q, v, self._contact)
-        self._place(*_move(model, q - self._shift, v, 0.5 * self.step))
+        self._start = q - self._shift, v
+        self._place(*_move(model, *self._start, 0.5 * self.step))
 
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before a kick; their gaps are not known yet."""
@@ -138,7 +143,7 @@ class FastRun:
         ramp_ends = int(self.ramp / self.step)
         i = 0
         if ramp_ends == 0 and self._shift.any():
-            self._end_ramp(0)
+            self._end_ramp(0, self._start)
         while i < last:
             per_chunk = self._stretch or min(max(round(length / self.step), 1), MOST_STEPS)
             target = min(i + per_chunk, last)
@@ -154,7 +159,7 @@ class FastRun:
             i, chunk = yield from self._advance(i, target, share=share)
             yield chunk
             if i == ramp_ends and self._shift.any():
-                self._end_ramp(ramp_ends)
+                self._end_ramp(ramp_ends, _move(self.model, self._q, self._v, -0.5 * self.step))
             if self._fine is not None and i < target:
                 fine, self._fine = self._fine, None
                 if np.isnan(self.tally.moments[FIRST_SEPARATION]):
@@ -242,12 +247,16 @@ class FastRun:
         # Another element and another equilibrium: what that changes is nobody's loss.
         self.tally.sums[IMPACT] += before - self.stored_energy()
 
-    def _end_ramp(self, step: int) -> None:
-        """The clamp stops accelerating, between the kicks of steps `step` - 1 and `step`."""
+    def _end_ramp(self, step: int, boundary: tuple[Array, Array]) -> None:
+        """The clamp stops accelerating, between the kicks of steps `step` - 1 and `step`.
+
+        `boundary` is the state at the start of `step`; the present one could not tell it after a ramp of far less
+        than a step, when the shift is so large that its rounding hides everything else.
+        """
         model = self.model
         push = model.inertia * self.scene.pace / self.ramp * (self.ramp - step * self.step)
         q, v = _move(model, self._shift, push, 0.5 * self.step)
-        boundary_q, boundary_v = _move(model, self._q, self._v, -0.5 * self.step)
+        boundary_q, boundary_v = boundary
         work = float(np.sum(model.stiffness * self._shift * (boundary_q + self._shift)))
         work += float(np.sum(push * (boundary_v + 0.5 * push)))
         self.tally.sums[WORK] += work
@@ -270,28 +279,10 @@ class FastRun:
             return None
 
     def _onset(self, fine: Solver, first: int, last: int) -> Generator[Stretch | Chunk, None, int]:
-        """More modes and finer steps from step `first` to the first separation (or LONGEST); the step reached."""
+        """More modes and finer steps from step `first` through the first separation; the step reached."""
         coarse = self._solver
-        model = fine.model
-        common = coarse.model.kept[model.kept]
-        before = self.stored_energy()
-        # Lift: what was not kept follows the contact force statically, and so does what was.
         q, v = _move(coarse.model, self._q, self._v, -0.5 * coarse.step)
-        force = coarse.model.K @ self._contact[:2]
-        q = q - kicked(coarse, force)
-        q_fine, v_fine = np.zeros(len(common)), np.zeros(len(common))
-        q_fine[common], v_fine[common] = q, v
-        more = ~common
-        q_fine[more] = (
-            model.normal[more] * (force[0] - 1.0) + model.tangential[more] * force[1]
-        ) / model.stiffness[more]
-        q_fine += kicked(fine, force)
-        self._contact[:2] = np.linalg.solve(model.K, force)
-        self.model, self._solver = model, fine
-        self._shift = np.zeros(len(common))
-        self._place(*_move(model, q_fine, v_fine, 0.5 * fine.step))
-        self._hold(first * coarse.step + 0.5 * fine.step)
-        self.tally.sums[IMPACT] += before - self.stored_energy()
+        self._change_to(fine, *lifted(coarse, fine, q, v, self._contact[:2]), first * coarse.step)
         until = min(last, first + round(LONGEST / coarse.step)) * FINER
         i = first * FINER
         while i < until:
@@ -300,31 +291,27 @@ class FastRun:
             yield chunk
             if i < target or not np.isnan(self.tally.moments[FIRST_SEPARATION]):
                 break
-        if i % FINER:
-            i, chunk = yield from self._advance(i, i + FINER - i % FINER, FINER)
+        target = min(-(-i // FINER) * FINER + round(AFTER / coarse.step) * FINER, last * FINER)
+        if i < target:
+            i, chunk = yield from self._advance(i, target, FINER)
             yield chunk
-        # Restrict: what is no longer kept stays at the contact as the element's state.
-        before = self.stored_energy()
-        q, v = _move(model, self._q, self._v, -0.5 * fine.step)
-        lost = np.stack([model.normal[more], model.tangential[more]]) @ (q + model.rest)[more]
-        self._contact[:2] += lost
-        self.model, self._solver = coarse.model, coarse
-        if self.tally.flags[STATE] != SEPARATION:
-            force = model.K @ (self._contact[:2] - lost)
-            q -= kicked(fine, force)
-            q[common] += kicked(coarse, force)
-        self._shift = np.zeros(len(coarse.model.rest))
-        self._place(*_move(coarse.model, q[common], v[common], 0.5 * coarse.step))
-        self._hold((i // FINER + 0.5) * coarse.step)
-        self.tally.sums[IMPACT] += before - self.stored_energy()
+        touches = self.tally.flags[STATE] != SEPARATION
+        q, v = _move(fine.model, self._q, self._v, -0.5 * fine.step)
+        end = restricted(fine, coarse, q, v, self._contact[:2], touches)
+        self._change_to(coarse, *end, i // FINER * coarse.step)
         return i // FINER
 
-    def _hold(self, t: float) -> None:
-        """Stick, if it goes on, holds the surfaces where they are at the next kick, at time `t`."""
-        at_c = self.model.tangential @ (self._q + self.model.rest)
-        self._contact[ANCHOR] = (
-            self._contact[U_T] + at_c - float(displacement(np.array(t), self.scene.pace, self.ramp))
-        )
+    def _change_to(self, solver: Solver, q: Array, v: Array, u: Array, t: float) -> None:
+        """Go on with another model and step from the state at time t, the start of a step."""
+        before = self.stored_energy()
+        self.model, self._solver, self._contact[:2] = solver.model, solver, u
+        self._shift = np.zeros(len(q))
+        self._place(*_move(solver.model, q, v, 0.5 * solver.step))
+        # Stick, if it goes on, holds the surfaces where they are at the next kick.
+        at_c = solver.model.tangential @ self._q + solver.at_rest[1]
+        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.pace, self.ramp)
+        self._contact[ANCHOR] = self._contact[U_T] + at_c - float(drive)
+        self.tally.sums[IMPACT] += before - self.stored_energy()
 
     def stored_energy(self) -> float:
         """Of the modes about the equilibrium, the element and the load, canonical."""
@@ -332,7 +319,7 @@ class FastRun:
 
     def _energy_of(self, q: Array, v: Array, contact: Array) -> float:
         model, u = self.model, contact[:2]
-        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ model.K @ u)
+        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ self._solver.K @ u)
 
     def released_energy(self) -> float:
         """What has been taken out of the store since the start."""

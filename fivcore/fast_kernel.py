@@ -21,9 +21,11 @@ import numpy as np
 
 from fivcore import lane_rows as rows
 from fivcore.kernel import inlined, kernel
+from fivcore.lane_contact import find_contact
+from fivcore.lane_modes import along, damped, follow_shapes, kick_and_move
+from fivcore.lane_notes import clear, enter_sticks, hear, record, spread
 from fivcore.lanes import (
     WIDTH,
-    add_number,
     bits,
     each,
     fma,
@@ -31,258 +33,11 @@ from fivcore.lanes import (
     load,
     magnitude,
     number_at,
-    put_number,
-    put_whole,
     select,
     store,
-    whole_at,
 )
 from fivcore.leap_kernel import leap
-from fivcore.tally import BINS, SEPARATION, SLIP, STICK, bin_of
-
-# The truths of a mask, all true.
-EVERY = (1 << WIDTH) - 1
-
-
-@inlined
-def both_ways(
-    modes: int, row: int, q: int, v: int, j: int, hN: Any, hT: Any, gN: Any, gT: Any, vN: Any, vT: Any
-) -> Any:
-    """Kick and move a mode; the gaps and their rates with what it adds to them."""
-    normal, tangential, was = load(modes, row), load(modes, row + 1), load(q, j)
-    rate = fma(tangential, hT, fma(normal, hN, load(v, j)))
-    x = fma(load(modes, row + 2), was, load(modes, row + 3) * rate)
-    y = fma(load(modes, row + 4), was, load(modes, row + 5) * rate)
-    store(q, j, x)
-    store(v, j, y)
-    return fma(normal, x, gN), fma(tangential, x, gT), fma(normal, y, vN), fma(tangential, y, vT)
-
-
-@inlined
-def one_way(modes: int, row: int, q: int, v: int, j: int, h: Any, gap: Any, rate: Any) -> Any:
-    """The same for a mode that the contact feels in one direction."""
-    shape, was = load(modes, row), load(q, j)
-    kicked = fma(shape, h, load(v, j))
-    x = fma(load(modes, row + 1), was, load(modes, row + 2) * kicked)
-    y = fma(load(modes, row + 3), was, load(modes, row + 4) * kicked)
-    store(q, j, x)
-    store(v, j, y)
-    return fma(shape, x, gap), fma(shape, y, rate)
-
-
-@inlined
-def kick_and_move(sizes: Any, modes: int, row: int, q: int, v: int, first: int, hN: Any, hT: Any) -> Any:
-    """Kick, move freely over one step, and return g_N, g_T and their rates there.
-
-    Two sums of each kind: a sum waits for its last term, and the numbers of modes are even for this.
-    """
-    both, normal, tangential = sizes
-    gN, gT, vN, vT = each(0.0), each(0.0), each(0.0), each(0.0)
-    gN2, gT2, vN2, vT2 = gN, gT, vN, vT
-    for j in range(first, first + both, 2):
-        gN, gT, vN, vT = both_ways(modes, row, q, v, j, hN, hT, gN, gT, vN, vT)
-        gN2, gT2, vN2, vT2 = both_ways(modes, row + rows.BOTH, q, v, j + 1, hN, hT, gN2, gT2, vN2, vT2)
-        row += 2 * rows.BOTH
-    first += both
-    for j in range(first, first + normal, 2):
-        gN, vN = one_way(modes, row, q, v, j, hN, gN, vN)
-        gN2, vN2 = one_way(modes, row + rows.ONE, q, v, j + 1, hN, gN2, vN2)
-        row += 2 * rows.ONE
-    first += normal
-    for j in range(first, first + tangential, 2):
-        gT, vT = one_way(modes, row, q, v, j, hT, gT, vT)
-        gT2, vT2 = one_way(modes, row + rows.ONE, q, v, j + 1, hT, gT2, vT2)
-        row += 2 * rows.ONE
-    return gN + gN2, gT + gT2, vN + vN2, vT + vT2
-
-
-@inlined
-def damped(sizes: Any, modes: int, row: int, damping: int, v: int, first: int, hN: Any, hT: Any) -> Any:
-    """Power that the modes lose after a kick by hN and hT."""
-    both, normal, tangential = sizes
-    power, more = each(0.0), each(0.0)
-    for j in range(first, first + both, 2):
-        rate = fma(load(modes, row + 1), hT, fma(load(modes, row), hN, load(v, j)))
-        power = fma(load(damping, j) * rate, rate, power)
-        row += rows.BOTH
-        rate = fma(load(modes, row + 1), hT, fma(load(modes, row), hN, load(v, j + 1)))
-        more = fma(load(damping, j + 1) * rate, rate, more)
-        row += rows.BOTH
-    for kick, begin, end in ((hN, both, both + normal), (hT, both + normal, both + normal + tangential)):
-        for j in range(first + begin, first + end, 2):
-            rate = fma(load(modes, row), kick, load(v, j))
-            power = fma(load(damping, j) * rate, rate, power)
-            row += rows.ONE
-            rate = fma(load(modes, row), kick, load(v, j + 1))
-            more = fma(load(damping, j + 1) * rate, rate, more)
-            row += rows.ONE
-    return power + more
-
-
-@inlined
-def along(shape: int, v: int, first: int, end: int) -> Any:
-    """Velocity of a point."""
-    speed, more = each(0.0), each(0.0)
-    for j in range(first, end, 2):
-        speed = fma(load(shape, j), load(v, j), speed)
-        more = fma(load(shape, j + 1), load(v, j + 1), more)
-    return speed + more
-
-
-@inlined
-def follow_shapes(sizes: Any, modes: int, row: int, slides: int, q: int, v: int, first: int) -> Any:
-    """Gap shapes of the next step, and by how much the gaps and their rates change with them alone."""
-    both, normal, tangential = sizes
-    gN, gT, vN, vT = each(0.0), each(0.0), each(0.0), each(0.0)
-    # P1's shapes, the only ones that are felt both ways, stay.
-    row, first = row + both * rows.BOTH, first + both
-    for j in range(first, first + normal):
-        slide = load(slides, j)
-        store(modes, row, load(modes, row) + slide)
-        gN, vN = fma(slide, load(q, j), gN), fma(slide, load(v, j), vN)
-        row += rows.ONE
-    first += normal
-    for j in range(first, first + tangential):
-        slide = load(slides, j)
-        store(modes, row, load(modes, row) + slide)
-        gT, vT = fma(slide, load(q, j), gT), fma(slide, load(v, j), vT)
-        row += rows.ONE
-    return gN, gT, vN, vT
-
-
-@inlined
-def either(given: int, where: Any, a: int, b: int) -> Any:
-    """Row a of `given` where it is true, elsewhere row b."""
-    return select(where, load(given, a), load(given, b))
-
-
-@inlined
-def find_contact(
-    given: int, of: int, was: Any, uN: Any, uT: Any, anchor: Any, p: Any, gT: Any, vN: Any, vT: Any
-) -> Any:
-    """Which lanes stick, which slip, N, T, the element's new state and its u_T before.
-
-    From penetration, g_T and their rates; where neither is true the surfaces are apart. `of` is the group's first
-    row in `given`.
-    """
-    mu, half = load(given, of + rows.MU), load(given, of + rows.HALF)
-    stuck, apart = was == each(STICK), was == each(SEPARATION)
-    left = fma(load(given, of + rows.APART + 1), uT, load(given, of + rows.APART) * uN)
-    # Without an element the gap of a lasting contact is rounding: only its force can end it.
-    opens = (p <= left) & (apart | (load(given, of + rows.RIGID) == each(0.0)))
-    u = select(stuck, anchor - gT, uT)
-    law, other = of + rows.STICKING, of + rows.ENTRY
-    N = fma(
-        either(given, stuck, law + 2, other + 2),
-        vN,
-        fma(either(given, stuck, law + 1, other + 1), u, either(given, stuck, law, other) * p),
-    )
-    N = fma(either(given, stuck, law + 3, other + 3), vT, N)
-    T = fma(
-        either(given, stuck, law + 6, other + 6),
-        vN,
-        fma(either(given, stuck, law + 5, other + 5), u, either(given, stuck, law + 4, other + 4) * p),
-    )
-    T = fma(either(given, stuck, law + 7, other + 7), vT, T)
-    sticks = (each(0.0) < N) & (magnitude(T) <= mu * N) & ~opens
-    # Between the middle of the step, where stick holds u_T, and its start, where slip begins.
-    shift = load(given, of + rows.LAG) * fma(
-        half, fma(load(given, of + rows.W_NT), N, load(given, of + rows.W_TT) * T), vT
-    )
-    start, held = select(stuck, u + shift, u), select(stuck, u, u - shift)
-    ahead = each(0.0) < T
-    law, other = of + rows.FORWARDS, of + rows.BACKWARDS
-    M = fma(either(given, ahead, law + 2, other + 2), vN, either(given, ahead, law, other) * p)
-    M = fma(either(given, ahead, law + 1, other + 1), start, M)
-    after = fma(either(given, ahead, law + 5, other + 5), vN, either(given, ahead, law + 3, other + 3) * p)
-    after = fma(either(given, ahead, law + 4, other + 4), start, after)
-    slips = (each(0.0) < M) & ~opens & ~sticks
-    touch = sticks | slips
-    # What is left of the element's state where contact has ended, at the start of the step or within it.
-    endN, endT = select(opens, uN, p), select(opens, uT, start)
-    leftN = fma(load(given, of + rows.APART + 1), endT, load(given, of + rows.APART) * endN)
-    leftT = fma(load(given, of + rows.APART + 3), endT, load(given, of + rows.APART + 2) * endN)
-    # A landing on a rigid contact takes part of the force of a lasting one.
-    share = select(apart, load(given, of + rows.LANDING), each(1.0))
-    N = share * select(sticks, N, select(slips, M, each(0.0)))
-    T = select(sticks, share * T, select(ahead, mu, -mu) * N)
-    before = select(opens, uT, select(sticks, u, start))
-    newT = select(sticks, held, select(slips, after, leftT))
-    return sticks, slips, N, T, select(touch, p, leftN), newT, before
-
-
-@inlined
-def clear(places: int, at: int, which: int) -> None:
-    """Empty the histograms of some lanes."""
-    for lane in range(WIDTH):
-        if (which >> lane) & 1:
-            for k in range(BINS):
-                put_number(whole_at(places, (at + rows.FORCES) * WIDTH + lane), k, 0.0)
-                put_number(whole_at(places, (at + rows.SPEEDS) * WIDTH + lane), k, 0.0)
-
-
-@inlined
-def enter_sticks(starts: Any, of: int, ends: Any, places: int, at: int, which: int) -> None:
-    """Add the sticks that have ended in some lanes to their lists."""
-    for lane in range(WIDTH):
-        count = whole_at(places, (at + rows.STICK_COUNT) * WIDTH + lane)
-        if (which >> lane) & 1 and count < whole_at(places, (at + rows.STICK_ROOM) * WIDTH + lane):
-            put_number(
-                whole_at(places, (at + rows.STICKS) * WIDTH + lane),
-                2 * count,
-                number_at(starts, of * WIDTH + lane),
-            )
-            put_number(
-                whole_at(places, (at + rows.STICKS) * WIDTH + lane),
-                2 * count + 1,
-                number_at(ends, rows.S_TIME * WIDTH + lane),
-            )
-            put_whole(places, (at + rows.STICK_COUNT) * WIDTH + lane, count + 1)
-
-
-@inlined
-def spread(given: int, of: int, scratch: int, places: int, at: int, which: int) -> None:
-    """Add a sample to the histograms of some lanes."""
-    for lane in range(WIDTH):
-        if (which >> lane) & 1:
-            weight = rows.SAMPLED * number_at(given, (of + rows.STEP) * WIDTH + lane)
-            forces = whole_at(places, (at + rows.FORCES) * WIDTH + lane)
-            speeds = whole_at(places, (at + rows.SPEEDS) * WIDTH + lane)
-            add_number(forces, bin_of(whole_at(scratch, rows.S_N * WIDTH + lane)), weight)
-            add_number(speeds, bin_of(whole_at(scratch, rows.S_SIZE * WIDTH + lane)), weight)
-
-
-@inlined
-def hear(scratch: int, places: int, at: int, which: int) -> None:
-    """Keep the velocity of B and the slip rate of some lanes."""
-    for lane in range(WIDTH):
-        if (which >> lane) & 1:
-            count = whole_at(places, (at + rows.HEARD_COUNT) * WIDTH + lane)
-            put_number(
-                whole_at(places, (at + rows.HEARD) * WIDTH + lane),
-                2 * count,
-                number_at(scratch, rows.S_B * WIDTH + lane),
-            )
-            put_number(
-                whole_at(places, (at + rows.HEARD) * WIDTH + lane),
-                2 * count + 1,
-                number_at(scratch, rows.S_SPEED * WIDTH + lane),
-            )
-            put_whole(places, (at + rows.HEARD_COUNT) * WIDTH + lane, count + 1)
-
-
-@inlined
-def record(scratch: int, places: int, at: int, which: int) -> None:
-    """Add a row to the record of some lanes."""
-    for lane in range(WIDTH):
-        if (which >> lane) & 1:
-            kept, count = (
-                whole_at(places, (at + rows.ROWS) * WIDTH + lane),
-                whole_at(places, (at + rows.ROW_COUNT) * WIDTH + lane),
-            )
-            for column in range(rows.COLUMNS):
-                put_number(kept, rows.COLUMNS * count + column, number_at(scratch, column * WIDTH + lane))
-            put_whole(places, (at + rows.ROW_COUNT) * WIDTH + lane, count + 1)
+from fivcore.tally import SEPARATION, SLIP, STICK
 
 
 @inlined
@@ -302,9 +57,9 @@ def meet(
     """
     of, here, at = group * rows.GIVEN, group * rows.STATE, group * rows.PLACES
     zero, one = each(0.0), each(1.0)
-    step, half, pace = load(given, of + rows.STEP), load(given, of + rows.HALF), load(given, of + rows.PACE)
+    step, pace = load(given, of + rows.STEP), load(given, of + rows.PACE)
     pull, ramp, mu = load(given, of + rows.PULL), load(given, of + rows.RAMP), load(given, of + rows.MU)
-    W_NN, W_NT, W_TT = load(given, of + rows.W_NN), load(given, of + rows.W_NT), load(given, of + rows.W_TT)
+    M_NN, M_NT, M_TT = load(given, of + rows.M_NN), load(given, of + rows.M_NT), load(given, of + rows.M_TT)
     now, creep, was = (
         load(state, here + rows.NOW),
         load(state, here + rows.CREEP),
@@ -315,8 +70,8 @@ def meet(
     X = select(ramped, each(0.5) * (pull * (t * t)), pace * (t - each(0.5) * ramp))
     drive = select(ramped, pull * t, pace)
     # The unit load's share of the kick comes first.
-    rateN = load(state, here + rows.V_N) - fma(half, W_NN, -creep)
-    rateT = load(state, here + rows.V_T) - fma(half, W_NT, drive)
+    rateN = load(state, here + rows.V_N) - (M_NN - creep)
+    rateT = load(state, here + rows.V_T) - (M_NT + drive)
     slid = load(state, here + rows.G_T) + (load(state, here + rows.T_REST) - X)
     wasN, wasT = load(state, here + rows.U_N), load(state, here + rows.U_T)
     p = load(state, here + rows.P_REST) - load(state, here + rows.G_N)
@@ -329,13 +84,16 @@ def meet(
     store(state, here + rows.U_N, newN)
     store(state, here + rows.U_T, newT)
     touch = sticks | slips
-    meanN = fma(half, fma(W_NN, N, W_NT * T), rateN)
-    meanT = fma(half, fma(W_NT, N, W_TT * T), rateT)
+    meanN = fma(M_NN, N, fma(M_NT, T, rateN))
+    meanT = fma(M_NT, N, fma(M_TT, T, rateT))
     ratesT = select(sticks, -meanT, select(slips, (newT - before) * load(given, of + rows.PER_STEP), zero))
     ratesN = select(touch, -meanN, zero)
     speed = meanT + ratesT
-    # Apart, the element gives up what it holds; in contact, its dashpot loses.
-    released = fma(load(given, of + rows.K_NN), fma(wasN, wasN, -(newN * newN)), zero)
+    # Apart, the element gives up what it holds; in contact, its dashpot loses. What the spring has taken over all
+    # kicks of a contact is half its stiffness times the last penetration times the one after it; nothing, where
+    # that is negative.
+    heldN = select(was == each(SEPARATION), wasN, select(p > zero, p, zero))
+    released = fma(load(given, of + rows.K_NN), fma(wasN, heldN, -(newN * newN)), zero)
     released = fma(load(given, of + rows.K_TT), fma(before, before, -(newT * newT)), released)
     released = fma(each(2.0) * load(given, of + rows.K_NT), fma(wasN, before, -(newN * newT)), released)
     dashpot = load(given, of + rows.C_TT) * select(slips, load(given, of + rows.UNEVENNESS), one)
@@ -352,37 +110,28 @@ def meet(
         speed = select(rigid, meanT, speed)
     size = magnitude(speed)
     contact = select(sticks, each(STICK), select(slips, each(SLIP), each(SEPARATION)))
-    ended = 0
-    if bits(contact == was) != EVERY:
-        switched = ~(contact == was)
-        first_slip, first_separation = (
-            load(state, here + rows.FIRST_SLIP),
-            load(state, here + rows.FIRST_SEPARATION),
-        )
-        slipped = switched & slips & ~(first_slip <= t)
-        if bits(slipped) != 0:
-            _slip_first(given, of, state, here, places, at, t, slipped)
-            first_slip = load(state, here + rows.FIRST_SLIP)
-        opened = switched & ~touch & ~(first_separation <= t)
-        store(state, here + rows.FIRST_SEPARATION, select(opened, t, first_separation))
-        ended = bits(opened & (load(given, of + rows.UNTIL_OPEN) > zero))
-        counts = switched & (t >= load(state, here + rows.SETTLED_FROM))
-        add_to(state, here + rows.SWITCHES, select(counts, one, zero))
-        entered, left = switched & sticks, switched & (was == each(STICK))
-        started = load(state, here + rows.STICK_START)
-        long = bits(left & (t - started >= load(state, here + rows.LEAST_STICK)))
-        if long != 0:
-            store(scratch, rows.S_TIME, t)
-            enter_sticks(state, here + rows.STICK_START, scratch, places, at, long)
-        # The stick that a run begins with is not counted.
-        started = select(entered & (first_slip <= t), t, select(left, each(np.nan), started))
-        store(state, here + rows.STICK_START, started)
-        leap_at = select(left, each(np.inf), load(state, here + rows.NEXT_LEAP))
-        leap_at = select(entered, now + load(given, of + rows.PATIENCE), leap_at)
-        store(state, here + rows.NEXT_LEAP, leap_at)
-        store(state, here + rows.ANCHOR, select(entered, slid + newT, anchor))
-        store(state, here + rows.CONTACT, contact)
+    # In some lane the state changes every few steps: no branch could be foretold, so there is none.
+    switched, stuck = ~(contact == was), was == each(STICK)
     settled = t >= load(state, here + rows.SETTLED_FROM)
+    started, first_slip = load(state, here + rows.STICK_START), load(state, here + rows.FIRST_SLIP)
+    entered, left = sticks & ~stuck, stuck & ~sticks
+    slipped = switched & slips & ~(first_slip <= t)
+    opened = switched & ~(touch | (load(state, here + rows.FIRST_SEPARATION) <= t))
+    long = left & (t - started >= load(state, here + rows.LEAST_STICK))
+    ended = 0
+    if bits(slipped | opened | long) != 0:
+        ended = _mark(given, of, state, here, places, at, scratch, t, slipped, opened, long)
+        settled, first_slip = t >= load(state, here + rows.SETTLED_FROM), load(state, here + rows.FIRST_SLIP)
+    add_to(state, here + rows.SWITCHES, select(switched & settled, one, zero))
+    # The stick that a run begins with is not counted.
+    started = select(entered & (first_slip <= t), t, select(left, each(np.nan), started))
+    store(state, here + rows.STICK_START, started)
+    # A leap is tried at a look, where all lanes are together.
+    look = load(state, here + rows.NEXT_HEARD) + load(given, of + rows.PATIENCE)
+    leap_at = select(left, each(np.inf), select(entered, look, load(state, here + rows.NEXT_LEAP)))
+    store(state, here + rows.NEXT_LEAP, leap_at)
+    store(state, here + rows.ANCHOR, select(entered, slid + newT, anchor))
+    store(state, here + rows.CONTACT, contact)
     weight = select(settled, step, zero)
     add_to(state, here + rows.STICK_TIME, select(sticks, weight, zero))
     add_to(state, here + rows.SLIP_TIME, select(slips, weight, zero))
@@ -393,7 +142,7 @@ def meet(
     store(state, here + rows.MAX_SLIP, select(settled & (size > fastest), size, fastest))
     if bits(load(state, here + rows.NEXT) == now) != 0:
         share = load(given, of + rows.SHARE)
-        watched = (load(state, here + rows.NEXT_SAMPLE) == now) & (share <= one)
+        watched = (load(state, here + rows.NEXT_HEARD) == now) & (share <= one)
         ended |= bits(watched & (~sticks | (magnitude(T) > share * (mu * N))))
         store(scratch, rows.S_TIME, t)
         store(scratch, rows.S_N, N)
@@ -404,12 +153,18 @@ def meet(
         _look(sizes, group, modes, damping, point_b, given, state, places, v, scratch, settled)
     now = now + one
     store(state, here + rows.NOW, now)
-    return ended | bits((load(state, here + rows.LAST) <= now) | (load(state, here + rows.NEXT_LEAP) <= now))
+    return ended | bits((load(state, here + rows.LAST) <= now) | (leap_at <= now))
 
 
 @inlined
-def _slip_first(given: int, of: int, state: int, here: int, places: int, at: int, t: Any, slipped: Any) -> None:
-    """The first slip says which sticks are long, and starts the statistics anew."""
+def _mark(
+    given: int, of: int, state: int, here: int, places: int, at: int, scratch: int, t: Any, slipped: Any,
+    opened: Any, long: Any,
+) -> int:  # fmt: skip
+    """What happens seldom: first slip, first separation, the end of a long stick.
+
+    The first slip says which sticks are long, and starts the statistics anew.
+    """
     zero = each(0.0)
     store(state, here + rows.FIRST_SLIP, select(slipped, t, load(state, here + rows.FIRST_SLIP)))
     least_stick, settling = load(state, here + rows.LEAST_STICK), load(state, here + rows.SETTLING)
@@ -419,6 +174,10 @@ def _slip_first(given: int, of: int, state: int, here: int, places: int, at: int
     for row in range(here + rows.SUM_N, here + rows.SLIP_TIME + 1):
         store(state, row, select(anew, zero, load(state, row)))
     clear(places, at, bits(anew))
+    store(state, here + rows.FIRST_SEPARATION, select(opened, t, load(state, here + rows.FIRST_SEPARATION)))
+    store(scratch, rows.S_TIME, t)
+    enter_sticks(state, here + rows.STICK_START, scratch, places, at, bits(long))
+    return bits(opened & (load(given, of + rows.UNTIL_OPEN) > zero))
 
 
 @inlined
@@ -481,6 +240,7 @@ def move(sizes: Any, group: int, modes: int, slides: int, given: int, state: int
 @kernel
 def work(
     groups: int,
+    most: int,
     sizes: Any,
     modes: int,
     damping: int,
@@ -493,7 +253,7 @@ def work(
     v: int,
     scratch: int,
     room: int,
-) -> int:
+) -> Any:
     """Take steps and leaps in all lanes until a stretch has ended.
 
     Arrays are given by their addresses (`fivcore.lanes`).
@@ -502,6 +262,8 @@ def work(
     ----------
     groups : int
         How many groups of lanes are in use.
+    most : int
+        How many steps are taken at most.
     sizes : tuple of 3 ints
         How many modes are felt in both directions, along the normal only, along the tangent only: even numbers.
         Modes come in this order.
@@ -520,12 +282,16 @@ def work(
 
     Returns
     -------
-    int
+    ended : int
         Bit by bit, the lanes whose stretch has ended.
+    taken : int
+        How many steps were taken.
     """
+    taken = 0
     while True:
         ended = 0
-        while ended == 0:
+        while ended == 0 and taken < most:
+            taken += 1
             for group in range(groups):
                 ended |= meet(sizes, group, modes, damping, point_b, given, state, places, v, scratch) << (
                     group * WIDTH
@@ -539,5 +305,5 @@ def work(
                 leap(lane, sizes, given, state, places, q, v, room)
                 if number_at(state, cell + rows.NOW * WIDTH) < last:
                     ended &= ~(1 << lane)
-        if ended != 0:
-            return ended
+        if ended != 0 or taken >= most:
+            return ended, taken

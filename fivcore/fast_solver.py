@@ -10,6 +10,8 @@ import numpy as np
 from fivcore.bases import one_blas_thread
 from fivcore.contact_law import regime_maps
 from fivcore.kernel import Array
+from fivcore.kicks import between_kicks
+from fivcore.lane_rows import UNEVENNESS
 from fivcore.propagation import propagator
 from fivcore.reduced import ReducedModel
 from fivcore.uniqueness import check_unique
@@ -21,16 +23,21 @@ class Solver:
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
-        self.model, self.mu, self.step, self.W = model, mu, step, model.W
+        self.model, self.mu, self.step = model, mu, step
         check_unique(model, mu, step)
         flow = propagator(model.stiffness, model.damping, step)
         self.model_arrays = (flow, model.damping, model.normal.copy(), model.tangential.copy(), model.point_b)
-        maps = regime_maps(model.K, model.C, self.W, mu, step)
+        self.missed, self.K, self.C, self.mobility = model.kicks(step)
+        maps = regime_maps(self.K, self.C, self.mobility, mu, step)
         self.laws = tuple(float(x) for part in maps for x in np.ravel(part))
         # Without an element half the force of lasting contact is what a landing needs.
         self.landing = 1.0 if model.K.any() else 0.5
         self._lay_out(flow)
-        self.at_rest = (-float(model.normal @ model.rest), float(model.tangential @ model.rest))
+        # Penetration and tangential gap at rest: of the unit load kicks see what they see of a contact force.
+        self.at_rest = (
+            float(self.missed[0, 0] - model.normal @ model.rest),
+            float(model.tangential @ model.rest - self.missed[1, 0]),
+        )
 
     def _lay_out(self, flow: Array) -> None:
         """For `fivcore.fast_kernel`: where each mode goes, and a lane's coefficients and numbers."""
@@ -49,12 +56,18 @@ class Solver:
             column[: len(kind)] = np.stack([*own, *flow])[:, kind].T
             columns.append(column.ravel())
         self.coefficients = np.concatenate(columns)
-        W, K, C, step = self.W, model.K, model.C, self.step
+        M, K, step = self.mobility, self.K, self.step
+        # What the dashpot loses: the mean rate of a gap over a kick is less than that of the element within it, by
+        # what kicks miss. In slip u_T has a rate of its own.
+        rates = np.linalg.solve(K, model.K) if K.any() else np.eye(2)
+        loss = rates.T @ model.C @ rates
         on_b = 0.5 * float(model.point_b @ model.normal), 0.5 * float(model.point_b @ model.tangential)
-        parts = [number for m in (W, K, C) for number in (m[0, 0], m[1, 0], m[1, 1])]
+        parts = [number for m in (M, K, loss) for number in (m[0, 0], m[1, 0], m[1, 1])]
         rigid = float(self.landing != 1.0)
-        times = [step, 0.5 * step, 1.0 / step]
+        times = [step, 1.0 / step]
         self.given = np.array([*self.laws, self.mu, *times, *parts, *on_b, self.landing, rigid])
+        if loss.any():
+            self.given[UNEVENNESS] *= self.C[1, 1] / loss[1, 1]
 
     def placed(self, normal: Array, tangential: Array) -> Array:
         """Changes of the gap shapes, mode by mode in the order of the lanes: P2's, each in its own direction."""
@@ -62,20 +75,14 @@ class Solver:
         column[self.place] = normal + tangential
         return column
 
+    def between_kicks(self, force: Array) -> Array:
+        """How much further a steady contact force in kicks deflects the modes, midway between two of them."""
+        model = self.model
+        modal = model.normal * (force[0] - 1.0) + model.tangential * force[1]
+        return between_kicks(model.stiffness, self.step) * modal
+
 
 @lru_cache(maxsize=64)
 def frozen_solver(model: ReducedModel, mu: float, step: float) -> Solver:
     """The solver of a contact point that stays, built once: such steps do not change it, whatever V and F."""
     return Solver(model, mu, step)
-
-
-def kicked(solver: Solver, force: Array) -> Array:
-    """How much further a steady force deflects the modes between two kicks than it does as a steady force."""
-    model = solver.model
-    modal = model.normal * (force[0] - 1.0) + model.tangential * force[1]
-    z = 0.5 * solver.step * np.sqrt(model.stiffness)
-    small = z < 1e-3
-    safe = np.where(small, 1.0, z)
-    # h / (2 omega sin(omega h / 2)) - 1 / omega^2 = h^2 / 4 (1 / (z sin z) - 1 / z^2), z = omega h / 2.
-    excess = np.where(small, 1.0 / 6.0, 1.0 / (safe * np.sin(safe)) - 1.0 / safe**2)
-    return np.asarray(0.25 * solver.step**2 * excess * modal)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from hashlib import sha256
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numba import njit
+from numba import config, njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 # Entries of eight bytes on either side of an array: two lines of a cache.
 ROOM = 16
+# Of all that may be compiled.
+SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[
+    :16
+]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -24,9 +30,24 @@ def kernel(function: Function) -> Function:
     """
     compiled = njit(nogil=True, error_model="numpy")(function)
     # Without a folder that may be written to, every process compiles anew.
-    with suppress(RuntimeError):
+    with suppress(RuntimeError), _folder_of_these_sources():
         compiled.enable_caching()
     return cast(Function, compiled)
+
+
+@contextmanager
+def _folder_of_these_sources() -> Iterator[None]:
+    """Keep compiled code apart for each state of this package.
+
+    Numba looks only at the file of a kernel; what is inlined into it from others would stay as it was.
+    """
+    settings: Any = config
+    given = settings.CACHE_DIR
+    settings.CACHE_DIR = str(Path(given or Path(__file__).parent / "__pycache__") / SOURCES)
+    try:
+        yield
+    finally:
+        settings.CACHE_DIR = given
 
 
 def inlined(function: Function) -> Function:

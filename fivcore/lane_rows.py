@@ -2,20 +2,20 @@
 
 # Rows of `given`, which a stretch does not change. The numbers of `fivcore.contact_law.regime_maps`: stick (N
 # and T on p, u_T, v_N, v_T), slip for T = mu N and T = -mu N (N and u_T on p, u_T, v_N), what is left of u in
-# separation, entry (as stick), lag, unevenness.
-STICKING, FORWARDS, BACKWARDS, APART, ENTRY, LAG, UNEVENNESS = 0, 8, 14, 20, 24, 32, 33
-# Coefficient of friction, step, its half and its inverse; inverse mass of the kept modes, stiffness and damping
-# of the element; what half a kick makes of the velocity of B.
-(MU, STEP, HALF, PER_STEP, W_NN, W_NT, W_TT, K_NN, K_NT, K_TT, C_NN, C_NT, C_TT, B_N, B_T) = range(34, 49)
+# separation, entry (as stick), lag, unevenness, landing (as stick), its lag.
+STICKING, FORWARDS, BACKWARDS, APART, ENTRY, LAG, UNEVENNESS, LANDED, LANDED_LAG = 0, 8, 14, 20, 24, 32, 33, 34, 42
+# Coefficient of friction, step and its inverse; what a force adds to the mean rates of the gaps, stiffness and
+# damping of the element; what half a kick makes of the velocity of B.
+(MU, STEP, PER_STEP, M_NN, M_NT, M_TT, K_NN, K_NT, K_TT, C_NN, C_NT, C_TT, B_N, B_T) = range(43, 57)
 # What share of the laws' force acts at touch-down, and whether the contact is rigid.
-(LANDING, RIGID) = range(49, 51)
+(LANDING, RIGID) = range(57, 59)
 # V, ramp, V over ramp; by how much the gaps at rest change in a step.
-(PACE, RAMP, PULL, REST_N, REST_T) = range(51, 56)
+(PACE, RAMP, PULL, REST_N, REST_T) = range(59, 64)
 # |T| above this share of mu N, or the end of stick, ends the stretch when samples are taken (never: infinity).
 # Whether the first separation ends it. Steps between what is heard, and what is recorded; steps of stick before
 # a leap is tried (never: infinity).
-(SHARE, UNTIL_OPEN, HEARING, RECORDING, PATIENCE) = range(56, 61)
-GIVEN = 61
+(SHARE, UNTIL_OPEN, HEARING, RECORDING, PATIENCE) = range(64, 69)
+GIVEN = 69
 
 # Rows of `state`: the step and the last one; gaps and rates by the modes; penetration and g_T at rest, the latter
 # with the inertia of the base; rate of g_N by the motion of the contact point.
@@ -43,9 +43,9 @@ PLACES = 10
 SCRATCH, COLUMNS = 7, 6
 
 # Every how many steps the histograms are filled; whatever is heard is heard at multiples of it.
-SAMPLED = 8
+SAMPLED = 10
 # Intervals of hearing that a leap covers at most.
-REACH = 256
+REACH = 1024
 # Rows of the coefficients of a mode that is felt in both directions, and in one: its gap shapes, then a, b, c, d
 # of the flow over a step.
 BOTH, ONE = 6, 5

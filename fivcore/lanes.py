@@ -16,10 +16,12 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+from numpy.typing import NDArray
 
 WIDTH = 8
 
@@ -36,6 +38,14 @@ class Mask(types.Type):
 
     def __init__(self) -> None:
         super().__init__(name=f"Mask[{WIDTH}]")
+
+
+def aligned(rows: int) -> NDArray[np.float64]:
+    """Zeros, (rows, WIDTH), none of whose rows lies across lines of the processor's cache."""
+    line = 8 * WIDTH
+    room = np.zeros((rows + 1) * line, dtype=np.uint8)
+    start = -room.ctypes.data % line
+    return room[start : start + rows * line].view(np.float64).reshape(rows, WIDTH)
 
 
 lanes, mask = Lanes(), Mask()

@@ -20,6 +20,8 @@ import numpy as np
 from fivcore.bases import one_blas_thread
 from fivcore.fast_solver import Solver
 from fivcore.kernel import Array
+from fivcore.lanes import WIDTH, aligned
+from fivcore.leap_sums import HEAD, LOOKS
 from fivcore.propagation import propagator
 
 # Eigenvectors are used where M X - X diag(z) is smaller, in units in which the energy is a sum of squares.
@@ -84,7 +86,7 @@ def leaps(solver: Solver, hearing: int) -> Array | None:
     B = model.point_b @ X[size:] + on_b[0] * N + on_b[1] * T
     left = solver.laws[20] * P + solver.laws[21] * U
     log = np.log(z)
-    readings = (z**hearing, log, 1.0 / (1.0 - z), N, T, B, P - left / z, P / z, U / z)
+    readings = (log, 1.0 / (1.0 - z), N, T, B, P - left / z, P / z, U / z)
     bend = np.minimum(2.0, 0.125 * np.abs(hearing * log) ** 2)
     over = np.stack([*(part for reading in readings for part in (reading.real, reading.imag)), bend])
     shapes = [np.r_[n, t], np.r_[model.point_b, model.stiffness]]
@@ -93,4 +95,10 @@ def leaps(solver: Solver, hearing: int) -> Array | None:
     room = sum(solver.sizes)
     table = np.zeros((len(rows), 2 * room))
     table[:, np.r_[solver.place, room + solver.place]] = rows
-    return np.concatenate([np.array([len(z), room], dtype=float), over.ravel(), table.ravel()])
+    head = np.zeros(HEAD)
+    head[:2] = len(z), room
+    turns = np.cumprod(np.tile(z**hearing, (LOOKS, 1)), axis=0).T
+    parts = head, turns.real.ravel(), -turns.imag.ravel(), over.ravel(), table.ravel()
+    count = sum(len(part) for part in parts)
+    packed = aligned(-(-count // WIDTH)).ravel()[:count]
+    return np.concatenate(parts, out=packed)

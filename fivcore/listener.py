@@ -8,6 +8,7 @@ it has).
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
 
 import numpy as np
 
@@ -18,6 +19,15 @@ INTERVAL = 20e-6
 WINDOW = 1024
 LONG = 16384
 BAND = (200.0, 10e3)
+AT_ONCE = 16
+# What is asked for is no farther than half a stretch.
+PADDED = 3 * LONG // 2
+
+
+@lru_cache(maxsize=WINDOW)
+def hann(length: int) -> Array:
+    """Hann window; not to be changed."""
+    return np.hanning(length)
 
 
 class Welch:
@@ -25,26 +35,54 @@ class Welch:
 
     def __init__(self, rate: float) -> None:
         self.frequency = np.fft.rfftfreq(WINDOW, 1.0 / rate)
-        self.power = np.zeros(WINDOW // 2 + 1)
-        self._hann = np.hanning(WINDOW)
+        self._power = np.zeros(WINDOW // 2 + 1)
         self._open = np.zeros(0)
+        # Transforms of many windows at once cost a quarter of what they cost one by one.
+        self._windows = np.zeros((AT_ONCE, WINDOW))
+        self._filled = 0
 
     def add(self, samples: Array) -> None:
         """Continue the present stretch."""
-        data = np.concatenate([self._open, samples])
-        count = max((len(data) - WINDOW) // (WINDOW // 2) + 1, 0)
-        if count:
-            pieces = np.lib.stride_tricks.sliding_window_view(data, WINDOW)[:: WINDOW // 2][:count]
-            centred = pieces - pieces.mean(axis=1, keepdims=True)
-            self.power += np.sum(np.abs(np.fft.rfft(centred * self._hann, axis=1)) ** 2, axis=0)
-        self._open = data[count * (WINDOW // 2) :]
+        data = np.concatenate([self._open, samples]) if len(self._open) else samples
+        half = WINDOW // 2
+        count = max((len(data) - half) // half, 0)
+        # Every other window, from the first and from the second on.
+        for first in (0, 1):
+            pieces = (count + 1 - first) // 2
+            if pieces:
+                self._take(data[first * half : first * half + pieces * WINDOW].reshape(pieces, WINDOW))
+        self._open = data[count * half :].copy()
 
     def close(self) -> None:
         """End the present stretch; what is left of it counts if it is an eighth of a window or more."""
         if len(self._open) >= WINDOW // 8:
-            piece = (self._open - self._open.mean()) * np.hanning(len(self._open))
-            self.power += np.abs(np.fft.rfft(piece, WINDOW)) ** 2
+            self._take(self._open[None])
         self._open = np.zeros(0)
+
+    def _take(self, pieces: Array) -> None:
+        """Enter pieces of equal length, (n, at most WINDOW)."""
+        length = pieces.shape[1]
+        while len(pieces):
+            first, last = self._filled, min(self._filled + len(pieces), AT_ONCE)
+            now, pieces = pieces[: last - first], pieces[last - first :]
+            mean = np.add.reduce(now, axis=1, keepdims=True) / length
+            np.multiply(now - mean, hann(length), out=self._windows[first:last, :length])
+            self._windows[first:last, length:] = 0.0
+            self._filled = last
+            if last == AT_ONCE:
+                self._transform()
+
+    def _transform(self) -> None:
+        power = np.abs(np.fft.rfft(self._windows[: self._filled], axis=1)) ** 2
+        self._power += power.sum(axis=0)
+        self._filled = 0
+
+    @property
+    def power(self) -> Array:
+        """Of all windows so far, (WINDOW // 2 + 1,)."""
+        if self._filled:
+            self._transform()
+        return self._power
 
     def hold(self, value: float, count: int) -> None:
         """Continue with the same value `count` times: a window that holds nothing else has no power."""
@@ -53,32 +91,33 @@ class Welch:
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
         inside = (self.frequency[1:-1] >= BAND[0]) & (self.frequency[1:-1] <= BAND[1])
+        power = self.power
         # A peak, not the foot of something below or above the band.
-        peaks = inside & (self.power[1:-1] > self.power[:-2]) & (self.power[1:-1] >= self.power[2:])
+        peaks = inside & (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
         if not peaks.any():
             return float("nan")
-        top = 1 + int(np.argmax(np.where(peaks, self.power[1:-1], -1.0)))
-        below, at, above = np.log(np.maximum(self.power[top - 1 : top + 2], 1e-300))
+        top = 1 + int(np.argmax(np.where(peaks, power[1:-1], -1.0)))
+        below, at, above = np.log(np.maximum(power[top - 1 : top + 2], 1e-300))
         bend = below - 2.0 * at + above
         offset = 0.5 * (below - above) / bend if bend < 0.0 else 0.0
         return float(self.frequency[top] + offset * self.frequency[1])
 
 
 class Correlation:
-    """Autocorrelation up to a third of a second, by the power spectrum of zero-padded stretches."""
+    """Autocorrelation up to a sixth of a second, by the power spectrum of zero-padded stretches."""
 
     def __init__(self) -> None:
-        self._power = np.zeros(LONG + 1)
+        self._power = np.zeros(PADDED // 2 + 1)
         self._lengths: Counter[int] = Counter()
         self._open = np.zeros(0)
 
     def add(self, samples: Array) -> None:
         """Continue the signal."""
-        data = np.concatenate([self._open, samples])
+        data = np.concatenate([self._open, samples]) if len(self._open) else samples
         while len(data) >= LONG:
             self._take(data[:LONG])
             data = data[LONG:]
-        self._open = data
+        self._open = data.copy()
 
     def close(self) -> None:
         """End the signal; its rest counts if it is half a stretch or all there is."""
@@ -96,7 +135,7 @@ class Correlation:
         self._open = np.concatenate([self._open, np.full(rest, value)])
 
     def _take(self, piece: Array) -> None:
-        self._power += np.abs(np.fft.rfft(piece - piece.mean(), 2 * LONG)) ** 2
+        self._power += np.abs(np.fft.rfft(piece - piece.mean(), PADDED)) ** 2
         self._lengths[len(piece)] += 1
 
     def near(self, lag: float, around: float) -> float:
@@ -106,7 +145,7 @@ class Correlation:
         lags = np.arange(int(lag - around), int(lag + around) + 2)
         pairs = sum(number * np.maximum(length - lags, 0) for length, number in self._lengths.items())
         samples = sum(number * length for length, number in self._lengths.items())
-        product = np.fft.irfft(self._power)
+        product = np.fft.irfft(self._power, PADDED)
         if product[0] <= 0.0:
             return float("nan")
         return float(np.max(product[lags] / pairs) / (product[0] / samples))
@@ -143,25 +182,32 @@ class Listener:
         """
         if settled_from != self.settled_from:
             self._reset(settled_from)
-        t, samples = np.concatenate([self._held_t, t]), np.concatenate([self._held, samples])
+        if len(self._held):
+            t, samples = np.concatenate([self._held_t, t]), np.concatenate([self._held, samples])
         sure = int(np.searchsorted(t, unsure_from))
-        self._held_t, self._held = t[sure:], samples[sure:]
+        self._held_t, self._held = t[sure:].copy(), samples[sure:].copy()
         start = int(np.searchsorted(t[:sure], settled_from))
         t, samples = t[start:sure], samples[start:sure]
         if not len(t):
             return
         self._spread(samples)
         self.correlation.add(samples)
-        within = np.zeros(len(t), dtype=bool)
-        for begin, end in sticks:
-            within[np.searchsorted(t, begin) : np.searchsorted(t, end)] = True
-        edges = np.flatnonzero(np.diff(within)) + 1
-        for first, last in zip([0, *edges], [*edges, len(t)], strict=True):
-            if within[first] != self._within:
-                self.moving.close()
-                self.stuck.close()
-                self._within = bool(within[first])
-            (self.stuck if within[first] else self.moving).add(samples[first:last])
+        done = 0
+        for first, last in np.searchsorted(t, sticks):
+            self._part(samples[done:first], within=False)
+            self._part(samples[first:last], within=True)
+            done = max(done, last)
+        self._part(samples[done:], within=False)
+
+    def _part(self, samples: Array, *, within: bool) -> None:
+        """Samples within a long stick, or outside of them all."""
+        if not len(samples):
+            return
+        if within != self._within:
+            self.moving.close()
+            self.stuck.close()
+            self._within = within
+        (self.stuck if within else self.moving).add(samples)
 
     def hold(self, t: float, value: float, count: int) -> None:
         """Take `count` more samples of the same value, outside of long sticks, after the last one, at `t`."""
@@ -188,7 +234,8 @@ class Listener:
 
     def _spread(self, samples: Array) -> None:
         mean = float(samples.mean())
-        self._merge(len(samples), mean, float(np.sum((samples - mean) ** 2)))
+        apart = samples - mean
+        self._merge(len(samples), mean, float(np.add.reduce(np.multiply(apart, apart, out=apart))))
 
     def _merge(self, count: int, mean: float, squares: float) -> None:
         """Count samples of which number, mean and squares about it are known."""

@@ -171,7 +171,7 @@ def _watch(
         if chunk.further:
             early = True
             listener.hold(chunk.t[-1], chunk.velocity[-1], chunk.further)
-        last = chunk.slip_rate[chunk.t + chunk.further / run.rate >= 0.75 * duration]
+        last = chunk.slip_rate[np.searchsorted(chunk.t, 0.75 * duration - chunk.further / run.rate) :]
         if len(last):
             late = np.array([np.fmin(late[0], last.min()), np.fmax(late[1], last.max())])
     listener.close()

@@ -30,6 +30,7 @@ from scipy.optimize import brentq
 from fivcore.bases import contact_modes, one_blas_thread, rig_bases
 from fivcore.elements import axial
 from fivcore.kernel import Array, kernel
+from fivcore.kicks import Kicks, kicks
 from fivcore.propagation import propagator
 from fivcore.rig import Rig
 
@@ -40,7 +41,7 @@ LEAST_KEPT = 3
 TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega (an undamped element loses what energy
 # the step gets wrong nowhere, so it is finer) and, without an element, of the fastest mode's; the largest.
-STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.15, 0.3, 0.5, 1.9
+STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.82, 0.3, 0.5, 2.35
 # How much of its velocity a mode may lose in a default step, as a power of e: the contact takes the mean of a
 # velocity over a kick, and a kick that is gone before the next has no such mean.
 MOST_LOST = 2.0
@@ -88,6 +89,11 @@ class ReducedModel:
         """Inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
         shape = np.stack([self.normal, self.tangential])
         return np.asarray(shape @ shape.T)
+
+    def kicks(self, step: float) -> Kicks:
+        """How steps of `fast` see it."""
+        shapes = np.stack([self.normal, self.tangential])
+        return kicks(self.stiffness, self.damping, shapes, self.K, self.C, step)
 
     @cached_property
     def contact_frequency(self) -> float:

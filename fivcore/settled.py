@@ -175,16 +175,17 @@ def _readings(model: ReducedModel, mu: float, step: float) -> tuple[Array, Array
 
     A row stands for something affine: its factors on x, its value at x = 0, what a unit of V adds.
     """
-    n, t, W, half = model.normal, model.tangential, model.W, 0.5 * step
-    _, slip, separation, entry, _, _ = regime_maps(model.K, model.C, W, mu, step)
+    n, t, half = model.normal, model.tangential, 0.5 * step
+    missed, K, C, M = model.kicks(step)
+    _, slip, separation, entry, *_ = regime_maps(K, C, M, mu, step)
     zero = np.zeros(len(n))
-    p = np.concatenate([-n, zero, [0.0, -float(n @ model.rest), 0.0]])
+    p = np.concatenate([-n, zero, [0.0, missed[0, 0] - float(n @ model.rest), 0.0]])
     u = np.concatenate([zero, zero, [1.0, 0.0, 0.0]])
     # The unit load's share of the kick comes first; the slip rate sees the drive.
-    rate_N = np.concatenate([zero, n, [0.0, -half * W[0, 0], 0.0]])
-    rate_T = np.concatenate([zero, t, [0.0, -half * W[1, 0], -1.0]])
+    rate_N = np.concatenate([zero, n, [0.0, -M[0, 0], 0.0]])
+    rate_T = np.concatenate([zero, t, [0.0, -M[1, 0], -1.0]])
     force, after = slip[0] @ np.stack([p, u, rate_N])
-    slip_rate = rate_T + half * (W[1, 0] + mu * W[1, 1]) * force + (after - u) / step
+    slip_rate = rate_T + (M[1, 0] + mu * M[1, 1]) * force + (after - u) / step
     b = model.point_b
     velocity = np.concatenate([zero, b, [0.0, -half * float(b @ n), 0.0]]) + half * float(b @ (n + mu * t)) * force
     trial_N, trial_T = entry @ np.stack([p, u, rate_N, rate_T])

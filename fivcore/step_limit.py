@@ -44,7 +44,8 @@ def at_most(limit: float, digits: int = 4) -> str:
 
 def step_matrices(model: ReducedModel, mu: float, step: float) -> list[Array]:
     """One step from kick to kick in stick and in slip either way, on (q, v) and in slip u_T."""
-    stick, slip, *_ = regime_maps(model.K, model.C, model.W, mu, step)
+    _, K, C, M = model.kicks(step)
+    stick, slip, *_ = regime_maps(K, C, M, mu, step)
     n, t = model.normal, model.tangential
     size = len(n)
     a, b, c, d = (np.diag(row) for row in propagator(model.stiffness, model.damping, step))

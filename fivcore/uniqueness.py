@@ -3,8 +3,10 @@
 Each method divides by something of its own when it slips, so the condition belongs to the method:
 
 - "paper": W_NN +- mu W_NT r / (1 + r), W the gaps that unit forces close within a step, r = dt / tau;
-- "fast", "exact", with an element: C_TT -+ mu C_TN (K where it has no damping), which decide between stick and
-  slip at any instant; "fast" also what its implicit step divides by (`fivcore.contact_law.slip_divisors`);
+- "exact" with an element: C_TT -+ mu C_TN (K where it has no damping), which decide between stick and slip at any
+  instant;
+- "fast" with an element: the same for the element that its kicks need (`fivcore.kicks`), and what its implicit
+  step divides by (`fivcore.contact_law.slip_divisors`);
 - without an element: W_NN +- mu W_NT of the kept modes.
 """
 
@@ -78,13 +80,13 @@ def critical_mu_of(model: ReducedModel, step: float | None) -> float:
     """The same for a reduced model and a step of `fast`; without a step, of the law itself."""
     if not model.K.any():
         return _ratio(model.W[0, 0], model.W[0, 1])
-    matrix = model.C if model.C.any() else model.K
-    law = _ratio(matrix[1, 1], matrix[0, 1])
-    if step is None or not model.C.any():
+    _, K, C, M = model.kicks(step or 0.0)
+    law = _ratio(K[1, 1], K[0, 1])
+    if step is None or not C.any():
         return law
 
     def least(mu: float) -> float:
-        return float(slip_divisors(model.K, model.C, model.W, mu, step)[2:].min())
+        return float(slip_divisors(K, C, M, mu, step)[2:].min())
 
     # The step's own divisors are positive at mu = 0 and smooth up to the law's limit.
     trial = np.linspace(0.0, min(law, LARGEST) * (1.0 - 1e-9), 400)[1:]
@@ -98,7 +100,8 @@ def critical_mu_of(model: ReducedModel, step: float | None) -> float:
 def check_unique(model: ReducedModel, mu: float, step: float | None) -> None:
     """Raise where the contact force of a reduced model is not unique."""
     if model.K.any():
-        divisors: Array = slip_divisors(model.K, model.C, model.W, mu, step or 0.0)
+        _, K, C, M = model.kicks(step or 0.0)
+        divisors: Array = slip_divisors(K, C, M, mu, step or 0.0)
     else:
         divisors = np.array([model.W[0, 0] + s * mu * model.W[0, 1] for s in (1.0, -1.0)])
     if divisors.min() <= 0.0:

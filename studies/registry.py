@@ -20,12 +20,13 @@ NAMES = (
     "stability",
     "regimes",
     "scenes",
+    "accuracy",
+    "stress",
 )
 
 
-# Studies that are not listed, by the name of the sweep: a map is made by a command of its own, and the
-# others are about the methods, not about the rig.
-UNLISTED = {"map": "maps", "accuracy": "accuracy", "stress": "stress"}
+# Studies that are not listed, by the name of the sweep: a map is made by a command of its own.
+UNLISTED = {"map": "maps"}
 
 
 def load(name: str) -> Study:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from fivcore.kernel import kernel
+from fivcore.kicks import Kicks
 from fivcore.propagation import propagator
 from fivcore.published import BETA2
 from fivcore.reduced import ReducedModel, full_model
@@ -133,8 +134,11 @@ def replayed(question: Question, time: Array, N: Array, T: Array) -> Replay:
         carried += float(late @ (v + 0.5 * late))
         v = v + late
         lost += _moved(*fixed, q, v, step, N[ends:], T[ends:], out[:, ends:])
-    element = _crept(model, N, T, u, step, float(time[0]))
-    gap = out[0] + float(model.normal @ model.rest) + element
+    # Kicks see less of the modes' flexibility than a lasting force does; their element has it instead.
+    kicks = model.kicks(step)
+    missed = float(kicks.missed[0, 0])
+    element = _crept(kicks, N, T, u + missed, step, float(time[0]))
+    gap = out[0] + float(model.normal @ model.rest) - missed + element
     # The work of the load's share of N is what the gap has changed by, which in contact is nothing.
     apart = np.where(N[[0, -1]] == 0.0, gap[[0, -1]], 0.0)
     struck = -step * float((N - 1.0) @ out[1]) - float(apart[1] - apart[0])
@@ -168,13 +172,13 @@ def _free(model: ReducedModel, damping: Array, q: Array, v: Array, time: float) 
     return a * q + b * v, c * q + d * v
 
 
-def _crept(model: ReducedModel, N: Array, T: Array, first: float, step: float, begin: float) -> Array:
+def _crept(kicks: Kicks, N: Array, T: Array, first: float, step: float, begin: float) -> Array:
     """u_N at each record: it relaxes towards what the forces, constant over each step, would hold."""
-    if not model.K.any():
+    if not kicks.stiffness.any():
         return np.zeros(len(N))
-    across = np.linalg.inv(model.K)[0]
+    across = np.linalg.inv(kicks.stiffness)[0]
     held = across[0] * N + across[1] * T
-    tau = float(model.C[0, 0] / model.K[0, 0])
+    tau = float(kicks.damping[0, 0] / kicks.stiffness[0, 0])
     if tau == 0.0:
         return np.asarray(held)
     # Over the part of a step before its record, and over what is left of it.

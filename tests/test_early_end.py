@@ -17,7 +17,7 @@ from tests.rigs import workshop_rig
 
 SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")
 STABLE = Scene(5e-3, -5.0, 0.2, 9.0)
-# With few modes nothing above 10 kHz grows before the paper's pair at 2.8 kHz does: from mu = 0.11095 on.
+# With few modes nothing above 10 kHz is near growing when the paper's pair at 2.8 kHz does: from mu = 0.11123 on.
 FEW = 30e3
 
 SETTLING = [
@@ -46,9 +46,9 @@ NEVER_ENDED = [
     (Scene(5e-3, 5.0, 0.2, 9.0), {}),
     (Scene(1e-3, 5.0, 0.2, 9.0), {}),
     (Scene(5e-3, 5.0, 0.111, 9.0), {}),
-    (Scene(5e-3, 5.0, 0.109, 9.0), {}),
-    (Scene(5e-3, 5.0, 0.111, 9.0), {"cutoff": FEW}),
-    (Scene(5e-3, 5.0, 0.108, 9.0), {}),
+    (Scene(5e-3, 5.0, 0.1113, 9.0), {}),
+    (Scene(5e-3, 5.0, 0.1114, 9.0), {"cutoff": FEW}),
+    (Scene(5e-3, 5.0, 0.112, 9.0), {}),
     (STABLE, {"contact_motion": 1}),
     (STABLE, {"termination": "none"}),
     (replace(STABLE, rig=Rig(d1=0.0, d2=0.0)), {}),
@@ -98,13 +98,13 @@ def test_a_scene_that_vibrates_or_may_takes_every_step(scene, given):
     assert identical(full.summary, free.summary)
 
 
-@pytest.mark.parametrize("mu", [0.108, 0.1065])
+@pytest.mark.parametrize("mu", [0.1105, 0.1065])
 def test_a_scene_that_settles_slowly_is_not_ended_before_it_has(mu):
-    """The slowest mode decays by 5 or so 1/s, at 55 kHz, just below where it would grow."""
+    """The slowest mode decays by 25 1/s."""
     scene = Scene(5e-3, 5.0, mu, 9.0)
     model = reduced_model(Rig(), 5.0)
     rate = -steady_sliding(model, mu, model.default_step).eigenvalues.real.max()
-    full, ended = both(scene, 0.9 + 12.0 / rate, record=True, sample_rate=5e3)
+    full, ended = both(scene, 0.9 + 25.0 / rate, record=True, sample_rate=5e3)
     assert ended.summary["settled_early"]
     stretched(full.summary, ended.summary, scene.V)
     same = np.flatnonzero(full.slip_velocity != ended.slip_velocity)[0]
@@ -158,9 +158,9 @@ def begin_in_steady_sliding(monkeypatch, nudge):
     return {"initial": State(nothing, nothing, SLIP), "ramp": 0.0, "cutoff": FEW}
 
 
-@pytest.mark.parametrize(("mu", "nudge"), [(0.111, 1e-12), (0.1114, 0.0)])
+@pytest.mark.parametrize(("mu", "nudge"), [(0.11127, 1e-12), (0.1114, 0.0)])
 def test_a_growing_mode_is_seen_however_small_it_is(mu, nudge, monkeypatch):
-    """At 14 or 93 1/s it needs a while to become a vibration; until then it looks like steady sliding."""
+    """At 11 or 52 1/s it needs a while to become a vibration; until then it looks like steady sliding."""
     asked = []
 
     def watched(*given):
@@ -183,9 +183,9 @@ def test_a_decaying_one_is_ended_at_once(nudge, monkeypatch):
     full, ended = both(Scene(5e-3, 5.0, 0.10, 9.0), 0.2, record=True, **given)
     assert ended.summary["settled_early"]
     stretched(full.summary, ended.summary, 5e-3)
-    steady = full.normal_force[full.time > 0.041]
-    assert np.any(steady != ended.normal_force[ended.time > 0.041])
-    assert np.all(ended.normal_force[ended.time > 0.041] == ended.normal_force[-1])
+    steady = full.normal_force[full.time > 0.054]
+    assert np.any(steady != ended.normal_force[ended.time > 0.054])
+    assert np.all(ended.normal_force[ended.time > 0.054] == ended.normal_force[-1])
 
 
 # The map and the bound.
@@ -273,7 +273,11 @@ def test_the_proofs_spectrum_is_that_of_sliding_stability(theta, mu):
     expected = modes.growth_rate + 2j * np.pi * modes.frequency
     nearest = found[np.abs(found[:, None] - expected).argmin(axis=0)]
     assert nearest.imag == pytest.approx(expected.imag, rel=2e-3)
-    assert nearest.real == pytest.approx(expected.real, rel=0.05, abs=10.0)
+    # The dashpot takes up to 10.3 1/s more at 7.5 kHz, in steps however small; the step itself adds nothing.
+    assert nearest.real == pytest.approx(expected.real, rel=0.05, abs=10.5)
+    finest = steady_sliding(model, mu, 0.04 * model.default_step).eigenvalues
+    limit = finest[np.abs(finest[:, None] - expected).argmin(axis=0)]
+    assert nearest == pytest.approx(limit, rel=1e-5, abs=0.2)
     assert np.array_equal(nearest.real > 0.0, modes.unstable)
     if modes.unstable.any():
         assert not steady.decays

@@ -433,7 +433,7 @@ def fast_state(step: float, time: float) -> np.ndarray:
     return run._q + run._shift
 
 
-@pytest.mark.parametrize(("near", "most"), [(0.0085, 1e-6), (0.0100, 3e-4)])
+@pytest.mark.parametrize(("near", "most"), [(0.0085, 2e-8), (0.0100, 1e-5)])
 def test_fast_converges_to_it_with_order_two(near, most):
     """In the first slip, and after dozens of changes between slip and stick just before the first separation."""
     errors = []
@@ -445,7 +445,9 @@ def test_fast_converges_to_it_with_order_two(near, most):
         errors.append(np.abs(found - expected[: len(found)]).max() / np.abs(expected[: len(found)]).max())
     ratios = np.array(errors[:-1]) / errors[1:]
     assert errors[-1] < most
-    assert ((ratios > 3.5) & (ratios < 5.0)).all(), (errors, ratios)
+    assert np.all(ratios > 3.5), (errors, ratios)
+    # One halving may do better by chance, as changes fall here or there within a step.
+    assert np.sqrt(np.prod(ratios)) < 5.0, (errors, ratios)
 
 
 def test_sampled_rows_and_chunks():

@@ -7,10 +7,12 @@ from hypothesis import strategies as st
 
 from fivcore import LANES, ContactError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore import lane_rows as rows
-from fivcore.bench import Bench, aligned
+from fivcore.bench import Bench
+from fivcore.fast_kernel import work
 from fivcore.fast_solver import frozen_solver
-from fivcore.kernel import kernel
-from fivcore.lanes import WIDTH, bits, each, fma, load, select, store
+from fivcore.kernel import SOURCES, kernel
+from fivcore.lanes import WIDTH, aligned, bits, each, fma, load, select, store
+from fivcore.leap_sums import HEAD, LOG, LOOKS, OVER_VALUES
 from fivcore.leaps import leaps
 from fivcore.reduced import reduced_model
 from fivcore.step_limit import step_matrices
@@ -45,8 +47,13 @@ def arithmetic(a, b, c):
     return bits(x <= y)
 
 
+def test_compiled_code_is_kept_for_this_state_of_all_sources():
+    assert SOURCES in work.stats.cache_path
+    assert len(SOURCES) == 16
+
+
 def test_lanes_calculate_as_numbers_do():
-    given_, found, plain = aligned(3), aligned(2), aligned(1)
+    given_, found, plain = (aligned(rows)[None] for rows in (3, 2, 1))
     rng = np.random.default_rng(0)
     given_[0] = x, y, z = rng.standard_normal((3, WIDTH)) * 10.0 ** rng.integers(-3, 4, (3, WIDTH))
     z[0] = y[0]
@@ -115,8 +122,11 @@ def test_what_is_leapt_by_is_the_map_of_a_step_in_stick(scene):
     packed, size = leaps(solver, 16), len(model.rest)
     count, room = int(packed[0]), int(packed[1])
     assert room == sum(solver.sizes)
-    table = packed[2 + 19 * count :].reshape(-1, 2 * room)[:, np.r_[solver.place, room + solver.place]]
-    log = packed[2 : 2 + 19 * count].reshape(19, count)[2:4]
+    turns, over, table = np.split(packed[HEAD:], np.cumsum([2 * count * LOOKS, OVER_VALUES * count]))
+    table = table.reshape(-1, 2 * room)[:, np.r_[solver.place, room + solver.place]]
+    log = over.reshape(-1, count)[LOG : LOG + 2]
+    ahead = np.exp(np.outer(log[0] + 1j * log[1], 16.0 * np.arange(1, LOOKS + 1)))
+    assert np.abs(turns.reshape(2, count, LOOKS) - [ahead.real, -ahead.imag]).max() < 1e-11
     into = table[6 : 6 + count] + 1j * table[6 + count : 6 + 2 * count]
     back = table[6 + 2 * count : 6 + 3 * count] + 1j * table[6 + 3 * count :]
     units = np.r_[np.sqrt(np.maximum(model.stiffness, 1e4)), np.ones(size)]
