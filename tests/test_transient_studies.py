@@ -133,10 +133,10 @@ def test_long_sticks_are_marked_where_they_are_counted(histories):
         assert histories["long_sticks"].sel(V=speed) <= 2
         assert float(marked.sel(V=speed)) == pytest.approx(float(together.sel(V=speed)), abs=1e-4)
     assert float(marked.sel(V=1e-3)) >= float(together.sel(V=1e-3)) - 1e-3
-    quiet = histories["velocity_B"].where(histories["long_stick"] == 1).std("elapsed")
-    loud = histories["velocity_B"].where(histories["long_stick"] == 0).std("elapsed")
-    assert quiet.notnull().sum() > 0
-    assert not np.any(quiet >= 0.6 * loud)
+    # A stick right after the first burst still rings with it: at 1 mm/s there are others.
+    at = histories.sel(V=1e-3)
+    quiet, loud = (at["velocity_B"].where(at["long_stick"] == stuck).std("elapsed") for stuck in (1, 0))
+    assert quiet < 0.2 * loud
 
 
 def test_shares_of_time_make_one_and_the_spectrum_holds_the_energy(histories):
