@@ -1,0 +1,33 @@
+"""Every performance table of the README, in its order: `python -m tests.benchmarks [--figure FILE] > tables.md`.
+
+Half an hour on two cores that do nothing else. Each part is a program of its own, `python -m tests.benchmark_...`,
+and says what it measures.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from tests.benchmark_stability import machine
+
+PARTS = ("stability", "transient", "kernel", "scaling", "sweeps", "studies", "maps")
+
+
+def main() -> None:
+    """Run the parts one after another, and name the machine once."""
+    print(machine(), flush=True)
+    for part in PARTS:
+        given = sys.argv[1:] if part == "scaling" else []
+        found = subprocess.run(
+            [sys.executable, "-m", f"tests.benchmark_{part}", *given],
+            check=True,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        told = found.stdout.replace(machine(), "").replace(machine().removesuffix(", one core used"), "")
+        print(told.rstrip(), flush=True)
+
+
+if __name__ == "__main__":
+    main()
