@@ -27,7 +27,7 @@ from studies import figures
 from tests.benchmark_stability import machine
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
-SPEEDS = (0.5e-3, 0.7e-3, 0.8e-3, 0.9e-3, 1e-3, 1.2e-3, 2e-3, 5e-3)
+SPEEDS = (0.5e-3, 0.7e-3, 0.8e-3, 0.92e-3, 1e-3, 1.2e-3, 2e-3, 5e-3)
 NEVER = 50e-3
 DURATIONS = (4.0, 8.0, 16.0, 32.0, 64.0)
 COUNTS = (32, 64, 128, 256, 512)
