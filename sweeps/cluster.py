@@ -124,8 +124,8 @@ def _own(workers: int) -> Iterator[distributed.Client]:
             while cause.__cause__ is not None:
                 cause = cause.__cause__
             raise SchedulerError(
-                f"scheduler = 'processes': no workers could be started: {cause}; a script must do this under "
-                "if __name__ == '__main__', for every process imports it"
+                f"scheduler = 'processes': no workers could be started: {str(cause) or type(cause).__name__}; a script "
+                "must do this under if __name__ == '__main__', for every process imports it"
             ) from problem
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
