@@ -123,9 +123,10 @@ def _own(workers: int) -> Iterator[distributed.Client]:
             cause: BaseException = problem
             while cause.__cause__ is not None:
                 cause = cause.__cause__
+            why = str(cause) or type(cause).__name__
             raise SchedulerError(
-                f"scheduler = 'processes': no workers could be started: {str(cause) or type(cause).__name__}; a script "
-                "must do this under if __name__ == '__main__', for every process imports it"
+                f"scheduler = 'processes': no workers could be started: {why}; a script must do this under "
+                "if __name__ == '__main__', for every process imports it"
             ) from problem
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
