@@ -1,6 +1,6 @@
 """Every performance table of the README, in its order: `python -m tests.benchmarks [--figure FILE] > tables.md`.
 
-Half an hour on two cores that do nothing else. Each part is a program of its own, `python -m tests.benchmark_...`,
+Two cores that do nothing else are needed. Each part is a program of its own, `python -m tests.benchmark_...`,
 and says what it measures.
 """
 
