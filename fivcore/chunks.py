@@ -17,8 +17,6 @@ class Chunk:
     ----------
     t, velocity, slip_rate : ndarray, (n,)
         Velocity of B and slip rate at about 50 kHz.
-    rows : ndarray, (m, 6)
-        What is recorded: t, velocity of B, N, T, slip rate, contact state.
     sticks : ndarray, (k, 2)
         Long sticks ended within the stretch, begin and end.
     further : int
@@ -28,7 +26,6 @@ class Chunk:
     t: Array
     velocity: Array
     slip_rate: Array
-    rows: Array
     sticks: Array
     further: int = 0
 
@@ -41,16 +38,13 @@ class Chunk:
         offset: float,
         heard: Array,
         hearing: int,
-        rows: Array,
-        recording: int,
         sticks: Array,
     ) -> Chunk:
         """Keep what was filled in steps `first` to `reached`; step i is at (i + offset) step."""
         start, stop = -(-first // hearing), -(-reached // hearing)
         times = np.asarray((np.arange(start, stop) * hearing + offset) * step, dtype=np.float64)
-        written = max(-(-reached // recording) - (-(-first // recording)), 0) if recording else 0
         count = max(stop - start, 0)
-        return cls(times, heard[:count, 0].copy(), heard[:count, 1].copy(), rows[:written], sticks)
+        return cls(times, heard[:count, 0].copy(), heard[:count, 1].copy(), sticks)
 
     @classmethod
     def steady(
@@ -60,15 +54,15 @@ class Chunk:
         step: float,
         row: tuple[float, ...],
         hearing: int,
-        recording: int,
     ) -> Chunk:
         """What steps `first` to `last` leave behind if each has the same `row`, but for its time."""
         start, stop = -(-first // hearing), -(-last // hearing)
         count = min(stop - start, 1)
-        begin, end = (-(-first // recording), -(-last // recording)) if recording else (0, 0)
-        rows = np.empty((end - begin, 6))
-        rows[:, 0] = (np.arange(begin, end) * recording + 0.5) * step
-        rows[:, 1:] = row
         heard = np.tile([(start * hearing + 0.5) * step, row[0], row[3]], (count, 1))
         times, velocity, slip_rate = heard.T.copy()
-        return cls(times, velocity, slip_rate, rows, np.empty((0, 2)), stop - start - count)
+        return cls(times, velocity, slip_rate, np.empty((0, 2)), stop - start - count)
+
+
+def rows_in(first: int, last: int, recording: int) -> int:
+    """How many rows of the record lie in steps `first` to `last`, one every `recording` steps (0: none)."""
+    return max(-(-last // recording) - (-(-first // recording)), 0) if recording else 0

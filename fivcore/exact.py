@@ -24,7 +24,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fivcore import listener
-from fivcore.chunks import Chunk
+from fivcore.chunks import Chunk, rows_in
 from fivcore.drive import Canonical, State
 from fivcore.errors import ContactError, DivergenceError, not_unique
 from fivcore.exact_kernels import S, full_state, integrate, sample, search
@@ -126,20 +126,21 @@ class ExactRun:
         else:
             self._decide(0.0, y, which if which < 2 else SLIP_UP)
 
-    def chunks(self, last: int) -> Iterator[Chunk]:
-        """Run to step `last`, handing over what was heard."""
+    def chunks(self, last: int) -> Iterator[Chunk | Array]:
+        """Run to step `last`, handing over what was recorded and heard."""
         self._start(last * self.step)
         per_chunk = max(round(CHUNK / self.step), 1)
         hearing, recording = self._hearing, self._recording
         for first in range(0, last, per_chunk):
             target = min(first + per_chunk, last)
             heard = np.zeros(((target - first) // hearing + 1, 2))
-            rows = np.zeros(((target - first) // recording + 1 if recording else 0, 6))
+            rows = np.zeros((rows_in(first, target, recording), 6))
             # There may be more than one event within a step.
             self._sticks = self.tally.room(first * self.step, target * self.step, min(self.step, 1e-7))
             self._reach(first, target, heard, rows)
             taken = self.tally.taken(self._sticks)
-            yield Chunk.cut(first, target, self.step, 0.5, heard, hearing, rows, recording, taken)
+            yield rows
+            yield Chunk.cut(first, target, self.step, 0.5, heard, hearing, taken)
 
     def _reach(self, first: int, target: int, heard: Array, rows: Array) -> None:
         """Go on to the end of step `target` - 1."""

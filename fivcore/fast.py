@@ -9,37 +9,39 @@ after, the reduced model does.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
-from dataclasses import replace
+from collections.abc import Generator
+from typing import TypeVar
 
 import numpy as np
 
 from fivcore import listener
-from fivcore.bench import Running, Stretch, kind_of
-from fivcore.chunks import Chunk
+from fivcore.bench import Stretch, kind_of
+from fivcore.chunks import Chunk, rows_in
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State, displacement, slip_distance
-from fivcore.errors import ContactError
 from fivcore.fast_solver import Solver, frozen_solver
-from fivcore.handover import lifted, restricted
+from fivcore.handover import FINER, finer_solver, lifted, restricted
 from fivcore.kernel import Array
 from fivcore.lane_rows import REACH, SAMPLED
 from fivcore.leaps import leaps
 from fivcore.propagation import propagator
-from fivcore.published import ADDED_DAMPING
-from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore.reduced import ReducedModel, full_model, reduced_model
 from fivcore.settled import NEAR, SteadySliding, steady_sliding
 from fivcore.step_limit import at_most, largest_stable_step, stable
 from fivcore.tally import FIRST_SEPARATION, IMPACT, SEPARATION, SETTLED_FROM, SLIP, STATE, STICK, WORK, Tally
 
-# The onset: how much finer, how far the cut-off is raised; for how long before the first slip, so that what
-# the change of model stirs up dies away, for how long to the first separation at most, and after it, s.
-FINER, HIGHER, LEAD, LONGEST, AFTER = 5, 5.0, 3e-3, 21e-3, 3e-3
-MOST_DAMPING = 1e-7
+# The onset: for how long before the first slip, so that what the change of model stirs up dies away, for how long
+# to the first separation at most, and after it, s.
+LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 # Between two returns to Python, s: where motion may be settling, for an early end is looked for after each, and
 # elsewhere. Of several threads only one at a time can do what is done there.
 SHORT_STRETCH, LONG_STRETCH = 0.04, 1.0
 MOST_STEPS = 1_000_000
+# Rows of a record are handed over when there are about so many: of all runs under way they would fill the memory.
+MOST_ROWS = 10_000
+# What a run does: it asks for stretches, hands over rows of its record and chunks, and comes to a result.
+Result = TypeVar("Result")
+Asking = Generator[Stretch | Chunk | Array, None, Result]
 # The contact's own state: the element's, and g_T + u_T at the last moment of sliding.
 U_N, U_T, ANCHOR = range(3)
 
@@ -79,8 +81,8 @@ class FastRun:
                 f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s, for slip's"
                 " sake"
             )
-        wanted = cutoff is None and initial is None and motion is None and termination != "none"
-        self._fine = self._onset_solver(termination, cross_terms) if wanted else None
+        wanted = cutoff is None and initial is None and motion is None and bool(self.model.K.any())
+        self._fine = finer_solver(scene, self.step, termination, cross_terms) if wanted else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
         self._motion = motion
@@ -137,8 +139,8 @@ class FastRun:
         gaps = [float(shape @ part) for part in (q, v) for shape in shapes]
         self._ahead = np.array([*gaps, at_rest[0], at_rest[1] + shift, creep])
 
-    def chunks(self, last: int) -> Iterator[Stretch | Chunk]:
-        """Run to step `last`: ask for stretches to be filled in, hand over what was heard in them."""
+    def chunks(self, last: int) -> Asking[None]:
+        """Run to step `last`: ask for stretches to be filled in, hand over what was recorded and heard in them."""
         length = SHORT_STRETCH
         ramp_ends = int(self.ramp / self.step)
         i = 0
@@ -186,52 +188,69 @@ class FastRun:
         for_good = steady is not None and steady.for_good(self._q, self._v, self._contact[:2], pace)
         return steady if for_good else None
 
-    def _rest(self, steady: SteadySliding, first: int, last: int) -> Running[Chunk]:
+    def _rest(self, steady: SteadySliding, first: int, last: int) -> Asking[Chunk]:
         """Steps `first` to `last` of steady sliding: a few are taken and counted as often as they occur."""
         q, v, self._contact[:2] = steady.start(self.scene.pace)
         self._place(q, v)
         counted, self.tally = self.tally, Tally().start(SLIP, 0.0, 0.0, None)
+        recording, self._recording = self._recording, 0
         yield from self._advance(first, first + self._hearing)
-        sample, self.tally = self.tally, counted
+        sample, self.tally, self._recording = self.tally, counted, recording
         settled = int(np.clip(np.ceil(counted.moments[SETTLED_FROM] / self.step - 0.5), first, last))
         entries = (-(-last // SAMPLED) - -(-settled // SAMPLED)) / (self._hearing // SAMPLED)
         counted.repeat(sample, (last - settled) / self._hearing, entries, (last - first) / self._hearing)
-        return Chunk.steady(first, last, self.step, steady.row(self.scene.pace), self._hearing, self._recording)
+        row = steady.row(self.scene.pace)
+        for begin in range(first, last, MOST_ROWS * max(recording, 1)) if recording else ():
+            end = min(begin + MOST_ROWS * recording, last)
+            rows = np.empty((rows_in(begin, end, recording), 1 + len(row)))
+            rows[:, 0] = (np.arange(-(-begin // recording), -(-end // recording)) * recording + 0.5) * self.step
+            rows[:, 1:] = row
+            yield rows
+        return Chunk.steady(first, last, self.step, row, self._hearing)
 
     def _advance(
         self, first: int, last: int, finer: int = 1, share: float = np.inf, until_open: bool = False
-    ) -> Running[tuple[int, Chunk]]:
+    ) -> Asking[tuple[int, Chunk]]:
         """Steps `first` to `last` of the present solver; `finer` of them make one of the run's."""
         hearing, recording = self._hearing * finer, self._recording * finer
         leaping = self._leaping and finer == 1 and first * self.step >= self.ramp
-        stretch = Stretch(
-            self._solver,
-            self._q,
-            self._v,
-            self._contact,
-            self._ahead,
-            self.tally,
-            first,
-            last,
-            self.scene.pace,
-            self.ramp,
-            hearing,
-            recording,
-            share,
-            until_open,
-            self._slides,
-            self._rest_slide,
-            None if self._fine is None else kind_of(self._fine),
-            leaps(self._solver, hearing) if leaping else None,
-            self._leap_at,
-        )
-        if last > first:
+        # Pieces end where no leap crosses, so that recording changes nothing.
+        reach = REACH * hearing
+        piece = reach * max(MOST_ROWS * recording // reach, 1) if recording else last + 1
+        step, reached, ended = self._solver.step, first, False
+        heard, sticks = [np.empty((0, 2))], [np.empty((0, 2))]
+        while reached < last and not ended:
+            stretch = Stretch(
+                self._solver,
+                self._q,
+                self._v,
+                self._contact,
+                self._ahead,
+                self.tally,
+                reached,
+                min((reached // piece + 1) * piece, last),
+                self.scene.pace,
+                self.ramp,
+                hearing,
+                recording,
+                share,
+                until_open,
+                self._slides,
+                self._rest_slide,
+                None if self._fine is None else kind_of(self._fine),
+                leaps(self._solver, hearing) if leaping else None,
+                self._leap_at,
+            )
             yield stretch
-        if leaping:
-            self._leap_at = stretch.leap_at
-        reached, step = stretch.first, self._solver.step
-        heard, rows, sticks = stretch.heard, stretch.rows, stretch.sticks
-        return reached, Chunk.cut(first, reached, step, 0.5, heard, hearing, rows, recording, sticks)
+            if leaping:
+                self._leap_at = stretch.leap_at
+            reached, ended = stretch.first, stretch.first < stretch.last
+            heard.append(stretch.heard)
+            sticks.append(stretch.sticks)
+            if recording:
+                yield stretch.rows
+        whole = np.concatenate(heard), np.concatenate(sticks)
+        return reached, Chunk.cut(first, reached, step, 0.5, whole[0], hearing, whole[1])
 
     def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
         """Take the contact point along with P2 through steps `first` to `last`."""
@@ -263,22 +282,7 @@ class FastRun:
         self._shift = np.zeros(len(q))
         self._place(self._q + q, self._v + v)
 
-    def _onset_solver(self, termination: str, cross_terms: bool) -> Solver | None:
-        """More modes, finer steps; None where they would keep every mode or lose their unique contact force."""
-        rig = replace(self.scene.rig, d2=self.scene.rig.d2 + ADDED_DAMPING)
-        model = reduced_model(rig, self.scene.theta, HIGHER * default_cutoff(rig), termination, None, cross_terms)
-        step = self.step / FINER
-        # With much material damping nothing grows up there, and the element is no spring to start from.
-        if self.scene.rig.d2 > MOST_DAMPING:
-            return None
-        if not (self.model.K.any() and model.K.any()) or step > model.largest_step:
-            return None
-        try:
-            return frozen_solver(model, self.scene.mu, step)
-        except ContactError:
-            return None
-
-    def _onset(self, fine: Solver, first: int, last: int) -> Generator[Stretch | Chunk, None, int]:
+    def _onset(self, fine: Solver, first: int, last: int) -> Asking[int]:
         """More modes and finer steps from step `first` through the first separation; the step reached."""
         coarse = self._solver
         q, v = _move(coarse.model, self._q, self._v, -0.5 * coarse.step)

@@ -1,4 +1,4 @@
-"""The state of a run handed over from one reduced model to another that keeps more modes, and back.
+"""The model that keeps more modes, for the onset, and a run's state handed over to it and back.
 
 States are those at the start of a step, midway between two kicks, where a lasting force deflects the modes further
 than it does without kicks; coordinates are deviations from the equilibrium under the unit load.
@@ -6,10 +6,36 @@ than it does without kicks; coordinates are deviations from the equilibrium unde
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from fivcore.fast_solver import Solver
+from fivcore.drive import Canonical
+from fivcore.errors import ContactError
+from fivcore.fast_solver import Solver, frozen_solver
 from fivcore.kernel import Array
+from fivcore.published import ADDED_DAMPING
+from fivcore.reduced import default_cutoff, reduced_model
+
+# How much finer the steps are, and how far the cut-off is raised.
+FINER, HIGHER = 5, 5.0
+# With more material damping than that, s, nothing grows above the cut-off.
+MOST_DAMPING = 1e-7
+
+
+def finer_solver(scene: Canonical, step: float, termination: str, cross_terms: bool) -> Solver | None:
+    """More modes, and `FINER` steps for one; None where that is no use or would have no unique contact force."""
+    # With much damping nothing grows up there; with every mode kept the element is no spring to start from.
+    if scene.rig.d2 > MOST_DAMPING:
+        return None
+    rig = replace(scene.rig, d2=scene.rig.d2 + ADDED_DAMPING)
+    model = reduced_model(rig, scene.theta, HIGHER * default_cutoff(rig), termination, None, cross_terms)
+    if not model.K.any() or step / FINER > model.largest_step:
+        return None
+    try:
+        return frozen_solver(model, scene.mu, step / FINER)
+    except ContactError:
+        return None
 
 
 def lifted(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:

@@ -18,7 +18,7 @@ from fivcore.fast import FastRun
 from fivcore.kernel import Array
 from fivcore.listener import Listener
 from fivcore.published import PaperRun
-from fivcore.record import Record
+from fivcore.record import Record, times_of
 from fivcore.reduced import TERMINATIONS
 from fivcore.rig import Rig, Scene
 from fivcore.summary import Outcome, summarise
@@ -79,6 +79,7 @@ def motion_of(
     min_stick: float | None,
     record: bool,
     sample_rate: float,
+    sample_times: Array | None,
     end_early: bool,
     relaxation_time: float | None,
     cross_terms: bool,
@@ -104,7 +105,7 @@ def motion_of(
     checks.instance("record", record, bool)
     checks.instance("end_early", end_early, bool)
     checks.instance("leap", leap, bool)
-    if record and duration * sample_rate > MOST_SAMPLES:
+    if record and sample_times is None and duration * sample_rate > MOST_SAMPLES:
         most = MOST_SAMPLES / duration
         raise ValueError(f"sample_rate = {sample_rate:g}: over this duration it must be at most {most:g} Hz")
     canonical = Canonical.of(scene)
@@ -112,7 +113,9 @@ def motion_of(
         raise ValueError(f"V / F = {canonical.pace:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved")
     state = None if initial is None else _checked_state(initial, scene, canonical)
     tally = Tally().start(1, settle, SETTLING, min_stick)
-    rate = sample_rate if record else None
+    kept = Record(canonical, None if sample_times is None else times_of(sample_times, record, duration))
+    # What is kept at given times lies between two steps of the method.
+    rate = None if not record else sample_rate if sample_times is None else np.inf
     motion = ContactMotion(canonical, ramp, contact_motion) if contact_motion else None
     if motion is not None:
         motion.check(duration)
@@ -138,17 +141,16 @@ def motion_of(
             if method == "fast":
                 common |= {"end_early": end_early, "leap": leap}
             run = kind(canonical, cutoff=cutoff, termination=termination, **common, **asked)
-        return (yield from _watch(scene, canonical, run, tally, duration, ramp))
+        return (yield from _watch(scene, canonical, run, tally, kept, duration, ramp))
     except (ContactError, DivergenceError) as error:
         raise type(error)(f"{error}; {_named(scene)}", scene) from None
 
 
 def _watch(
-    scene: Scene, canonical: Canonical, run: Any, tally: Tally, duration: float, ramp: float
+    scene: Scene, canonical: Canonical, run: Any, tally: Tally, record: Record, duration: float, ramp: float
 ) -> Running[Transient]:
     """Let a run go through, listen to it, and put it into the scene's own units."""
     listener = Listener(run.rate)
-    record = Record(canonical)
     steps = max(round(duration / run.step), 1)
     sticks: list[Array] = []
     late, early = np.full(2, np.nan), False
@@ -160,11 +162,13 @@ def _watch(
         if isinstance(chunk, Stretch):
             yield chunk
             continue
+        if isinstance(chunk, np.ndarray):
+            record.add(chunk)
+            continue
         finite = run.calm(floor)
         if not finite or not run.stored_energy() <= DIVERGED * (given + abs(tally.sums[WORK])):
             now = chunk.t[-1] if len(chunk.t) else 0.0
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
-        record.add(chunk.rows)
         sticks.append(chunk.sticks)
         heard_sticks, unsure = _stuck(tally, chunk.sticks, chunk.t)
         listener.hear(chunk.t, chunk.velocity, heard_sticks, unsure, float(tally.moments[SETTLED_FROM]))

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fivcore import listener
-from fivcore.chunks import Chunk
+from fivcore.chunks import Chunk, rows_in
 from fivcore.contact_motion import STRETCH, ContactMotion, moved_model
 from fivcore.drive import Canonical, State
 from fivcore.errors import not_unique
@@ -141,8 +141,8 @@ class PaperRun:
         reach = self._q + dt * (self._vs + self._b * dt * self._a) + 0.5 * dt**2 * self._a
         self._gaps = np.array([self.model.normal @ reach, self.model.tangential @ reach])
 
-    def chunks(self, last: int) -> Iterator[Chunk]:
-        """Run to step `last`, handing over what was heard."""
+    def chunks(self, last: int) -> Iterator[Chunk | Array]:
+        """Run to step `last`, handing over what was recorded and heard."""
         per_chunk = max(round(CHUNK / self.step), 1)
         if self._motion is not None:
             per_chunk = max(int(STRETCH / (abs(self._motion.speed) * self.step)), 1)
@@ -160,7 +160,7 @@ class PaperRun:
                 self._follow(self._motion, i, target)
                 modes = self._modes()
             heard = np.empty(((target - i) // hearing + 1, 2))
-            rows = np.empty(((target - i) // recording + 1 if recording else 0, 6))
+            rows = np.empty((rows_in(i, target, recording), 6))
             sticks = self.tally.room(i * self.step, target * self.step, self.step)
             before = self._q.copy() if i < ramp_ends else self._q
             advance(
@@ -171,7 +171,8 @@ class PaperRun:
             if i < ramp_ends:
                 # The accelerating clamp works on the inertia of P2; on the contact it does in the kernel.
                 self.tally.sums[WORK] += np.sum((self._f - self._load) * (self._q - before))
-            yield Chunk.cut(i, target, self.step, 1.0, heard, hearing, rows, recording, self.tally.taken(sticks))
+            yield rows
+            yield Chunk.cut(i, target, self.step, 1.0, heard, hearing, self.tally.taken(sticks))
             i = target
             if i == ramp_ends:
                 self._end_ramp(i)

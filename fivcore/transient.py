@@ -28,6 +28,7 @@ def simulate(
     min_stick: float | None = None,
     record: bool = False,
     sample_rate: float = 100e3,
+    sample_times: Any = None,
     end_early: bool = True,
     leap: bool = True,
     relaxation_time: float | None = None,
@@ -61,7 +62,7 @@ def simulate(
     termination : {"absorbing", "elastic", "none"}
         What stands for the modes above the cut-off (`fivcore.reduced`).
     step : float, optional
-        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.2e-6 with the default rig);
+        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (2e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
         What counts as a long stick, s. Default: a fifth of the time to the first slip.
@@ -69,6 +70,10 @@ def simulate(
         Keep time series.
     sample_rate : float
         Of what is kept, Hz.
+    sample_times : array_like, (n,), optional
+        Ascending times at which the series are kept instead, s: on the line between two neighbouring steps of the
+        method, and the state is that of the step before. Before the first and after the last step the nearest
+        stands. Memory is taken for what is kept only.
     end_early : bool
         For "fast" with a frozen contact point: where it is proved that a scene slides steadily for good
         (`fivcore.settled`), fill in the rest of the run instead of stepping through it. Figures differ by

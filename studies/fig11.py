@@ -54,7 +54,7 @@ def histories(
         return (
             {"velocity_B": series, "spectrum": spectrum}
             | dict(zip(STABILITY, fastest(scene), strict=True))
-            | (yield from recording.again(scene, fixed, record, sample_rate, times))
+            | (yield from recording.again(scene, fixed, record, times))
             | transients.figures_of(run)
         )
 

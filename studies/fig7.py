@@ -54,7 +54,7 @@ def histories(
         return (
             {"velocity_B": series, "long_stick": stuck}
             | dict(zip(SPECTRA, spectra, strict=True))
-            | (yield from recording.again(scene, fixed, record, sample_rate, times))
+            | (yield from recording.again(scene, fixed, record, times))
             | transients.figures_of(run)
         )
 

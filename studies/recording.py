@@ -1,7 +1,8 @@
 """Series of the motion kept besides what a study finds: which there are, how they are taken and declared.
 
-A series holds samples, not averages: at each of its times the value that the motion has there. What the motion has
-above half the sample rate is folded into what is below; the contact's spikes of microseconds are met or missed.
+A series holds samples, not averages: at each of its times the value that the motion has there, on the line
+between two of the solver's steps. What the motion has above half the sample rate is folded into what is below; the
+contact's spikes of microseconds are met or missed.
 """
 
 from __future__ import annotations
@@ -26,13 +27,6 @@ if TYPE_CHECKING:
 SAMPLE_RATE = 50e3
 # Of one series of one scene.
 MOST_SAMPLES = 1_000_000
-# Between two of the solver's own samples a line is drawn, and the contact moves at up to 75 kHz, whatever rate is
-# asked for. With every step (1.2 microseconds) at hand the lines are good; with every second one they miss the
-# velocity of B by 1 % and the forces by 6 to 10 % of their spread, with every fifth by 7 and 30 %.
-EVERY_STEP = 1e6
-# While a scene runs, a row of its record takes some 140 bytes: 0.12 GB for a second with every step, 0.6 GB for so
-# many rows. From that length on (4 s) steps are left out, down to FINER rows a sample.
-MOST_ROWS, FINER = 4_000_000, 4
 # Most of a large sweep's file is series, and what is rounded can be compressed.
 DIGITS = 4
 
@@ -55,37 +49,25 @@ def variables(record: Sequence[str]) -> dict[str, Variable]:
     return {name: SERIES[name] for name in record}
 
 
-def asked(record: Sequence[str], sample_rate: float, duration: float) -> dict[str, Any]:
+def asked(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
     """What `simulate` is told; nothing is kept where nothing is recorded."""
-    if not record:
-        return {"record": False}
-    return {"record": True, "sample_rate": max(FINER * sample_rate, min(EVERY_STEP, MOST_ROWS / duration))}
+    return {"record": True, "sample_times": times} if record else {"record": False}
 
 
-def series(run: Transient, record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
-    """The recorded series of a run at `times`: on the line between two of the solver's samples.
-
-    The state is that of the sample before. Before the first and after the last sample, which are within a step
-    of the method from the ends of the run or within one of the record's, the nearest stands.
-    """
-    found: dict[str, Any] = {}
-    for name in record:
-        values = getattr(run, name)
-        if name == "state":
-            found[name] = values[np.maximum(np.searchsorted(run.time, times, side="right") - 1, 0)]
-        else:
-            found[name] = np.interp(times, run.time, values).astype(np.float32)
-    return found
+def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:
+    """The recorded series of a run, as they are stored."""
+    every = {name: getattr(run, name) for name in record}
+    return {name: values if name == "state" else values.astype(np.float32) for name, values in every.items()}
 
 
 def again(
-    scene: Scene, fixed: Mapping[str, Any], record: Sequence[str], sample_rate: float, times: np.ndarray
+    scene: Scene, fixed: Mapping[str, Any], record: Sequence[str], times: np.ndarray
 ) -> Running[dict[str, Any]]:
     """The recorded series of a scene whose study has a coarser record of its own: it is run a second time."""
     if not record:
         return {}
-    run = yield from transients.motion(scene, fixed, **asked(record, sample_rate, fixed["duration"]))
-    return series(run, record, times)
+    run = yield from transients.motion(scene, fixed, **asked(record, times))
+    return series(run, record)
 
 
 def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:

@@ -86,13 +86,11 @@ def motions(
 
     def one(scene: Scene) -> Running[dict[str, Any]]:
         try:
-            run = yield from transients.motion(
-                scene, fixed, **recording.asked(record, sample_rate, fixed["duration"])
-            )
+            run = yield from transients.motion(scene, fixed, **recording.asked(record, times))
         except (ContactError, DivergenceError) as error:
             # One text goes to all copies, and names none of them.
             raise type(error)(f"{error}, which this is a copy of", scene) from error
-        return recording.series(run, record, times) | transients.figures_of(run)
+        return recording.series(run, record) | transients.figures_of(run)
 
     return transients.outcomes(every, one)
 

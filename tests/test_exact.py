@@ -453,9 +453,9 @@ def test_fast_converges_to_it_with_order_two(near, most):
 def test_sampled_rows_and_chunks():
     """Rows are the exact motion in the middle of each sampled step, and chunks join without a seam."""
     run = exact_run(sample_rate=100e3, step=1e-6)
-    chunks = list(run.chunks(50_000))
-    assert len(chunks) == 2
-    rows = np.concatenate([chunk.rows for chunk in chunks])
+    recorded = [each for each in run.chunks(50_000) if isinstance(each, np.ndarray)]
+    assert len(recorded) == 2
+    rows = np.concatenate(recorded)
     assert len(rows) == 5000
     np.testing.assert_allclose(np.diff(rows[:, 0]), 1e-5, rtol=1e-6)
     first = rows[rows[:, 0] < 0.0105]

@@ -322,6 +322,13 @@ def test_without_an_element_24_modes_lose_their_contact_force_at_1_92():
         ({"settle": -1.0}, "settle = -1"),
         ({"min_stick": 0.0}, "min_stick = 0"),
         ({"sample_rate": 0.0}, "sample_rate = 0"),
+        ({"sample_times": [0.0]}, "sample_times: they are for what is recorded, and nothing is; give record"),
+        ({"sample_times": ["x"], "record": True}, "sample_times: they must be numbers"),
+        ({"sample_times": [1e-3, 0.0], "record": True}, r"sample_times of shape \(2,\): .* ascending times"),
+        (
+            {"sample_times": [0.0, 0.02], "record": True},
+            "sample_times from 0 to 0.02 s: they must be from 0 to dur",
+        ),
         ({"initial": 3}, "initial: it must be modal displacements"),
         ({"initial": (np.zeros(3), np.zeros(3), 1)}, r"initial: modal displacements of shape \(3,\)"),
         ({"initial": (np.zeros(361), np.zeros(361), 7)}, "initial: contact state 7"),
@@ -332,6 +339,32 @@ def test_a_bad_argument_is_named_with_its_value_and_what_would_do(given, text):
     arguments = {"scene": paper_scene(5e-3), "duration": 0.01, **given}
     with pytest.raises(ValueError, match=text):
         simulate(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("method", "scene", "duration"),
+    [
+        # Through the onset; a drive that starts to slide steadily for good; the published scheme; event to event.
+        ("fast", paper_scene(5e-3), 0.07),
+        ("fast", Scene(-5e-3, 5.0, 0.05, 9.0), 2.0),
+        ("paper", paper_scene(5e-3), 0.001),
+        ("exact", paper_scene(5e-3), 0.03),
+    ],
+)
+def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
+    every = simulate(scene, duration, method, record=True, sample_rate=1e9 if duration < 0.01 else 1e6)
+    times = np.sort(np.concatenate([[0.0, duration], np.random.default_rng(2).uniform(0.0, duration, 3000)]))
+    kept = simulate(scene, duration, method, record=True, sample_times=times)
+    assert kept.summary.keys() == every.summary.keys()
+    for name, value in every.summary.items():
+        np.testing.assert_array_equal(kept.summary[name], value)
+    np.testing.assert_array_equal(kept.time, times)
+    for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
+        np.testing.assert_array_equal(getattr(kept, name), np.interp(times, every.time, getattr(every, name)))
+    before = np.maximum(np.searchsorted(every.time, times, side="right") - 1, 0)
+    np.testing.assert_array_equal(kept.state, every.state[before])
+    assert kept.state.dtype == np.int8
+    assert every.summary["settled_early"] == (duration == 2.0)
 
 
 @pytest.fixture(scope="module")
