@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,7 @@ from fivcore.fast import FastRun
 from fivcore.kernel import Array
 from fivcore.listener import Listener
 from fivcore.published import PaperRun
-from fivcore.record import Record, times_of
+from fivcore.record import Record, names_of, times_of
 from fivcore.reduced import TERMINATIONS
 from fivcore.rig import Rig, Scene
 from fivcore.summary import Outcome, summarise
@@ -43,7 +44,7 @@ class Transient:
     summary : dict
         The figures listed in `fivcore.summary.summarise`.
     time : ndarray, (n,)
-        s since the drive started; this and the following only where `record` was true.
+        s since the drive started; this and the following only as far as they were recorded.
     velocity_B : ndarray, (n,)
         Velocity of B along x, m/s.
     normal_force, tangential_force : ndarray, (n,)
@@ -77,7 +78,7 @@ def motion_of(
     termination: str,
     step: float | None,
     min_stick: float | None,
-    record: bool,
+    record: bool | Sequence[str],
     sample_rate: float,
     sample_times: Array | None,
     end_early: bool,
@@ -102,10 +103,10 @@ def motion_of(
         "contact_motion", contact_motion, "0, -1 (towards P2's clamp) or 1 (away)", lambda x: x in (-1, 0, 1)
     )
     contact_motion = int(contact_motion)
-    checks.instance("record", record, bool)
+    names = names_of(record)
     checks.instance("end_early", end_early, bool)
     checks.instance("leap", leap, bool)
-    if record and sample_times is None and duration * sample_rate > MOST_SAMPLES:
+    if names and sample_times is None and duration * sample_rate > MOST_SAMPLES:
         most = MOST_SAMPLES / duration
         raise ValueError(f"sample_rate = {sample_rate:g}: over this duration it must be at most {most:g} Hz")
     canonical = Canonical.of(scene)
@@ -113,9 +114,9 @@ def motion_of(
         raise ValueError(f"V / F = {canonical.pace:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved")
     state = None if initial is None else _checked_state(initial, scene, canonical)
     tally = Tally().start(1, settle, SETTLING, min_stick)
-    kept = Record(canonical, None if sample_times is None else times_of(sample_times, record, duration))
+    times = None if sample_times is None else times_of(sample_times, names, duration)
     # What is kept at given times lies between two steps of the method.
-    rate = None if not record else sample_rate if sample_times is None else np.inf
+    rate = None if not names else sample_rate if times is None else np.inf
     motion = ContactMotion(canonical, ramp, contact_motion) if contact_motion else None
     if motion is not None:
         motion.check(duration)
@@ -141,7 +142,7 @@ def motion_of(
             if method == "fast":
                 common |= {"end_early": end_early, "leap": leap}
             run = kind(canonical, cutoff=cutoff, termination=termination, **common, **asked)
-        return (yield from _watch(scene, canonical, run, tally, kept, duration, ramp))
+        return (yield from _watch(scene, canonical, run, tally, Record(canonical, names, times), duration, ramp))
     except (ContactError, DivergenceError) as error:
         raise type(error)(f"{error}; {_named(scene)}", scene) from None
 

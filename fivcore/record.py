@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,17 @@ from numpy.typing import NDArray
 
 from fivcore.drive import Canonical
 from fivcore.kernel import Array
+
+# Column of the rows, and what turns its canonical numbers into those of the scene: what a load multiplies, what
+# also turns round with the sense of the drive, and what does not change.
+LOAD, ALONG, SAME = range(3)
+SERIES = {
+    "velocity_B": (1, ALONG),
+    "normal_force": (2, LOAD),
+    "tangential_force": (3, ALONG),
+    "slip_velocity": (4, ALONG),
+    "state": (5, SAME),
+}
 
 
 class Record:
@@ -20,57 +32,84 @@ class Record:
     Parameters
     ----------
     canonical : Canonical
+    names : sequence of str
+        Of `SERIES`, those which are kept.
     times : ndarray, (n,), optional
         Where the series are kept, s, ascending, on lines between the rows; without: at the rows.
     """
 
-    def __init__(self, canonical: Canonical, times: Array | None = None) -> None:
-        F, along = canonical.load, canonical.load * canonical.sense
-        # As the columns of rows come; the time is the same in all units.
-        self._factors = {
-            "time": 1.0,
-            "velocity_B": along,
-            "normal_force": F,
-            "tangential_force": along,
-            "slip_velocity": along,
-        }
-        self._pieces: dict[str, list[NDArray[Any]]] = {name: [] for name in (*self._factors, "state")}
-        self._times = times
-        self._done = 0
-        self._last: Array | None = None
+    def __init__(self, canonical: Canonical, names: Sequence[str], times: Array | None = None) -> None:
+        load = canonical.load
+        self._factors = {LOAD: load, ALONG: load * canonical.sense, SAME: 1.0}
+        self._names = names
+        self._pieces: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
+        self._times, self._done = times, 0
+        if times is not None:
+            # Each in one piece from the start: small pieces of many runs would lie about between each other.
+            self._pieces = {name: [np.empty(len(times), dtype=_type(name))] for name in names}
+            self._pieces["time"] = [times]
+        self._last = np.empty((0, 1 + len(SERIES)))
 
     def add(self, rows: Array) -> None:
         """Take the next rows: t, velocity of B, N, T, slip rate and contact state, canonical."""
-        if not len(rows):
-            return
         if self._times is not None:
-            before = rows if self._last is None else np.concatenate([self._last, rows])
-            self._last = rows[-1:].copy()
-            reached = int(np.searchsorted(self._times, rows[-1, 0], side="right"))
-            self._keep(before, self._times[self._done : reached])
-            self._done = reached
-            return
-        for column, (name, factor) in enumerate(self._factors.items()):
-            self._pieces[name].append(factor * rows[:, column])
-        self._pieces["state"].append(rows[:, -1].astype(np.int8))
+            rows = np.concatenate([self._last, rows])
+            if len(rows):
+                self._keep(rows, int(np.searchsorted(self._times, rows[-1, 0], side="right")))
+                self._last = rows[-1:].copy()
+        elif len(rows):
+            self._pieces["time"].append(rows[:, 0].copy())
+            for name in self._names:
+                self._pieces[name].append(self._own(name, rows).astype(_type(name)))
 
-    def _keep(self, rows: Array, times: Array) -> None:
-        """The series at `times`, none of which is beyond the last row unless no row follows."""
-        for column, (name, factor) in enumerate(self._factors.items()):
-            values = times if name == "time" else np.interp(times, rows[:, 0], factor * rows[:, column])
-            self._pieces[name].append(values)
-        before = np.maximum(np.searchsorted(rows[:, 0], times, side="right") - 1, 0)
-        self._pieces["state"].append(rows[before, -1].astype(np.int8))
+    def _own(self, name: str, rows: Array) -> Array:
+        """A series at the rows, in the scene's units."""
+        column, kind = SERIES[name]
+        return rows[:, column] if kind == SAME else self._factors[kind] * rows[:, column]
+
+    def _keep(self, rows: Array, until: int) -> None:
+        """Fill in the series up to time number `until`; the nearest row stands for what lies outside of all."""
+        part = slice(self._done, until)
+        t, known = self._pieces["time"][0][part], rows[:, 0]
+        for name in self._names:
+            values = self._own(name, rows)
+            if name == "state":
+                kept = values[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)]
+            else:
+                kept = np.interp(t, known, values)
+            self._pieces[name][0][part] = kept
+        self._done = until
 
     def whole(self) -> dict[str, Any]:
         """Each series in one piece; nothing where nothing was recorded."""
-        if self._times is not None and self._last is not None:
-            self._keep(self._last, self._times[self._done :])
+        if self._times is not None:
+            self._keep(self._last, len(self._times))
+            return {name: piece for name, (piece,) in self._pieces.items()}
         # One by one, so that of all but one there is only one copy.
         return {name: np.concatenate(pieces) for name in [*self._pieces] if (pieces := self._pieces.pop(name))}
 
 
-def times_of(sample_times: Any, record: bool, duration: float) -> Array:
+def _type(name: str) -> type[np.generic]:
+    return np.int8 if name == "state" else np.float64
+
+
+def names_of(record: Any) -> tuple[str, ...]:
+    """The series that are kept: all for True, none for False, or those named.
+
+    Raises
+    ------
+    ValueError
+        Naming what is no series.
+    """
+    if isinstance(record, (bool, np.bool_)):
+        return tuple(SERIES) if record else ()
+    names = (record,) if isinstance(record, str) else record
+    if not isinstance(names, (tuple, list)) or not names or any(name not in SERIES for name in names):
+        raise ValueError(f"record = {record!r}: it must be a bool or names of series among {', '.join(SERIES)}")
+    return tuple(name for name in SERIES if name in names)
+
+
+def times_of(sample_times: Any, names: Sequence[str], duration: float) -> Array:
     """The times at which series are kept, checked.
 
     Raises
@@ -78,10 +117,10 @@ def times_of(sample_times: Any, record: bool, duration: float) -> Array:
     ValueError
         For what are no ascending times within the run, or where nothing is recorded.
     """
-    if not record:
+    if not names:
         raise ValueError("sample_times: they are for what is recorded, and nothing is; give record = True")
     try:
-        times = np.array(sample_times, dtype=np.float64)
+        times = np.asarray(sample_times, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError("sample_times: they must be numbers, s") from None
     if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0.0):

@@ -26,7 +26,7 @@ def simulate(
     termination: str = "absorbing",
     step: float | None = None,
     min_stick: float | None = None,
-    record: bool = False,
+    record: bool | Sequence[str] = False,
     sample_rate: float = 100e3,
     sample_times: Any = None,
     end_early: bool = True,
@@ -66,8 +66,9 @@ def simulate(
         for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
         What counts as a long stick, s. Default: a fifth of the time to the first slip.
-    record : bool
-        Keep time series.
+    record : bool or sequence of str
+        Keep time series: all, or those named of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`
+        and `state`.
     sample_rate : float
         Of what is kept, Hz.
     sample_times : array_like, (n,), optional

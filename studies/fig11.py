@@ -47,7 +47,7 @@ def histories(
 
     def one(scene: Scene) -> Running[dict[str, Any]]:
         run = yield from transients.motion(
-            scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate
+            scene, fixed, record=["velocity_B"], sample_rate=transients.OVERSAMPLING * sample_rate
         )
         series = transients.velocity(run, times, sample_rate)
         spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)

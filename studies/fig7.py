@@ -44,7 +44,7 @@ def histories(
 
     def one(scene: Scene) -> Running[dict[str, Any]]:
         run = yield from transients.motion(
-            scene, fixed, record=True, sample_rate=transients.OVERSAMPLING * sample_rate
+            scene, fixed, record=("velocity_B", "state"), sample_rate=transients.OVERSAMPLING * sample_rate
         )
         series = transients.velocity(run, times, sample_rate)
         stuck, settled = transients.long_sticks(run, times), transients.settled(run, times)

@@ -51,7 +51,7 @@ def variables(record: Sequence[str]) -> dict[str, Variable]:
 
 def asked(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
     """What `simulate` is told; nothing is kept where nothing is recorded."""
-    return {"record": True, "sample_times": times} if record else {"record": False}
+    return {"record": tuple(record), "sample_times": times} if record else {"record": False}
 
 
 def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:

@@ -214,7 +214,7 @@ def test_nothing_is_recorded_that_was_not_asked_for(monkeypatch):
     found = sweep.function(sweep.grid.points(), **sweep.constants)
     assert set(found) == {*transients.SUMMARY, "state", "error", "wall_time"}
     assert found["state"].shape == (1, round(SHORT["duration"] * recording.SAMPLE_RATE))
-    assert told[-1]["record"] is True
+    assert told[-1]["record"] == ("state",)
     assert len(told[-1]["sample_times"]) == found["state"].size
 
 

@@ -310,7 +310,7 @@ def test_without_an_element_24_modes_lose_their_contact_force_at_1_92():
         ({"ramp": -1.0}, "ramp = -1"),
         ({"ramp": 1e-320}, "ramp = 1e-320: it must be 0 or a time"),
         ({"cutoff": 1.0}, "cutoff = 1: it must be above .* Hz, so that three modes"),
-        ({"record": "a"}, "record = 'a': it must be a bool"),
+        ({"record": "a"}, "record = 'a': it must be a bool or names of series among velocity_B, "),
         ({"method": np.array(["fast"])}, "method = array"),
         ({"contact_motion": True}, "contact_motion = True"),
         (
