@@ -116,7 +116,7 @@ class ExactRun:
         self._first_energy = self._energy_of(y)
         self._now, self._end, self._sticks = 0.0, np.inf, np.zeros((0, 2))
 
-    def _start(self, end: float) -> None:
+    def start(self, end: float) -> None:
         """Find the first regime; the run is to end at `end`."""
         self._end, self._started, self._origin = end, True, 0.0
         y, which = self._y, self._initial
@@ -128,7 +128,7 @@ class ExactRun:
 
     def chunks(self, last: int) -> Iterator[Chunk | Array]:
         """Run to step `last`, handing over what was recorded and heard."""
-        self._start(last * self.step)
+        self.start(last * self.step)
         per_chunk = max(round(CHUNK / self.step), 1)
         hearing, recording = self._hearing, self._recording
         for first in range(0, last, per_chunk):
@@ -330,6 +330,12 @@ class ExactRun:
         q, v, u = y[:n], y[n : 2 * n], y[2 * n :]
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + u[0] + 0.5 * u @ model.K @ u)
 
+    def state_at(self, t: float) -> Array:
+        """Go on to time t: modal displacements and velocities, and the element's state."""
+        while self._stop <= t:
+            self._turn()
+        return self._state_at(t)
+
     def released_energy(self) -> float:
         """What has been taken out of the store since the start."""
         return self._first_energy - self.stored_energy()
@@ -338,42 +344,3 @@ class ExactRun:
         """Set what is far below every scale to zero; False where a number is not finite."""
         self._c[np.abs(self._c) < floor] = 0.0
         return bool(np.isfinite(self._c).all())
-
-
-def states_at(
-    scene: Canonical,
-    times: Array,
-    *,
-    ramp: float,
-    cutoff: float | None = None,
-    termination: str = "absorbing",
-    initial: State | None = None,
-) -> Array:
-    """Exact motion of the kept modes at given times.
-
-    Parameters
-    ----------
-    scene : Canonical
-    times : ndarray, (m,)
-        Ascending, s.
-    ramp, cutoff, termination, initial
-        As in `ExactRun`.
-
-    Returns
-    -------
-    ndarray, (m, 2n)
-        Modal displacements as deviations from `ReducedModel.rest`, then modal velocities, those of P2 relative to
-        its clamp; canonical (F = 1).
-    """
-    run = ExactRun(
-        scene, ramp=ramp, cutoff=cutoff, termination=termination, step=None, initial=initial,
-        tally=Tally().start(STICK, None, 0.1, None), sample_rate=None,
-    )  # fmt: skip
-    run.tally.moments[:] = np.nan
-    run._start(float(times[-1]) + DWELL)
-    states = []
-    for t in times:
-        while run._stop <= t:
-            run._turn()
-        states.append(run._state_at(float(t))[:-2])
-    return np.stack(states)

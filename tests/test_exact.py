@@ -9,8 +9,9 @@ import pytest
 from fivcore import ContactError, Rig, Scene, exact_kernels
 from fivcore.bench import Stretch, fulfil
 from fivcore.drive import Canonical, State, displacement, slip_distance
-from fivcore.exact import DWELL, HELD, ExactRun, states_at
+from fivcore.exact import DWELL, HELD, ExactRun
 from fivcore.exact_kernels import search, value_and_slope
+from fivcore.exact_states import states_at
 from fivcore.fast import FastRun
 from fivcore.reduced import ReducedModel, full_model, reduced_model
 from fivcore.tally import (
@@ -493,7 +494,7 @@ def test_any_start_keeps_its_energy_balance(termination, contact):
 def test_graze_on_the_tip_of_the_cone_is_held():
     """mu = 0: stick has no room at all, and what is found at once is acted on a dwell later."""
     run = exact_run(Canonical.of(Scene(0.02, 5.0, 0.0, 9.0)))
-    run._start(1.0)
+    run.start(1.0)
     assert (run._hit, run._stop) == (HELD, DWELL)
     assert run.held == 1
 
