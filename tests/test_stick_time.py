@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import studies
-from fivcore import Scene
+from fivcore import Scene, simulate
 from studies import ensembles, paper, registry, runner, stick_laws, stick_time
 from studies.stick_laws import Means, crossing, interval, slope
 
@@ -198,6 +198,17 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(given, named, 
     with pytest.raises(ValueError, match=re.escape(named)):
         studies.run("stick_time", **given)
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.slow
+def test_the_first_stick_after_the_burst_depends_on_the_scheme():
+    """By how much the published scheme's own numerical damping changes it: no law of it is sharper than that."""
+    lasts = []
+    for beta2 in (None, 0.5):
+        summary = simulate(Scene(1e-3, 5.0, 0.2, 9.0), 0.24, "paper", beta2=beta2).summary
+        lasts.append(1e3 * summary["stick_times"][0])
+    assert lasts[0] == pytest.approx(66.0, abs=0.5)
+    assert lasts[1] == pytest.approx(77.7, abs=1.5)
 
 
 @pytest.mark.slow
