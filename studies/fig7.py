@@ -214,12 +214,11 @@ def draw(dataset: xr.Dataset) -> Figure:
         if name == "failed":
             continue
         figures.trace(left, elapsed, 1e3 * at["velocity_B"].values.astype(float), color=figures.BLUE)
-        stuck = at["long_stick"].values == 1.0
-        left.fill_between(
-            elapsed,
-            0.0,
-            0.045,
-            where=stuck,
+        sticks = transients.stretches(at["long_stick"].values == 1.0)
+        left.broken_barh(
+            [(elapsed[begin], elapsed[end - 1] - elapsed[begin]) for begin, end in sticks],
+            (0.0, 0.045),
+            snap=False,  # or what is narrower than a pixel may vanish
             transform=left.get_xaxis_transform(),
             color=figures.BLACK,
             linewidth=0.0,
