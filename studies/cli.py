@@ -219,7 +219,9 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     "--file", type=click.Path(dir_okay=False), help="The page; default: report.html in the results folder."
 )
 def write_report(targets: tuple[str, ...], out: str | None, file: str | None, quiet: bool, verbose: bool) -> None:
-    """One HTML page of what is kept: figures, numbers beside the paper's, costs, points, and maps to point at.
+    """One HTML page of every result.
+
+    For each its figure, its numbers beside the paper's, its cost and its points, and of a plane a map to point at.
 
     \b
     fiv report                              every study and map of the results folder

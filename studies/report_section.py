@@ -53,9 +53,8 @@ class Result:
     @property
     def anchor(self) -> str:
         """Where it stands in the page."""
-        return re.sub(
-            r"[^\w-]", "-", self.study.name if self.target == self.study.name else f"map-{self.file.stem}"
-        )
+        own = self.target == self.study.name
+        return self.study.name if own else "of-" + re.sub(r"[^\w-]", "-", self.target)
 
     @property
     def title(self) -> str:
