@@ -18,7 +18,7 @@ from studies.accuracy_burst import burst
 from studies.accuracy_errors import with_errors
 from studies.accuracy_figure import draw
 from studies.accuracy_linear import stability
-from studies.accuracy_report import report
+from studies.accuracy_report import findings
 from studies.study import Setting, Study, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -183,5 +183,5 @@ STUDY = Study(
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

@@ -13,6 +13,7 @@ from studies import transients
 from studies.accuracy_errors import DIMS, ERRORS_ALLOWED, FIGURES, FIRST_SLIP
 from studies.accuracy_rows import Row, cheapest_right, find, front, largest, mean, root_mean_square, rows
 from studies.study import constants
+from studies.tables import Part, Table, apart
 
 # Errors besides those of the figures: variable, head, factor, and whether a deviation stands beside it.
 OTHERS = (
@@ -31,14 +32,19 @@ BURST = (
 )
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Costs, every error, the first burst, what is cheapest, and sliding stability."""
     every = rows(dataset)
-    parts = [_head(dataset), _costs(every, dataset), _errors(every, dataset), _bursts(every, dataset)]
+    parts: list[Sequence[Part]] = [
+        _head(dataset),
+        _costs(every, dataset),
+        _errors(every, dataset),
+        _bursts(every, dataset),
+    ]
     parts += [_choice(every), _stability(dataset)]
     failed = int((dataset["status"] == 2).sum())
     parts += [[f"{failed} points failed and count for nothing."]] if failed else []
-    return "\n\n".join("\n".join(part) for part in parts if part)
+    return apart(parts)
 
 
 def _head(dataset: xr.Dataset) -> list[str]:
@@ -60,7 +66,7 @@ def _head(dataset: xr.Dataset) -> list[str]:
     ]
 
 
-def _costs(every: Sequence[Row], dataset: xr.Dataset) -> list[str]:
+def _costs(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
     """A line for each method and setting."""
     reference = find(every, asked.PAPER)
     heads = ["method", "setting", "step us", "modes", "alone", "in batch", "paper / it"]
@@ -87,11 +93,11 @@ def _costs(every: Sequence[Row], dataset: xr.Dataset) -> list[str]:
         "Cost (s per simulated second) and mismatch: errors in units of their tolerances, root mean square over",
         "figures and scenes; scatter: what chance alone would make of it; worst: the largest; undamped: mismatch",
         "against paper with beta2 = 0.5, which has no numerical damping.",
-        *_left(heads, cells, 2),
+        Table(heads, cells, 2),
     ]
 
 
-def _errors(every: Sequence[Row], dataset: xr.Dataset) -> list[str]:
+def _errors(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
     """Of each figure the largest error over scenes, and in brackets the deviations' root mean square."""
     heads = ["method", "setting", *(each.long_name for each in FIGURES), *(head for _, head, _, _ in OTHERS)]
     cells = []
@@ -107,7 +113,7 @@ def _errors(every: Sequence[Row], dataset: xr.Dataset) -> list[str]:
         "Errors in per cent (shares of time: points), the largest over scenes; in brackets the same in standard",
         "errors, root mean square over scenes. KS, W1: two-sample distances of the long sticks (Kolmogorov and",
         "Smirnov's; Wasserstein's over the mean); spectrum: in third-octave bands, what lies elsewhere.",
-        *_left(heads, cells, 2),
+        Table(heads, cells, 2),
     ]
 
 
@@ -121,7 +127,7 @@ def _error(at: xr.Dataset, name: str, deviation: str) -> str:
     return f"{100.0 * error:+.1f}" + ("" if np.isnan(near) else f" ({near:.1f})")
 
 
-def _bursts(every: Sequence[Row], dataset: xr.Dataset) -> list[str]:
+def _bursts(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
     """Errors up to the first separation, the largest over scenes."""
     cells = []
     for row in every:
@@ -130,12 +136,12 @@ def _bursts(every: Sequence[Row], dataset: xr.Dataset) -> list[str]:
         if np.isfinite(values).any():
             shown = (transients.text(each, 3, 100.0) for each in values)
             cells.append([asked.METHODS[row.method], row.name, *shown])
-    lines = [
+    lines: list[Part] = [
         "The first burst, per cent, the largest over scenes. Half-way: from the start to half-way between first",
         "slip and first separation; delay: the time between them. fast and solve_ivp against exact on the same",
         "reduced model; paper against itself with a quarter of the step and without numerical damping.",
         "*: against paper as it is.",
-        *_left(["method", "setting", *(head for _, head in BURST)], cells, 2),
+        Table(["method", "setting", *(head for _, head in BURST)], cells, 2),
     ]
     stopped = dataset["gave_up_time"].transpose(*DIMS).values
     for j, k, n in np.argwhere(np.isfinite(stopped)):
@@ -171,7 +177,7 @@ def _choice(every: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _stability(dataset: xr.Dataset) -> list[str]:
+def _stability(dataset: xr.Dataset) -> list[Part]:
     """How onset and growth of sliding's flutter converge."""
     if "onset_error" not in dataset:
         return []
@@ -195,7 +201,7 @@ def _stability(dataset: xr.Dataset) -> list[str]:
     return [
         "Sliding stability: error of the lowest onset's mu and of the largest growth rate below 10 kHz, relative,",
         "the largest over scenes; of a cut-off against all modes, by termination; of a mesh against the finest.",
-        *_left(["setting", *names], cells, 1),
+        Table(["setting", *names], cells, 1),
     ]
 
 
@@ -221,10 +227,3 @@ def _seconds(value: float) -> str:
 
 def _ratio(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
-
-
-def _left(heads: Sequence[str], cells: Sequence[Sequence[str]], count: int) -> list[str]:
-    """A table whose first columns are words, flush left."""
-    widths = [max(len(row[k]) for row in [heads, *cells]) for k in range(count)]
-    words = [[each[k].ljust(widths[k]) for k in range(count)] + list(each[count:]) for each in [heads, *cells]]
-    return transients.table(words[0], words[1:])

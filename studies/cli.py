@@ -212,6 +212,31 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     click.echo(str(drawn))
 
 
+@command("report")
+@click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...")
+@out_option
+@click.option(
+    "--file", type=click.Path(dir_okay=False), help="The page; default: report.html in the results folder."
+)
+def write_report(targets: tuple[str, ...], out: str | None, file: str | None, quiet: bool, verbose: bool) -> None:
+    """One HTML page of every result.
+
+    For each its figure, its numbers beside the paper's, its cost and its points, and of a plane a map to point at.
+
+    \b
+    fiv report                              every study and map of the results folder
+    fiv report regimes stability            these alone
+    fiv report --file shared/results.html   under another name
+
+    The page needs no network and no other file.
+    """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import report
+
+    with InputErrors(verbose):
+        page = report.write(targets, out, file, lambda line: click.echo(f"fiv: {line}", err=True))
+    click.echo(str(page))
+
+
 def _planned(
     study: str,
     verbose: bool,

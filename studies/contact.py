@@ -14,6 +14,7 @@ from fivcore import LANES, Running, Scene, Transient, checks
 from studies import paper, recording, transients
 from studies.contact_figure import draw
 from studies.study import Setting, Study, constants, rig_of, rig_settings
+from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
 
 SEPARATION, STICK, SLIP = range(3)
@@ -145,11 +146,11 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     )
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """How hard the contact is loaded and how fast it slips, beside the paper's."""
     given, text = constants(dataset), transients.text
     papers = transients.is_papers(dataset, theta=paper.THETA)
-    lines = [
+    lines: list[Part] = [
         f"The contact, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s; from {transients.SETTLING:g} s after the first slip on unless said otherwise.",
         "",
@@ -172,10 +173,10 @@ def report(dataset: xr.Dataset) -> str:
             + [text(at[name], 1, 1e3) for name in ("slip_speed_999", "max_slip_speed", "start_up_slip_speed")]
             + [text(said[1], 0, 1e3)]
         )
-    lines += transients.table(["V mm/s", "vibration", "stick", "slip", "separation"], shares)
+    lines.append(Table(["V mm/s", "vibration", "stick", "slip", "separation"], shares))
     heads = ["99.9 %", "largest", "start-up", "paper"]
-    lines += ["", "Normal force, N.", *transients.table(["V mm/s", "mean", *heads], forces)]
-    lines += ["", "Slip speed, mm/s.", *transients.table(["V mm/s", *heads], speeds)]
+    lines += ["", "Normal force, N.", Table(["V mm/s", "mean", *heads], forces)]
+    lines += ["", "Slip speed, mm/s.", Table(["V mm/s", *heads], speeds)]
     lines += [
         "",
         f"99.9 %: not passed for that share of the time; start-up: the largest within {START_UP:g} s of the first",
@@ -184,7 +185,7 @@ def report(dataset: xr.Dataset) -> str:
     ]
     if papers:
         lines += _phases(dataset)
-    return "\n".join(lines)
+    return lines
 
 
 def _phases(dataset: xr.Dataset) -> list[str]:
@@ -220,6 +221,6 @@ STUDY = Study(
     | rig_settings(),
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
     record=recording.in_a_window,
 )

@@ -88,7 +88,7 @@ def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) ->
         (friction, "apparent_friction", 1.0),
         (slip, "slip_velocity", 1e3),
     ):
-        axes.plot(time, scale * at[variable].values[first:last], color=figures.BLUE, linewidth=0.9)
+        figures.trace(axes, time, scale * at[variable].values[first:last], color=figures.BLUE, linewidth=0.9)
         _mark_states(axes, time, state)
         axes.set_xlim(0.0, time[-1])
         axes.sharex(slip) if axes is not slip else None

@@ -15,6 +15,7 @@ from fivcore import LANES, Running, Scene
 from studies import figures, paper, recording, transients
 from studies.stability import largest_growth
 from studies.study import Setting, Study, constants, rig_of, rig_settings
+from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
 
 # Colours and line styles of the inclinations; of more the figure shows so many, evenly chosen.
@@ -90,11 +91,11 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     )
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """What the rig does at each inclination, what stability says, and what was measured."""
     given, text = constants(dataset), transients.text
     papers = transients.is_papers(dataset, V=paper.ANGLES_SPEED)
-    lines = [
+    lines: list[Part] = [
         f"Velocity of B, V = {1e3 * given['V']:g} mm/s, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s; RMS and main line from {transients.SETTLING:g} s after the first slip on.",
         "",
@@ -117,13 +118,13 @@ def report(dataset: xr.Dataset) -> str:
             ]
         )
     heads = ["theta deg", "vibration", "main line Hz", "RMS mm/s", "fastest mode 1/s", "at Hz", "measured (paper)"]
-    lines += transients.table(heads, rows)
+    lines.append(Table(heads, rows))
     lines += ["", "Fastest mode: the growth rate of steady sliding's least stable mode; below 0 all decay."]
     for k, theta in enumerate(dataset["theta"].values):
         main, said = float(dataset["dominant_frequency"][k]), paper.ANGLES.get(theta, np.nan)
         if papers and np.isfinite(said) and np.isfinite(main):
             lines.append(f"{theta:g} degrees: {100.0 * (main / said - 1.0):+.1f} % from the measured frequency.")
-    return "\n".join(lines)
+    return lines
 
 
 def _measured(theta: float) -> str:
@@ -227,6 +228,6 @@ STUDY = Study(
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
     record=recording.on_own_times,
 )

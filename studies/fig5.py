@@ -15,6 +15,7 @@ from fivcore import Rig, flutter_onsets, sliding_modes
 from studies import figures, paper
 from studies.spec import evenly
 from studies.study import Study, constants, is_papers, rig_of, rig_settings
+from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
 
 MODES = 10
@@ -69,21 +70,27 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     )
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Onsets beside the paper's, and what is unstable at the paper's friction."""
     given = constants(dataset)
-    lines = [
+    lines: list[Part] = [
         f"Steady sliding, theta = {given['theta']:g} degrees, mu from {float(dataset['mu'].min()):g} to "
         f"{float(dataset['mu'].max()):g} ({dataset.sizes['mu']}), modes below {given['fmax'] / 1e3:g} kHz.",
         "",
     ]
     beside = _paper_onsets(dataset) if is_papers(dataset) else {}
     heading = "paper: first unstable mu on a grid of 0.01" if beside else ""
-    lines.append(f"{'flutter onset':>13} {'mu':>8} {'Hz':>7}   {heading}".rstrip())
     found = list(zip(dataset["onset_mu"].values, dataset["onset_frequency"].values, strict=True))
-    for k, (mu, frequency) in enumerate(found):
-        said = f"{beside[k][0]:.2f}, near {beside[k][1]:.0f} Hz" if k in beside else ""
-        lines.append(f"{k + 1:>13} {mu:>8.4f} {frequency:>7.0f}   {said}".rstrip())
+    rows = [
+        [
+            f"{k + 1}",
+            f"{mu:.4f}",
+            f"{frequency:.0f}",
+            f"{beside[k][0]:.2f}, near {beside[k][1]:.0f} Hz" if k in beside else "",
+        ]
+        for k, (mu, frequency) in enumerate(found)
+    ]
+    lines.append(Table(["flutter onset", "mu", "Hz", heading], rows, form="{:>13} {:>8} {:>7}   {}"))
     if not found:
         lines.append("none: steady sliding is stable over this range of mu")
     nearest = dataset.sel(mu=paper.MU, method="nearest")
@@ -96,7 +103,7 @@ def report(dataset: xr.Dataset) -> str:
             )
         )
         lines += ["", f"Unstable at mu = {float(nearest['mu']):g}: {pairs}."]
-    return "\n".join(lines)
+    return lines
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -179,5 +186,5 @@ STUDY = Study(
     settings=rig_settings(),
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

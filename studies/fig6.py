@@ -15,6 +15,7 @@ from fivcore import Rig, SlidingModes, flutter_onsets, node_positions, sliding_m
 from studies import figures, paper
 from studies.spec import evenly
 from studies.study import Study, constants, is_papers, rig_of, rig_settings
+from studies.tables import Part
 from sweeps import Axis, Grid, Sweep, Variable
 
 BAND = 10e3
@@ -143,12 +144,12 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     )
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Where the two modes start, where they lock in, and the paper's numbers."""
     start = dataset.isel(mu=0)
     low, high = (float(f) for f in start["frequency"].values)
     modes = dataset["mode"].values
-    lines = [
+    lines: list[Part] = [
         f"Modes {modes[0]} and {modes[1]}, theta = {constants(dataset)['theta']:g} degrees.",
         f"At mu = {float(start['mu']):g}: {low:.0f} Hz and {high:.0f} Hz.",
         f"Lock-in at mu = {float(dataset['lock_in_mu']):.4f}, {float(dataset['lock_in_frequency']):.0f} Hz.",
@@ -161,7 +162,7 @@ def report(dataset: xr.Dataset) -> str:
         f"In the unstable mode P1's tip moves {abs(c[0]):.2f} along x and {abs(c[1]):.2f} along y, "
         f"P2 under it {abs(d[0]):.3f} and {abs(d[1]):.2f} (largest displacement of the rig = 1)."
     )
-    return "\n".join(lines)
+    return lines
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -263,5 +264,5 @@ STUDY = Study(
     settings=rig_settings(),
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from fivcore import LANES, Rig, Running, Scene, glued_frequencies
 from studies import figures, paper, recording, transients
 from studies.study import Setting, Study, constants, rig_of, rig_settings
+from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
 
 # Rows of the figure; of more speeds it shows so many, evenly chosen.
@@ -97,11 +98,11 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     )
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Kind of vibration, lines of the spectra and long sticks, beside the paper's."""
     given, text = constants(dataset), transients.text
     papers = transients.is_papers(dataset, theta=paper.THETA)
-    lines = [
+    lines: list[Part] = [
         f"Velocity of B, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s. Shares of time, RMS and spectra: from {transients.SETTLING:g} s after the "
         "first slip on.",
@@ -128,18 +129,17 @@ def report(dataset: xr.Dataset) -> str:
         main = [text(at["dominant_frequency"], 0), *(text(f, 0) for f in free[1:])]
         tones.append([f"{1e3 * speed:.4g}", *main, *(text(f, 0) for f in stuck)])
     heads = ["V mm/s", "vibration", "paper", "stick", "slip", "separation", "RMS mm/s", "first slip ms"]
-    lines += transients.table([*heads, "separation ms", "long sticks", "mean ms"], rows)
+    lines.append(Table([*heads, "separation ms", "long sticks", "mean ms"], rows))
     printed = [f"{f:.0f}" for f in (*paper.LINES, *paper.OTHER_LINES)]
     lines += ["", "Lines of the spectra, Hz: three while vibrating, two within long sticks."]
-    lines += transients.table(
-        ["V mm/s", "main", "2nd", "3rd", "stuck", "stuck"], [*tones, ["paper", *printed]] if papers else tones
-    )
+    tones += [["paper", *printed]] if papers else []
+    lines.append(Table(["V mm/s", "main", "2nd", "3rd", "stuck", "stuck"], tones))
     glued = dataset["glued_frequency"].values
     near = [glued[np.abs(glued - f).argmin()] for f in paper.OTHER_LINES]
     lines.append(
         f"Glued modes of this rig nearest to the paper's other lines: {near[0]:.0f} and {near[1]:.0f} Hz."
     )
-    return "\n".join(lines + (_differences(dataset) if papers else []))
+    return lines + (_differences(dataset) if papers else [])
 
 
 def _peaks(at: xr.Dataset, name: str, dataset: xr.Dataset) -> list[float]:
@@ -152,9 +152,9 @@ def _peaks(at: xr.Dataset, name: str, dataset: xr.Dataset) -> list[float]:
     return [transients.line_near(frequency, at[name].values, target) for target in targets]
 
 
-def _differences(dataset: xr.Dataset) -> list[str]:
+def _differences(dataset: xr.Dataset) -> list[Part]:
     """Where the model and the paper part."""
-    lines = [""]
+    lines: list[Part] = [""]
     speeds = dataset["V"].values
     for k, speed in enumerate(speeds):
         at = dataset.isel(V=k)
@@ -214,12 +214,11 @@ def draw(dataset: xr.Dataset) -> Figure:
         if name == "failed":
             continue
         figures.trace(left, elapsed, 1e3 * at["velocity_B"].values.astype(float), color=figures.BLUE)
-        stuck = at["long_stick"].values == 1.0
-        left.fill_between(
-            elapsed,
-            0.0,
-            0.045,
-            where=stuck,
+        sticks = transients.stretches(at["long_stick"].values == 1.0)
+        left.broken_barh(
+            [(elapsed[begin], elapsed[end - 1] - elapsed[begin]) for begin, end in sticks],
+            (0.0, 0.045),
+            snap=False,  # or what is narrower than a pixel may vanish
             transform=left.get_xaxis_transform(),
             color=figures.BLACK,
             linewidth=0.0,
@@ -271,6 +270,6 @@ STUDY = Study(
     | rig_settings(),
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
     record=recording.on_own_times,
 )

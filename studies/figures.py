@@ -10,6 +10,9 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
 
 # Okabe and Ito's palette; told apart in grey by lightness and by the markers used with it.
 BLACK, GREY = "#000000", "#7f7f7f"
@@ -49,16 +52,35 @@ def panels(rows: int, columns: int, width: float, height: float, **options: obje
 
 
 def trace(axes: Axes, x: Any, y: Any, columns: int = 1500, **options: Any) -> None:
-    """A long series without loss of its peaks: the range of y in each of `columns`, or a line if it is short."""
+    """A long series without loss of its peaks: its range in each of `columns`, or a line if it is short."""
     if len(x) <= 4 * columns:
         axes.plot(x, y, **{"linewidth": 0.8} | options)
         return
+    axes.fill_between(*envelope(x, y, columns), **{"linewidth": 0.5} | options)
+
+
+def envelope(x: Any, y: Any, columns: int) -> tuple[Array, Array, Array]:
+    """The range of a series in each of `columns` stretches with equally many samples.
+
+    Parameters
+    ----------
+    x, y : array_like, (n,)
+        Evenly sampled, n at least `columns`; a NaN in y is a gap.
+    columns : int
+        At least as many as a figure has pixels across, so that what is within one of them does not show.
+
+    Returns
+    -------
+    x, low, high : ndarray, (columns,)
+        Where each stretch begins, and the ends of its range; NaN where it has no value.
+    """
+    x, y = np.asarray(x), np.asarray(y)
     edges = np.linspace(0, len(x), columns + 1).astype(int)[:-1]
     # A column reaches to the first sample of the next, so that a steep flank leaves no gap.
     after = np.append(edges[1:], len(x) - 1)
-    low = np.minimum(np.minimum.reduceat(y, edges), y[after])
-    high = np.maximum(np.maximum.reduceat(y, edges), y[after])
-    axes.fill_between(x[edges], low, high, **{"linewidth": 0.5} | options)
+    low, high = np.fmin.reduceat(y, edges), np.fmax.reduceat(y, edges)
+    ends = np.where(np.isnan(low), np.nan, y[after])
+    return x[edges], np.fmin(low, ends), np.fmax(high, ends)
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:

@@ -19,6 +19,7 @@ from studies import ensembles, planes, quantities, regimes, runner, spec, transi
 from studies.maps_figure import draw, held, readable
 from studies.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.study import Study, constants, rig_of, suggest
+from studies.tables import Part
 from sweeps import Axis, Grid, Plan, Refinement, Sweep, open_results, refined
 from sweeps.batch import INTERPOLATED_MEANING, STATUS_MEANINGS
 from sweeps.monitor import Progress
@@ -230,12 +231,12 @@ def _scene(plane: Plane, given: Mapping[str, Any], x: float, y: float) -> Scene:
     return Scene(**{name: numbers[name] for name in transients.SCENE}, rig=rig)
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """What was mapped, how many of its points were computed, and what was found."""
     quantity = constants(dataset)["quantity"]
     values, status = dataset[quantity], dataset["status"].values
     about = held(dataset)
-    lines = [f"{quantity}: {values.attrs['long_name']}{'; ' if about else ''}{', '.join(about)}"]
+    lines: list[Part] = [f"{quantity}: {values.attrs['long_name']}{'; ' if about else ''}{', '.join(about)}"]
     for name in map(str, values.dims):
         ends = planes.shown(name, dataset[name].values[[0, -1]])
         lines.append(f"over {planes.label(name)} from {ends[0]:g} to {ends[1]:g} ({dataset.sizes[name]})")
@@ -245,7 +246,7 @@ def report(dataset: xr.Dataset) -> str:
         if (count := int(np.count_nonzero(status == code)))
     ]
     lines += ["", f"{status.size} points: {', '.join(counts)}."]
-    return "\n".join([*lines, *_found(quantity, values.values[np.isfinite(values.values)])])
+    return [*lines, *_found(quantity, values.values[np.isfinite(values.values)])]
 
 
 def _found(quantity: str, values: NDArray[Any]) -> list[str]:
@@ -280,5 +281,5 @@ STUDY = Study(
     settings={},
     build=_not_here,
     draw=draw,
-    report=report,
+    findings=findings,
 )

@@ -16,7 +16,7 @@ from fivcore.reduced import reduced_model
 from fivcore.settled import steady_sliding
 from studies import ensembles, paper, scenes, transients
 from studies.regimes_figure import draw
-from studies.regimes_report import report
+from studies.regimes_report import findings
 from studies.regimes_verdicts import BELOW, with_verdicts
 from studies.spec import evenly, logarithmically
 from studies.stability import largest_growth
@@ -241,5 +241,5 @@ STUDY = Study(
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

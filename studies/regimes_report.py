@@ -14,6 +14,7 @@ from studies import paper, planes, transients
 from studies.regimes_verdicts import BELOW, CERTAIN, VERDICTS, uncertain
 from studies.scenes_figure import DONE, regimes
 from studies.study import constants
+from studies.tables import Part, Table
 
 # Inclinations up to which each has a line.
 MOST_ONSETS = 6
@@ -28,12 +29,12 @@ COLUMNS = {
 }
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Regimes and how sure they are, the motion against linear stability, the paper's speeds, and the cost."""
     given = constants(dataset)
     rig = "the paper's rig" if given["rig"] == asdict(Rig()) else "another rig than the paper's"
     everywhere = np.ones(dataset["regime"].shape, dtype=bool)
-    lines = [
+    lines: list[Part] = [
         f"{everywhere.size} scene{'s' if everywhere.size > 1 else ''} on {rig}: "
         f"{where(dataset, everywhere, everything=True)}.",
         f"{given['members']} runs of each, from the first slip and {transients.SETTLING:g} s on for at least "
@@ -48,7 +49,7 @@ def report(dataset: xr.Dataset) -> str:
         "",
         *_cost(dataset, given),
     ]
-    return "\n".join(lines)
+    return lines
 
 
 def where(dataset: xr.Dataset, chosen: NDArray[np.bool_], everything: bool = False) -> str:
@@ -65,7 +66,7 @@ def where(dataset: xr.Dataset, chosen: NDArray[np.bool_], everything: bool = Fal
     return ", ".join(parts)
 
 
-def _regimes(dataset: xr.Dataset) -> list[str]:
+def _regimes(dataset: xr.Dataset) -> list[Part]:
     """A row for each regime that occurs: its size, its uncertain scenes, and medians of figures."""
     found, unsure = regimes(dataset), uncertain(dataset)
     rows = []
@@ -84,7 +85,7 @@ def _regimes(dataset: xr.Dataset) -> list[str]:
             [name, f"{inside.sum()}", f"{100.0 * inside.mean():.1f}", f"{(inside & unsure).sum()}", *figures]
         )
     heads = ["regime", "scenes", "%", "uncertain", *(head for head, _, _ in COLUMNS.values())]
-    return [*transients.table(heads, rows), "Of a regime's figures the medians over its scenes."]
+    return [Table(heads, rows), "Of a regime's figures the medians over its scenes."]
 
 
 def _median(dataset: xr.Dataset, name: str, inside: NDArray[np.bool_]) -> str:
@@ -159,7 +160,7 @@ def _onsets(dataset: xr.Dataset) -> list[str]:
     return [f"theta = {theta[k]:g} degrees: steady sliding {told[k]}, modes {BELOW}." for k in range(len(theta))]
 
 
-def _paper(dataset: xr.Dataset, given: dict[str, Any]) -> list[str]:
+def _paper(dataset: xr.Dataset, given: dict[str, Any]) -> list[Part]:
     """The regimes at the paper's speeds; nothing where the grid does not hold its operating point."""
     if given["rig"] != asdict(Rig()) or not _holds(dataset, "theta", paper.THETA, exactly=True):
         return []
@@ -187,7 +188,7 @@ def _paper(dataset: xr.Dataset, given: dict[str, Any]) -> list[str]:
     if not rows:
         return []
     heads = ["V mm/s", "nearest", "mu", "regime", "members", "stick", "main line Hz", "paper"]
-    return ["", *transients.table(heads, rows)]
+    return ["", Table(heads, rows)]
 
 
 def _holds(dataset: xr.Dataset, name: str, value: float, exactly: bool = False) -> bool:

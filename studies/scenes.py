@@ -17,6 +17,7 @@ from fivcore.drive import Canonical
 from studies import paper, recording, transients
 from studies.scenes_figure import DONE, FAILED, draw, regimes
 from studies.study import Setting, Study, constants, rig_of, rig_settings
+from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
 
 # What F = 1 is multiplied by; the other figures are the same for every copy of a scene.
@@ -133,7 +134,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     )
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Main figures of the scenes, how many move in which way, and what failed."""
     given = constants(dataset)
     place = np.meshgrid(*(dataset[name].values for name in transients.SCENE), indexing="ij")
@@ -145,7 +146,7 @@ def report(dataset: xr.Dataset) -> str:
     copies = f"{distinct} computed" + (", of which the others are copies" if distinct < len(some) else "")
     settle = given["settle"]
     since = f"{transients.SETTLING:g} s after the first slip" if settle is None else f"{settle:g} s"
-    lines = [
+    lines: list[Part] = [
         f"{len(status)} scene{'s' if len(status) > 1 else ''} of {given['duration']:g} s on {rig}, {copies}.",
         f"Shares of time, RMS, main line and normal force: from {since} on.",
         "",
@@ -166,10 +167,10 @@ def report(dataset: xr.Dataset) -> str:
         lines.append(
             f"Recorded of each: {kept}; {dataset.sizes['elapsed']} samples at {given['sample_rate']:g} Hz."
         )
-    return "\n".join(lines)
+    return lines
 
 
-def _table(dataset: xr.Dataset, points: Mapping[str, Any], status: NDArray[Any]) -> list[str]:
+def _table(dataset: xr.Dataset, points: Mapping[str, Any], status: NDArray[Any]) -> list[Part]:
     """A line for each scene, up to MOST_ROWS of them."""
     count = min(len(status), MOST_ROWS)
     names = (*(f"{state}_fraction" for state in transients.STATES), *COLUMNS)
@@ -190,7 +191,7 @@ def _table(dataset: xr.Dataset, points: Mapping[str, Any], status: NDArray[Any])
         for k in range(count)
     ]
     heads = ["V mm/s", "theta deg", "mu", "F N", "vibration", "stick", "slip", "separation"]
-    lines = transients.table([*heads, *(head for head, _, _ in COLUMNS.values())], rows)
+    lines: list[Part] = [Table([*heads, *(head for head, _, _ in COLUMNS.values())], rows)]
     return lines + ([f"and {len(status) - count} more in the file."] if count < len(status) else [])
 
 
@@ -211,6 +212,6 @@ STUDY = Study(
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
     record=recording.whole_runs,
 )

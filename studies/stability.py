@@ -15,7 +15,7 @@ from fivcore import OnsetCurve, OnsetCurves, Rig, checks, onset_curves, sliding_
 from studies import paper, transients
 from studies.spec import evenly
 from studies.stability_figure import draw
-from studies.stability_report import report
+from studies.stability_report import findings
 from studies.study import Study, rig_of, rig_settings
 from studies.table6_angles import ENDS as WINDOW_ENDS
 from studies.table6_angles import WINDOWS, windows
@@ -191,5 +191,5 @@ STUDY = Study(
     settings={name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

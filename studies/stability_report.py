@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fivcore import Rig
 from studies import paper, transients
 from studies.study import constants
+from studies.tables import Part, Table
 
 # An onset of the paper is a branch's if their frequencies differ by less than this (logarithm of their ratio).
 NEAR = 0.1
@@ -18,22 +19,20 @@ NEAR = 0.1
 PEAK = {"growth_rate": 0, "theta": 2, "frequency": 0}
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Branches of onsets, windows, the unstable share of the plane, and what the paper's text says."""
     theta, mu = dataset["theta"].values, dataset["mu"].values
-    return "\n".join(
-        [
-            f"Steady sliding, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), mu from "
-            f"{mu.min():g} to {mu.max():g} ({len(mu)}), modes below {constants(dataset)['fmax'] / 1e3:g} kHz.",
-            "",
-            *_branches(dataset),
-            "",
-            *_windows(dataset),
-            "",
-            *_plane(dataset),
-            *_beside_the_text(dataset),
-        ]
-    )
+    return [
+        f"Steady sliding, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), mu from "
+        f"{mu.min():g} to {mu.max():g} ({len(mu)}), modes below {constants(dataset)['fmax'] / 1e3:g} kHz.",
+        "",
+        *_branches(dataset),
+        "",
+        *_windows(dataset),
+        "",
+        *_plane(dataset),
+        *_beside_the_text(dataset),
+    ]
 
 
 def is_papers(dataset: xr.Dataset) -> bool:
@@ -56,7 +55,7 @@ def expected(dataset: xr.Dataset) -> NDArray[np.intp]:
     return np.asarray(below[0] - below[1])
 
 
-def _branches(dataset: xr.Dataset) -> list[str]:
+def _branches(dataset: xr.Dataset) -> list[Part]:
     """Where each branch lies and is lowest, with the paper's onsets."""
     comment = dataset["pair_onset_mu"].attrs.get("comment", "")
     if comment:
@@ -83,7 +82,7 @@ def _branches(dataset: xr.Dataset) -> list[str]:
     heads = ["branch", "Hz", "lowest mu", "at deg", "from deg", "to deg"]
     if beside:
         heads += [f"mu at {paper.THETA:g} deg", "paper: first unstable"]
-    lines = transients.table(heads, rows)
+    lines: list[Part] = [Table(heads, rows)]
     if dataset.sizes["pair"]:
         first = dataset.isel(pair=int(np.argmin(dataset["pair_lowest_mu"].values)))
         mu, theta, frequency = (float(first[f"pair_lowest_{name}"]) for name in ("mu", "theta", "frequency"))
@@ -104,7 +103,7 @@ def _paper_onsets(dataset: xr.Dataset) -> dict[tuple[str, int], list[str]]:
     return beside
 
 
-def _windows(dataset: xr.Dataset) -> list[str]:
+def _windows(dataset: xr.Dataset) -> list[Part]:
     """Intervals of theta in which a pair is unstable at one friction."""
     at, comment = float(dataset["window_mu"]), dataset["window_from"].attrs.get("comment", "")
     if dataset.sizes["theta"] == 1:
@@ -125,7 +124,7 @@ def _windows(dataset: xr.Dataset) -> list[str]:
     heads = ["from deg", "to deg", "Hz", "largest growth 1/s", "at deg", "at Hz"]
     return [
         f"Windows of instability at mu = {at:g}, as roots and not on the grid:",
-        *transients.table(heads, rows),
+        Table(heads, rows),
     ]
 
 
@@ -182,7 +181,7 @@ def _agreement(dataset: xr.Dataset, grows: NDArray[np.bool_]) -> list[str]:
     return lines
 
 
-def _beside_the_text(dataset: xr.Dataset) -> list[str]:
+def _beside_the_text(dataset: xr.Dataset) -> list[Part]:
     """What the paper's text says of inclinations at its friction, beside the windows."""
     theta = dataset["theta"].values
     if not is_papers(dataset) or float(dataset["window_mu"]) != paper.MU or len(theta) == 1:
@@ -212,4 +211,4 @@ def _beside_the_text(dataset: xr.Dataset) -> list[str]:
             rows.append([name, "unstable in part" if outside.any() else "stable", "slides steadily"])
     if not rows:
         return []
-    return ["", *transients.table(["theta deg", f"steady sliding at mu = {paper.MU:g}", "measured (paper)"], rows)]
+    return ["", Table(["theta deg", f"steady sliding at mu = {paper.MU:g}", "measured (paper)"], rows)]

@@ -13,7 +13,7 @@ from studies import ensembles, paper, scenes, transients
 from studies.spec import evenly
 from studies.stick_laws import with_laws
 from studies.stick_time_figure import draw
-from studies.stick_time_report import report
+from studies.stick_time_report import findings
 from studies.study import Study, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -145,5 +145,5 @@ STUDY = Study(
     settings=ensembles.settings(least=1.0, load_ups=3.0, most=30.0) | rig_settings(),
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

@@ -10,6 +10,7 @@ import xarray as xr
 from studies import paper, transients
 from studies.stick_laws import KINDS
 from studies.study import constants
+from studies.tables import Part, Table
 
 
 def reference(dataset: xr.Dataset) -> xr.Dataset:
@@ -17,25 +18,25 @@ def reference(dataset: xr.Dataset) -> xr.Dataset:
     return dataset.sel(mu=paper.MU, F=paper.LOAD, method="nearest")
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Sticks at each speed, the laws' exponents, the collapse over mu and F, and what the paper says."""
     at, given = reference(dataset), constants(dataset)
-    lines = [
+    lines: list[Part] = [
         f"Long sticks, theta = {given['theta']:g} degrees, mu = {float(at['mu']):g}, F = {float(at['F']):g} N, "
         f"{dataset.sizes['member']} members a speed; 95 % intervals over members.",
         f"Start-up: begun within {transients.SETTLING:g} s of the first slip; sustained: later.",
         "",
-        *_speeds(at),
+        _speeds(at),
         "",
         *_laws(at),
         "",
         *_collapse(dataset),
     ]
     failed = int((dataset["status"] == 2).sum())
-    return "\n".join(lines + ([f"{failed} points failed and count for nothing."] if failed else []))
+    return lines + ([f"{failed} points failed and count for nothing."] if failed else [])
 
 
-def _speeds(at: xr.Dataset) -> list[str]:
+def _speeds(at: xr.Dataset) -> Table:
     """A line for each speed."""
     text, rows = transients.text, []
     for V in at["V"].values:
@@ -51,7 +52,7 @@ def _speeds(at: xr.Dataset) -> list[str]:
         cells.append(text(100.0 * float(here["sustained_share"]), 1))
         rows.append(cells)
     heads = ["V mm/s", "start-up", "T V um", "sustained", "T V um", "local exponent", "% of the time"]
-    return transients.table(heads, rows)
+    return Table(heads, rows)
 
 
 def _laws(at: xr.Dataset) -> list[str]:
@@ -90,7 +91,7 @@ def _first_stick(at: xr.Dataset) -> Any:
     return (at["first_slip_time"] - at["load_up_time"]).transpose("V", "member").values - half
 
 
-def _collapse(dataset: xr.Dataset) -> list[str]:
+def _collapse(dataset: xr.Dataset) -> list[Part]:
     """Sticks at the paper's slowest speed for every mu and F, and what is left of them over mu F."""
     V = float(dataset["V"].sel(V=min(paper.SPEEDS), method="nearest"))
     slowest = float(dataset["V"].min())
@@ -123,7 +124,7 @@ def _collapse(dataset: xr.Dataset) -> list[str]:
             )
     return [
         f"Stick times at {1e3 * V:g} mm/s, T V / (mu F) of sustained sticks at {1e3 * slowest:g} mm/s:",
-        *transients.table(heads, rows),
+        Table(heads, rows),
         "The paper: less friction or less load shortens the sticks. Loads collapse on V / F: they are copies of",
         "one motion. Friction does more than scale: the last columns differ from mu to mu.",
     ]

@@ -18,7 +18,7 @@ from studies.stress_checks import CHECKS, judged, passes
 from studies.stress_figure import draw
 from studies.stress_questions import question_of, too_dear
 from studies.stress_refusals import missing
-from studies.stress_report import report
+from studies.stress_report import findings
 from studies.stress_runs import gathered, original_of
 from studies.study import Study
 from sweeps import Axis, Grid, Sweep, Variable
@@ -156,5 +156,5 @@ STUDY = Study(
     settings={},
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

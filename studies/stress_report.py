@@ -8,21 +8,21 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies import transients
 from studies.scenes_figure import DONE, FAILED
 from studies.stress_case import APART, CAME, DEAR, FAILS, METHODS, PASSES, PENDING
 from studies.stress_cases import CASES, GROUPS
 from studies.stress_questions import MOST_SECONDS
+from studies.tables import Part, Table, apart
 
 # Of a check's bound, what is told in a table rather than called nothing.
 LEAST = 1e-3
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Tables by group, margins by check, and what failed."""
     outcome = outcomes(dataset)
     parts = (_groups(dataset, outcome), _counts(dataset, outcome), _margins(dataset), _failed(dataset, outcome))
-    return "\n\n".join("\n".join(part) for part in parts if part)
+    return apart(parts)
 
 
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
@@ -42,13 +42,13 @@ def worst(dataset: xr.Dataset) -> tuple[NDArray[Any], NDArray[Any]]:
     return np.take_along_axis(told, place[..., None], -1)[..., 0], place
 
 
-def _groups(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[str]:
+def _groups(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[Part]:
     """A table for each group of cases."""
     names, groups = dataset["case_name"].values, dataset["group"].values
     numbers, methods = dataset["case"].values.astype(int), dataset["method_name"].values
     margin, place = worst(dataset)
     checks = dataset["check"].values
-    lines = []
+    lines: list[Part] = []
     for group in (each for each in GROUPS if each in groups):
         rows = []
         for k in np.flatnonzero(groups == group):
@@ -58,11 +58,11 @@ def _groups(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[str]:
                 told = word == PASSES and margin[k, m] >= LEAST
                 cells.append(f"{word}, {checks[place[k, m]]} {margin[k, m]:.2g}" if told else word)
             rows.append([f"{numbers[k]}", names[k], *cells])
-        lines += [f"{group}:", *transients.table(["", "case", *methods], rows), ""]
+        lines += [f"{group}:", Table(["", "case", *methods], rows), ""]
     return lines[:-1]
 
 
-def _counts(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[str]:
+def _counts(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[Part]:
     """How much came of each kind, by method."""
     methods = dataset["method_name"].values
     rows = [
@@ -70,11 +70,11 @@ def _counts(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[str]:
         for code, word in enumerate(CAME)
         if np.any(outcome == code)
     ]
-    lines = [
+    lines: list[Part] = [
         f"{outcome.shape[0]} cases. Refusals are those expected. Beside a pass stands the check that came nearest "
         f"to failing, cost apart, in units of what it may be, from {LEAST:g} on.",
         "",
-        *transients.table(["came", *methods], rows),
+        Table(["came", *methods], rows),
     ]
     if np.any(outcome == DEAR):
         lines.append(f"Too dear: more than {MOST_SECONDS:g} s on a core that takes 1 ns a mode and step.")
@@ -87,7 +87,7 @@ def _counts(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[str]:
     return lines
 
 
-def _margins(dataset: xr.Dataset) -> list[str]:
+def _margins(dataset: xr.Dataset) -> list[Part]:
     """For each check and method the largest margin, and where."""
     margin = dataset["margin"].transpose("check", "method", "case").values
     methods, names = dataset["method_name"].values, dataset["case_name"].values
@@ -104,7 +104,7 @@ def _margins(dataset: xr.Dataset) -> list[str]:
         rows.append([str(check), *cells])
         told.append(f"{check}: {dataset['about'].values[c]}.")
     head = "The largest of each check, in units of what it may be, and where; above 1 it fails."
-    return [head, *transients.table(["check", *methods], rows), "", *told] if rows else []
+    return [head, Table(["check", *methods], rows), "", *told] if rows else []
 
 
 def _failed(dataset: xr.Dataset, outcome: NDArray[np.intp]) -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fivcore import Beam, Rig
-from studies import paper
+from studies import paper, tables
 from sweeps import Axis, Sweep
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ class Study:
         `build(axes, settings)` gives the sweep, from axes by name and numbers by name.
     draw : callable
         `draw(dataset)` gives the figure, from what the file holds and nothing else.
-    report : callable
-        `report(dataset)` gives the numbers beside the paper's, as text.
+    findings : callable
+        `findings(dataset)` gives the numbers beside the paper's, as lines and tables.
     record : callable, optional
         `record(study, given, names, sample_rate)` gives the sweep that keeps the series called `names` too
         (`studies.recording`); without it the study has no motion in time.
@@ -80,8 +80,12 @@ class Study:
     settings: Mapping[str, Setting]
     build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep]
     draw: Callable[[xr.Dataset], Figure]
-    report: Callable[[xr.Dataset], str]
+    findings: Callable[[xr.Dataset], Sequence[tables.Part]]
     record: Callable[[Study, Mapping[str, Any], Sequence[str], float | None], Sweep] | None = None
+
+    def report(self, dataset: xr.Dataset) -> str:
+        """What is found, as text for a terminal."""
+        return tables.text(self.findings(dataset))
 
     def statement(self) -> str:
         """What the paper says and what can be varied, as lines."""

@@ -14,6 +14,7 @@ from fivcore import Rig, glued_frequencies, tune_head_mass
 from fivcore.rig import P1, P2
 from studies import figures, paper
 from studies.study import Setting, Study, constants
+from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
 
 # The contact position at which the paper's frequencies are found again; its text says 80 mm.
@@ -74,27 +75,33 @@ def deviation(dataset: xr.Dataset, name: str) -> np.ndarray:
     return np.asarray(100.0 * (dataset[name] / dataset["frequency_paper"] - 1.0))
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """The table, with the deviations, and what it says about the contact's position."""
     config = constants(dataset)
     here, text = deviation(dataset, "frequency"), deviation(dataset, "frequency_at_text_position")
     position, text_position = (1e3 * config[r]["contact_position"] for r in ("rig", "text_rig"))
-    lines = [
+    rows = []
+    for k, mode in enumerate(dataset["mode"].values):
+        row = [float(dataset[n][k]) for n in ("frequency_measured", "frequency_paper", "frequency")]
+        other = float(dataset["frequency_at_text_position"][k])
+        rows.append(
+            [
+                f"{mode}",
+                *(_number(value, digits) for value, digits in zip(row, (0, 0, 1), strict=True)),
+                _number(here[k], 2),
+                _number(other, 1),
+                _number(text[k], 2),
+            ]
+        )
+    heads = ["mode", "measured", "paper", f"at {position:g} mm", "diff %", f"at {text_position:g} mm", "diff %"]
+    lines: list[Part] = [
         f"Glued modes, theta = {config['theta']:g} degrees; frequencies in Hz, differences from the paper's "
         "numerical column.",
         f"Head mass tuned to the first frequency: {config['rig']['head_mass']:.4f} kg at {position:g} mm, "
         f"{config['text_rig']['head_mass']:.4f} kg at {text_position:g} mm.",
         "",
-        f"{'mode':>4} {'measured':>9} {'paper':>8} {f'at {position:g} mm':>12} {'diff %':>7} "
-        f"{f'at {text_position:g} mm':>12} {'diff %':>7}",
+        Table(heads, rows, form="{:>4} {:>9} {:>8} {:>12} {:>7} {:>12} {:>7}"),
     ]
-    for k, mode in enumerate(dataset["mode"].values):
-        row = [float(dataset[n][k]) for n in ("frequency_measured", "frequency_paper", "frequency")]
-        other = float(dataset["frequency_at_text_position"][k])
-        lines.append(
-            f"{mode:>4} {_number(row[0], 0):>9} {_number(row[1], 0):>8} {_number(row[2], 1):>12} "
-            f"{_number(here[k], 2):>7} {_number(other, 1):>12} {_number(text[k], 2):>7}"
-        )
     if np.any(np.isfinite(here)):
         lines += [
             "",
@@ -106,7 +113,7 @@ def report(dataset: xr.Dataset) -> str:
                 f"A contact at {text_position:g} mm, the position given in the paper's text, does not give "
                 "the paper's Table 4."
             )
-    return "\n".join(lines)
+    return lines
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -164,5 +171,5 @@ STUDY = Study(
     },
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

@@ -15,7 +15,7 @@ from studies.spec import evenly
 from studies.study import Setting, Study, rig_of, rig_settings
 from studies.table6_angles import PAIRS, VIBRATING, beside
 from studies.table6_figure import draw
-from studies.table6_report import report
+from studies.table6_report import findings
 from sweeps import Axis, Grid, Sweep, Variable
 
 MOST_MEMBERS = 1000
@@ -149,5 +149,5 @@ STUDY = Study(
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},
     build=build,
     draw=draw,
-    report=report,
+    findings=findings,
 )

@@ -14,6 +14,7 @@ from studies.planes import KINDS
 from studies.scenes_figure import DONE, FAILED, regimes
 from studies.study import constants
 from studies.table6_angles import NOT_STATED, SLIDES, STATED, STEADY, VIBRATES, VIBRATING
+from studies.tables import Part, Table
 
 # Rows of the table, angles named in a sentence, and failures told.
 MOST_ROWS, MOST_NAMED, MOST_FAILURES = 31, 8, 5
@@ -21,11 +22,11 @@ MOST_ROWS, MOST_NAMED, MOST_FAILURES = 31, 8, 5
 RIVAL = 0.05
 
 
-def report(dataset: xr.Dataset) -> str:
+def findings(dataset: xr.Dataset) -> list[Part]:
     """Stability and motion at each inclination, windows of instability, and the paper's text beside them."""
     given = constants(dataset)
     papers = transients.is_papers(dataset, V=paper.ANGLES_SPEED)
-    lines = [
+    lines: list[Part] = [
         f"Steady sliding and motion at {_count(dataset.sizes['theta'])}, V = {1e3 * given['V']:g} mm/s, "
         f"mu = {given['mu']:g}, F = {given['F']:g} N; modes below {transients.BAND / 1e3:g} kHz, "
         f"{given['members']} runs{_length(dataset)} at each; figures from {transients.SETTLING:g} s after first"
@@ -41,10 +42,10 @@ def report(dataset: xr.Dataset) -> str:
     ]
     if papers:
         lines += ["", *_beside_paper(dataset)]
-    return "\n".join(lines + _overflow(dataset) + _failures(dataset))
+    return [*lines, *_overflow(dataset), *_failures(dataset)]
 
 
-def _table(dataset: xr.Dataset, papers: bool) -> list[str]:
+def _table(dataset: xr.Dataset, papers: bool) -> list[Part]:
     """A line for each inclination; of many, evenly chosen ones and those of which the paper gives a number."""
     theta, text, kinds = dataset["theta"].values, transients.text, regimes(dataset)
     named = np.flatnonzero(np.isin(theta, [*paper.ANGLES_MEASURED, *paper.ANGLES]))
@@ -68,7 +69,7 @@ def _table(dataset: xr.Dataset, papers: bool) -> list[str]:
             *(text(at[f"{state}_fraction"], 3) for state in ("stick", "separation")),
         ]
         lines.append([*cells, _said(at)] if papers else cells)
-    found = transients.table([*heads, "paper's text"] if papers else heads, lines)
+    found: list[Part] = [Table([*heads, "paper's text"] if papers else heads, lines)]
     left = len(theta) - len(rows)
     found += [f"and {left} more in the file."] if left else []
     return [
@@ -94,7 +95,7 @@ def _range(at: xr.Dataset) -> tuple[float, float]:
     return (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
 
 
-def _windows(dataset: xr.Dataset) -> list[str]:
+def _windows(dataset: xr.Dataset) -> list[Part]:
     """A line for each window of instability, and unstable modes that are in none."""
     theta, comment = dataset["theta"].values, dataset["window_from"].attrs.get("comment", "")
     where = f"from {theta.min():g} to {theta.max():g} degrees"
@@ -116,7 +117,7 @@ def _windows(dataset: xr.Dataset) -> list[str]:
     heads = ["unstable from deg", "to deg", "from Hz", "to Hz", "largest growth 1/s", "at deg"]
     return [
         f"Windows of instability {where}, as roots and not on the grid:",
-        *transients.table(heads, rows),
+        Table(heads, rows),
         *_outside(dataset),
     ]
 

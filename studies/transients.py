@@ -327,15 +327,6 @@ def of_all(shown: Sequence[int], count: int) -> str:
     return f" ({len(shown)} of {count})" if len(shown) < count else ""
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table with its columns flush right."""
-    every = [heads, *rows]
-    widths = [max(len(row[k]) for row in every) for k in range(len(heads))]
-    return [
-        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in every
-    ]
-
-
 def text(value: Any, digits: int, scale: float = 1.0) -> str:
     """A number for a reader; a dash where there is none."""
     return "-" if np.isnan(value) else f"{scale * float(value):.{digits}f}"

@@ -26,6 +26,7 @@ from studies import (
     accuracy_track,
     ensembles,
     figures,
+    tables,
     transients,
 )
 from studies import accuracy_settings as asked
@@ -378,7 +379,7 @@ def test_whatever_is_there_is_told_and_drawn(values):
     told_of = {"reference_members": 2, "members": 3, "duration": 1.0, "rig": dataclasses.asdict(Rig())}
     data.attrs["configuration"] = json.dumps({"constants": told_of})
     data["status"] = (("method", "setting", "scene"), np.ones(data["step"].shape, dtype=np.int8))
-    text = accuracy_report.report(data)
+    text = tables.text(accuracy_report.findings(data))
     assert "Reference: paper" in text
     with figures.style():
         accuracy_figure.draw(data).canvas.draw()
@@ -401,7 +402,7 @@ def test_a_small_study_from_end_to_end(tmp_path):
     assert float(at["spectrum_error"]) < 0.5
     assert float(at["first_slip_error"]) < 1e-3
     assert float(at["slip_velocity_error"]) < 0.5
-    text = accuracy_report.report(whole)
+    text = tables.text(accuracy_report.findings(whole))
     assert "fast by default" in text
     assert "Sliding stability" in text
     with figures.style():

@@ -13,7 +13,7 @@ from fivcore.propagation import propagator
 from fivcore.reduced import full_model, reduced_model
 from fivcore.rig import P1, P2
 from fivcore.step_limit import at_most
-from studies import figures, registry, stress, stress_checks, stress_report, stress_runs
+from studies import figures, registry, stress, stress_checks, stress_report, stress_runs, tables
 from studies.stress_case import APART, CAME, DEAR, FAILS, METHODS, PASSES, POINT
 from studies.stress_cases import CASES, GROUPS
 from studies.stress_limits import LIMITS, stated
@@ -418,7 +418,7 @@ def broken(small):
 
 
 def test_what_failed_is_listed_with_its_reason(small):
-    text = stress_report.report(broken(small))
+    text = tables.text(stress_report.findings(broken(small)))
     assert "2 failed:" in text
     assert "step 0.9 of the largest, fast: gap: 0.5, at most 0.25" in text
     assert "3 and 3 elements, exact: ZeroDivisionError: division by zero" in text

@@ -1,0 +1,90 @@
+"use strict";
+// What tables and maps of this page share. All text reaches the page as text, never as markup.
+
+function element(name, text, attributes) {
+  const made = document.createElement(name);
+  if (text !== undefined && text !== null) made.textContent = text;
+  for (const [key, value] of Object.entries(attributes || {})) made.setAttribute(key, value);
+  return made;
+}
+
+// The points of a result: rows in the order of its grid, columns by number.
+class Points {
+  constructor(id) {
+    const told = JSON.parse(document.getElementById(id).textContent);
+    this.axes = told.axes;
+    this.plane = told.plane;
+    this.shape = told.axes.map((axis) => axis.values.length);
+    this.count = this.shape.reduce((product, size) => product * size, 1);
+    this.columns = [
+      ...told.axes.map((axis, dim) => ({ ...axis, dim })),
+      ...told.axes.flatMap((axis, dim) =>
+        axis.names ? [{ name: axis.name + "_name", units: "", about: axis.about, dim, values: axis.names }] : []),
+      ...told.columns.map((column) => ({ ...column, dim: null })),
+    ];
+    this.place = new Map(this.columns.map((column, k) => [column.name, k]));
+    this.strides = this.shape.map((_, dim) => this.shape.slice(dim + 1).reduce((product, size) => product * size, 1));
+  }
+
+  index(row, dim) {
+    return Math.floor(row / this.strides[dim]) % this.shape[dim];
+  }
+
+  value(row, column) {
+    const told = this.columns[column];
+    if (told.dim !== null) return told.values[this.index(row, told.dim)];
+    if (told.values) return told.values[row];
+    return Object.hasOwn(told.at, row) ? told.at[row] : told.fill;
+  }
+
+  named(row, name) {
+    return this.value(row, this.place.get(name));
+  }
+
+  static of(id) {
+    if (!Points.known.has(id)) Points.known.set(id, new Points(id));
+    return Points.known.get(id);
+  }
+}
+Points.known = new Map();
+
+function shown(value) {
+  if (value === null) return "–";
+  if (typeof value !== "number") return String(value);
+  return String(Number(value.toPrecision(6)));
+}
+
+function headed(column) {
+  return column.units ? `${column.name} (${column.units})` : column.name;
+}
+
+function copying(button) {
+  const line = button.parentElement.querySelector("code");
+  button.hidden = false;
+  button.setAttribute("aria-label", "Copy this line");
+  button.addEventListener("click", async () => {
+    try {
+      await navigator.clipboard.writeText(line.textContent);
+      button.textContent = "Copied";
+      setTimeout(() => { button.textContent = "Copy"; }, 1500);
+    } catch {
+      // Without a clipboard the line is marked, ready for the keyboard.
+      getSelection().selectAllChildren(line);
+    }
+  });
+}
+
+function commandLine(text) {
+  const box = element("div", null, { class: "command" });
+  const pre = element("pre");
+  const code = element("code");
+  // Broken before an option, if at all.
+  text.split(" --").forEach((part, k) => code.append(...(k ? [" ", element("span", "--" + part)] : [part])));
+  pre.append(code);
+  const button = element("button", "Copy", { type: "button", class: "copy" });
+  box.append(pre, button);
+  copying(button);
+  return box;
+}
+
+for (const button of document.querySelectorAll(".copy")) copying(button);
