@@ -77,11 +77,14 @@ class Source:
         dims, own = column.dims, column.values
         if own is None:
             variable = self.dataset.variables[column.name]
-            if variable.size <= KEPT and column.name not in self._known:
-                self._known[column.name] = np.asarray(variable.values)
-            own = self._known.get(column.name)
-            if own is None:
-                own, index = np.asarray(variable.isel(index).values), {}
+            try:
+                if variable.size <= KEPT and column.name not in self._known:
+                    self._known[column.name] = np.asarray(variable.values)
+                own = self._known.get(column.name)
+                if own is None:
+                    own, index = np.asarray(variable.isel(index).values), {}
+            except (OSError, RuntimeError) as problem:
+                raise ValueError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
         part: tuple[Any, ...] = (*(index.get(dim, slice(None)) for dim in dims), ...)
         values: NDArray[Any] = own[part]
         ordered = [dim for dim in self.dims if dim in dims]

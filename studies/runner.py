@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import sweeps
 from studies import registry
+from studies.flags import with_words
 from sweeps.execute import check_backend
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def execute(
 
 
 def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
-    """The kept results of a study, by name or by path."""
+    """The kept results of a study, by name or by path, whole or as far as they are."""
     file = results_file(name, out)
     if str(name) in registry.NAMES:
         try:
@@ -122,8 +123,8 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
             raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}") from None
         if dataset.attrs.get("sweep") != name:
             raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
-        return dataset
-    return sweeps.open_results(file)
+        return with_words(dataset)
+    return with_words(sweeps.open_results(file))
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:

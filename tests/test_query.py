@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 
@@ -13,7 +14,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from studies import rows, runner, writing
+from studies import registry, rows, runner, writing
 from studies.query import query, select
 from sweeps import open_results
 from tests import benchmark_query, test_messages
@@ -411,6 +412,34 @@ def test_a_result_that_is_half_done(tmp_path, here):
     assert np.array_equal(found["size"].isna(), found["status"] != "done")
     some = here("query", str(path), "--where", "status == 'pending'", "--show", "a,b", "--format", "csv")
     assert pairs(pd.read_csv(io.StringIO(some.stdout))) == pairs(found[pending])
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_what_is_half_done_has_words_for_its_codes(tmp_path, here):
+    given = {"V": [1e-3, 2e-3, 4e-3, 8e-3], "theta": 5.0, "mu": [0.1, 0.2], "F": 9.0, "duration": 2e-3}
+    path = tmp_path / "scenes.nc"
+    planned = registry.load("scenes").sweep(given, record=("state",), sample_rate=1e4).plan(path)
+    interrupted(planned, 1)
+    asked = ("query", str(path), "--where", "regime == 'undecided'", "--show", "V,mu,regime", "--format", "csv")
+    done = here(*asked)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert 1 < len(lines) < 9
+    assert all(line.endswith(",undecided") for line in lines[1:])
+    states = here("query", str(path), "--where", "state == 'stick'", "--show", "V,state", "--limit", "2")
+    assert states.stdout.split()[-1] == "stick"
+
+
+def test_a_damaged_file_is_one_line(tmp_path, here, monkeypatch):
+    monkeypatch.setattr("sweeps.final.READ_AT_ONCE", 100)
+    shutil.copy(f"{HOME}/results/stability/stability.nc", tmp_path / "damaged.nc")
+    with open(tmp_path / "damaged.nc", "r+b") as file:
+        # The head is whole; of the first chunk of a variable after it some bytes are not.
+        file.seek(60_000)
+        file.write(b"\xff" * 20_000)
+    done = here("query", "damaged.nc", "--show", "growth_rate,frequency,unstable_modes,wall_time")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert re.match(r"fiv: \w+: it cannot be read, the file is damaged: ", done.stderr)
 
 
 def test_a_study_that_is_running(tmp_path):
