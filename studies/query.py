@@ -157,17 +157,17 @@ def _dims(every: Columns, columns: Sequence[Column], points: bool) -> tuple[str,
         own = tuple(dim for dim in column.dims if dim not in every.point_dims)
         if not set(own) <= set(widest):
             if not set(widest) <= set(own):
-                raise _apart(every, columns, own, widest)
+                raise _apart(columns, own, widest)
             widest = own
     return (*(dim for dim in every.point_dims if points or dim in along), *widest)
 
 
-def _apart(every: Columns, columns: Sequence[Column], *dims: tuple[str, ...]) -> ValueError:
+def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> ValueError:
     """What cannot stand in one row."""
     told = []
     for own in dims:
-        along = [column.name for column in columns if set(own) <= set(column.dims)]
-        told.append(f"{along[0]} runs along {', '.join(own)}")
+        along = sorted((column for column in columns if set(own) <= set(column.dims)), key=lambda each: each.axis)
+        told.append(f"{along[0].name} runs along {', '.join(own)}")
     return ValueError(f"{' and '.join(told)}: they have no rows in common; ask for them one after the other")
 
 
