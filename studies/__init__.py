@@ -1,5 +1,7 @@
 """Predefined studies of the paper, from Python: `studies.run("fig5")`, `studies.open("fig5")`.
 
+What they return has the accessor `.fiv` (`studies.accessor`): rows, figure and scenes of the result.
+
 Nothing heavy is imported before it is used: the command line starts from here.
 """
 
@@ -37,13 +39,13 @@ def run(name: str, *, fresh: bool = False, **axes: Any) -> xr.Dataset:
     sweeps.StoreError
         If the results folder cannot be used, or holds the study with other settings.
     """
-    from studies import runner
+    from studies import accessor, runner  # noqa: F401 - with the accessor .fiv
 
     return runner.run(name, axes, fresh=fresh).dataset
 
 
 def open(name: str) -> xr.Dataset:  # shadows the built-in only as studies.open
     """Open the kept results of a study, by its name or by the path of a netCDF file."""
-    from studies import runner
+    from studies import accessor, runner  # noqa: F401 - with the accessor .fiv
 
     return runner.open_dataset(name)

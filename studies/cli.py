@@ -21,6 +21,7 @@ from studies.options import (
     MapCommand,
     map_options,
     out_option,
+    query_options,
     what_options,
     where_options,
 )
@@ -185,6 +186,54 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
     if isnan(told["run"].get("left", 0.0)):
         told["run"]["left"] = None  # JSON has no NaN
     click.echo(dumps(told) if as_json else status_text(found))
+
+
+@command("query")
+@click.argument("target", metavar="STUDY|PATH")
+@query_options
+def query_rows(
+    target: str,
+    where: str | None,
+    show: str | None,
+    sort: str | None,
+    limit: int | None,
+    form: str,
+    out: str | None,
+    quiet: bool,
+    verbose: bool,
+) -> None:
+    """Rows of a result, whole or still running: chosen, sorted, and printed as a table, CSV or JSON.
+
+    \b
+    fiv query regimes --where 'mu > 0.2 and regime == "intermittent"' --sort -velocity_rms --limit 5
+    fiv query fig5 --where 'growth_rate > 0 and mu == 0.2' --show mu,frequency,growth_rate
+    fiv query results/map/growth_rate-theta-mu.nc --where '5 <= theta <= 8' --format csv > map.csv
+
+    EXPR is of comparisons (== != < <= > >=, also 0.1 < mu < 0.2), and, or, not, + - * / **, brackets, numbers,
+    'texts' and names: axes, variables, and the settings of the study. Words such as those of regime and status may
+    have spaces or underscores. No comparison is true of a missing value; x == nan finds it, x != nan all others.
+
+    Equality of an axis with a number finds the axis's nearest value, if it is within a thousandth of that value's
+    distance from its nearest neighbour, and of an axis with one value within a millionth of it. So theta ==
+    5.0000001 finds 5. Where no value is so near, no row matches and the nearest value is told.
+
+    The points of the sweep are the rows. A variable that has many entries at each point (of modes, members, in
+    time) makes a row of each entry where it is asked for; entries without a value are left out, unless EXPR has
+    nan in it. Without --show the columns are the axes and all that has one value for each row; with it they are
+    those, and whatever tells the entries apart.
+    """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import runner
+    from studies.printing import print_rows
+    from studies.query import select
+
+    def note(text: str) -> None:
+        if not quiet:
+            click.echo(f"fiv: {text}", err=True)
+
+    with InputErrors(verbose):
+        dataset = runner.open_dataset(target, out)
+        chosen = select(dataset, where, show=show, sort=sort, limit=limit, note=note)
+        print_rows(chosen, form, show is None, note)
 
 
 @command("plot")

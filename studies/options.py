@@ -95,6 +95,30 @@ def map_options(function: Callable[..., Any]) -> Callable[..., Any]:
     )
 
 
+def query_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options of `query`."""
+    return _with(
+        function,
+        click.option("--where", metavar="EXPR", help="Which rows; by default all."),
+        click.option("--show", metavar="A,B,...", help="Which columns, in this order."),
+        click.option(
+            "--sort",
+            metavar="A,...",
+            help="By which columns; descending with a minus in front: --sort -velocity_rms.",
+        ),
+        click.option("--limit", type=click.IntRange(min=0), metavar="N", help="So many rows at most."),
+        click.option(
+            "--format",
+            "form",
+            type=click.Choice(["table", "csv", "json"]),
+            default="table",
+            show_default=True,
+            help="csv and json are in full precision.",
+        ),
+        out_option,
+    )
+
+
 class MapCommand(click.Command):
     """The command `map`: its help ends with what there is to choose from, which takes a moment to load."""
 

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sweeps
-from studies import figures, registry
+from studies import registry
+from studies.flags import with_words
 from sweeps.execute import check_backend
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
     from studies.study import Study
     from sweeps.monitor import Progress
@@ -112,7 +114,7 @@ def execute(
 
 
 def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
-    """The kept results of a study, by name or by path."""
+    """The kept results of a study, by name or by path, whole or as far as they are."""
     file = results_file(name, out)
     if str(name) in registry.NAMES:
         try:
@@ -121,8 +123,8 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
             raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}") from None
         if dataset.attrs.get("sweep") != name:
             raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
-        return dataset
-    return sweeps.open_results(file)
+        return with_words(dataset)
+    return with_words(sweeps.open_results(file))
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:
@@ -135,8 +137,41 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
     return Path(text).expanduser()
 
 
-def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png") -> Path:
+def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
+    """The study's figure.
+
+    Raises
+    ------
+    ValueError
+        If the dataset lacks something that the figure shows.
+    """
+    from studies import figures
+
+    with figures.style():
+        try:
+            return study.draw(dataset)
+        except KeyError as missing:
+            raise ValueError(f"{whose}: it lacks {missing}; make it again with: fiv run {study.name}") from None
+
+
+def format_of(path: str | Path, form: str | None = None) -> str:
+    """What a figure is written as: as asked, else what its path ends with, else png.
+
+    Raises
+    ------
+    ValueError
+        If that is none of `FORMATS`.
+    """
+    chosen = form or Path(path).suffix.removeprefix(".") or FORMATS[0]
+    if chosen not in FORMATS:
+        raise ValueError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")
+    return chosen
+
+
+def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", whose: str | None = None) -> Path:
     """Draw the study's figure beside its netCDF file, in one of `FORMATS`.
+
+    `whose` is what a message calls the dataset; by default it is that file's.
 
     Raises
     ------
@@ -145,13 +180,13 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png") -> 
     StoreError
         If the figure cannot be written.
     """
+    # Drawing is slow to import, and most commands do not draw.
+    from studies import figures
+
     target = beside.with_suffix(f".{form}")
     temporary = beside.with_name(f".{target.name}.{os.getpid()}.tmp")
     with figures.style():
-        try:
-            figure = study.draw(dataset)
-        except KeyError as missing:
-            raise ValueError(f"{beside}: it lacks {missing}; make it again with: fiv run {study.name}") from None
+        figure = drawn(study, dataset, whose or str(beside))
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             figure.savefig(temporary, format=form, dpi=200, metadata=UNDATED[form])

@@ -198,15 +198,15 @@ def dataset(layout: Layout, found: Gathered) -> xr.Dataset:
         if len(found.error[point]) > letters:
             found.error[point] = f"{found.error[point][: letters - 3]}..."
     coords: dict[str, Any] = {
-        name: ((grid.dim_of(name),), axis.values, attributes(axis)) for name, axis in grid.axes.items()
+        name: ((grid.dim_of(name),), axis.values, attributes(axis, name)) for name, axis in grid.axes.items()
     }
-    coords |= {name: ((name,), axis.values, attributes(axis)) for name, axis in layout.coords.items()}
+    coords |= {name: ((name,), axis.values, attributes(axis, name)) for name, axis in layout.coords.items()}
 
     def shaped(array: NDArray[Any]) -> NDArray[Any]:
         return array.reshape(*grid.shape, *array.shape[1:])
 
     data: dict[str, Any] = {
-        name: _variable(layout.variables[name], (*grid.dims, *layout.variables[name].dims), shaped(values))
+        name: _variable(name, layout.variables[name], (*grid.dims, *layout.variables[name].dims), shaped(values))
         for name, values in found.values.items()
     }
     flags = {
@@ -237,11 +237,11 @@ def _failures(layout: Layout, found: Gathered) -> dict[str, Any]:
     }
     for name, values in layout.grid.points(np.array(slots)).items():
         told = {"long_name": f"{name} of the point that failed"}
-        data[f"failure_{name}"] = (("failure",), values, attributes(layout.grid.axes[name]) | told)
+        data[f"failure_{name}"] = (("failure",), values, attributes(layout.grid.axes[name], name) | told)
     return data
 
 
-def _variable(described: Variable, dims: tuple[str, ...], values: NDArray[Any]) -> xr.Variable:
+def _variable(name: str, described: Variable, dims: tuple[str, ...], values: NDArray[Any]) -> xr.Variable:
     """A variable as it will look when it is read again: missing whole numbers are NaN."""
     encoding: dict[str, Any] = {}
     if values.dtype.kind == "i":
@@ -249,12 +249,12 @@ def _variable(described: Variable, dims: tuple[str, ...], values: NDArray[Any]) 
         # Readers of CF take single precision where it holds every value of the type.
         kind = np.float32 if values.dtype.itemsize <= 2 else np.float64
         values = np.where(values == described.missing, kind(np.nan), values.astype(kind))
-    return xr.Variable(dims, values, attributes(described), encoding)
+    return xr.Variable(dims, values, attributes(described, name), encoding)
 
 
-def attributes(described: Any) -> dict[str, str]:
-    """Units, name and digits of an axis or a variable."""
-    told = {"units": described.units, "long_name": described.long_name}
+def attributes(described: Any, name: str) -> dict[str, str]:
+    """Units, long name (what has none is called by its `name`) and digits of an axis or a variable."""
+    told = {"units": described.units, "long_name": described.long_name or name}
     values = getattr(described, "values", None)  # of an axis
     if values is not None and values.dtype.kind == "U":
         # A text has no units.

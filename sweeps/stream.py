@@ -97,4 +97,4 @@ def _create(file: Any, layout: Layout, name: str) -> None:
         fletcher32=True,
     )
     aside = [axis for axis in layout.grid.axes if axis not in layout.grid.dims]
-    made.setncatts(attributes(variable) | ({"coordinates": " ".join(aside)} if aside else {}))
+    made.setncatts(attributes(variable, name) | ({"coordinates": " ".join(aside)} if aside else {}))

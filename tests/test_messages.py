@@ -55,7 +55,7 @@ def test_list_tells_all_of_one_study(here):
     assert "setting  p2_thickness      0.003 m                thickness of P2" in done.stdout
 
 
-@pytest.mark.parametrize("command", [[], ["list"], ["plan"], ["run"], ["status"], ["plot"], ["map"]])
+@pytest.mark.parametrize("command", [[], ["list"], ["plan"], ["run"], ["status"], ["plot"], ["map"], ["query"]])
 def test_every_command_has_help(here, command):
     done = here(*command, "--help")
     assert done.returncode == 0

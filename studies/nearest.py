@@ -1,0 +1,37 @@
+"""The rule by which a number that is asked for is a value of an axis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+# How far a number may be from the axis's value nearest to it: this share of that value's distance from its own
+# nearest neighbour; on an axis with one value, this share of the value.
+OF_SPACING, OF_VALUE = 1e-3, 1e-6
+
+
+def nearest(values: ArrayLike, asked: float) -> tuple[Any, bool]:
+    """The value of an axis nearest to a number, as the axis has it, and whether it is what was asked for.
+
+    Parameters
+    ----------
+    values : array_like
+        Of the axis, in any order, one or more.
+    asked : float
+
+    Returns
+    -------
+    value : numpy scalar
+    found : bool
+        Whether they differ by no more than a thousandth of the distance of `value` from its nearest neighbour. So
+        0.1 + 0.2 finds 0.3, and what a table shows in six digits is found again, on even axes and on logarithmic
+        ones. On an axis with one value: by no more than a millionth of it.
+    """
+    known = np.unique(np.asarray(values))
+    away = np.abs(known.astype(float) - asked)
+    place = int(np.argmin(away))
+    gaps = np.diff(known[max(place - 1, 0) : place + 2].astype(float))
+    allowed = OF_SPACING * gaps.min() if len(gaps) else OF_VALUE * abs(float(known[place]))
+    return known[place], bool(away[place] <= allowed)
