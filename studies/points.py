@@ -99,7 +99,8 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
     if dataset.attrs["sweep"] in RECORDED:
         options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
     elif "record" in given:
-        options |= recording.asked(given["record"], given["sample_rate"], duration)
+        times = transients.even_times(duration, given["sample_rate"]).values
+        options |= recording.asked(given["record"], times)
     return options
 
 
