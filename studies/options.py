@@ -11,6 +11,8 @@ from typing import Any
 
 import click
 
+from studies import completion
+
 SOME_FAILED, WRONG_INPUT, STORE_TAKEN, INTERRUPTED = 1, 2, 3, 130
 ASK_SECONDS, ASK_BYTES = 300.0, 1e9
 
@@ -19,6 +21,7 @@ set_option = click.option(
     "assignments",
     multiple=True,
     metavar="AXIS=SPEC",
+    shell_complete=completion.SETTABLE,
     help="Other values for an axis or a setting: mu=0.2, mu=0.1,0.2, mu=0:0.5:101, mu=log:1e-3:1:30.",
 )
 out_option = click.option(
@@ -35,7 +38,10 @@ def what_options(function: Callable[..., Any]) -> Callable[..., Any]:
         set_option,
         out_option,
         click.option(
-            "--record", metavar="NAME,...", help="Keep time series, for example velocity_B,normal_force."
+            "--record",
+            metavar="NAME,...",
+            shell_complete=completion.SERIES_LIST,
+            help="Keep time series, for example velocity_B,normal_force.",
         ),
         click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
         fresh_option,
@@ -67,13 +73,34 @@ def map_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return _with(
         function,
         click.option(
-            "--x", required=True, metavar="AXIS=SPEC", help="Across: theta=-10:20:61 or V=log:2e-4:1e-2:30."
+            "--x",
+            required=True,
+            metavar="AXIS=SPEC",
+            shell_complete=completion.MAP_AXIS,
+            help="Across: theta=-10:20:61 or V=log:2e-4:1e-2:30.",
         ),
-        click.option("--y", required=True, metavar="AXIS=SPEC", help="Up, likewise."),
         click.option(
-            "--fix", "fixed", multiple=True, metavar="AXIS=VALUE", help="Another axis or a setting: theta=8."
+            "--y",
+            required=True,
+            metavar="AXIS=SPEC",
+            shell_complete=completion.MAP_AXIS,
+            help="Up, likewise.",
         ),
-        click.option("--quantity", required=True, metavar="NAME", help="What is shown."),
+        click.option(
+            "--fix",
+            "fixed",
+            multiple=True,
+            metavar="AXIS=VALUE",
+            shell_complete=completion.MAP_SETTING,
+            help="Another axis or a setting: theta=8.",
+        ),
+        click.option(
+            "--quantity",
+            required=True,
+            metavar="NAME",
+            shell_complete=completion.QUANTITY,
+            help="What is shown.",
+        ),
         click.option(
             "--refine",
             "halvings",
@@ -100,10 +127,16 @@ def query_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return _with(
         function,
         click.option("--where", metavar="EXPR", help="Which rows; by default all."),
-        click.option("--show", metavar="A,B,...", help="Which columns, in this order."),
+        click.option(
+            "--show",
+            metavar="A,B,...",
+            shell_complete=completion.COLUMNS,
+            help="Which columns, in this order.",
+        ),
         click.option(
             "--sort",
             metavar="A,...",
+            shell_complete=completion.COLUMNS,
             help="By which columns; descending with a minus in front: --sort -velocity_rms.",
         ),
         click.option("--limit", type=click.IntRange(min=0), metavar="N", help="So many rows at most."),
