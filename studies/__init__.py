@@ -12,16 +12,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import xarray as xr
 
+    from studies.study import Study
+
 __all__ = ["open", "run"]
 
 
-def run(name: str, *, fresh: bool = False, **axes: Any) -> xr.Dataset:
+def run(study: str | Study, *, fresh: bool = False, **axes: Any) -> xr.Dataset:
     """Run a study, keep its netCDF file and figure in the results folder, and return its dataset.
 
     Parameters
     ----------
-    name : str
-        As `fiv list` shows it.
+    study : str or Study
+        As `fiv list` shows it; or one's own (`studies.study.Study`).
     fresh : bool
         Start over where the results folder holds the study with other settings. Otherwise what is there is kept
         and completed.
@@ -41,7 +43,7 @@ def run(name: str, *, fresh: bool = False, **axes: Any) -> xr.Dataset:
     """
     from studies import accessor, runner  # noqa: F401 - with the accessor .fiv
 
-    return runner.run(name, axes, fresh=fresh).dataset
+    return runner.run(study, axes, fresh=fresh).dataset
 
 
 def open(name: str) -> xr.Dataset:  # shadows the built-in only as studies.open

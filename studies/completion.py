@@ -39,6 +39,12 @@ def _offering(
     return complete
 
 
+def _argument(context: click.Context, name: str) -> str:
+    """The command's argument; where an option still lacks its value, click has only set it aside."""
+    given: str | None = context.params.get(name)
+    return context.args[0] if given is None else given
+
+
 def _studies(context: click.Context) -> Iterable[str]:
     from studies.registry import NAMES
 
@@ -48,7 +54,7 @@ def _studies(context: click.Context) -> Iterable[str]:
 def _settable(context: click.Context) -> Iterable[str]:
     from studies import registry
 
-    study = registry.load(context.params["study"])
+    study = registry.load(_argument(context, "study"))
     return [*study.axes, *study.settings]
 
 
@@ -79,7 +85,7 @@ def _quantities(context: click.Context) -> Iterable[str]:
 def _columns(context: click.Context) -> Iterable[str]:
     from studies import runner
 
-    with runner.open_dataset(context.params["target"], context.params.get("out")) as dataset:
+    with runner.open_dataset(_argument(context, "target"), context.params.get("out")) as dataset:
         return [str(name) for name in (*dataset.coords, *dataset.data_vars)]
 
 

@@ -48,7 +48,7 @@ def results_folder(out: str | Path | None = None) -> Path:
 
 
 def plan(
-    name: str,
+    study: str | Study,
     given: Mapping[str, Any],
     out: str | Path | None = None,
     *,
@@ -57,15 +57,31 @@ def plan(
     record: Sequence[str] = (),
     sample_rate: float | None = None,
 ) -> sweeps.Plan:
-    """The plan of a study, with its file in the results folder."""
-    sweep = registry.load(name).sweep(given, record=record, sample_rate=sample_rate)
-    file = results_folder(out) / name / f"{name}.nc"
+    """The plan of a study, by its name or one's own, with its file in the results folder.
+
+    Raises
+    ------
+    ValueError
+        For a study of one's own that has another's name, or whose sweep is not called as it is.
+    """
+    one = registry.load(study) if isinstance(study, str) else study
+    if one is study and one.name in (*registry.NAMES, *registry.UNLISTED):
+        raise ValueError(f"name = {one.name!r}: a predefined study is called so; choose another")
+    sweep = one.sweep(given, record=record, sample_rate=sample_rate)
+    if sweep.name != one.name:
+        raise ValueError(
+            f"build: the sweep is called {sweep.name!r}; it must be called as the study, {one.name!r}"
+        )
+    file = results_folder(out) / one.name / f"{one.name}.nc"
     return sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
 
 
-def run(name: str, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False) -> Finished:
-    """Plan and execute a study."""
-    return execute(plan(name, given, out, fresh=fresh), *backend(None, None))
+def run(
+    study: str | Study, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False
+) -> Finished:
+    """Plan and execute a study, by its name or one's own."""
+    own = None if isinstance(study, str) else study
+    return execute(plan(study, given, out, fresh=fresh), *backend(None, None), study=own)
 
 
 def check_free(name: str, out: str | Path | None = None) -> None:
@@ -104,9 +120,13 @@ def execute(
     progress: Progress | None = None,
     *,
     fail_fast: bool = False,
+    study: Study | None = None,
 ) -> Finished:
-    """Run a study's plan, then draw what its file holds, which may be more than was asked for now."""
-    study = registry.load(planned.sweep.name)
+    """Run a study's plan, then draw what its file holds, which may be more than was asked for now.
+
+    A predefined study is known by its plan; one's own is given.
+    """
+    study = registry.load(planned.sweep.name) if study is None else study
     assert planned.store is not None
     dataset = planned.run(scheduler, workers, progress, fail_fast=fail_fast)
     whole = dataset if planned.points == planned.layout.grid.size else sweeps.open_results(planned.store)

@@ -3,7 +3,6 @@
 import ast
 import re
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -72,36 +71,6 @@ def test_both_commands_stand_on_the_readmes_first_screen():
     first = README.splitlines()[:24]
     assert any(".venv/bin/fiv run fig5" in line for line in first)
     assert any(".venv/bin/python -m pytest" in line for line in first)
-
-
-def readme_python() -> list[str]:
-    return re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-
-
-def test_the_readmes_python_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("FIV_RESULTS", raising=False)
-    names: dict = {}
-    exec(readme_python()[0], names)
-    printed = names["modes"].frequency[names["modes"].unstable]
-    assert [round(f) for f in printed] == [398, 2794]
-    assert len(names["data"]["mu"]) == 3
-
-
-def test_the_readmes_own_sweep_runs_and_resumes(tmp_path):
-    _, snippet = readme_python()
-    (tmp_path / "mine.py").write_text(snippet + "print(data['x'].sizes)\n")
-    first, second = (
-        subprocess.run([sys.executable, "mine.py"], cwd=tmp_path, capture_output=True, text=True) for _ in range(2)
-    )
-    assert first.returncode == second.returncode == 0
-    assert "to do           202" in first.stdout
-    assert "to do           0" in second.stdout
-    assert "{'t': 101, 'a': 2}" in second.stdout
-    # What the script does besides is no part of the function.
-    (tmp_path / "mine.py").write_text(snippet + "print(data['x'].max())\n")
-    third = subprocess.run([sys.executable, "mine.py"], cwd=tmp_path, capture_output=True, text=True)
-    assert "to do           0" in third.stdout
 
 
 @pytest.mark.parametrize("name", registry.NAMES)
