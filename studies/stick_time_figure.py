@@ -96,7 +96,8 @@ def _draw_products(axes: Axes, at: xr.Dataset) -> None:
         axes.axvline(
             end, color=figures.RED, linestyle="--", linewidth=1.0, label=f"intermittence ends, {end:.2f} mm/s"
         )
-    axes.set(xscale="log", xlabel="V / (mm/s)", ylabel="T V / µm")
+    _room(axes, 1e3 * V)
+    axes.set(xlabel="V / (mm/s)", ylabel="T V / µm")
     axes.set_ylim(bottom=0.0)
     small: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "fontsize": 6.5, "color": figures.BLUE}
     for x, count in zip(1e3 * V, at["sustained_count"].sum("member").values, strict=True):
@@ -126,23 +127,34 @@ def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
 
 def _draw_collapse(axes: Axes, dataset: xr.Dataset) -> None:
     """Stick time by speed over mu F against V / (mu F): one curve, if friction and load do no more than scale."""
+    every: list[float] = []
     for mu, colour in zip(dataset["mu"].values, COLOURS, strict=False):
         for F, marker in zip(dataset["F"].values, MARKERS, strict=False):
             if not mu > 0.0:
                 continue
             at = dataset.sel(mu=mu, F=F)
             x = 1e3 * at["V"].values / (mu * F)
+            every += x.tolist()
             looks: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 4.0}
             for kind, fill in (("sustained", colour), ("start_up", "none")):
                 y = 1e6 * at["V"].values * _means(at, kind)[0] / (mu * F)
                 label = f"μ = {mu:g}, F = {F:g} N" if kind == "sustained" else None
                 axes.plot(x, y, markerfacecolor=fill, label=label, markeredgewidth=0.7, **looks)
-    axes.set(xscale="log", xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
+    _room(axes, every or [1.0])
+    axes.set(xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
     axes.set_ylim(bottom=0.0)
     _plain(axes)
     axes.legend(
         loc="lower left", fontsize=6.5, ncols=2, title="filled: sustained, open: start-up", title_fontsize=6.5
     )
+
+
+def _room(axes: Axes, x: Any) -> None:
+    """A logarithmic axis for all of `x`, also where nothing is drawn there."""
+    axes.set(xscale="log")
+    drawn = [line.get_ydata() for line in axes.lines if line.get_transform() == axes.transData]
+    if not any(np.isfinite(np.asarray(y, dtype=float)).any() for y in drawn):
+        axes.set_xlim(0.9 * np.min(x), 1.1 * np.max(x))
 
 
 def _plain(axes: Axes) -> None:
