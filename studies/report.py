@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from base64 import b64encode
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
@@ -51,17 +49,9 @@ def write(
         first = missing[0] if missing else registry.NAMES[0]
         raise ValueError(f"{folder}: nothing of this has been computed there yet; begin with: fiv run {first}")
     target = Path(file).expanduser() if file else folder / "report.html"
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     whole = page(results, missing)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+    with runner.written(target) as temporary:
         temporary.write_text(whole, encoding="utf-8", newline="\n")
-        os.replace(temporary, target)
-    except OSError as problem:
-        raise sweeps.StoreError(f"{target} could not be written: {problem.strerror}") from problem
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
     return target
 
 

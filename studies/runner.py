@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -204,16 +204,29 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
     from studies import figures
 
     target = beside.with_suffix(f".{form}")
-    temporary = beside.with_name(f".{target.name}.{os.getpid()}.tmp")
     with figures.style():
         figure = drawn(study, dataset, whose or str(beside))
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
+        with written(target) as temporary:
             figure.savefig(temporary, format=form, dpi=200, metadata=UNDATED[form])
-            os.replace(temporary, target)
-        except OSError as problem:
-            raise sweeps.StoreError(f"{target} could not be written: {problem.strerror}") from problem
-        finally:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
     return target
+
+
+@contextmanager
+def written(target: Path) -> Iterator[Path]:
+    """A temporary file beside `target`, which takes its place when all has gone well.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be written.
+    """
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        os.replace(temporary, target)
+    except OSError as problem:
+        raise sweeps.StoreError(f"{target} could not be written: {problem.strerror}") from problem
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
