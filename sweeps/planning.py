@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # A batch long enough to hide its own cost, short enough to spread and to show progress, small enough to hold.
 BATCH_SECONDS = 1.0
-BATCH_BYTES = 16e6
+BATCH_BYTES = 12e6
 # A short sweep is cut finer, so that all workers have something, but not below this.
 LEAST_BATCHES, SHORTEST = 16, 0.02
 # Towards the end a batch is this share of what is left, down to so long, s: workers end at the same time.

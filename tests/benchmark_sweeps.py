@@ -6,8 +6,6 @@ measured in turns in one run; figures are medians, ratios those of neighbours in
 
 from __future__ import annotations
 
-import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -17,6 +15,8 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+
+from tests.benchmark_stability import machine
 
 # The transient sweep: so many scenes of so many simulated seconds.
 SCENES, SECONDS = 2400, 1.0
@@ -167,18 +167,17 @@ def _copies():
 
 
 def _copy(k):
-    from fivcore import Scene, simulate
+    from fivcore import Scene, simulate_many
 
     points = scenes(SCENES).grid.points()
     every = [Scene(*(float(points[name][j]) for name in ("V", "theta", "mu", "F"))) for j in range(SCENES)]
     # As a sweep orders them: by what shares a basis.
     every.sort(key=lambda scene: scene.theta)
-    simulate(every[0], 0.1)
+    simulate_many(every[:1], 0.1)
     print("ready", flush=True)
     sys.stdin.readline()
     begin = time.perf_counter()
-    for scene in every[k::2]:
-        simulate(scene, SECONDS)
+    simulate_many(every[k::2], SECONDS)
     print(time.perf_counter() - begin)
 
 
@@ -229,7 +228,7 @@ def main():
     elif parts[0] in ("_threads", "_processes"):
         _engine(parts[0][1:])
     else:
-        print(f"{platform.platform()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+        print(machine().removesuffix(", one core used"))
         for part in parts:
             {"overhead": overhead, "memory": memory, "cores": cores, "grid": grid}[part]()
 

@@ -11,7 +11,7 @@ import sys
 
 from tests.benchmark_stability import machine
 
-PARTS = ("stability", "transient", "kernel", "scaling", "sweeps", "studies", "maps", "query")
+PARTS = ("stability", "transient", "kernel", "scaling", "sweeps", "query", "studies", "maps")
 
 
 def main() -> None:
