@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import sweeps
 from studies import registry
@@ -64,8 +64,9 @@ def plan(
     ValueError
         For a study of one's own that has another's name, or whose sweep is not called as it is.
     """
-    one = registry.load(study) if isinstance(study, str) else study
-    if one is study and one.name in (*registry.NAMES, *registry.UNLISTED):
+    own = _own(study)
+    one = own or registry.load(cast(str, study))
+    if own is not None and one.name in (*registry.NAMES, *registry.UNLISTED):
         raise ValueError(f"name = {one.name!r}: a predefined study is called so; choose another")
     sweep = one.sweep(given, record=record, sample_rate=sample_rate)
     if sweep.name != one.name:
@@ -80,8 +81,14 @@ def run(
     study: str | Study, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False
 ) -> Finished:
     """Plan and execute a study, by its name or one's own."""
-    own = None if isinstance(study, str) else study
-    return execute(plan(study, given, out, fresh=fresh), *backend(None, None), study=own)
+    return execute(plan(study, given, out, fresh=fresh), *backend(None, None), study=_own(study))
+
+
+def _own(study: str | Study) -> Study | None:
+    """A study that is given as such, and not by its name."""
+    from studies.study import Study
+
+    return study if isinstance(study, Study) else None
 
 
 def check_free(name: str, out: str | Path | None = None) -> None:

@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 FIV = str(Path(sys.executable).with_name("fiv"))
 
 
@@ -29,6 +31,9 @@ def test_run_prints_numbers_and_leaves_file_and_figure(tmp_path):
     assert written(tmp_path) == ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
     assert "results/fig5/fig5.nc" in done.stderr
     assert "time to expect" in done.stderr
+    # Nothing is drawn or coloured where there is no terminal.
+    assert "\x1b" not in done.stdout + done.stderr
+    assert "━" not in done.stderr
 
 
 def test_quiet_leaves_only_data(tmp_path):
@@ -230,6 +235,7 @@ def test_plain_lines_tell_of_progress_where_there_is_no_terminal(tmp_path):
     assert "\x1b" not in done.stderr
 
 
+@pytest.mark.slow
 def test_workers_are_processes(tmp_path):
     done = fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:2001", "--workers", "2", "-q")
     assert done.returncode == 0, done.stderr
@@ -241,7 +247,12 @@ def test_workers_are_processes(tmp_path):
 def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path):
     environment = {k: v for k, v in os.environ.items() if k != "FIV_RESULTS"}
     environment["DASK_SCHEDULER_ADDRESS"] = "tcp://127.0.0.1:9"
-    run = [FIV, "run", "fig5", "--set", "mu=0:0.5:2001", "-q"]
+    # Less patient than it is.
+    impatient = (
+        "import sys\nimport sweeps.cluster\nfrom studies.cli import main\nsweeps.cluster.PATIENCE = 2.0\n"
+        "sys.argv = ['fiv', 'run', 'fig5', '--set', 'mu=0:0.5:401', '-q']\nmain()"
+    )
+    run = [sys.executable, "-c", impatient]
     done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, env=environment)
     assert done.returncode == 2
     assert done.stderr.startswith("fiv: scheduler = 'tcp://127.0.0.1:9': no Dask scheduler answers there")

@@ -1,4 +1,4 @@
-"""What is shown on a terminal, and what where there is none."""
+"""What is shown on a terminal; what where there is none, `tests/test_cli.py` has."""
 
 import os
 import pty
@@ -7,8 +7,7 @@ import subprocess
 import sys
 
 COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
-# Enough to do that a bar is seen.
-COMMAND = (sys.executable, "-m", "studies", "run", "fig5", "--set", "mu=0:0.5:201", "--yes")
+COMMAND = (sys.executable, "-m", "studies", "run", "table4", "--yes")
 
 
 def on_a_terminal(folder, **environment):
@@ -39,14 +38,3 @@ def test_a_bar_in_colour_only_where_it_is_wanted(tmp_path):
     plain = on_a_terminal(tmp_path / "without", NO_COLOR="1")
     assert "━".encode() in plain
     assert not [code for code in COLOUR.findall(plain) if re.search(rb"[34]\d|38|48", code)]
-
-
-def test_quiet_where_it_is_piped(tmp_path):
-    given = os.environ | {"FIV_RESULTS": str(tmp_path)}
-    done = subprocess.run(COMMAND, env=given, capture_output=True)
-    assert done.returncode == 0
-    assert b"\x1b" not in done.stdout + done.stderr
-    assert "━".encode() not in done.stderr
-    quiet = subprocess.run((*COMMAND, "-q", "--fresh"), env=given, capture_output=True)
-    assert quiet.stderr == b""
-    assert quiet.stdout == done.stdout
