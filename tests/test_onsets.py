@@ -40,9 +40,10 @@ def test_the_papers_onsets_by_a_dense_solve(index):
     )
 
 
-@pytest.mark.parametrize(
-    "seed", [5, 14, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (9, 21, 33, 40))]
-)
+SOME_SEEDS = [5, 14, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (9, 21, 33, 40))]
+
+
+@pytest.mark.parametrize("seed", SOME_SEEDS)
 def test_other_rigs_onsets_by_a_dense_solve(seed):
     rig = workshop_rig(seed)
     found = flutter_onsets(rig, 9.0, 8e3, 1.0)
