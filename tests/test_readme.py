@@ -138,7 +138,7 @@ def test_every_example_in_its_order(here):
     """Some minutes."""
     run("bash", "-euo", "pipefail", "-c", "\n".join(COMMANDS))
     for name in ("elsewhere/fig5/fig5.nc", "series/scenes/scenes.png", "results/map/regime-V-mu.png", "lines.csv"):
-        assert (here / name).stat().st_size > 1000
+        assert (here / name).stat().st_size > (100 if name.endswith("csv") else 10_000)
 
 
 @pytest.mark.slow
