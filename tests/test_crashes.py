@@ -134,7 +134,13 @@ def test_killed_at_each_step_on_the_disk(tmp_path, when):
 
 # A terminal's Ctrl-C goes to the whole group; only where there are other processes does it make a difference.
 @pytest.mark.parametrize(
-    ("scheduler", "group"), [("sync", True), ("threads", True), ("processes", True), ("processes", False)]
+    ("scheduler", "group"),
+    [
+        ("sync", True),
+        ("threads", True),
+        ("processes", True),
+        pytest.param("processes", False, marks=pytest.mark.slow),
+    ],
 )
 def test_the_first_interrupt_lets_batches_finish(tmp_path, scheduler, group):
     path, log = tmp_path / "powers.nc", tmp_path / "log"

@@ -298,23 +298,26 @@ def test_a_malformed_spec_is_told_why(text, why):
     assert why in str(caught.value)
 
 
-def test_every_study_has_the_same_bits_in_any_batch():
-    for name in registry.NAMES:
-        sweep = registry.load(name).sweep(SMALLER.get(name, {}))
-        points = sweep.grid.points()
-        whole = sweep.function(points, **sweep.constants)
-        rng = np.random.default_rng(0)
-        for size in (1, 7):
-            some = np.sort(rng.choice(sweep.grid.size, min(size, sweep.grid.size), replace=False))
-            part = sweep.function({axis: values[some] for axis, values in points.items()}, **sweep.constants)
-            # What a run costs is measured anew each time.
-            for variable in set(sweep.variables) - set(COSTS):
-                alone, together = part[variable], np.asarray(whole[variable])[some]
-                if (name, variable) == ("stress", "value"):
-                    alone, together = (
-                        np.delete(each, list(CHECKS).index("cost"), 1) for each in (alone, together)
-                    )
-                np.testing.assert_array_equal(alone, together)
+# Those of every method take long.
+LONG = ("accuracy", "stress")
+QUICK = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in registry.NAMES]
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_study_has_the_same_bits_in_any_batch(name):
+    sweep = registry.load(name).sweep(SMALLER.get(name, {}))
+    points = sweep.grid.points()
+    whole = sweep.function(points, **sweep.constants)
+    rng = np.random.default_rng(0)
+    for size in (1, 7):
+        some = np.sort(rng.choice(sweep.grid.size, min(size, sweep.grid.size), replace=False))
+        part = sweep.function({axis: values[some] for axis, values in points.items()}, **sweep.constants)
+        # What a run costs is measured anew each time.
+        for variable in set(sweep.variables) - set(COSTS):
+            alone, together = part[variable], np.asarray(whole[variable])[some]
+            if (name, variable) == ("stress", "value"):
+                alone, together = (np.delete(each, list(CHECKS).index("cost"), 1) for each in (alone, together))
+            np.testing.assert_array_equal(alone, together)
 
 
 def test_figures_do_not_depend_on_the_users_matplotlib(tmp_path):
