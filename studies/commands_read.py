@@ -169,7 +169,7 @@ def write_report(targets: tuple[str, ...], out: str | None, file: str | None, qu
 
 
 @command("completion", "Print what a shell needs to complete names.")
-@click.argument("shell", type=click.Choice(completion.SHELLS))
+@click.argument("shell", metavar="|".join(completion.SHELLS), type=click.Choice(completion.SHELLS))
 def complete(shell: str, quiet: bool, verbose: bool) -> None:
     """Print what a shell needs to complete names of studies, axes, quantities and columns.
 

@@ -43,10 +43,14 @@ def write(
     StoreError
         If the page cannot be written.
     """
-    results, missing = gather(names, out, told)
+    results, missing, problems = gather(names, out)
     folder = runner.results_folder(out)
+    if problems and not results:
+        raise ValueError(problems[0])
+    for problem in problems:
+        told(problem)
     if not results:
-        first = missing[0] if missing else registry.NAMES[0]
+        first = missing[0]
         raise ValueError(f"{folder}: nothing of this has been computed there yet; begin with: fiv run {first}")
     target = Path(file).expanduser() if file else folder / "report.html"
     whole = page(results, missing)
@@ -55,12 +59,10 @@ def write(
     return target
 
 
-def gather(
-    names: Sequence[str], out: str | Path | None, told: Callable[[str], None]
-) -> tuple[list[Result], list[str]]:
-    """The results there are, in the order of the studies, and the studies there are none of."""
+def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[str]]:
+    """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
     targets = list(dict.fromkeys(names)) or [*registry.NAMES, *_maps(out)]
-    results, missing = [], []
+    results, missing, problems = [], [], []
     for target in targets:
         file = runner.results_file(target, out)
         try:
@@ -72,10 +74,11 @@ def gather(
                 raise
             missing.append(target)
         except (KeyError, ValueError) as problem:
-            told(str(problem) if isinstance(problem, ValueError) else f"{file}: it is not the result of a study")
+            clear = isinstance(problem, ValueError)
+            problems.append(str(problem) if clear else f"{file}: it is not the result of a study")
         else:
             results.append(Result(study, dataset, file, state, target))
-    return results, missing
+    return results, missing, problems
 
 
 def _maps(out: str | Path | None) -> list[str]:

@@ -327,6 +327,7 @@ def test_the_command_writes_the_page_and_says_where(folder, tmp_path, fiv):
         ("fiv report", 2, "results: nothing of this has been computed there yet; begin with: fiv run table4"),
         ("fiv report fig6", 2, "begin with: fiv run fig6"),
         ("fiv report results/map/none.nc", 2, "results/map/none.nc: there is no such file"),
+        ("fiv report ./plain", 2, "plain: it is damaged or not netCDF"),
         ("fiv report table4 --out {folder} --file plain/page.html", 3, "plain/page.html could not be written"),
     ],
 )
