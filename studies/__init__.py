@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import xarray as xr
 
     from studies.study import Study
@@ -17,13 +19,15 @@ if TYPE_CHECKING:
 __all__ = ["open", "run"]
 
 
-def run(study: str | Study, *, fresh: bool = False, **axes: Any) -> xr.Dataset:
+def run(study: str | Study, *, out: str | Path | None = None, fresh: bool = False, **axes: Any) -> xr.Dataset:
     """Run a study, keep its netCDF file and figure in the results folder, and return its dataset.
 
     Parameters
     ----------
     study : str or Study
         As `fiv list` shows it; or one's own (`studies.study.Study`).
+    out : str or Path, optional
+        The results folder; by default FIV_RESULTS, else `results` under the current folder.
     fresh : bool
         Start over where the results folder holds the study with other settings. Otherwise what is there is kept
         and completed.
@@ -43,11 +47,11 @@ def run(study: str | Study, *, fresh: bool = False, **axes: Any) -> xr.Dataset:
     """
     from studies import accessor, runner  # noqa: F401 - with the accessor .fiv
 
-    return runner.run(study, axes, fresh=fresh).dataset
+    return runner.run(study, axes, out, fresh=fresh).dataset
 
 
-def open(name: str) -> xr.Dataset:  # shadows the built-in only as studies.open
-    """Open the kept results of a study, by its name or by the path of a netCDF file."""
+def open(name: str, out: str | Path | None = None) -> xr.Dataset:  # shadows the built-in only as studies.open
+    """Open the kept results of a study: by its name, in the results folder `out`, or by the path of its file."""
     from studies import accessor, runner  # noqa: F401 - with the accessor .fiv
 
-    return runner.open_dataset(name)
+    return runner.open_dataset(name, out)

@@ -5,7 +5,7 @@ It is there once `studies.run` or `studies.open` was called, or after ``import s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,25 +66,28 @@ class Accessor:
         sweeps.StoreError
             If the figure cannot be written.
         """
-        from studies import registry, runner
+        from studies import runner
 
-        study = registry.load(self._dataset.attrs.get("sweep", ""))
+        study = runner.study_of(self._dataset)
         if path is None:
             return runner.drawn(study, self._dataset)
         form = runner.format_of(path, format)
         return runner.plot(study, self._dataset, Path(path), form, "dataset")
 
-    def scene(self, **point: float) -> Scene:
-        """The scene behind a point, ready for `fivcore.simulate`; see `studies.points.scene`."""
+    def scene(self, point: Mapping[str, float] | None = None, /, **named: float) -> Scene:
+        """The scene behind a point, ready for `fivcore.simulate`; see `studies.points.scene`.
+
+        ``data.fiv.scene(mu=0.2)`` and ``data.fiv.scene({"mu": 0.2})`` are the same.
+        """
         from studies.points import scene
 
-        return scene(self._dataset, **point)
+        return scene(self._dataset, **(dict(point or {}) | named))
 
-    def run_options(self, **point: float) -> dict[str, Any]:
+    def run_options(self, point: Mapping[str, float] | None = None, /, **named: float) -> dict[str, Any]:
         """How that scene was run: ``simulate(data.fiv.scene(V=2e-3), **data.fiv.run_options(V=2e-3))``.
 
         See `studies.points.run_options`.
         """
         from studies.points import run_options
 
-        return run_options(self._dataset, **point)
+        return run_options(self._dataset, **(dict(point or {}) | named))

@@ -126,8 +126,18 @@ class Columns:
             )
         from studies.study import suggest
 
-        near = suggest(name, self.names).strip() or f"there are {', '.join(self.names)}"
+        if self._is_word(name):
+            near = f"to compare with the word, write '{name}' in quotes"
+        elif name == "time" and "elapsed" in self.names:
+            near = "did you mean elapsed?"
+        else:
+            near = suggest(name, self.names).strip() or f"there are {', '.join(self.names)}"
         raise ValueError(f"{where} = {name!r}: nothing is called so; {near}")
+
+    def _is_word(self, name: str) -> bool:
+        """Whether it is what a code stands for."""
+        told = (str(each.attrs.get("flag_meanings", "")) for each in self.dataset.variables.values())
+        return any(name in meanings.split() for meanings in told)
 
     def _of_variable(self, name: str, where: str) -> Column:
         variable = self.dataset.variables[name]

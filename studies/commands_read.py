@@ -85,6 +85,7 @@ def query_rows(
     fiv query regimes --where 'mu > 0.2 and regime == "intermittent"' --sort -velocity_rms --limit 5
     fiv query fig5 --where 'growth_rate > 0 and mu == 0.2' --show mu,frequency,growth_rate
     fiv query results/map/growth_rate-theta-mu.nc --where '5 <= theta <= 8' --format csv > map.csv
+    fiv query scenes --where 'status == "failed"' --show V,theta,mu,F,error
 
     EXPR is of comparisons (== != < <= > >=, also 0.1 < mu < 0.2), and, or, not, + - * / **, brackets, numbers,
     'texts' and names: axes, variables, and the settings of the study. Words such as those of regime and status may
@@ -131,13 +132,13 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     fiv plot fig5 --format svg
     fiv plot results/map/growth_rate-theta-mu.nc
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import registry, runner
+    from studies import runner
 
     with InputErrors(verbose):
         dataset = runner.open_dataset(target, out)
-        study = registry.load(dataset.attrs.get("sweep", ""))
         file = runner.results_file(target, out)
-        if out and target not in registry.NAMES:
+        study = runner.study_of(dataset, str(file))
+        if out and (target.endswith(".nc") or "/" in target):
             file = runner.results_folder(out) / file.name
         drawn = runner.plot(study, dataset, file, form)
     click.echo(str(drawn))

@@ -36,6 +36,7 @@ COMPARISONS = ("==", "!=", "<=", ">=", "<", ">")
 # What people write who know other languages.
 HINTS = {
     "=": "to compare is ==",
+    "in": "write mu == 0.1 or mu == 0.2",
     "&": "write and",
     "|": "write or",
     "!": "write not, or != to compare",

@@ -142,8 +142,6 @@ def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]
     """The number of a run within its ensemble."""
     if "member" in every.axes:
         values = np.atleast_1d(every.dataset["member"].values)
-        if "member" not in point and len(values) > 1:
-            raise _needed("member", values)
         return float(_nearest("member", values, point.get("member", values[0])))
     member, most = point.get("member", 1), given["members"]
     if member not in range(1, int(most) + 1):

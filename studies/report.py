@@ -67,7 +67,7 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
         file = runner.results_file(target, out)
         try:
             dataset = runner.open_dataset(target, out)
-            study = registry.load(dataset.attrs["sweep"])
+            study = runner.study_of(dataset, str(file))
             state = sweeps.status(file).state
         except FileNotFoundError:
             if target not in registry.NAMES:

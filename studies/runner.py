@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -155,13 +156,33 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:
-    """The netCDF file that a STUDY or a PATH names."""
-    text = os.fspath(name)
+    """The netCDF file that a STUDY or a PATH names; a study of one's own, or a map, is found by its name too."""
+    text, folder = os.fspath(name), results_folder(out)
     if text in registry.NAMES:
-        return results_folder(out) / text / f"{text}.nc"
+        return folder / text / f"{text}.nc"
     if not (text.endswith(".nc") or os.sep in text):
+        for found in (folder / text / f"{text}.nc", folder / "map" / f"{text}.nc"):
+            if found.exists() or found.with_suffix(".parts").exists():
+                return found
         registry.load(text)  # raises, with a suggestion
     return Path(text).expanduser()
+
+
+def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
+    """The study that a dataset is the result of.
+
+    Raises
+    ------
+    ValueError
+        If it is none of fiv's own.
+    """
+    name = str(dataset.attrs.get("sweep", ""))
+    try:
+        return registry.load(name)
+    except ValueError:
+        raise ValueError(
+            f"{whose}: {name!r} is no study of fiv, which can query it; what it shows is drawn where it is defined"
+        ) from None
 
 
 def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
@@ -178,7 +199,11 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
         try:
             return study.draw(dataset)
         except KeyError as missing:
-            raise ValueError(f"{whose}: it lacks {missing}; make it again with: fiv run {study.name}") from None
+            # xarray lists everything that there is.
+            name = re.sub(r"^No variable named '?([^']*)'?\..*$", r"\1", str(missing.args[0]), flags=re.DOTALL)
+            raise ValueError(
+                f"{whose}: it lacks {name}, which the figure shows; make it whole with: fiv run {study.name}"
+            ) from None
 
 
 def format_of(path: str | Path, form: str | None = None) -> str:

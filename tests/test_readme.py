@@ -84,8 +84,18 @@ def test_a_study_of_ones_own(tmp_path):
     computed = (folder / "head_mass.nc").read_bytes()
     assert run(sys.executable, "mine.py", cwd=tmp_path) == first
     assert (folder / "head_mass.nc").read_bytes() == computed
-    rows = run(sys.executable, "-m", "studies", "query", str(folder / "head_mass.nc"), "--where", "V == 5e-3")
+    rows = run(sys.executable, "-m", "studies", "query", "head_mass", "--where", "V == 5e-3", cwd=tmp_path)
     assert len(rows.splitlines()) == 5
+    said = re.search(r"# (studies\.run\(STUDY, .*\)) for another", PYTHON[1])
+    assert said
+    (tmp_path / "mine.py").write_text(PYTHON[1].replace("studies.run(STUDY)", said[1]))
+    assert len(run(sys.executable, "mine.py", cwd=tmp_path).splitlines()) == 5
+    assert (tmp_path / "longer" / "head_mass" / "head_mass.nc").exists()
+    plot = subprocess.run(
+        [sys.executable, "-m", "studies", "plot", "head_mass"], cwd=tmp_path, capture_output=True
+    )
+    assert plot.returncode == 2
+    assert b"'head_mass' is no study of fiv, which can query it" in plot.stderr
 
 
 def test_a_sweep_of_ones_own_runs_and_resumes(tmp_path):

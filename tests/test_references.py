@@ -36,7 +36,7 @@ NEAR = 0.85
 # Of what moves chaotically nothing else is compared: single series, extremes, counts of few.
 TRANSIENT = ("fig7", "contact", "fig11", "table6", "stick_time", "regimes", "scenes", "accuracy")
 # What the checks of `stress` find is chaotic too, and one of them is a cost: only what came of them is compared.
-FOUND = ("value", "bound")
+FOUND = ("value", "bound", "margin")
 
 
 def scatter(name: str) -> tuple[float, float] | None:

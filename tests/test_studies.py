@@ -351,7 +351,9 @@ def test_opening_takes_paths_and_checks_whose_the_file_is(tmp_path):
 
 def test_a_file_that_lacks_something_is_told(tmp_path):
     data = studies.run("fig5", mu=[0.1, 0.2]).drop_vars("onset_mu")
-    with pytest.raises(ValueError, match=r"it lacks .*onset_mu.*; make it again with: fiv run fig5"):
+    with pytest.raises(
+        ValueError, match=r"it lacks onset_mu, which the figure shows; make it whole with: fiv run fig5"
+    ):
         runner.plot(registry.load("fig5"), data, tmp_path / "fig5.nc")
 
 

@@ -38,3 +38,12 @@ def test_a_bar_in_colour_only_where_it_is_wanted(tmp_path):
     plain = on_a_terminal(tmp_path / "without", NO_COLOR="1")
     assert "━".encode() in plain
     assert not [code for code in COLOUR.findall(plain) if re.search(rb"[34]\d|38|48", code)]
+
+
+def test_output_that_cannot_be_written_is_one_line():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "studies", "completion", "zsh"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 3
+    assert done.stderr == "fiv: standard output could not be written: No space left on device\n"
