@@ -32,7 +32,7 @@ def _offering(
         before, comma, begun = incomplete.rpartition(",") if listed else ("", "", incomplete)
         try:
             every = list(names(context))
-        except Exception:  # noqa: BLE001 - see above
+        except Exception:  # noqa: BLE001 - no place for errors
             return []
         return [CompletionItem(f"{before}{comma}{name}{end}") for name in every if name.startswith(begun)]
 

@@ -161,7 +161,7 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
     if text in registry.NAMES:
         return folder / text / f"{text}.nc"
     if not (text.endswith(".nc") or os.sep in text):
-        for found in (folder / text / f"{text}.nc", folder / "map" / f"{text}.nc"):
+        for found in (folder / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)):
             if found.exists() or found.with_suffix(".parts").exists():
                 return found
         registry.load(text)  # raises, with a suggestion
