@@ -231,3 +231,4 @@ def test_the_two_laws_of_the_paper():
     assert np.all(at["sustained_count"].sum("member")[below] >= 200)
     assert at["exponent"].sel(law="sustained_slow") == pytest.approx(-1.0, abs=0.02)
     assert np.all(at["local_exponent"].sel(kind="sustained", V=[0.8e-3, 1e-3]) < -1.15)
+    assert np.all(at["local_exponent"].sel(kind="sustained", V=[1e-3, 1.3e-3]) < -1.3)
