@@ -214,8 +214,8 @@ class FastRun:
         """Steps `first` to `last` of the present solver; `finer` of them make one of the run's."""
         hearing, recording = self._hearing * finer, self._recording * finer
         leaping = self._leaping and finer == 1 and first * self.step >= self.ramp
-        # Pieces end where no leap crosses, so that recording changes nothing; but what ends a stretch is seen only by
-        # where it stopped, and on the very last step of a piece it is not.
+        # Pieces end where no leap crosses, so that recording changes nothing; but what ends a stretch is seen only
+        # by where it stopped, and on the very last step of a piece it is not.
         reach = REACH * hearing
         piece = reach * max(MOST_ROWS * recording // reach, 1) if recording else last + 1
         step, reached, ended = self._solver.step, first, False
