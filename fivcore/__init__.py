@@ -3,18 +3,18 @@
 Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
 """
 
-from fivcore.bench import LANES, Running, alone, side_by_side
-from fivcore.curves import OnsetCurve, OnsetCurves, onset_curves
-from fivcore.drive import State
 from fivcore.errors import ContactError, DivergenceError
-from fivcore.glued import glued_frequencies, tune_head_mass
-from fivcore.motion import Transient
-from fivcore.onsets import FlutterOnsets, flutter_onsets
 from fivcore.rig import Beam, Rig, Scene
-from fivcore.sliding import SlidingModes, node_positions, sliding_modes
-from fivcore.transient import simulate, simulate_many, simulation
-from fivcore.uniqueness import critical_mu
-from fivcore.windows import UnstableWindows, unstable_windows
+from fivcore.stability.curves import OnsetCurve, OnsetCurves, onset_curves
+from fivcore.stability.glued import glued_frequencies, tune_head_mass
+from fivcore.stability.onsets import FlutterOnsets, flutter_onsets
+from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
+from fivcore.stability.windows import UnstableWindows, unstable_windows
+from fivcore.transient.bench import LANES, Running, alone, side_by_side
+from fivcore.transient.critical import critical_mu
+from fivcore.transient.drive import State
+from fivcore.transient.motion import Transient
+from fivcore.transient.simulate import simulate, simulate_many, simulation
 
 __all__ = [
     "LANES",

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from fivcore import ContactError, DivergenceError, checks, simulate
-from fivcore.published import STEP
-from fivcore.reduced import TERMINATIONS, full_model
+from fivcore.contact.reduced import TERMINATIONS, full_model
+from fivcore.transient.published import STEP
 from studies import accuracy_runs, transients
 from studies import accuracy_settings as asked
 from studies.accuracy_burst import burst

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from fivcore import Scene, simulate
-from fivcore.published import STEP
-from fivcore.reduced import default_cutoff, reduced_model
+from fivcore.contact.reduced import default_cutoff, reduced_model
+from fivcore.transient.published import STEP
 from studies import accuracy_elements, accuracy_events, ensembles
 from studies.accuracy_runs import Cost, timed
 from studies.accuracy_settings import ELEMENTS, EVENTS, FAST, PAPER, Option, model_of, tolerance_of

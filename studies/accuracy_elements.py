@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded
 
 from fivcore import Beam, Rig, Scene
-from fivcore.bases import rig_bases
-from fivcore.elements import hermite
-from fivcore.kernel import kernel
-from fivcore.published import BETA2, STEP, TAU
-from fivcore.published_kernel import published_contact
-from fivcore.reduced import full_model
+from fivcore.beams.elements import hermite
+from fivcore.beams.modes import rig_bases
+from fivcore.contact.reduced import full_model
+from fivcore.jit import kernel
+from fivcore.transient.published import BETA2, STEP, TAU
+from fivcore.transient.published_kernel import published_contact
 from studies.accuracy_track import Track
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from fivcore import Scene
-from fivcore.drive import Canonical
-from fivcore.reduced import ReducedModel
+from fivcore.contact.reduced import ReducedModel
+from fivcore.transient.drive import Canonical
 from studies.accuracy_odes import SEPARATION, SLIP_DOWN, SLIP_UP, STICK, System, systems
 from studies.accuracy_track import Track
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from fivcore import Scene, flutter_onsets, sliding_modes
-from fivcore.reduced import TERMINATIONS, ReducedModel, full_model, reduced_model
+from fivcore.contact.reduced import TERMINATIONS, ReducedModel, full_model, reduced_model
 from studies import transients
 from studies.accuracy_odes import sliding_eigenvalues
 from studies.accuracy_settings import Option, cutoff_of, meshed

@@ -1,4 +1,4 @@
-"""The reduced model's regimes as first-order systems, plainly (`fivcore.contact_law` says the law).
+"""The reduced model's regimes as first-order systems, plainly (`fivcore.contact.law` says the law).
 
 Written from the law alone, for what a user would do with a general tool: eigenvalues of steady sliding, and an
 integrator with events. The state is (q, v, u_N, u_T), all as deviations from rest under a unit load.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore.reduced import ReducedModel
+from fivcore.contact.reduced import ReducedModel
 
 Array = NDArray[np.float64]
 SEPARATION, STICK, SLIP_UP, SLIP_DOWN = range(4)

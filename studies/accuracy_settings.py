@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, published
-from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model, relaxation_time
-from fivcore.step_limit import largest_stable_step, stable
+from fivcore import Rig, Scene
+from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model, relaxation_time
+from fivcore.contact.step_map import largest_stable_step, stable
+from fivcore.transient import published
 from studies import paper
 
 FAST, PAPER, ELEMENTS, EXACT, EVENTS, LINEAR = range(6)
@@ -32,7 +33,7 @@ SCENES = (
     ("12 degrees", 3e-3, 12.0, 0.35, paper.LOAD),
 )
 
-# What `fivcore.reduced.reduced_model` is asked for.
+# What `fivcore.contact.reduced.reduced_model` is asked for.
 MODEL = ("cutoff", "termination", "relaxation_time", "cross_terms")
 # Of a method's largest stable step: to stay below it.
 BELOW = 0.98

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Running, Scene, Transient, checks
-from fivcore.drive import Canonical, slip_distance
+from fivcore.transient.drive import Canonical, slip_distance
 from studies import transients
 from studies.study import Setting
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.special import betaincc
 
 from fivcore import LANES, ContactError, DivergenceError, Running, Scene, alone, checks
-from fivcore.reduced import reduced_model
-from fivcore.settled import steady_sliding
+from fivcore.contact.reduced import reduced_model
+from fivcore.transient.steady import steady_sliding
 from studies import ensembles, paper, scenes, transients
 from studies.regimes_figure import draw
 from studies.regimes_report import findings

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import LANES, ContactError, DivergenceError, Rig, Running, Scene, alone, checks
-from fivcore.drive import Canonical
+from fivcore.transient.drive import Canonical
 from studies import paper, recording, transients
 from studies.scenes_figure import DONE, FAILED, draw, regimes
 from studies.study import Setting, Study, constants, rig_of, rig_settings

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore.summary import LONG_SHARE
+from fivcore.transient.summary import LONG_SHARE
 from studies import paper
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import published
-from fivcore.reduced import reduced_model
-from fivcore.tally import SEPARATION, SLIP, STICK
+from fivcore.contact.reduced import reduced_model
+from fivcore.transient import published
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 from studies.scenes import SCALED
 from studies.stress_case import POINT
 from studies.stress_runs import BLOCKS, Evidence

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fivcore import critical_mu, published
-from fivcore.reduced import full_model, reduced_model
-from fivcore.step_limit import largest_stable_step, stable
+from fivcore import critical_mu
+from fivcore.contact.reduced import full_model, reduced_model
+from fivcore.contact.step_map import largest_stable_step, stable
+from fivcore.transient import published
 
 if TYPE_CHECKING:
     from studies.stress_questions import Question

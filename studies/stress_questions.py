@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Rig, Scene, Transient, published, simulate
-from fivcore.drive import Canonical, slip_distance
-from fivcore.exact import STEP as GRID
-from fivcore.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore import Rig, Scene, Transient, simulate
+from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore.transient import published
+from fivcore.transient.drive import Canonical, slip_distance
+from fivcore.transient.exact import STEP as GRID
 from studies.stress_case import DURATION, POINT, Case
 from studies.stress_limits import driven
 from studies.stress_starts import first_state
@@ -107,7 +108,7 @@ class Question:
 
     @property
     def refines_onset(self) -> bool:
-        """Whether "fast" may take the onset with more modes than `model` has (`fivcore.fast`)."""
+        """Whether "fast" may take the onset with more modes than `model` has (`fivcore.transient.fast`)."""
         own = self.options.get("cutoff") is None and not self.start and "contact_motion" not in self.options
         return self.method == "fast" and own and self.options.get("termination") != "none"
 

@@ -7,7 +7,7 @@ K^-1 (N, T) whatever the contact does. A method's contact law is then judged by 
 no gap while they act and none below zero while they do not, and take no more energy than they tell.
 
 In canonical units (F = 1, V > 0). For "fast" the forces are kicks, as its own are. For "paper" the modes move
-exactly, with the damping that the scheme has of itself (`fivcore.published`) added to theirs; the error is of the
+exactly, with the damping that the scheme has itself (`transient.published`) added to theirs; the error is of the
 first order in its step, some thousandths of the compliance of the modes above the usual cut-off.
 """
 
@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fivcore.kernel import kernel
-from fivcore.kicks import Kicks
-from fivcore.propagation import propagator
-from fivcore.published import BETA2
-from fivcore.reduced import ReducedModel, full_model
+from fivcore.beams.free_motion import propagator
+from fivcore.contact.impulse import Kicks
+from fivcore.contact.reduced import ReducedModel, full_model
+from fivcore.jit import kernel
+from fivcore.transient.published import BETA2
 from studies.stress_questions import Question
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Transient
-from fivcore.drive import Canonical, State
-from fivcore.exact_states import states_at
+from fivcore.transient.drive import Canonical, State
+from fivcore.transient.exact_states import states_at
 from studies.stress_case import POINT, Case
 from studies.stress_questions import Question
 from studies.stress_replay import Replay, replayed

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from fivcore import Scene
-from fivcore.propagation import propagator
-from fivcore.reduced import ReducedModel, default_cutoff, full_model
-from fivcore.tally import SEPARATION, SLIP, STICK
+from fivcore.beams.free_motion import propagator
+from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 Array = NDArray[np.float64]
 Start = tuple[Array, Array, int]

@@ -25,7 +25,7 @@ from fivcore import (
     side_by_side,
     simulation,
 )
-from fivcore.motion import SETTLING as SETTLING_TIME
+from fivcore.transient.motion import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.study import Setting, constants
 from sweeps import Axis, Grid, Variable

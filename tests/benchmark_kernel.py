@@ -15,13 +15,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fivcore import LANES, Rig, Scene, simulate_many
-from fivcore import lane_rows as rows
-from fivcore.bench import GROUPS
-from fivcore.fast_solver import frozen_solver
-from fivcore.kernel import kernel
-from fivcore.lane_modes import kick_and_move
-from fivcore.lanes import WIDTH, aligned, each, fma, load, store
-from fivcore.reduced import reduced_model
+from fivcore.contact.reduced import reduced_model
+from fivcore.jit import kernel
+from fivcore.transient import lane_rows as rows
+from fivcore.transient.bench import GROUPS
+from fivcore.transient.fast_solver import frozen_solver
+from fivcore.transient.lane_modes import kick_and_move
+from fivcore.transient.lanes import WIDTH, aligned, each, fma, load, store
 from tests.benchmark_stability import machine
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)

@@ -22,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fivcore import Rig, Scene, simulate, simulate_many
-from fivcore.reduced import reduced_model
+from fivcore.contact.reduced import reduced_model
 from studies import figures
 from tests.benchmark_stability import machine
 

@@ -17,7 +17,9 @@ import numpy as np
 from scipy.linalg import eigvals, null_space
 from threadpoolctl import threadpool_limits
 
-from fivcore import Rig, bases, flutter_onsets, glued_frequencies, sliding_modes, sliding_problem
+from fivcore import Rig, flutter_onsets, glued_frequencies, sliding_modes
+from fivcore.beams import modes as bases
+from fivcore.stability import problem as sliding_problem
 from tests import reference
 
 

@@ -13,9 +13,9 @@ import tracemalloc
 from threadpoolctl import threadpool_limits
 
 from fivcore import LANES, Rig, Scene, simulate, simulate_many
-from fivcore.bases import lower_basis
-from fivcore.published import STEP
-from fivcore.reduced import full_model, reduced_model, relaxation_time
+from fivcore.beams.modes import lower_basis
+from fivcore.contact.reduced import full_model, reduced_model, relaxation_time
+from fivcore.transient.published import STEP
 from tests.benchmark_stability import machine
 
 SPEEDS = (1e-3, 2e-3, 5e-3)

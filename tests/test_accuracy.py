@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from fivcore import Beam, Rig, Scene, Transient, flutter_onsets, simulate, sliding_modes
-from fivcore.reduced import TERMINATIONS, default_cutoff, full_model, reduced_model
+from fivcore.contact.reduced import TERMINATIONS, default_cutoff, full_model, reduced_model
 from studies import (
     accuracy_elements,
     accuracy_errors,

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from fivcore import Beam, Rig, sliding_modes
-from fivcore.bases import lower_basis, natural_modes, rig_bases, upper_basis
-from fivcore.elements import axial, bending, hermite
+from fivcore.beams.elements import axial, bending, hermite
+from fivcore.beams.modes import lower_basis, natural_modes, rig_bases, upper_basis
 from tests.rigs import workshop_rig
 
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.linalg import eigh
 
 from fivcore import Rig, Scene, State, simulate, sliding_modes
-from fivcore.bench import Stretch, fulfil
-from fivcore.fast_solver import Solver
-from fivcore.lane_rows import SAMPLED
-from fivcore.propagation import propagator
-from fivcore.reduced import ReducedModel, full_model
-from fivcore.tally import DAMPED, FRICTION, IMPACT, TERMINATION, WORK, Tally
+from fivcore.beams.free_motion import propagator
+from fivcore.contact.reduced import ReducedModel, full_model
+from fivcore.transient.bench import Stretch, fulfil
+from fivcore.transient.fast_solver import Solver
+from fivcore.transient.lane_rows import SAMPLED
+from fivcore.transient.statistics import DAMPED, FRICTION, IMPACT, TERMINATION, WORK, Tally
 from tests.test_published import stepped
 from tests.transient_reference import SEPARATION, SLIP, STICK
 

@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import Rig, Scene, State, fast, settled, simulate, sliding_modes
-from fivcore.bench import Stretch, fulfil
-from fivcore.drive import Canonical
-from fivcore.fast import ANCHOR, U_T, FastRun
-from fivcore.reduced import full_model, reduced_model
-from fivcore.settled import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
-from fivcore.step_limit import step_matrices
-from fivcore.tally import SLIP, Tally
+from fivcore import Rig, Scene, State, simulate, sliding_modes
+from fivcore.contact.reduced import full_model, reduced_model
+from fivcore.contact.step_map import step_matrices
+from fivcore.transient import fast
+from fivcore.transient import steady as settled
+from fivcore.transient.bench import Stretch, fulfil
+from fivcore.transient.drive import Canonical
+from fivcore.transient.fast import ANCHOR, U_T, FastRun
+from fivcore.transient.statistics import SLIP, Tally
+from fivcore.transient.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
 from tests.rigs import workshop_rig
 
 SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")

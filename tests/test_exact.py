@@ -6,15 +6,16 @@ import mpmath
 import numpy as np
 import pytest
 
-from fivcore import ContactError, Rig, Scene, exact_kernels
-from fivcore.bench import Stretch, fulfil
-from fivcore.drive import Canonical, State, displacement, slip_distance
-from fivcore.exact import DWELL, HELD, ExactRun
-from fivcore.exact_kernels import search, value_and_slope
-from fivcore.exact_states import states_at
-from fivcore.fast import FastRun
-from fivcore.reduced import ReducedModel, full_model, reduced_model
-from fivcore.tally import (
+from fivcore import ContactError, Rig, Scene
+from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
+from fivcore.transient import exact_kernels
+from fivcore.transient.bench import Stretch, fulfil
+from fivcore.transient.drive import Canonical, State, displacement, slip_distance
+from fivcore.transient.exact import DWELL, HELD, ExactRun
+from fivcore.transient.exact_kernels import search, value_and_slope
+from fivcore.transient.exact_states import states_at
+from fivcore.transient.fast import FastRun
+from fivcore.transient.statistics import (
     DAMPED,
     FIRST_SEPARATION,
     FIRST_SLIP,

@@ -307,15 +307,25 @@ def test_the_project_itself(tmp_path):
         before = sources(fig7.histories)
         print(json.dumps([fig7.__file__, before,
             changed("studies/fig7.py", "draw"), changed("studies/fig7.py", "findings"),
-            changed("fivcore/fast_kernel.py", "work"), changed("studies/fig7.py", "histories")]))
+            changed("fivcore/transient/fast_kernel.py", "work"), changed("studies/fig7.py", "histories")]))
         """,
         tmp_path,
     )
     file, before, *changed = json.loads(printed)
     assert Path(file).is_relative_to(tmp_path)
-    assert {"fivcore.fast", "fivcore.fast_kernel", "studies.transients", "studies.fig7"} <= set(before)
+    assert {
+        "fivcore.transient.fast",
+        "fivcore.transient.fast_kernel",
+        "studies.transients",
+        "studies.fig7",
+    } <= set(before)
     assert not {"studies.figures", "studies.registry", "matplotlib", "sweeps.plan"} & set(before)
-    assert changed == [[], [], ["fivcore.fast_kernel"], ["fivcore.fast_kernel", "studies.fig7"]]
+    assert changed == [
+        [],
+        [],
+        ["fivcore.transient.fast_kernel"],
+        ["fivcore.transient.fast_kernel", "studies.fig7"],
+    ]
 
 
 def test_a_run_leaves_the_projects_own_identity():

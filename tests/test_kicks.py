@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fivcore import Rig, Scene, simulate
-from fivcore.contact_law import regime_maps
-from fivcore.kicks import SMALL, at_kicks, between_kicks
-from fivcore.propagation import propagator
-from fivcore.published import ADDED_DAMPING
-from fivcore.reduced import default_cutoff, reduced_model
-from fivcore.settled import steady_sliding
+from fivcore.beams.free_motion import propagator
+from fivcore.contact.impulse import SMALL, at_kicks, between_kicks
+from fivcore.contact.law import regime_maps
+from fivcore.contact.reduced import default_cutoff, reduced_model
+from fivcore.transient.published import ADDED_DAMPING
+from fivcore.transient.steady import steady_sliding
 
 STEP = 2e-6
 

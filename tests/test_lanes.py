@@ -6,16 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fivcore import LANES, ContactError, Rig, Scene, critical_mu, simulate, simulate_many
-from fivcore import lane_rows as rows
-from fivcore.bench import Bench
-from fivcore.fast_kernel import work
-from fivcore.fast_solver import frozen_solver
-from fivcore.kernel import SOURCES, kernel
-from fivcore.lanes import WIDTH, aligned, bits, each, fma, load, select, store
-from fivcore.leap_sums import HEAD, LOG, LOOKS, OVER_VALUES
-from fivcore.leaps import leaps
-from fivcore.reduced import reduced_model
-from fivcore.step_limit import step_matrices
+from fivcore.contact.reduced import reduced_model
+from fivcore.contact.step_map import step_matrices
+from fivcore.jit import SOURCES, kernel
+from fivcore.transient import lane_rows as rows
+from fivcore.transient.bench import Bench
+from fivcore.transient.fast_kernel import work
+from fivcore.transient.fast_solver import frozen_solver
+from fivcore.transient.lanes import WIDTH, aligned, bits, each, fma, load, select, store
+from fivcore.transient.leap_sums import HEAD, LOG, LOOKS, OVER_VALUES
+from fivcore.transient.leaps import leaps
 
 SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fivcore import Rig, flutter_onsets, onset_curves, sliding_modes, unstable_windows
-from fivcore.bases import contact_modes
-from fivcore.inclination import inclination
+from fivcore.beams.modes import contact_modes
+from fivcore.stability.inclination import inclination
 from tests.rigs import angles, rigs, workshop_rig
 
 PAPER = onset_curves(Rig(), np.linspace(-10.0, 40.0, 101))

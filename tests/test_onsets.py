@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from fivcore import Beam, Rig, flutter_onsets, onset_kernels, sliding_modes
-from fivcore.bases import contact_modes
+from fivcore import Beam, Rig, flutter_onsets, sliding_modes
+from fivcore.beams.modes import contact_modes
+from fivcore.stability import onset_kernels
 from tests import reference
 from tests.rigs import workshop_rig
 

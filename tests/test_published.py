@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, State, simulate
-from fivcore.drive import Canonical
-from fivcore.published import BETA2, STEP, TAU, PaperRun, largest_step
-from fivcore.published_kernel import advance
-from fivcore.reduced import full_model
+from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
-from fivcore.tally import Tally
+from fivcore.transient.drive import Canonical
+from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
+from fivcore.transient.published_kernel import advance
+from fivcore.transient.statistics import Tally
 from tests.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
 
 COARSE = Rig(replace(P1, elements=6), replace(P2, elements=10), contact_position=0.083)

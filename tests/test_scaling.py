@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, simulate
-from fivcore.drive import Canonical
+from fivcore.transient.drive import Canonical
 
 SCALED = (
     "velocity_rms",

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fivcore import ContactError, Rig, Scene, critical_mu, reduced, simulate, simulation
+from fivcore import ContactError, Rig, Scene, critical_mu, simulate, simulation
+from fivcore.contact import reduced
 from studies import figures, recording, registry, scenes, transients
 
 # One geometric ratio for V and F, no power of two, and with it the same V / F again and again.

@@ -6,20 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from fivcore import (
-    Beam,
-    Rig,
-    Scene,
-    bases,
-    flutter_onsets,
-    node_positions,
-    secular,
-    sliding,
-    sliding_modes,
-    sliding_problem,
-)
-from fivcore.bases import rig_bases
-from fivcore.kernel import kernel
+from fivcore import Beam, Rig, Scene, flutter_onsets, node_positions, sliding_modes
+from fivcore.beams import modes as bases
+from fivcore.beams.modes import rig_bases
+from fivcore.jit import kernel
+from fivcore.stability import problem as sliding_problem
+from fivcore.stability import secular, sliding
 from tests import reference
 from tests.rigs import angles, frictions, rigs, workshop_rig
 

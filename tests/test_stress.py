@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fivcore import Beam, ContactError, DivergenceError, Rig, Scene, critical_mu, published, simulate
-from fivcore.propagation import propagator
-from fivcore.reduced import full_model, reduced_model
+from fivcore import Beam, ContactError, DivergenceError, Rig, Scene, critical_mu, simulate
+from fivcore.beams.free_motion import propagator
+from fivcore.contact.reduced import full_model, reduced_model
+from fivcore.contact.step_map import at_most
 from fivcore.rig import P1, P2
-from fivcore.step_limit import at_most
+from fivcore.transient import published
 from studies import figures, registry, stress, stress_checks, stress_report, stress_runs, tables
 from studies.stress_case import APART, CAME, DEAR, FAILS, METHODS, PASSES, POINT
 from studies.stress_cases import CASES, GROUPS

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene
-from fivcore.drive import Canonical, displacement, slip_distance
-from fivcore.listener import Correlation, Listener, Welch
-from fivcore.summary import Outcome, regime_of, summarise
-from fivcore.tally import (
+from fivcore.transient.drive import Canonical, displacement, slip_distance
+from fivcore.transient.spectra import Correlation, Listener, Welch
+from fivcore.transient.statistics import (
     BINS,
     DAMPED,
     FRICTION,
@@ -23,6 +22,7 @@ from fivcore.tally import (
     quantile,
     spread,
 )
+from fivcore.transient.summary import Outcome, regime_of, summarise
 
 RATE = 50e3
 SCENE = Canonical.of(Scene(2e-3, 5.0, 0.2, 9.0))

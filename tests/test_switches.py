@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, critical_mu, simulate
-from fivcore.published import BETA2, TAU, contact_closing, largest_step
-from fivcore.reduced import full_model, reduced_model, relaxation_time
-from fivcore.step_limit import at_most
+from fivcore.contact.reduced import full_model, reduced_model, relaxation_time
+from fivcore.contact.step_map import at_most
+from fivcore.transient.published import BETA2, TAU, contact_closing, largest_step
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
 CUTOFF = 75e3

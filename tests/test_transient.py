@@ -14,14 +14,14 @@ from fivcore import (
     Rig,
     Scene,
     critical_mu,
-    fast,
     glued_frequencies,
     simulate,
     simulate_many,
-    step_limit,
 )
-from fivcore.published import STEP, TAU
-from fivcore.reduced import full_model, reduced_model
+from fivcore.contact import step_map as step_limit
+from fivcore.contact.reduced import full_model, reduced_model
+from fivcore.transient import fast
+from fivcore.transient.published import STEP, TAU
 from tests.ensembles import FRACTIONS, SCENES, compare
 from tests.rigs import workshop_rig
 

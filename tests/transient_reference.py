@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from fivcore.bases import rig_bases
+from fivcore.beams.modes import rig_bases
 from tests.reference import assemble, element
 
 SEPARATION, STICK, SLIP = 0, 1, 2

@@ -1,0 +1,1 @@
+"""The two beams taken apart: finite elements, modes, and free motion of a mode."""

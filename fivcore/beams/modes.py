@@ -1,0 +1,218 @@
+"""Modal bases of the two separate beams, and what the contact sees of them.
+
+The contact is the only coupling between the beams: two forces at one point. In the modes of the separate
+beams everything else is diagonal, so a beam is known by its squared angular frequencies and by how far each
+mode opens the gap (normal) and shifts it (tangential). All modes together *are* the finite-element model.
+
+Signs: the gap g_N = y_C - y_D is open when positive, g_T = x_C - x_D; the normal force N >= 0 and the
+tangential force T act on P1 along +y and +x, and the opposite way on P2.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, eigh, solve_triangular
+from threadpoolctl import ThreadpoolController
+
+from fivcore.beams.elements import Family, axial, bending, hermite
+from fivcore.jit import Array
+from fivcore.rig import Beam, Rig
+
+_blas = ThreadpoolController()
+_blas_lock = threading.RLock()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread: how many it uses changes the last bits of what it computes."""
+    # The limit is the process's; under the lock nobody restores it while another still needs it.
+    with _blas_lock, _blas.limit(limits=1):
+        yield
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Mass-normalised modes seen from the contact point; arrays are read-only.
+
+    Attributes
+    ----------
+    stiffness : ndarray, (n,)
+        Squared angular frequencies of the undamped modes, rad2/s2, ascending within each family.
+    normal, tangential : ndarray, (n,)
+        What a unit of each modal coordinate adds to g_N and to g_T, kg^-1/2.
+    nodes : ndarray, (nodes, 2)
+        Undeformed positions x, y relative to the contact point, m, from the held end on.
+    shapes : ndarray, (nodes, 3, n)
+        Displacement along x and y, and rotation, at the nodes, the held end included.
+    """
+
+    stiffness: Array
+    normal: Array
+    tangential: Array
+    nodes: Array
+    shapes: Array
+
+    def __post_init__(self) -> None:
+        for part in (self.stiffness, self.normal, self.tangential, self.nodes, self.shapes):
+            part.setflags(write=False)
+
+    @property
+    def frequency(self) -> Array:
+        """Natural frequencies, Hz."""
+        return np.asarray(np.sqrt(self.stiffness) / (2.0 * np.pi))
+
+    def static_residual(self, kept: NDArray[np.bool_]) -> Array:
+        """Static flexibility of the modes that are not `kept`, (2, 2), m/N.
+
+        Row and column 0 belong to the normal, 1 to the tangential direction.
+        """
+        dropped = ~np.asarray(kept, dtype=bool)
+        if np.any(self.stiffness[dropped] == 0.0):
+            raise ValueError("kept drops a rigid mode, whose static flexibility is infinite; keep it")
+        shape = np.stack([self.normal[dropped], self.tangential[dropped]])
+        return np.asarray((shape / self.stiffness[dropped]) @ shape.T)
+
+
+@lru_cache(maxsize=16)
+@one_blas_thread()
+def lower_basis(beam: Beam, contact_position: float) -> Basis:
+    """Modes of P2 alone: clamped at one end, free at the other; bending first, then axial.
+
+    Neither theta, nor mu, V and F enter. The contact lies on the neutral axis, so the two families do not
+    couple: bending modes have no tangential, axial modes no normal part.
+    """
+    (axial_values, axial_vectors), (bending_values, bending_vectors) = cantilever_modes(beam)
+    axial_row, bending_row = hermite(beam, contact_position)
+    na, nb = len(axial_values), len(bending_values)
+    normal, tangential = np.zeros(nb + na), np.zeros(nb + na)
+    normal[:nb] = -bending_row @ bending_vectors
+    tangential[nb:] = -axial_row @ axial_vectors
+    shapes = np.zeros((beam.elements + 1, 3, nb + na))
+    shapes[1:, 0, nb:] = axial_vectors
+    shapes[1:, 1, :nb] = bending_vectors[0::2]
+    shapes[1:, 2, :nb] = bending_vectors[1::2]
+    s = np.linspace(0.0, beam.length, beam.elements + 1)
+    nodes = np.stack([s - contact_position, np.zeros_like(s)], axis=1)
+    values = np.concatenate([bending_values, axial_values])
+    return Basis(values, _clean(normal), _clean(tangential), nodes, shapes)
+
+
+@lru_cache(maxsize=16)
+@one_blas_thread()
+def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
+    """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
+
+    The motion is split into the support's, Y along y, and the beam's relative to it, v, a cantilever held
+    at A. Without contact nothing holds Y, so m_total Y + carried^T v = 0, and the elastic modes are those of
+    the cantilever with the mass matrix M - carried carried^T / m_total. theta enters only here.
+    """
+    along, across = families(beam)
+    na, nb = len(along.carried), len(across.carried)
+    sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
+    # The beam's own axes, from A down to C and across it, in terms of x and y.
+    axis, transverse = np.array([-sine, -cosine]), np.array([cosine, -sine])
+
+    total = beam.mass + head_mass
+    carried = np.concatenate([along.carried * axis[1], across.carried * transverse[1]])
+    mass = _diagonal_blocks(along.mass, across.mass) - np.outer(carried, carried) / total
+    stiffness = _diagonal_blocks(along.stiffness, across.stiffness)
+    root = _diagonal_blocks(along.flexibility_root, across.flexibility_root)
+    values, relative = natural_modes(stiffness, mass, root)
+
+    u, w, rotation = np.zeros((3, beam.elements + 1, na + nb))
+    u[1:], w[1:], rotation[1:] = relative[:na], relative[na::2], relative[na + 1 :: 2]
+    shapes = np.zeros((beam.elements + 1, 3, na + nb + 1))
+    shapes[:, 1, 0] = 1.0 / np.sqrt(total)
+    shapes[:, 0, 1:] = axis[0] * u + transverse[0] * w
+    shapes[:, 1, 1:] = axis[1] * u + transverse[1] * w - carried @ relative / total
+    shapes[:, 2, 1:] = rotation
+    s = np.linspace(beam.length, 0.0, beam.elements + 1)
+    nodes = -np.outer(s, axis)
+    values = np.concatenate([[0.0], values])
+    return Basis(values, _clean(shapes[-1, 1]), _clean(shapes[-1, 0]), nodes, shapes)
+
+
+def rig_bases(rig: Rig, theta: float) -> tuple[Basis, Basis]:
+    """Bases of P1 and of P2; what exists already is not built again."""
+    return (
+        upper_basis(rig.p1, rig.head_mass, theta),
+        lower_basis(rig.p2, rig.contact_position),
+    )
+
+
+def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
+    """Stiffness, normal and tangential gap shapes of both beams' modes, P1's first."""
+    upper, lower = rig_bases(rig, theta)
+    return (
+        np.concatenate([upper.stiffness, lower.stiffness]),
+        np.concatenate([upper.normal, lower.normal]),
+        np.concatenate([upper.tangential, lower.tangential]),
+    )
+
+
+def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tuple[Array, Array]:
+    """Squared angular frequencies, ascending, and mass-normalised modes of an undamped beam.
+
+    One symmetric eigenproblem finds only its largest eigenvalues to full relative accuracy, and a beam's
+    squared frequencies span ten orders of magnitude. The lower half is therefore read from the flexibility
+    (eigenvalues 1/omega^2 of R^T M R), the upper half from the stiffness.
+
+    Parameters
+    ----------
+    stiffness, mass : ndarray, (n, n)
+        Symmetric and positive definite.
+    flexibility_root : ndarray, (n, n)
+        R with R R^T = stiffness^-1.
+
+    Returns
+    -------
+    values : ndarray, (n,)
+    vectors : ndarray, (n, n)
+        One mode a column.
+    """
+    flexibility, y = eigh(flexibility_root.T @ mass @ flexibility_root)
+    factor = cholesky(mass, lower=True)
+    half = solve_triangular(factor, stiffness, lower=True)
+    values, z = eigh(solve_triangular(factor, half.T, lower=True))
+    vectors = solve_triangular(factor, z, lower=True, trans="T")
+    # Both are equally accurate at the geometric mean of the extreme frequencies.
+    lower = int(np.count_nonzero(flexibility > np.sqrt(flexibility[-1] / values[-1])))
+    values[:lower] = 1.0 / flexibility[::-1][:lower]
+    vectors[:, :lower] = flexibility_root @ y[:, ::-1][:, :lower] * np.sqrt(values[:lower])
+    return values, vectors
+
+
+@lru_cache(maxsize=16)
+@one_blas_thread()
+def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Eigenvalues and modes of a beam clamped at one end: axial ones and bending ones."""
+    along, across = families(beam)
+    return (
+        natural_modes(along.stiffness, along.mass, along.flexibility_root),
+        natural_modes(across.stiffness, across.mass, across.flexibility_root),
+    )
+
+
+@lru_cache(maxsize=16)
+def families(beam: Beam) -> tuple[Family, Family]:
+    """The axial and the bending elements of a beam."""
+    return axial(beam), bending(beam)
+
+
+def _clean(row: Array) -> Array:
+    """Set what is rounding beside the largest entry to zero: there is no coupling, not a tiny one."""
+    return np.where(np.abs(row) > 1e-15 * np.abs(row).max(initial=0.0), row, 0.0)
+
+
+def _diagonal_blocks(first: Array, second: Array) -> Array:
+    n, m = len(first), len(second)
+    joined = np.zeros((n + m, n + m))
+    joined[:n, :n], joined[n:, n:] = first, second
+    return joined

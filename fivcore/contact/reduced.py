@@ -1,0 +1,280 @@
+"""Which modes of a rig are kept, and what stands for the others at the contact.
+
+The modes above the cut-off are much faster than what is asked for, but they cannot be dropped: they are most
+of the contact's own compliance, and they take energy out of impacts. `reduced_model` puts the visco-elastic
+element of `fivcore.contact.law` in their place:
+
+- K is the inverse of their static flexibility, cross terms included, so that sliding stability and everything
+  quasi-static stay as they are with all modes;
+- C = tau K. With all modes, an upright P1 that strikes P2 at uniform speed stays in contact until its own sound
+  wave comes back. With the kept modes alone, contact rings against the element and would open again at
+  once. tau is the smallest relaxation time for which it does not: one number for a rig and a cut-off,
+  independent of inclination, speed, load and friction. It is never below d2, their own material damping.
+  "elastic" is tau = 0.
+
+What the law leaves open can be asked for otherwise, to see what it is worth: another tau, or an element whose
+static flexibility lacks its cross terms, so that normal and tangential force do not meet in it.
+
+With the termination "none" the modes above the cut-off are dropped and the kept ones touch rigidly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from fivcore.beams.elements import axial
+from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
+from fivcore.contact.impulse import Kicks, kicks
+from fivcore.jit import Array, kernel
+from fivcore.rig import Rig
+
+# The default cut-off lies just above the second axial mode of P1, 3 c / (4 L): with it and the first, most of
+# what the contact feels along its normal is kept.
+AXIAL = 3.1
+LEAST_KEPT = 3
+TERMINATIONS = ("absorbing", "elastic", "none")
+# Default step of `fast` in units of the contact's own time 1 / omega (an undamped element loses what energy
+# the step gets wrong nowhere, so it is finer) and, without an element, of the fastest mode's; the largest.
+STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.82, 0.3, 0.5, 2.35
+# How much of its velocity a mode may lose in a default step, as a power of e: the contact takes the mean of a
+# velocity over a kick, and a kick that is gone before the next has no such mean.
+MOST_LOST = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedModel:
+    """Kept modes and the contact element; arrays are read-only.
+
+    Attributes
+    ----------
+    stiffness, damping : ndarray, (n,)
+        omega^2 in rad2/s2 and d1 + d2 omega^2 in 1/s.
+    normal, tangential : ndarray, (n,)
+        Gap shapes, kg^-1/2, as in `fivcore.beams.modes`.
+    inertia : ndarray, (n,)
+        Modal force for a unit acceleration of P2's clamp.
+    point_b : ndarray, (n,)
+        Displacement of B along x for a unit of each modal coordinate.
+    rest : ndarray, (n,)
+        Static equilibrium under a unit load, T = 0.
+    kept : ndarray, (all modes,)
+        Which modes of `fivcore.beams.modes.contact_modes` these are.
+    K, C : ndarray, (2, 2)
+        Stiffness and damping of the element; zero where there is none.
+    """
+
+    stiffness: Array
+    damping: Array
+    normal: Array
+    tangential: Array
+    inertia: Array
+    point_b: Array
+    rest: Array
+    kept: NDArray[np.bool_]
+    K: Array
+    C: Array
+
+    def __post_init__(self) -> None:
+        for part in vars(self).values():
+            part.setflags(write=False)
+
+    @property
+    def W(self) -> Array:
+        """Inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
+        shape = np.stack([self.normal, self.tangential])
+        return np.asarray(shape @ shape.T)
+
+    def kicks(self, step: float) -> Kicks:
+        """How steps of `fast` see it."""
+        shapes = np.stack([self.normal, self.tangential])
+        return kicks(self.stiffness, self.damping, shapes, self.K, self.C, step)
+
+    @cached_property
+    def contact_frequency(self) -> float:
+        """The largest angular frequency of the kept modes' mass on the element, rad/s; zero without one."""
+        if not self.K.any():
+            return 0.0
+        return float(np.sqrt(np.linalg.eigvals(self.K @ self.W).real.max()))
+
+    @property
+    def default_step(self) -> float:
+        """Step of `fast`, s: rounded down to two digits."""
+        omega = self.contact_frequency
+        share = STEP if self.C.any() else ELASTIC_STEP
+        most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
+        damping = float(self.damping.max())
+        most = min(most, MOST_LOST / damping) if damping > 0.0 else most
+        digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
+        return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
+
+    @property
+    def largest_step(self) -> float:
+        """Beyond this step `fast` is unstable, s."""
+        omega = self.contact_frequency
+        return LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
+
+
+@lru_cache(maxsize=64)
+@one_blas_thread()
+def full_model(rig: Rig, theta: float) -> ReducedModel:
+    """Every mode of both beams, and no element: the finite-element model itself."""
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    upper, lower = rig_bases(rig, theta)
+    n1 = len(upper.stiffness)
+    inertia, point_b, load = np.zeros((3, len(stiffness)))
+    inertia[n1:] = -axial(rig.p2).carried @ lower.shapes[1:, 0]
+    place = (1.0 - rig.point_b) * rig.p1.elements
+    node = min(int(place), rig.p1.elements - 1)
+    ends = upper.shapes[node : node + 2, 0]
+    point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
+    load[:n1] = -upper.shapes[0, 1]
+    rest = equilibrium(stiffness, normal, load, 0.0)
+    kept = np.ones(len(stiffness), dtype=bool)
+    damping = rig.d1 + rig.d2 * stiffness
+    return ReducedModel(
+        stiffness.copy(),
+        damping,
+        normal.copy(),
+        tangential.copy(),
+        inertia,
+        point_b,
+        rest,
+        kept,
+        np.zeros((2, 2)),
+        np.zeros((2, 2)),
+    )
+
+
+def default_cutoff(rig: Rig) -> float:
+    """Cut-off of a rig's reduced model, Hz: 75 kHz for the paper's."""
+    beam = rig.p1
+    return float(AXIAL * np.sqrt(beam.young_modulus / beam.density) / (4.0 * beam.length))
+
+
+@lru_cache(maxsize=64)
+@one_blas_thread()
+def reduced_model(
+    rig: Rig,
+    theta: float,
+    cutoff: float | None = None,
+    termination: str = "absorbing",
+    relaxation_time: float | None = None,
+    cross_terms: bool = True,
+) -> ReducedModel:
+    """The modes below `cutoff` (Hz) and the element for the others.
+
+    `relaxation_time` is tau, s (None: derived), and does not matter where the termination is not "absorbing".
+    Without `cross_terms` K and C are diagonal.
+    """
+    cutoff = default_cutoff(rig) if cutoff is None else cutoff
+    full = full_model(rig, theta)
+    kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
+    lowest = float(np.sqrt(np.sort(full.stiffness)[LEAST_KEPT - 1])) / (2.0 * np.pi)
+    if kept.sum() < LEAST_KEPT:
+        raise ValueError(
+            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
+        )
+    shape = np.stack([full.normal[~kept], full.tangential[~kept]])
+    flexibility = np.asarray((shape / full.stiffness[~kept]) @ shape.T)
+    if not cross_terms:
+        flexibility = np.diag(np.diag(flexibility))
+    # One or two modes left over are no element; with them the finite elements are complete.
+    if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
+        kept = np.ones(len(kept), dtype=bool)
+    without = bool(kept.all()) or termination == "none"
+    flexibility = np.zeros((2, 2)) if without else flexibility
+    K = np.zeros((2, 2)) if without else np.asarray(np.linalg.inv(flexibility))
+    stiffness, damping = full.stiffness[kept], full.damping[kept]
+    normal, tangential = full.normal[kept], full.tangential[kept]
+    upper, _ = rig_bases(rig, theta)
+    load = np.zeros(len(full.stiffness))
+    load[: len(upper.stiffness)] = -upper.shapes[0, 1]
+    rest = equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
+    tau = _tau(rig, cutoff, relaxation_time) if termination == "absorbing" else 0.0
+    inertia, point_b = full.inertia[kept], full.point_b[kept]
+    return ReducedModel(
+        stiffness, damping, normal, tangential, inertia, point_b, rest, kept, np.asarray(K), np.asarray(tau * K)
+    )
+
+
+def _tau(rig: Rig, cutoff: float, given: float | None) -> float:
+    return max(relaxation_time(rig, cutoff), rig.d2) if given is None else given
+
+
+def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
+    """Modal coordinates under a unit load with N = 1 and T = 0; the rigid mode closes the gap."""
+    elastic = stiffness > 0.0
+    rest = np.zeros(len(stiffness))
+    rest[elastic] = (load + normal)[elastic] / stiffness[elastic]
+    rigid = int(np.flatnonzero(~elastic)[0])
+    rest[rigid] = -(flexibility + normal @ rest) / normal[rigid]
+    return rest
+
+
+@lru_cache(maxsize=64)
+def relaxation_time(rig: Rig, cutoff: float) -> float:
+    """Find tau of the canonical impact, s: the smallest for which contact, once made, does not ring open.
+
+    P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is linear and
+    homogeneous, so neither speed nor load enters; the smallest normal force within the first two periods of
+    the contact is found for a trial tau, and tau by a root finder on it.
+    """
+    full = full_model(rig, 0.0)
+    kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
+    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
+    if kept.all():
+        return 0.0
+    flexibility = float(np.sum(full.normal[~kept] ** 2 / full.stiffness[~kept]))
+    # Where none of the dropped modes moves along the normal of an upright P1 there is nothing to ring against.
+    if flexibility == 0.0:
+        return 0.0
+    spring = 1.0 / flexibility
+    start = np.zeros(len(stiffness))
+    start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
+    omega = float(np.sqrt(spring * (normal @ normal)))
+    step = 0.05 / omega
+    steps = int(4.0 * np.pi / 0.05)
+    flow = propagator(stiffness, damping, step)
+
+    def lowest(tau: float) -> float:
+        return float(_smallest_force(flow, normal, start, spring, tau * spring, step, steps))
+
+    longest = 2.0 / omega
+    if lowest(0.0) >= 0.0:
+        return 0.0
+    if lowest(longest) <= 0.0:
+        return longest
+    return float(brentq(lowest, 0.0, longest, xtol=1e-6 / omega))
+
+
+@kernel
+def _smallest_force(
+    flow: Array, normal: Array, start: Array, spring: float, dashpot: float, step: float, steps: int
+) -> float:
+    """Smallest N after its first rise, relative to the dashpot-free first peak, in a contact that holds."""
+    q, v = np.zeros_like(start), start.copy()
+    inverse_mass = 0.0
+    for j in range(len(normal)):
+        inverse_mass += normal[j] * normal[j]
+    least, highest, risen = np.inf, 0.0, False
+    for _ in range(steps):
+        g, rate = 0.0, 0.0
+        for j in range(len(normal)):
+            q[j], v[j] = flow[0, j] * q[j] + flow[1, j] * v[j], flow[2, j] * q[j] + flow[3, j] * v[j]
+            g += normal[j] * q[j]
+            rate += normal[j] * v[j]
+        N = -(spring * g + dashpot * rate) / (1.0 + 0.5 * step * dashpot * inverse_mass)
+        for j in range(len(normal)):
+            v[j] += step * normal[j] * N
+        if highest < N:
+            highest = N
+        risen = risen or highest > N
+        if risen:
+            least = min(least, N)
+    return least / highest

@@ -1,0 +1,134 @@
+"""The rig at rest with both beams glued at the contact point (section 3.3 and Table 4 of the paper)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fivcore import checks
+from fivcore.beams.modes import contact_modes, rig_bases
+from fivcore.jit import Array, kernel
+from fivcore.rig import Rig
+
+HEAVIEST = 1e9  # kg, the largest head mass that tuning gives
+
+
+def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
+    """Natural frequencies of the undamped rig with both translations of C tied to P2, rotations free.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : float
+        Degrees.
+    count : int
+        How many, from the lowest.
+
+    Returns
+    -------
+    ndarray, (count,)
+        Hz, ascending. The eigenvalues are those of the finite-element model with all its modes, to
+        rounding: they are bisected with the exact number of eigenvalues below a frequency (Wittrick and
+        Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284), which can miss none.
+    """
+    checks.instance("rig", rig, Rig)
+    stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
+    wanted = checks.count("count", count, len(stiffness) - 2)
+    # Two constraints lift the k-th eigenvalue, by two places at the most. The bracket of a mode is its own, so
+    # that it has the same bits whatever the count.
+    free = np.sort(stiffness)
+    floor = free[free > 0.0][0] * 1e-24
+    squares = np.empty(wanted)
+    for k in range(wanted):
+        low = max(free[k] * (1.0 - 1e-9), floor)
+        squares[k] = _bisect(k, low, free[k + 2] * (1.0 + 1e-9), stiffness, normal, tangential)
+    return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
+
+
+def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
+    """Head mass that makes `frequency` the first natural frequency of the glued rig, kg.
+
+    The rig's own head mass plays no part. Seen from A, the glued beams without a head mass answer a unit
+    force with the receptance h(omega); the head mass resonates with them where omega^2 M h = 1, an explicit
+    formula.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : float
+        Degrees.
+    frequency : float
+        Hz; below the first glued frequency without a head mass, above that with a head of HEAVIEST.
+
+    Raises
+    ------
+    ValueError
+        If no head mass gives this frequency; the message names the range.
+    """
+    checks.instance("rig", rig, Rig)
+    angle = checks.theta_degrees(theta)
+    bare = replace(rig, head_mass=0.0)
+    highest = float(glued_frequencies(bare, angle, 1)[0])
+    lowest = float(glued_frequencies(replace(rig, head_mass=HEAVIEST), angle, 1)[0])
+    target = checks.number(
+        "frequency",
+        frequency,
+        f"above {lowest:.6g} Hz, with a head of {HEAVIEST:g} kg, and below {highest:.6g} Hz, without one",
+        lambda x: lowest < x < highest,
+    )
+    square = (2.0 * np.pi * target) ** 2
+    first = _missing_mass(bare, angle, square)
+    # Where the head mass is many times the beam's, the free translation all but cancels in the receptance;
+    # what is missing from the first answer is then found to full accuracy.
+    return first + _missing_mass(replace(bare, head_mass=first), angle, square)
+
+
+def _missing_mass(rig: Rig, theta: float, square: float) -> float:
+    """What must be added to the head mass for `square` to become an eigenvalue of the glued rig, kg."""
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    upper, _ = rig_bases(rig, theta)
+    head = np.zeros_like(stiffness)
+    head[: len(upper.stiffness)] = upper.shapes[0, 1]
+    rows = np.stack([head, normal, tangential])
+    h = (rows / (stiffness - square)) @ rows.T
+    # One over the receptance of A with the contact glued; the determinant below is zero once M is right.
+    return float(np.linalg.det(h[1:, 1:]) / (square * np.linalg.det(h)))
+
+
+@kernel
+def _below(square: float, stiffness: Array, normal: Array, tangential: Array) -> int:
+    """Glued eigenvalues below `square`: those of the separate beams less the contact's lifted ones."""
+    below = 0
+    nn, nt, tt = 0.0, 0.0, 0.0
+    for i in range(len(stiffness)):
+        distance = stiffness[i] - square
+        if distance < 0.0:
+            below += 1
+        soft = 1.0 / distance
+        nn += normal[i] * normal[i] * soft
+        nt += normal[i] * tangential[i] * soft
+        tt += tangential[i] * tangential[i] * soft
+    determinant = nn * tt - nt * nt
+    if determinant < 0.0:
+        return below - 1
+    return below - 2 if nn + tt < 0.0 else below
+
+
+@kernel
+def _bisect(k: int, low: float, high: float, stiffness: Array, normal: Array, tangential: Array) -> float:
+    """The smallest square with more than k glued eigenvalues below it, to rounding."""
+    while high > 4.0 * low:
+        middle = np.sqrt(low * high)
+        if _below(middle, stiffness, normal, tangential) > k:
+            high = middle
+        else:
+            low = middle
+    while True:
+        middle = 0.5 * (low + high)
+        if middle <= low or middle >= high:
+            return middle
+        if _below(middle, stiffness, normal, tangential) > k:
+            high = middle
+        else:
+            low = middle

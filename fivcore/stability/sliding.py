@@ -1,0 +1,218 @@
+"""Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
+
+V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and
+the load F not at all. Proportional damping only maps the undamped eigenvalue lambda to the pair phi with
+phi^2 + (d1 + d2 lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation
+(`fivcore.stability.secular`) whatever the damping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore import checks
+from fivcore.beams.modes import rig_bases
+from fivcore.jit import Array, Complex
+from fivcore.rig import Rig
+from fivcore.stability import secular
+from fivcore.stability.problem import MOST_REPORTED, sliding_problem, sliding_roots
+
+NOTHING = complex(np.nan, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingModes:
+    """Modes of steady sliding within a band, ascending in frequency; missing ones are NaN.
+
+    The leading dimensions, written `...`, are those of theta and mu broadcast; the last is the mode.
+
+    Attributes
+    ----------
+    frequency : ndarray, (..., modes)
+        Im(phi) / 2 pi, Hz; zero for a mode that does not oscillate.
+    growth_rate : ndarray, (..., modes)
+        Re(phi), 1/s: above zero the steady sliding state is unstable (the paper's eta with its sign turned).
+    eigenvalue : ndarray, (..., modes)
+        The undamped eigenvalue lambda, rad2/s2.
+    theta, mu : ndarray, (...)
+        Degrees and 1.
+    fmax : float
+        The band, Hz: modes above it are not listed, nor, unless damping is heavy, what grows or decays at
+        more than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that
+        depend on mesh and basis; a result means something only with its band and damping.
+    rig : Rig
+    """
+
+    frequency: Array
+    growth_rate: Array
+    eigenvalue: Complex
+    theta: Array
+    mu: Array
+    fmax: float
+    rig: Rig
+    _hidden: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        for part in (self.frequency, self.growth_rate, self.eigenvalue, self.theta, self.mu, self._hidden):
+            part.setflags(write=False)
+
+    @property
+    def unstable(self) -> NDArray[np.bool_]:
+        """(..., modes): whether the mode grows."""
+        return np.asarray(self.growth_rate > 0.0)
+
+    @property
+    def uncoupled(self) -> NDArray[np.bool_]:
+        """(..., modes): whether the contact does not feel the mode, so that it is there at any mu."""
+        return np.asarray(self._hidden >= 0)
+
+    @property
+    def shape(self) -> Complex:
+        """(..., modes, nodes, 3): displacement along x, along y, and rotation at the nodes.
+
+        P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`).
+        Scaled so that the largest translation is 1. Computed when asked for.
+        """
+        lead, modes = self.frequency.shape[:-1], self.frequency.shape[-1]
+        nodes = self.rig.p1.elements + self.rig.p2.elements + 2
+        shapes = np.full((*lead, modes, nodes, 3), NOTHING)
+        for index in np.ndindex(*lead, modes):
+            if np.isfinite(self.frequency[index]):
+                theta, mu = float(self.theta[index[:-1]]), float(self.mu[index[:-1]])
+                shapes[index] = _shape(
+                    self.rig, theta, mu, self.fmax, self.eigenvalue[index], int(self._hidden[index])
+                )
+        return shapes
+
+
+def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingModes:
+    """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : float or array_like
+        Inclination of P1, degrees; broadcast against `mu`. A basis is built once for each distinct theta.
+    mu : float or array_like
+        Coefficient of friction.
+    fmax : float
+        Band, Hz.
+
+    Returns
+    -------
+    SlidingModes
+
+    Raises
+    ------
+    ValueError
+        For an argument out of range.
+    ArithmeticError
+        If the eigenvalues found do not match their number by the argument principle, so that one could have
+        been missed; the message names the mu.
+
+    Notes
+    -----
+    The eigenvalues are those of the finite-element model with all its modes: no truncation error. The mode
+    near 8 kHz that does not depend on mu is P2's axial one, which the contact drives but never feels.
+    """
+    checks.instance("rig", rig, Rig)
+    band = checks.band(fmax)
+    angles = checks.array("theta", theta, checks.theta_degrees)
+    frictions = checks.array("mu", mu, checks.friction)
+    try:
+        angles, frictions = np.broadcast_arrays(angles, frictions)
+    except ValueError:
+        raise ValueError(
+            f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
+        ) from None
+    angles, frictions = angles.copy(), frictions.copy()
+    lead = angles.shape
+    flat_theta, flat_mu = angles.ravel(), frictions.ravel()
+
+    found: list[tuple[NDArray[np.intp], Complex, Complex, NDArray[np.int64]]] = []
+    most = 0
+    distinct, member = np.unique(flat_theta, return_inverse=True)
+    for t, angle in enumerate(distinct):
+        points = np.nonzero(member == t)[0]
+        phi, eigenvalues, hidden = _eigenvalues(rig, float(angle), flat_mu[points], band)
+        found.append((points, phi, eigenvalues, hidden))
+        most = max(most, phi.shape[1])
+
+    frequency = np.full((flat_mu.size, most), np.nan)
+    growth = np.full_like(frequency, np.nan)
+    eigenvalue = np.full(frequency.shape, NOTHING)
+    which = np.full(frequency.shape, -1, dtype=np.int64)
+    for points, phi, eigenvalues, hidden in found:
+        modes = phi.shape[1]
+        frequency[points, :modes] = phi.imag / (2.0 * np.pi)
+        growth[points, :modes] = phi.real
+        eigenvalue[points, :modes] = eigenvalues
+        which[points, :modes] = hidden
+    full = (*lead, most)
+    return SlidingModes(
+        frequency.reshape(full),
+        growth.reshape(full),
+        eigenvalue.reshape(full),
+        angles,
+        frictions,
+        band,
+        rig,
+        which.reshape(full),
+    )
+
+
+def node_positions(rig: Rig, theta: float) -> Array:
+    """Undeformed x, y of all nodes relative to the contact point, m, in the order of `SlidingModes.shape`."""
+    checks.instance("rig", rig, Rig)
+    upper, lower = rig_bases(rig, checks.theta_degrees(theta))
+    return np.concatenate([upper.nodes, lower.nodes])
+
+
+def _eigenvalues(rig: Rig, theta: float, mu: Array, fmax: float) -> tuple[Complex, Complex, NDArray[np.int64]]:
+    """Phi and lambda within the band, (mu, modes), ascending in frequency; and the hidden modes' indices."""
+    problem = sliding_problem(rig, theta, fmax)
+    roots = sliding_roots(problem, mu)
+    n, k = roots.shape[1], len(problem.hidden)
+    values = np.empty((len(mu), n + k), dtype=complex)
+    values[:, :n], values[:, n:] = roots, problem.hidden
+    values *= problem.unit
+    which = np.concatenate([np.full(n, -1), np.arange(k)])
+
+    phi = np.empty_like(values)
+    secular.damp(values, rig.d1, rig.d2, phi)
+    outside = (phi.imag > 2.0 * np.pi * fmax) | (np.abs(values) > MOST_REPORTED * problem.unit)
+    frequency = np.where(outside, np.inf, phi.imag)
+    order = np.lexsort((phi.real, frequency), axis=-1)
+    modes = int((~outside).sum(axis=1).max(initial=0))
+    order = order[:, :modes]
+    keep = np.take_along_axis(~outside, order, axis=1)
+    phi = np.where(keep, np.take_along_axis(phi, order, axis=1), NOTHING)
+    values = np.where(keep, np.take_along_axis(values, order, axis=1), NOTHING)
+    return phi, values, np.where(keep, which[order], -1)
+
+
+def _shape(rig: Rig, theta: float, mu: float, fmax: float, eigenvalue: Any, hidden: int) -> Complex:
+    upper, lower = rig_bases(rig, theta)
+    problem = sliding_problem(rig, theta, fmax)
+    q = np.zeros(len(problem.stiffness), dtype=complex)
+    if hidden >= 0:
+        first, second = problem.hidden_modes[hidden]
+        q[first] = 1.0
+        if second >= 0:
+            q[first], q[second] = problem.normal[second], -problem.normal[first]
+    else:
+        # q_i = (n_i + mu t_i) N / (p_i - lambda), with N chosen so that the nearest pole does no harm.
+        force = problem.normal + mu * problem.tangential
+        distance = problem.stiffness - eigenvalue
+        nearest = int(np.argmin(np.where(force != 0.0, np.abs(distance), np.inf)))
+        others = np.arange(len(q)) != nearest
+        q[nearest] = force[nearest]
+        q[others] = force[others] * distance[nearest] / distance[others]
+    split = len(upper.stiffness)
+    shape = np.concatenate([upper.shapes @ q[:split], lower.shapes @ q[split:]])
+    translations = shape[:, :2].ravel()
+    return np.asarray(shape / translations[np.argmax(np.abs(translations))])

@@ -1,0 +1,1 @@
+"""Motion in time: three methods, what is counted while they run, and the summary."""

@@ -1,0 +1,66 @@
+"""Where a method's contact force stops being unique (Painleve's paradox).
+
+The condition belongs to the method, for each divides by something of its own when it slips:
+
+- "paper": W_NN +- mu W_NT r / (1 + r), W the gaps that unit forces close within a step, r = dt / tau;
+- "exact" and "fast": what their reduced model divides by (`fivcore.contact.uniqueness`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fivcore import checks
+from fivcore.contact.reduced import TERMINATIONS, full_model, reduced_model
+from fivcore.contact.uniqueness import critical_mu_of, ratio
+from fivcore.rig import Rig
+from fivcore.transient import published
+from fivcore.transient.switches import METHODS, switches
+
+
+def critical_mu(
+    rig: Rig,
+    theta: Any,
+    method: str = "fast",
+    *,
+    cutoff: float | None = None,
+    termination: str = "absorbing",
+    step: float | None = None,
+    relaxation_time: float | None = None,
+    cross_terms: bool = True,
+    beta2: float | None = None,
+) -> float:
+    """Find the coefficient of friction from which on a method's contact force is not unique.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : float
+        Degrees; its sign does not matter, for both directions of slip are looked at.
+    method, cutoff, termination, step, relaxation_time, cross_terms, beta2
+        As in `fivcore.simulate`.
+
+    Returns
+    -------
+    float
+        Infinite where normal and tangential direction do not couple at the contact.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value and what is allowed.
+    """
+    checks.instance("rig", rig, Rig)
+    theta = checks.theta_degrees(theta)
+    checks.choice("method", method, METHODS)
+    checks.choice("termination", termination, TERMINATIONS)
+    step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
+    asked = switches(method, termination, relaxation_time, cross_terms, beta2)
+    if method == "paper":
+        dt = published.STEP if step is None else step
+        W = published.contact_closing(full_model(rig, theta), dt, asked.get("beta2", published.BETA2))
+        r = dt / published.TAU
+        return ratio(W[0] * (1.0 + r) / r, W[1])
+    cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
+    model = reduced_model(rig, theta, cutoff, termination, **asked)
+    return critical_mu_of(model, None if method == "exact" else model.default_step if step is None else step)

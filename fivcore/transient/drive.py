@@ -1,0 +1,79 @@
+"""What a run is asked for, in canonical form, and the drive of P2's clamp.
+
+A frozen scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
+F = 1, with V / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fivcore.contact.reduced import full_model
+from fivcore.jit import Array
+from fivcore.rig import Rig, Scene
+
+
+@dataclass(frozen=True)
+class Canonical:
+    """A scene for V > 0 and F = 1.
+
+    Attributes
+    ----------
+    rig : Rig
+    theta : float
+        Degrees, seen from the drive.
+    pace : float
+        V / F, m/s/N, rounded to 12 digits.
+    mu : float
+    load : float
+        F, N: what velocities, displacements and forces are multiplied by.
+    sense : float
+        Sign of V: what everything along x is multiplied by.
+    """
+
+    rig: Rig
+    theta: float
+    pace: float
+    mu: float
+    load: float
+    sense: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> Canonical:
+        """The canonical form of a scene."""
+        pace = float(f"{abs(scene.V) / scene.F:.11e}")
+        return cls(scene.rig, scene.drive_theta, pace, scene.mu, scene.F, 1.0 if scene.V > 0 else -1.0)
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a run starts: modal displacements and velocities, and the contact state.
+
+    Attributes
+    ----------
+    displacement, velocity : ndarray, (modes,)
+        In the order of `fivcore.beams.modes.contact_modes`, P1's modes first, of every mode of both beams; SI with
+        mass-normalised modes. Velocities of P2 are relative to its clamp.
+    contact : int
+        0 separation, 1 stick, 2 slip.
+    """
+
+    displacement: Array
+    velocity: Array
+    contact: int
+
+
+def displacement(t: Array, pace: float, ramp: float) -> Array:
+    """Of the clamp: pace t^2 / (2 ramp), then pace (t - ramp / 2)."""
+    if ramp == 0.0:
+        return np.asarray(pace * t)
+    return np.where(t < ramp, 0.5 * pace * np.square(t) / ramp, pace * (t - 0.5 * ramp))
+
+
+def slip_distance(scene: Canonical) -> float:
+    """How far the clamp moves before the contact slips, statically, m per N of load (F = 1, N = 1)."""
+    full = full_model(scene.rig, scene.theta)
+    elastic = full.stiffness > 0.0
+    return scene.mu * float(np.sum(full.tangential[elastic] ** 2 / full.stiffness[elastic]))

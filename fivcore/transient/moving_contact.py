@@ -1,0 +1,103 @@
+"""A contact point that moves along P2 (`contact_motion`), while P2 slides under P1's tip.
+
+D then moves by X(t) towards P2's clamp or away from it. Gap shapes, residual flexibility and static
+equilibrium follow it, the shapes in every step (linearly within stretches of STRETCH), the others once a
+stretch; the gap's rate gains the rate of the motion times the slope of P2's deflection. This breaks the
+homogeneity in (V, F): how far D moves depends on V itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fivcore.beams.modes import lower_basis, rig_bases
+from fivcore.contact.reduced import ReducedModel, equilibrium, full_model
+from fivcore.jit import Array
+from fivcore.rig import Rig
+from fivcore.transient.drive import Canonical, displacement
+
+# Length of a stretch along P2, m.
+STRETCH = 5e-6
+
+
+@dataclass(frozen=True)
+class ContactMotion:
+    """Where the contact point is.
+
+    Attributes
+    ----------
+    scene : Canonical
+    ramp : float
+    direction : int
+        -1: towards P2's clamp, +1: away from it.
+    """
+
+    scene: Canonical
+    ramp: float
+    direction: int
+
+    @property
+    def speed(self) -> float:
+        """Of D along P2 after the ramp, m/s, signed."""
+        return self.direction * self.scene.pace * self.scene.load
+
+    def position(self, t: float) -> float:
+        """Distance of D from P2's clamp, m."""
+        moved = self.scene.load * float(displacement(np.array(t), self.scene.pace, self.ramp))
+        return self.scene.rig.contact_position + self.direction * moved
+
+    def check(self, duration: float) -> None:
+        """Refuse a run that would leave the beam."""
+        beam, start = self.scene.rig.p2, self.scene.rig.contact_position
+        # The element next to the clamp hardly moves: contact there is contact with the wall.
+        room = start - beam.length / beam.elements if self.direction < 0 else beam.length - start
+        if room <= 0.0:
+            raise ValueError(
+                f"contact_motion = {self.direction}: it must be 0, for at {start:g} m the contact is at P2's end"
+            )
+        # Within the ramp D moves by speed t^2 / (2 ramp), after it by speed (t - ramp / 2).
+        longest = room / abs(self.speed) + 0.5 * self.ramp
+        if longest < self.ramp:
+            longest = float(np.sqrt(2.0 * self.ramp * room / abs(self.speed)))
+        if duration > longest:
+            end = "P2's clamp" if self.direction < 0 else "P2's free end"
+            raise ValueError(
+                f"duration = {duration:g}: it must be at most {longest:.6g} s, when contact_motion ="
+                f" {self.direction} reaches {end}"
+            )
+
+
+def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
+    """Gap shapes of P2's modes with D at `position`: normal and tangential, (modes of P2,)."""
+    basis = lower_basis(rig.p2, rig.contact_position)
+    h = rig.p2.length / rig.p2.elements
+    element = min(int(position / h), rig.p2.elements - 1)
+    x = position / h - element
+    here, there = basis.shapes[element], basis.shapes[element + 1]
+    # Linear and cubic Hermite functions.
+    cubic = (1 - 3 * x**2 + 2 * x**3, h * (x - 2 * x**2 + x**3), 3 * x**2 - 2 * x**3, h * (x**3 - x**2))
+    nodal = (here[1], here[2], there[1], there[2])
+    normal = -np.sum([value * part for value, part in zip(cubic, nodal, strict=True)], axis=0)
+    return np.asarray(normal), np.asarray(-((1.0 - x) * here[0] + x * there[0]))
+
+
+def moved_model(model: ReducedModel, scene: Canonical, position: float) -> ReducedModel:
+    """The model with D elsewhere; tau stays."""
+    full = full_model(scene.rig, scene.theta)
+    upper, _ = rig_bases(scene.rig, scene.theta)
+    n1 = len(upper.stiffness)
+    normal, tangential = full.normal.copy(), full.tangential.copy()
+    normal[n1:], tangential[n1:] = shapes_at(scene.rig, position)
+    kept = model.kept
+    K, C, flexibility = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2))
+    if model.K.any():
+        shape = np.stack([normal[~kept], tangential[~kept]])
+        flexibility = np.asarray((shape / full.stiffness[~kept]) @ shape.T)
+        K = np.asarray(np.linalg.inv(flexibility))
+        C = np.asarray(model.C[0, 0] / model.K[0, 0] * K)
+    load = np.zeros(len(full.stiffness))
+    load[:n1] = -upper.shapes[0, 1]
+    rest = equilibrium(model.stiffness, normal[kept], load[kept], float(flexibility[0, 0]))
+    return replace(model, normal=normal[kept], tangential=tangential[kept], rest=rest, K=K, C=C)
