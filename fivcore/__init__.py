@@ -10,14 +10,12 @@ from fivcore.stability.glued import glued_frequencies, tune_head_mass
 from fivcore.stability.onsets import FlutterOnsets, flutter_onsets
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.stability.windows import UnstableWindows, unstable_windows
-from fivcore.transient.bench import LANES, Running, alone, side_by_side
 from fivcore.transient.critical import critical_mu
 from fivcore.transient.drive import State
-from fivcore.transient.motion import Transient
-from fivcore.transient.simulate import simulate, simulate_many, simulation
+from fivcore.transient.driver import Transient
+from fivcore.transient.simulate import simulate, simulate_many
 
 __all__ = [
-    "LANES",
     "Beam",
     "ContactError",
     "DivergenceError",
@@ -25,22 +23,18 @@ __all__ = [
     "OnsetCurve",
     "OnsetCurves",
     "Rig",
-    "Running",
     "Scene",
     "SlidingModes",
     "State",
     "Transient",
     "UnstableWindows",
-    "alone",
     "critical_mu",
     "flutter_onsets",
     "glued_frequencies",
     "node_positions",
     "onset_curves",
-    "side_by_side",
     "simulate",
     "simulate_many",
-    "simulation",
     "sliding_modes",
     "tune_head_mass",
     "unstable_windows",

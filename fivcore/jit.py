@@ -55,14 +55,26 @@ def inlined(function: Function) -> Function:
     return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True)(function))
 
 
+_FREEDOM = {"reassoc", "contract", "nsz"}
+
+
 def reordered(function: Function) -> Function:
     """An inlined function whose sums may be added in any order, products and sums fused.
 
     In the order written, a sum cannot use vector registers. How wide they are decides the last bits: the same
     on every machine of one kind, like those of the eigenvectors it works on.
     """
-    freedom = {"reassoc", "contract", "nsz"}
-    return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True, fastmath=freedom)(function))
+    return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True, fastmath=_FREEDOM)(function))
+
+
+def reordered_call(function: Function) -> Function:
+    """The same for what is called seldom and from many places: it is compiled once."""
+    return cast(Function, njit(nogil=True, error_model="numpy", fastmath=_FREEDOM)(function))
+
+
+def contracted(function: Function) -> Function:
+    """An inlined function whose products and sums may be fused; their order is the one written."""
+    return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True, fastmath={"contract"})(function))
 
 
 def apart(values: NDArray[Any]) -> NDArray[Any]:

@@ -25,16 +25,52 @@ seems to lack when it comes in kicks, `fivcore.contact.impulse` makes up for.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.linalg import expm
 
 from fivcore.jit import Array
 
 
-def regime_maps(
-    K: Array, C: Array, M: Array, mu: float, step: float
-) -> tuple[Array, Array, Array, Array, float, float, Array, float]:
+class RegimeMaps(NamedTuple):
     """Contact forces and element state after one step, as linear maps.
+
+    Attributes
+    ----------
+    stick : ndarray, (2, 4)
+        (N, T) from (p, u_T, v_N, v_T): penetration p = -g_N, the element's tangential state, and the rates
+        of g_N and of the slip before the impulse.
+    slip : ndarray, (2, 2, 3)
+        For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N).
+    separation : ndarray, (2, 2)
+        u at the end of the step from u at its start.
+    entering : ndarray, (2, 4)
+        As `stick`, for a step that begins in slip, u_T being what it was at the step's start.
+    mean_offset : float
+        How long after the start of a step u_T has its mean over the step, s: with it, what sticking needs
+        exceeds mu N exactly where sliding would go the right way, so that one step has one answer too.
+    square_ratio : float
+        Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
+    landing : ndarray, (2, 4)
+        As `stick`, for a step in which the surfaces meet: on the average they have stuck for half a step when the
+        impulse comes.
+    landing_offset : float
+        That time, s.
+    """
+
+    stick: Array
+    slip: Array
+    separation: Array
+    entering: Array
+    mean_offset: float
+    square_ratio: float
+    landing: Array
+    landing_offset: float
+
+
+def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeMaps:
+    """Write each regime as linear maps for one step.
 
     Parameters
     ----------
@@ -46,28 +82,6 @@ def regime_maps(
     mu : float
     step : float
         s.
-
-    Returns
-    -------
-    stick : ndarray, (2, 4)
-        (N, T) from (p, u_T, v_N, v_T): penetration p = -g_N, the element's tangential state, and the rates
-        of g_N and of the slip before the kick.
-    slip : ndarray, (2, 2, 3)
-        For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N).
-    separation : ndarray, (2, 2)
-        u at the end of the step from u at its start.
-    entry : ndarray, (2, 4)
-        As `stick`, for a step that begins in another regime, u_T being what it was at the step's start.
-    lag : float
-        How long after the start of a step u_T has its mean over the step, s: with it, what sticking needs
-        exceeds mu N exactly where sliding would go the right way, so that one step has one answer too.
-    unevenness : float
-        Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
-    landing : ndarray, (2, 4)
-        As `stick`, for a step in which the surfaces meet: on the average they have stuck for half a step when it
-        is kicked.
-    landing_lag : float
-        That time, s.
     """
     if not K.any():
         return _rigid_maps(M, mu)
@@ -78,7 +92,7 @@ def regime_maps(
     separation = expm(-step * np.linalg.solve(C, K)) if C.any() else np.zeros((2, 2))
     decay = step * K[1, 1] / C[1, 1] if C.any() else 0.0
     unevenness = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
-    return stick, slip, separation, entry, lag, unevenness, landing, 0.5 * step
+    return RegimeMaps(stick, slip, separation, entry, lag, unevenness, landing, 0.5 * step)
 
 
 def mean_lag(K: Array, C: Array, step: float) -> float:
@@ -97,7 +111,7 @@ def _stick(K: Array, C: Array, M: Array) -> Array:
     return np.hstack([implicit @ K, -implicit @ C])
 
 
-def _rigid_maps(M: Array, mu: float) -> tuple[Array, Array, Array, Array, float, float, Array, float]:
+def _rigid_maps(M: Array, mu: float) -> RegimeMaps:
     """Without an element: in lasting contact the mean rates are zero, so no drift and no loss.
 
     Half of these forces, which the kernel takes at touch-down, bring the surfaces to rest: restitution 0.
@@ -106,7 +120,7 @@ def _rigid_maps(M: Array, mu: float) -> tuple[Array, Array, Array, Array, float,
     stick[:, 2:] = -np.linalg.inv(M)
     for i, m in enumerate((mu, -mu)):
         slip[i, 0, 2] = -1.0 / (M[0, 0] + m * M[0, 1])
-    return stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0
+    return RegimeMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
 
 
 def _slip(K: Array, C: Array, M: Array, m: float, step: float) -> Array:

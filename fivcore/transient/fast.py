@@ -1,16 +1,16 @@
-"""`method="fast"`: the reduced model in symmetric kicks and exact moves, second order.
+"""`method="fast"`: the reduced model in symmetric impulses and exact moves, second order in the step.
 
-The first separation is reached by a growth that lives partly above the cut-off (with the paper's rig at 54
-and 96 kHz), and the burst that follows begins with what has grown there. Unless a cut-off is given, the few
-milliseconds from just before the first slip to just after the first separation are therefore taken with five
-times the cut-off, a fifth of the step and the damping that the published scheme adds there of itself; before and
-after, the reduced model does.
+`FastRun` keeps the state of one scene and decides what its next segment is: the ramp, the motion to the first slip,
+the onset with a finer model (`transient.onset`), the motion after it, and steady sliding once it is proved
+(`transient.steady`). `FastRun.advance` takes many runs through a segment each in one call of the kernel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from typing import TypeVar
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -18,323 +18,405 @@ from fivcore.beams.free_motion import propagator
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.jit import Array
-from fivcore.transient import spectra as listener
-from fivcore.transient.bench import Stretch, kind_of
-from fivcore.transient.chunks import Chunk, rows_in
+from fivcore.transient import fast_scene as at
+from fivcore.transient import onset
 from fivcore.transient.drive import Canonical, State, displacement, slip_distance
-from fivcore.transient.fast_solver import Solver, frozen_solver
-from fivcore.transient.lane_rows import REACH, SAMPLED
-from fivcore.transient.leaps import leaps
+from fivcore.transient.fast_kernel import advance
+from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
-from fivcore.transient.onset import FINER, finer_solver, lifted, restricted
-from fivcore.transient.statistics import (
-    FIRST_SEPARATION,
-    IMPACT,
-    SEPARATION,
-    SETTLED_FROM,
-    SLIP,
-    STATE,
-    STICK,
-    WORK,
-    Tally,
-)
+from fivcore.transient.options import Options
+from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.statistics import ENERGIES, FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
+from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
 
-# The onset: for how long before the first slip, so that what the change of model stirs up dies away, for how long
-# to the first separation at most, and after it, s.
-LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
-# Between two returns to Python, s: where motion may be settling, for an early end is looked for after each, and
-# elsewhere. Of several threads only one at a time can do what is done there.
-SHORT_STRETCH, LONG_STRETCH = 0.04, 1.0
+# Samples are taken every so many steps, or at multiples of that.
+SAMPLED = 10
+# Segments, s: where motion may be settling, for that is looked for after each, and elsewhere. Of several threads only
+# one at a time can do what is done between two segments.
+SHORT_SEGMENT, LONG_SEGMENT = 0.04, 1.0
 MOST_STEPS = 1_000_000
 # Rows of a record are handed over when there are about so many: of all runs under way they would fill the memory.
 MOST_ROWS = 10_000
-# What a run does: it asks for stretches, hands over rows of its record and chunks, and comes to a result.
-Result = TypeVar("Result")
-Asking = Generator[Stretch | Chunk | Array, None, Result]
-# The contact's own state: the element's, and g_T + u_T at the last moment of sliding.
-U_N, U_T, ANCHOR = range(3)
 
 
 class FastRun:
     """One run in progress."""
 
-    def __init__(
-        self,
-        scene: Canonical,
-        *,
-        ramp: float,
-        cutoff: float | None,
-        termination: str,
-        step: float | None,
-        initial: State | None,
-        tally: Tally,
-        sample_rate: float | None,
-        motion: ContactMotion | None = None,
-        end_early: bool = False,
-        relaxation_time: float | None = None,
-        cross_terms: bool = True,
-        leap: bool = True,
-    ) -> None:
-        self.scene, self.ramp, self.tally = scene, ramp, tally
-        self.model = reduced_model(scene.rig, scene.theta, cutoff, termination, relaxation_time, cross_terms)
-        self.step = self.model.default_step if step is None else step
-        limit = self.model.largest_step
+    def __init__(self, scene: Canonical, options: Options) -> None:
+        self.scene, self.options = scene, options
+        model = reduced_model(
+            scene.rig, scene.theta, options.cutoff, options.termination, options.relaxation_time, options.cross_terms
+        )
+        self.step = model.default_step if options.step is None else options.step
+        limit = model.largest_step
         if self.step > limit:
             raise ValueError(
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
                 " beyond, the contact is unstable"
             )
-        if self.step > self.model.default_step and not stable(self.model, scene.mu, self.step):
-            limit = largest_stable_step(self.model, scene.mu, self.step)
+        if self.step > model.default_step and not stable(model, scene.mu, self.step):
+            limit = largest_stable_step(model, scene.mu, self.step)
             raise ValueError(
                 f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s, for slip's"
                 " sake"
             )
-        wanted = cutoff is None and initial is None and motion is None and bool(self.model.K.any())
-        self._fine = finer_solver(scene, self.step, termination, cross_terms) if wanted else None
+        self.steps = max(round(options.duration / self.step), 1)
+        self._motion = (
+            ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
+        )
+        finer = options.cutoff is None and options.initial is None and self._motion is None and model.K.any()
+        self._fine = onset.finer_solver(scene, self.step, options.termination, options.cross_terms) if finer else None
         distance = slip_distance(scene)
-        self._share = 1.0 - min(LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
-        self._motion = motion
-        self._slides: tuple[Array, ...] = ()
-        self._rest_slide = (0.0, 0.0)
-        self._stretch = 0 if motion is None else max(int(STRETCH / (abs(motion.speed) * self.step)), 1)
-        self._hearing = max(round(listener.INTERVAL / (self.step * SAMPLED)), 1) * SAMPLED
-        self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
-        self._solver = frozen_solver(self.model, scene.mu, self.step)
-        self.rate = 1.0 / (self._hearing * self.step)
-        self._may_settle = end_early and motion is None and bool(self.model.K.any())
-        self._leaping = leap and motion is None
-        self._contact = np.zeros(3)
-        self._begin(initial)
+        self._share = 1.0 - min(onset.LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
+        self._sample_every = max(round(INTERVAL / (self.step * SAMPLED)), 1) * SAMPLED
+        rate = options.sampling_rate
+        self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
+        self.rate = 1.0 / (self._sample_every * self.step)
+        self._may_settle = options.end_early and self._motion is None and bool(model.K.any())
+        self._length = SHORT_SEGMENT
+        # Where a phase of the onset ends, in its own steps (0: there is none), and whether contact has opened in it.
+        self._onset_ends, self._opened = 0, False
+        self.segments: Iterable[Segment] = ()
+        self.record = begin(np.zeros(1, at.SCENE), options.settle, SETTLING, options.min_stick)
+        self._tables: SkipTables | None = None
+        self._solver = frozen_solver(model, scene.mu, self.step)
+        self.blocks = self._solver.blocks.copy()
+        self._start(options.initial)
 
-    def _begin(self, initial: State | None) -> None:
-        model, scene = self.model, self.scene
-        kept = model.kept
+    # State.
+
+    @property
+    def model(self) -> ReducedModel:
+        """The model in use."""
+        return self._solver.model
+
+    def _row(self, row: int) -> Array:
+        return take(self.blocks, row, len(self.model.rest))
+
+    def _start(self, initial: State | None) -> None:
+        model, scene, solver = self.model, self.scene, self._solver
+        u = np.zeros(2)
         if initial is None:
-            self.tally.flags[STATE] = STICK
+            contact = STICK
             q, v = np.zeros(len(model.rest)), np.zeros(len(model.rest))
-            self._contact[:2] = np.linalg.solve(self._solver.K, [1.0, 0.0]) if model.K.any() else 0.0
+            if model.K.any():
+                u = np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0])
         else:
             full = full_model(scene.rig, scene.theta)
-            self.tally.flags[STATE] = initial.contact
-            q = initial.displacement[kept] - model.rest
-            v = initial.velocity[kept].copy()
+            contact = initial.contact
+            q = initial.displacement[model.kept] - model.rest
+            v = initial.velocity[model.kept].copy()
             if model.K.any():
-                dropped = np.stack([full.normal, full.tangential]) * np.logical_not(kept)
+                dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
                 u = dropped @ initial.displacement
-                touches = initial.contact != SEPARATION
-                self._contact[:2] = np.linalg.solve(self._solver.K, model.K @ u) if touches else u
-        self._contact[ANCHOR] = self._contact[U_T] + model.tangential @ q + self._solver.at_rest[1]
-        self._leap_at = 0.0 if self.tally.flags[STATE] == STICK else np.inf
-        # Kicks come in the middle of a step.
+                if contact != SEPARATION:
+                    u = np.linalg.solve(solver.impulse.stiffness, model.K @ u)
+        # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
         self._shift = np.zeros(len(q))
-        if self.ramp > 0.0:
+        if self.options.ramp > 0.0:
             elastic = model.stiffness > 0.0
-            self._shift[elastic] = model.inertia[elastic] * scene.pace / self.ramp / model.stiffness[elastic]
+            push = model.inertia[elastic] * scene.pace / self.options.ramp
+            self._shift[elastic] = push / model.stiffness[elastic]
         else:
             v += model.inertia * scene.pace
-        self._first_energy = self._energy_of(q, v, self._contact)
-        self._start = q - self._shift, v
-        self._place(*_move(model, *self._start, 0.5 * self.step))
+        self._first_energy = self._energy_of(q, v, u)
+        self._begun = q - self._shift, v
+        self._use(solver)
+        record = self.record
+        record["contact"], record["u_N"], record["u_T"] = contact, *u
+        record["anchor"] = u[1] + model.tangential @ q + solver.at_rest[1]
+        self._place(*_move(model, *self._begun, 0.5 * self.step))
+        if contact == STICK:
+            record["next_skip"] = 0
+
+    def _use(self, solver: Solver) -> None:
+        """Go on with a solver; the record keeps what belongs to the run."""
+        old, self.record = self.record, solver.record.copy()
+        for name in [name for name, _ in FIELDS] + ["contact", "u_N", "u_T", "anchor", "now", "settle"]:
+            self.record[name] = old[name]
+        record, options = self.record, self.options
+        self._solver, self.blocks = solver, solver.blocks.copy()
+        record["speed"], record["ramp"] = self.scene.pace, options.ramp
+        record["acceleration"] = self.scene.pace / options.ramp if options.ramp > 0.0 else 0.0
+        settled = float(record["settled_from"][0])
+        record["settle"] = int(np.ceil(settled / solver.step - 0.5)) if settled < np.inf else 0
+        record["moving"] = self._motion is not None
 
     def _place(self, q: Array, v: Array) -> None:
-        """Put the modes where they are before a kick; their gaps are not known yet."""
-        model = self.model
-        self._q, self._v = q, v
-        at_rest = self._solver.at_rest
-        shift = float(model.tangential @ self._shift)
-        creep = (float(self._slides[0] @ q) + self._rest_slide[0]) / self.step if self._slides else 0.0
-        shapes = (model.normal, model.tangential)
-        gaps = [float(shape @ part) for part in (q, v) for shape in shapes]
-        self._ahead = np.array([*gaps, at_rest[0], at_rest[1] + shift, creep])
+        """Put the modes where they are before an impulse."""
+        model, record = self.model, self.record
+        put(self.blocks, at.Q, q)
+        put(self.blocks, at.V, v)
+        record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
+        record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
+        record["p_rest"] = self._solver.at_rest[0]
+        record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
 
-    def chunks(self, last: int) -> Asking[None]:
-        """Run to step `last`: ask for stretches to be filled in, hand over what was recorded and heard in them."""
-        length = SHORT_STRETCH
-        ramp_ends = int(self.ramp / self.step)
-        i = 0
-        if ramp_ends == 0 and self._shift.any():
-            self._end_ramp(0, self._start)
-        while i < last:
-            per_chunk = self._stretch or min(max(round(length / self.step), 1), MOST_STEPS)
-            target = min(i + per_chunk, last)
-            if self._motion is None:
-                # Where no leap crosses, and where lanes that are there together take their samples together.
-                reach = REACH * self._hearing
-                target = min((i // reach + (1 if i % reach else max(per_chunk // reach, 1))) * reach, last)
-            if i < ramp_ends:
-                target = min(target, ramp_ends)
-            if self._motion is not None:
-                self._follow(self._motion, i, target)
-            share = self._share if self._fine is not None and i >= ramp_ends else np.inf
-            i, chunk = yield from self._advance(i, target, share=share)
-            yield chunk
-            if i == ramp_ends and self._shift.any():
-                self._end_ramp(ramp_ends, _move(self.model, self._q, self._v, -0.5 * self.step))
-            if self._fine is not None and i < target:
-                fine, self._fine = self._fine, None
-                if np.isnan(self.tally.moments[FIRST_SEPARATION]):
-                    i = yield from self._onset(fine, i, last)
-                    self._leap_at = float(i) if self.tally.flags[STATE] == STICK else np.inf
-            elif i > ramp_ends and last - i > per_chunk and (steady := self._settled(chunk)) is not None:
-                yield (yield from self._rest(steady, i, last))
-                return
-            length = SHORT_STRETCH if self._unrest(chunk) < self.scene.pace else LONG_STRETCH
+    # Segments.
 
-    def _unrest(self, chunk: Chunk) -> float:
-        """By how much the slip rate varied at the end of a stretch; infinite where the contact does not slide."""
-        recent = chunk.slip_rate[3 * len(chunk.slip_rate) // 4 :]
-        slides = self.tally.flags[STATE] == SLIP and len(recent) > 1
-        return float(np.ptp(recent)) if slides else np.inf
+    @property
+    def now(self) -> int:
+        """Steps of the run that have been taken."""
+        now = int(self.record["now"][0])
+        return now // onset.FINER if self._onset_ends else now
 
-    def _settled(self, chunk: Chunk) -> SteadySliding | None:
-        """Steady sliding, if nothing else can follow this stretch; a proof is tried only where it looks so."""
-        pace = self.scene.pace
-        if not (self._may_settle and self._unrest(chunk) <= NEAR * pace):
-            return None
-        steady = steady_sliding(self.model, self.scene.mu, self.step)
-        self._may_settle = steady is not None and steady.decays
-        for_good = steady is not None and steady.for_good(self._q, self._v, self._contact[:2], pace)
-        return steady if for_good else None
+    @property
+    def time(self) -> float:
+        """Time up to which the run has come, s."""
+        return float(self.record["now"][0]) * self._solver.step
 
-    def _rest(self, steady: SteadySliding, first: int, last: int) -> Asking[Chunk]:
-        """Steps `first` to `last` of steady sliding: a few are taken and counted as often as they occur."""
-        q, v, self._contact[:2] = steady.start(self.scene.pace)
-        self._place(q, v)
-        counted, self.tally = self.tally, Tally().start(SLIP, 0.0, 0.0, None)
-        recording, self._recording = self._recording, 0
-        yield from self._advance(first, first + self._hearing)
-        sample, self.tally, self._recording = self.tally, counted, recording
-        settled = int(np.clip(np.ceil(counted.moments[SETTLED_FROM] / self.step - 0.5), first, last))
-        entries = (-(-last // SAMPLED) - -(-settled // SAMPLED)) / (self._hearing // SAMPLED)
-        counted.repeat(sample, (last - settled) / self._hearing, entries, (last - first) / self._hearing)
-        row = steady.row(self.scene.pace)
-        for begin in range(first, last, MOST_ROWS * max(recording, 1)) if recording else ():
-            end = min(begin + MOST_ROWS * recording, last)
-            rows = np.empty((rows_in(begin, end, recording), 1 + len(row)))
-            rows[:, 0] = (np.arange(-(-begin // recording), -(-end // recording)) * recording + 0.5) * self.step
-            rows[:, 1:] = row
-            yield rows
-        return Chunk.steady(first, last, self.step, row, self._hearing)
+    @property
+    def done(self) -> bool:
+        """Whether the run has come to its end."""
+        return self.now >= self.steps
 
-    def _advance(
-        self, first: int, last: int, finer: int = 1, share: float = np.inf, until_open: bool = False
-    ) -> Asking[tuple[int, Chunk]]:
-        """Steps `first` to `last` of the present solver; `finer` of them make one of the run's."""
-        hearing, recording = self._hearing * finer, self._recording * finer
-        leaping = self._leaping and finer == 1 and first * self.step >= self.ramp
-        # Pieces end where no leap crosses, so that recording changes nothing; but what ends a stretch is seen only
-        # by where it stopped, and on the very last step of a piece it is not.
-        reach = REACH * hearing
-        piece = reach * max(MOST_ROWS * recording // reach, 1) if recording else last + 1
-        step, reached, ended = self._solver.step, first, False
-        heard, sticks = [np.empty((0, 2))], [np.empty((0, 2))]
-        while reached < last and not ended:
-            stretch = Stretch(
-                self._solver,
-                self._q,
-                self._v,
-                self._contact,
-                self._ahead,
-                self.tally,
-                reached,
-                min((reached // piece + 1) * piece, last),
-                self.scene.pace,
-                self.ramp,
-                hearing,
-                recording,
-                share,
-                until_open,
-                self._slides,
-                self._rest_slide,
-                None if self._fine is None else kind_of(self._fine),
-                leaps(self._solver, hearing) if leaping else None,
-                self._leap_at,
+    @staticmethod
+    def advance(runs: Sequence[FastRun]) -> None:
+        """Take every run to the end of its next segment and leave in `segments` what it did there."""
+        for run in runs:
+            run._plan()
+        scenes = np.concatenate([run.record.view(np.uint8) for run in runs]).view(at.SCENE)
+        begun = scenes["now"].copy()
+        packed, scenes["skip_at"] = _joined(tuple(run._tables for run in runs))
+        ends = np.cumsum([run.blocks.size for run in runs])
+        modes = aligned(int(ends[-1]))
+        for run, scene, end in zip(runs, scenes, ends, strict=True):
+            scene["modes_at"] = end - run.blocks.size
+            modes[scene["modes_at"] : end] = run.blocks.ravel()
+        samples, rows = (
+            np.empty((_reserve(scenes, name, every), width))
+            for name, every, width in (("samples", "sample_every", 3), ("rows", "row_every", 6))
+        )
+        scenes["sticks_at"] = np.cumsum(scenes["stick_room"]) - scenes["stick_room"]
+        sticks = np.empty((int(scenes["stick_room"].sum()), 2))
+        workspace = workspace_for([run._tables for run in runs if run._tables is not None])
+        advance(np.arange(len(runs)), scenes, modes, samples, rows, sticks, packed, workspace)
+        for k, run in enumerate(runs):
+            scene, own_modes = scenes[k], int(scenes["modes_at"][k])
+            run.blocks = modes[own_modes : own_modes + run.blocks.size].reshape(run.blocks.shape).copy()
+            run.record = scenes[k : k + 1].copy()
+            own, written, ended = (
+                part[scene[f"{name}_at"] :][: scene[name]]
+                for name, part in (("samples", samples), ("rows", rows), ("sticks", sticks))
             )
-            yield stretch
-            if leaping:
-                self._leap_at = stretch.leap_at
-            reached, ended = stretch.first, stretch.first < stretch.last
-            heard.append(stretch.heard)
-            sticks.append(stretch.sticks)
-            if recording:
-                yield stretch.rows
-        whole = np.concatenate(heard), np.concatenate(sticks)
-        return reached, Chunk.cut(first, reached, step, 0.5, whole[0], hearing, whole[1])
+            every = int(scene["sample_every"])
+            t = (np.arange(-(-begun[k] // every), -(-begun[k] // every) + len(own)) * every + 0.5) * scene["step"]
+            segment = Segment(t, *own.T, sticks=ended.copy(), rows=written)
+            run.segments = [segment]
+            run._conclude(segment)
 
-    def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
-        """Take the contact point along with P2 through steps `first` to `last`."""
-        begin, end = (motion.position((i + 0.5) * self.step) for i in (first, last))
-        q = self._q + self.model.rest
-        model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
-        ends = ((model.normal, after.normal), (model.tangential, after.tangential))
-        before = self.stored_energy()
-        self._slides = tuple((b - a) / (last - first) for a, b in ends)
-        self._rest_slide = (float(self._slides[0] @ model.rest), float(self._slides[1] @ model.rest))
-        self.model, self._solver = model, Solver(model, self.scene.mu, self.step)
-        self._place(q - model.rest, self._v)
-        # Another element and another equilibrium: what that changes is nobody's loss.
-        self.tally.sums[IMPACT] += before - self.stored_energy()
+    def _plan(self) -> None:
+        """Decide where the next segment ends and what ends it before."""
+        record, solver, motion = self.record, self._solver, self._motion
+        finer = onset.FINER if self._onset_ends else 1
+        every, rows = self._sample_every * finer, self._row_every * finer
+        now, threshold, self._tables = int(record["now"][0]), np.inf, None
+        if self._onset_ends:
+            length = round(SHORT_SEGMENT / solver.step)
+            last = self._onset_ends if self._opened else min(now + length, self._onset_ends)
+        else:
+            ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
+            # Where no skip crosses, so that recording changes nothing.
+            reach = at.MAX_SKIP * every
+            last = min((now // reach + (1 if now % reach else max(length // reach, 1))) * reach, self.steps)
+            if motion is not None:
+                last = min(now + max(int(STRETCH / (abs(motion.speed) * self.step)), 1), self.steps)
+            if now < ramp_ends:
+                last = min(last, ramp_ends)
+            elif self._fine is not None:
+                threshold = self._share * self.scene.mu
+            if motion is not None:
+                self._follow(motion, now, last)
+            elif self.options.skip and now * self.step >= self.options.ramp:
+                self._tables = skip_tables(solver, every)
+        if rows:
+            piece = at.MAX_SKIP * every * max(MOST_ROWS * rows // (at.MAX_SKIP * every), 1)
+            last = min(last, (now // piece + 1) * piece)
+        record["last"], record["next"], record["threshold"] = last, now, threshold
+        record["sample_every"], record["next_sample"] = every, -(-now // every) * every
+        record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
+        if self._tables is None:
+            record["next_skip"] = at.NEVER
+        elif record["contact"] == STICK and record["next_skip"] == at.NEVER:
+            record["next_skip"] = now
+        record["until_open"] = bool(self._onset_ends) and not self._opened
+        record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0
+        step = solver.step
+        record["stick_room"] = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), step)
+
+    def _conclude(self, segment: Segment) -> None:
+        """Decide what follows a segment."""
+        record = self.record
+        now, stopped = int(record["now"][0]), bool(record["stopped"][0])
+        opened = not np.isnan(record["first_separation"][0])
+        if self._onset_ends:
+            if not self._opened and (stopped or opened or now >= self._onset_ends):
+                self._opened = True
+                coarse = -(-now // onset.FINER) + round(onset.AFTER / self.step)
+                self._onset_ends = min(coarse, self.steps) * onset.FINER
+            if self._opened and now >= self._onset_ends:
+                self._leave_onset()
+            return
+        if now == self._ramp_ends and self._shift.any():
+            self._end_ramp(now, _move(self.model, self._row(at.Q), self._row(at.V), -0.5 * self.step))
+        if self._fine is not None and stopped:
+            fine, self._fine = self._fine, None
+            if not opened:
+                self._enter_onset(fine)
+                return
+        elif now > self._ramp_ends and self.steps - now > round(self._length / self.step):
+            steady = self._settled(segment)
+            if steady is not None:
+                self.segments = chain([segment], self._fill(steady))
+        self._length = SHORT_SEGMENT if self._unrest(segment) < self.scene.pace else LONG_SEGMENT
+
+    # The ramp.
+
+    @property
+    def _ramp_ends(self) -> int:
+        return int(self.options.ramp / self.step)
 
     def _end_ramp(self, step: int, boundary: tuple[Array, Array]) -> None:
-        """The clamp stops accelerating, between the kicks of steps `step` - 1 and `step`.
+        """Stop the acceleration of the clamp, between the impulses of steps `step` - 1 and `step`.
 
         `boundary` is the state at the start of `step`; the present one could not tell it after a ramp of far less
         than a step, when the shift is so large that its rounding hides everything else.
         """
-        model = self.model
-        push = model.inertia * self.scene.pace / self.ramp * (self.ramp - step * self.step)
+        model, ramp = self.model, self.options.ramp
+        push = model.inertia * self.scene.pace / ramp * (ramp - step * self.step)
         q, v = _move(model, self._shift, push, 0.5 * self.step)
         boundary_q, boundary_v = boundary
         work = float(np.sum(model.stiffness * self._shift * (boundary_q + self._shift)))
         work += float(np.sum(push * (boundary_v + 0.5 * push)))
-        self.tally.sums[WORK] += work
+        self.record["work"] += work
         self._shift = np.zeros(len(q))
-        self._place(self._q + q, self._v + v)
+        self._place(self._row(at.Q) + q, self._row(at.V) + v)
 
-    def _onset(self, fine: Solver, first: int, last: int) -> Asking[int]:
-        """More modes and finer steps from step `first` through the first separation; the step reached."""
-        coarse = self._solver
-        q, v = _move(coarse.model, self._q, self._v, -0.5 * coarse.step)
-        self._change_to(fine, *lifted(coarse, fine, q, v, self._contact[:2]), first * coarse.step)
-        until = min(last, first + round(LONGEST / coarse.step)) * FINER
-        i = first * FINER
-        while i < until:
-            target = min(i + round(SHORT_STRETCH / fine.step), until)
-            i, chunk = yield from self._advance(i, target, FINER, until_open=True)
-            yield chunk
-            if i < target or not np.isnan(self.tally.moments[FIRST_SEPARATION]):
-                break
-        target = min(-(-i // FINER) * FINER + round(AFTER / coarse.step) * FINER, last * FINER)
-        if i < target:
-            i, chunk = yield from self._advance(i, target, FINER)
-            yield chunk
-        touches = self.tally.flags[STATE] != SEPARATION
-        q, v = _move(fine.model, self._q, self._v, -0.5 * fine.step)
-        end = restricted(fine, coarse, q, v, self._contact[:2], touches)
-        self._change_to(coarse, *end, i // FINER * coarse.step)
-        return i // FINER
+    # The onset.
+
+    def _enter_onset(self, fine: Solver) -> None:
+        """Go on with more modes and finer steps."""
+        coarse, now, u = self._solver, self.now, self._element
+        q, v = _move(coarse.model, self._row(at.Q), self._row(at.V), -0.5 * coarse.step)
+        self._coarse = coarse
+        self._change_to(fine, *onset.prolong(coarse, fine, q, v, u), now * coarse.step)
+        self.record["now"] = now * onset.FINER
+        self._onset_ends = min(self.steps, now + round(onset.LONGEST / coarse.step)) * onset.FINER
+        self._opened = False
+
+    def _leave_onset(self) -> None:
+        """Go on with the modes and steps of the run."""
+        fine, coarse = self._solver, self._coarse
+        touches = bool(self.record["contact"] != SEPARATION)
+        q, v = _move(fine.model, self._row(at.Q), self._row(at.V), -0.5 * fine.step)
+        now = self.now
+        end = onset.restrict(fine, coarse, q, v, self._element, touches)
+        self._change_to(coarse, *end, now * coarse.step)
+        self.record["now"], self._onset_ends = now, 0
 
     def _change_to(self, solver: Solver, q: Array, v: Array, u: Array, t: float) -> None:
         """Go on with another model and step from the state at time t, the start of a step."""
-        before = self.stored_energy()
-        self.model, self._solver, self._contact[:2] = solver.model, solver, u
+        self._use(solver)
         self._shift = np.zeros(len(q))
         self._place(*_move(solver.model, q, v, 0.5 * solver.step))
-        # Stick, if it goes on, holds the surfaces where they are at the next kick.
-        at_c = solver.model.tangential @ self._q + solver.at_rest[1]
-        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.pace, self.ramp)
-        self._contact[ANCHOR] = self._contact[U_T] + at_c - float(drive)
-        self.tally.sums[IMPACT] += before - self.stored_energy()
+        # Stick, if it goes on, holds the surfaces where they are at the next impulse.
+        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.pace, self.options.ramp)
+        shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
+        self.record["u_N"], self.record["u_T"], self.record["anchor"] = *u, u[1] + shifted
+
+    # The end.
+
+    def _unrest(self, segment: Segment) -> float:
+        """By how much the slip rate varied at the end of a segment; infinite where the contact does not slide."""
+        recent = segment.slip_rate[3 * len(segment.slip_rate) // 4 :]
+        slides = self.record["contact"][0] == SLIP and len(recent) > 1
+        return float(np.ptp(recent)) if slides else np.inf
+
+    def _settled(self, segment: Segment) -> SteadySliding | None:
+        """Steady sliding, if nothing else can follow a segment; a proof is tried only where it looks so."""
+        pace = self.scene.pace
+        if not (self._may_settle and self._unrest(segment) <= NEAR * pace):
+            return None
+        steady = steady_sliding(self.model, self.scene.mu, self.step)
+        self._may_settle = steady is not None and steady.decays
+        state = self._row(at.Q), self._row(at.V), self._element
+        return steady if steady is not None and steady.is_permanent(*state, pace) else None
+
+    def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
+        """Fill in steady sliding to the end: steps between two samples are taken and counted as often as they occur."""
+        pace, record, every = self.scene.pace, self.record, self._sample_every
+        first, last, step = int(record["now"][0]), self.steps, self.step
+        q, v, u = steady.start(pace)
+        self._place(q, v)
+        record["u_N"], record["u_T"] = u
+        one = self.record.copy()
+        for name in (*SETTLED, *ENERGIES):
+            one[name] = 0.0
+        one["last"], one["next_row"], one["settle"], one["modes_at"] = first + every, at.NEVER, 0, 0
+        one["next_sample"] = one["next_skip"] = one["next"] = at.NEVER
+        modes = aligned(self.blocks.size)
+        modes[:] = self.blocks.ravel()
+        none = np.empty((1, 6))
+        advance(np.zeros(1, dtype=np.int64), one, modes, none, none, none, none.ravel(), none)
+        settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
+        if settled > first:
+            for name in SETTLED:
+                record[name] = 0.0
+        for name in SETTLED:
+            if name.startswith("max"):
+                record[name] = np.maximum(record[name], one[name]) if last > settled else record[name]
+            else:
+                record[name] += (last - settled) / every * one[name]
+        for name in ENERGIES:
+            record[name] += (last - first) / every * one[name]
+        record["now"] = last
+        row = steady.row(pace)
+        velocity, force, _, slip_rate, _ = row
+        begin, rows = -(-first // every), self._row_every
+        count = -(-last // every) - begin
+        for start in range(first, last, MOST_ROWS * rows) if rows else ():
+            end = min(start + MOST_ROWS * rows, last)
+            written = np.empty((count_in(start, end, rows), 6))
+            written[:, 0] = (np.arange(-(-start // rows), -(-end // rows)) * rows + 0.5) * step
+            written[:, 1:] = row
+            yield Segment(*np.empty((4, 0)), rows=written)
+        if count > 0:
+            t = np.array([(begin * every + 0.5) * step])
+            yield Segment(t, np.array([velocity]), np.array([slip_rate]), np.array([force]), further=count - 1)
+
+    # A contact point that moves.
+
+    def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
+        """Take the contact point along with P2 through steps `first` to `last`."""
+        begin, end = (motion.position((i + 0.5) * self.step) for i in (first, last))
+        q, v, u = self._row(at.Q) + self.model.rest, self._row(at.V), self._element
+        model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
+        normal, tangential = ((b - a) / (last - first) for a, b in (
+            (model.normal, after.normal), (model.tangential, after.tangential)
+        ))  # fmt: skip
+        self._use(Solver(model, self.scene.mu, self.step))
+        put(self.blocks, at.SLIDE_N, normal)
+        put(self.blocks, at.SLIDE_T, tangential)
+        self._place(q - model.rest, v)
+        record = self.record
+        record["u_N"], record["u_T"] = u
+        record["rest_slide_N"], record["rest_slide_T"] = normal @ model.rest, tangential @ model.rest
+        record["creep"] = (normal @ (q - model.rest) + record["rest_slide_N"]) / self.step
+
+    # Energy.
+
+    @property
+    def _element(self) -> Array:
+        return np.array([self.record["u_N"][0], self.record["u_T"][0]])
 
     def stored_energy(self) -> float:
-        """Of the modes about the equilibrium, the element and the load, canonical."""
-        return self._energy_of(self._q + self._shift, self._v, self._contact)
+        """Of the modes about the equilibrium, the element and the load, normalised."""
+        return self._energy_of(self._row(at.Q) + self._shift, self._row(at.V), self._element)
 
-    def _energy_of(self, q: Array, v: Array, contact: Array) -> float:
-        model, u = self.model, contact[:2]
-        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ self._solver.K @ u)
+    def _energy_of(self, q: Array, v: Array, u: Array) -> float:
+        model, K = self.model, self._solver.impulse.stiffness
+        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u)
 
     def released_energy(self) -> float:
         """What has been taken out of the store since the start."""
@@ -342,12 +424,36 @@ class FastRun:
 
     def calm(self, floor: float) -> bool:
         """Set what is far below every scale to zero; False where a number is not finite."""
-        for part in (self._q, self._v):
-            part[np.abs(part) < floor] = 0.0
-        return bool(np.isfinite(self._q).all() and np.isfinite(self._v).all())
+        moving = self.blocks[:, at.Q : at.V + 1]
+        moving[np.abs(moving) < floor] = 0.0
+        return bool(np.isfinite(moving).all())
 
 
 def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:
     """Free motion of the kept modes over any time, backwards too."""
     a, b, c, d = propagator(model.stiffness, model.damping, time)
     return a * q + b * v, c * q + d * v
+
+
+def aligned(count: int) -> Array:
+    """Numbers none of whose blocks lie across lines of the processor's cache."""
+    room = np.empty(count + 8)
+    start = -room.ctypes.data % 64 // 8
+    return room[start : start + count]
+
+
+def _reserve(scenes: Any, name: str, every: str) -> int:
+    """Give each scene its place among what is sampled or recorded; how many places there are in all."""
+    counts = [count_in(*part) for part in zip(scenes["now"], scenes["last"], scenes[every], strict=True)]
+    scenes[f"{name}_at"] = np.cumsum(counts) - counts
+    return sum(counts)
+
+
+@lru_cache(maxsize=8)
+def _joined(tables: tuple[SkipTables | None, ...]) -> tuple[Array, Array]:
+    """The tables of several runs in one array, and where each begins; -1 for none."""
+    own = dict.fromkeys(part for part in tables if part is not None)
+    sizes = np.cumsum([0, *(len(part.packed) for part in own)])
+    places = dict(zip(own, sizes[:-1].tolist(), strict=True))
+    packed = np.concatenate([part.packed for part in own]) if own else np.zeros(1)
+    return packed, np.array([-1 if part is None else places[part] for part in tables])

@@ -1,16 +1,16 @@
-"""The compiled heart of `method="fast"`: kept modes move exactly, the contact acts in symmetric kicks.
+"""Compiled steps of `method="fast"`: impulses of the contact between exact moves of the kept modes.
 
-One step from kick to kick, for kicks in the middle of the time steps: evaluate the gap, let
-`fivcore.contact.law` find the force, change the velocities by step times force, move every mode freely over
-one step (a Strang splitting, second order). Coordinates are deviations from the static equilibrium under the
-unit load, so the load needs no force of its own: a kick carries N - 1.
+One step is a Strang splitting of second order. In the middle of the step the gap is evaluated, the contact law
+(`fivcore.contact.law`) gives the normal force N and the tangential force T, and the modal velocities change by the
+step times the force. Then every mode moves freely and exactly over one step. Coordinates are deviations from the
+static equilibrium under the unit load, so the impulse carries N - 1.
 
-Every lane holds a scene of its own, at a time of its own (`transient.lanes`). Scenes share only numbers of modes
-of three kinds: those that the contact feels in both directions (P1's), along its normal only (P2's bending) and
-along its tangent only (P2's axial motion).
+`advance` takes many scenes, each with numbers of its own: a record (`transient.fast_scene`) and blocks of modes. It
+works on GROUP of them in turns, one step each: while the processor waits for the contact law of one scene it moves
+the modes of the others. No number of a scene depends on another scene.
 
-All arrays are (rows, lanes). There are two groups of lanes, the rows of the second below those of the first: while
-the processor waits for the contact forces of one group it moves the modes of the other.
+The modes of a scene lie in blocks of BLOCK modes. Rows of a block have a fixed distance, so the compiler knows that
+they do not overlap and uses vector registers. Sums over modes may be reordered (`fivcore.jit.reordered`).
 """
 
 from __future__ import annotations
@@ -19,291 +19,279 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.jit import inlined, kernel
-from fivcore.transient import lane_rows as rows
-from fivcore.transient.lane_contact import find_contact
-from fivcore.transient.lane_modes import along, damped, follow_shapes, kick_and_move
-from fivcore.transient.lane_notes import clear, enter_sticks, hear, record, spread
-from fivcore.transient.lanes import (
-    WIDTH,
-    bits,
-    each,
-    fma,
-    least,
-    load,
-    magnitude,
-    number_at,
-    select,
-    store,
-)
-from fivcore.transient.leap_kernel import leap
-from fivcore.transient.statistics import SEPARATION, SLIP, STICK
+from fivcore.jit import contracted, inlined, kernel, reordered
+from fivcore.transient import fast_scene as at
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, count_step, enter
+from fivcore.transient.stick_skip import skip
+
+# Scenes that are worked on in turns.
+GROUP = 2
+# Unsigned numbers are no candidates for an index from the end.
+_A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
+_NORMAL, _TANGENTIAL = (np.uint64(row * at.BLOCK) for row in (at.NORMAL, at.TANGENTIAL))
+_Q, _V, _POINT_B, _DAMPING = (np.uint64(row * at.BLOCK) for row in (at.Q, at.V, at.POINT_B, at.DAMPING))
+_SLIDE_N, _SLIDE_T = (np.uint64(row * at.BLOCK) for row in (at.SLIDE_N, at.SLIDE_T))
+_BLOCK, _BLOCK_SIZE = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
 
 
-@inlined
-def add_to(state: int, row: int, value: Any) -> None:
-    """Add to a row."""
-    store(state, row, load(state, row) + value)
+@reordered
+def kick_and_drift(x: Any, first: int, count: int, impulse_N: float, impulse_T: float) -> Any:
+    """Give a block of modes an impulse, move it freely over a step; what it adds to g_N, g_T and their rates."""
+    gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
+    for j in range(first, first + count):
+        normal, tangential, q = x[j + _NORMAL], x[j + _TANGENTIAL], x[j + _Q]
+        rate = x[j + _V] + normal * impulse_N + tangential * impulse_T
+        y = x[j + _A] * q + x[j + _B] * rate
+        w = x[j + _C] * q + x[j + _D] * rate
+        x[j + _Q] = y
+        x[j + _V] = w
+        gN += normal * y
+        gT += tangential * y
+        vN += normal * w
+        vT += tangential * w
+    return gN, gT, vN, vT
 
 
-@inlined
-def meet(
-    sizes: Any, group: int, modes: int, damping: int, point_b: int, given: int, state: int, places: int, v: int,
-    scratch: int,
-) -> Any:  # fmt: skip
-    """Find the contact forces of a group of lanes and count what is to be counted.
-
-    Leaves the kick in the rows KICK_N and KICK_T; returns, bit by bit, the lanes whose stretch ends here.
-    """
-    of, here, at = group * rows.GIVEN, group * rows.STATE, group * rows.PLACES
-    zero, one = each(0.0), each(1.0)
-    step, pace = load(given, of + rows.STEP), load(given, of + rows.PACE)
-    pull, ramp, mu = load(given, of + rows.PULL), load(given, of + rows.RAMP), load(given, of + rows.MU)
-    M_NN, M_NT, M_TT = load(given, of + rows.M_NN), load(given, of + rows.M_NT), load(given, of + rows.M_TT)
-    now, creep, was = (
-        load(state, here + rows.NOW),
-        load(state, here + rows.CREEP),
-        load(state, here + rows.CONTACT),
-    )
-    t = (now + each(0.5)) * step
-    ramped = t < ramp
-    X = select(ramped, each(0.5) * (pull * (t * t)), pace * (t - each(0.5) * ramp))
-    drive = select(ramped, pull * t, pace)
-    # The unit load's share of the kick comes first.
-    rateN = load(state, here + rows.V_N) - (M_NN - creep)
-    rateT = load(state, here + rows.V_T) - (M_NT + drive)
-    slid = load(state, here + rows.G_T) + (load(state, here + rows.T_REST) - X)
-    wasN, wasT = load(state, here + rows.U_N), load(state, here + rows.U_T)
-    p = load(state, here + rows.P_REST) - load(state, here + rows.G_N)
-    anchor = load(state, here + rows.ANCHOR)
-    sticks, slips, N, T, newN, newT, before = find_contact(
-        given, of, was, wasN, wasT, anchor, p, slid, rateN, rateT
-    )
-    store(state, here + rows.KICK_N, step * (N - one))
-    store(state, here + rows.KICK_T, step * T)
-    store(state, here + rows.U_N, newN)
-    store(state, here + rows.U_T, newT)
-    touch = sticks | slips
-    meanN = fma(M_NN, N, fma(M_NT, T, rateN))
-    meanT = fma(M_NT, N, fma(M_TT, T, rateT))
-    ratesT = select(sticks, -meanT, select(slips, (newT - before) * load(given, of + rows.PER_STEP), zero))
-    ratesN = select(touch, -meanN, zero)
-    speed = meanT + ratesT
-    # Apart, the element gives up what it holds; in contact, its dashpot loses. What the spring has taken over all
-    # kicks of a contact is half its stiffness times the last penetration times the one after it; nothing, where
-    # that is negative.
-    heldN = select(was == each(SEPARATION), wasN, select(p > zero, p, zero))
-    released = fma(load(given, of + rows.K_NN), fma(wasN, heldN, -(newN * newN)), zero)
-    released = fma(load(given, of + rows.K_TT), fma(before, before, -(newT * newT)), released)
-    released = fma(each(2.0) * load(given, of + rows.K_NT), fma(wasN, before, -(newN * newT)), released)
-    dashpot = load(given, of + rows.C_TT) * select(slips, load(given, of + rows.UNEVENNESS), one)
-    power = fma(load(given, of + rows.C_NN) * ratesN, ratesN, (dashpot * ratesT) * ratesT)
-    power = fma(each(2.0) * load(given, of + rows.C_NT) * ratesN, ratesT, power)
-    add_to(state, here + rows.TERMINATION, select(touch, step * power, each(0.5) * released))
-    add_to(state, here + rows.WORK, step * fma(T, drive, -(N * creep)))
-    add_to(state, here + rows.FRICTION, -(step * (T * speed)))
-    rigid = load(given, of + rows.RIGID) > zero
-    if bits(rigid) != 0:
-        # Nothing moves in the element, so what work the contact takes is the landing's loss.
-        taken = fma(N, meanN, select(sticks, T * meanT, zero))
-        add_to(state, here + rows.IMPACT, select(rigid, -(step * taken), zero))
-        speed = select(rigid, meanT, speed)
-    size = magnitude(speed)
-    contact = select(sticks, each(STICK), select(slips, each(SLIP), each(SEPARATION)))
-    # In some lane the state changes every few steps: no branch could be foretold, so there is none.
-    switched, stuck = ~(contact == was), was == each(STICK)
-    settled = t >= load(state, here + rows.SETTLED_FROM)
-    started, first_slip = load(state, here + rows.STICK_START), load(state, here + rows.FIRST_SLIP)
-    entered, left = sticks & ~stuck, stuck & ~sticks
-    slipped = switched & slips & ~(first_slip <= t)
-    opened = switched & ~(touch | (load(state, here + rows.FIRST_SEPARATION) <= t))
-    long = left & (t - started >= load(state, here + rows.LEAST_STICK))
-    ended = 0
-    if bits(slipped | opened | long) != 0:
-        ended = _mark(given, of, state, here, places, at, scratch, t, slipped, opened, long)
-        settled, first_slip = t >= load(state, here + rows.SETTLED_FROM), load(state, here + rows.FIRST_SLIP)
-    add_to(state, here + rows.SWITCHES, select(switched & settled, one, zero))
-    # The stick that a run begins with is not counted.
-    started = select(entered & (first_slip <= t), t, select(left, each(np.nan), started))
-    store(state, here + rows.STICK_START, started)
-    # A leap is tried at a look, where all lanes are together.
-    look = load(state, here + rows.NEXT_HEARD) + load(given, of + rows.PATIENCE)
-    leap_at = select(left, each(np.inf), select(entered, look, load(state, here + rows.NEXT_LEAP)))
-    store(state, here + rows.NEXT_LEAP, leap_at)
-    store(state, here + rows.ANCHOR, select(entered, slid + newT, anchor))
-    store(state, here + rows.CONTACT, contact)
-    weight = select(settled, step, zero)
-    add_to(state, here + rows.STICK_TIME, select(sticks, weight, zero))
-    add_to(state, here + rows.SLIP_TIME, select(slips, weight, zero))
-    add_to(state, here + rows.APART_TIME, select(touch, zero, weight))
-    store(state, here + rows.SUM_N, fma(weight, N, load(state, here + rows.SUM_N)))
-    most, fastest = load(state, here + rows.MAX_N), load(state, here + rows.MAX_SLIP)
-    store(state, here + rows.MAX_N, select(settled & (most < N), N, most))
-    store(state, here + rows.MAX_SLIP, select(settled & (size > fastest), size, fastest))
-    if bits(load(state, here + rows.NEXT) == now) != 0:
-        share = load(given, of + rows.SHARE)
-        watched = (load(state, here + rows.NEXT_HEARD) == now) & (share <= one)
-        ended |= bits(watched & (~sticks | (magnitude(T) > share * (mu * N))))
-        store(scratch, rows.S_TIME, t)
-        store(scratch, rows.S_N, N)
-        store(scratch, rows.S_T, T)
-        store(scratch, rows.S_SPEED, speed)
-        store(scratch, rows.S_CONTACT, contact)
-        store(scratch, rows.S_SIZE, size)
-        _look(sizes, group, modes, damping, point_b, given, state, places, v, scratch, settled)
-    now = now + one
-    store(state, here + rows.NOW, now)
-    return ended | bits((load(state, here + rows.LAST) <= now) | (leap_at <= now))
+@reordered
+def observe(x: Any, first: int, count: int, half_N: float, half_T: float) -> Any:
+    """Velocity of B before the impulse, and the power that a block of modes loses in the middle of it."""
+    speed, power = 0.0, 0.0
+    for j in range(first, first + count):
+        speed += x[j + _POINT_B] * x[j + _V]
+        rate = x[j + _V] + x[j + _NORMAL] * half_N + x[j + _TANGENTIAL] * half_T
+        power += x[j + _DAMPING] * rate * rate
+    return speed, power
 
 
-@inlined
-def _mark(
-    given: int, of: int, state: int, here: int, places: int, at: int, scratch: int, t: Any, slipped: Any,
-    opened: Any, long: Any,
-) -> int:  # fmt: skip
-    """What happens seldom: first slip, first separation, the end of a long stick.
-
-    The first slip says which sticks are long, and starts the statistics anew.
-    """
-    zero = each(0.0)
-    store(state, here + rows.FIRST_SLIP, select(slipped, t, load(state, here + rows.FIRST_SLIP)))
-    least_stick, settling = load(state, here + rows.LEAST_STICK), load(state, here + rows.SETTLING)
-    store(state, here + rows.LEAST_STICK, select(slipped & ~(least_stick >= zero), each(0.2) * t, least_stick))
-    anew = slipped & (settling >= zero)
-    store(state, here + rows.SETTLED_FROM, select(anew, t + settling, load(state, here + rows.SETTLED_FROM)))
-    for row in range(here + rows.SUM_N, here + rows.SLIP_TIME + 1):
-        store(state, row, select(anew, zero, load(state, row)))
-    clear(places, at, bits(anew))
-    store(state, here + rows.FIRST_SEPARATION, select(opened, t, load(state, here + rows.FIRST_SEPARATION)))
-    store(scratch, rows.S_TIME, t)
-    enter_sticks(state, here + rows.STICK_START, scratch, places, at, bits(long))
-    return bits(opened & (load(given, of + rows.UNTIL_OPEN) > zero))
+@reordered
+def follow_shapes(x: Any, first: int, count: int) -> Any:
+    """Gap shapes of the next step, and by how much the gaps and their rates change with them alone."""
+    gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
+    for j in range(first, first + count):
+        normal, tangential, q, v = x[j + _SLIDE_N], x[j + _SLIDE_T], x[j + _Q], x[j + _V]
+        x[j + _NORMAL] += normal
+        x[j + _TANGENTIAL] += tangential
+        gN += normal * q
+        gT += tangential * q
+        vN += normal * v
+        vT += tangential * v
+    return gN, gT, vN, vT
 
 
-@inlined
-def _look(
-    sizes: Any, group: int, modes: int, damping: int, point_b: int, given: int, state: int, places: int, v: int,
-    scratch: int, settled: Any,
-) -> None:  # fmt: skip
-    """Take samples, listen and record where it is time to."""
-    of, here, at = group * rows.GIVEN, group * rows.STATE, group * rows.PLACES
-    both, normal, tangential = sizes
-    first = group * (both + normal + tangential)
-    first_row = group * (rows.BOTH * both + rows.ONE * (normal + tangential))
-    now, hN, hT = load(state, here + rows.NOW), load(state, here + rows.KICK_N), load(state, here + rows.KICK_T)
-    sampling, hearing = load(state, here + rows.NEXT_SAMPLE), load(state, here + rows.NEXT_HEARD)
-    writing = load(state, here + rows.NEXT_ROW)
-    sampled, heard, written = sampling == now, hearing == now, writing == now
-    if bits(sampled) != 0:
-        spread(given, of, scratch, places, at, bits(sampled & settled))
-        sampling = select(sampled, now + each(rows.SAMPLED), sampling)
-    if bits(heard | written) != 0:
-        kick = fma(load(given, of + rows.B_N), hN, load(given, of + rows.B_T) * hT)
-        store(scratch, rows.S_B, along(point_b, v, first, first + both + normal + tangential) + kick)
-        power = damped(sizes, modes, first_row, damping, v, first, each(0.5) * hN, each(0.5) * hT)
-        lost = load(given, of + rows.HEARING) * (load(given, of + rows.STEP) * power)
-        add_to(state, here + rows.DAMPED, select(heard, lost, each(0.0)))
-        hear(scratch, places, at, bits(heard))
-        record(scratch, places, at, bits(written))
-        hearing = select(heard, now + load(given, of + rows.HEARING), hearing)
-        writing = select(written, now + load(given, of + rows.RECORDING), writing)
-    store(state, here + rows.NEXT_SAMPLE, sampling)
-    store(state, here + rows.NEXT_HEARD, hearing)
-    store(state, here + rows.NEXT_ROW, writing)
-    store(state, here + rows.NEXT, least(sampling, least(hearing, writing)))
-
-
-@inlined
-def move(sizes: Any, group: int, modes: int, slides: int, given: int, state: int, q: int, v: int) -> None:
-    """Kick the modes of a group of lanes and move them over one step."""
-    of, here = group * rows.GIVEN, group * rows.STATE
-    both, normal, tangential = sizes
-    first = group * (both + normal + tangential)
-    row = group * (rows.BOTH * both + rows.ONE * (normal + tangential))
-    hN, hT = load(state, here + rows.KICK_N), load(state, here + rows.KICK_T)
-    gN, gT, vN, vT = kick_and_move(sizes, modes, row, q, v, first, hN, hT)
-    if slides != 0:
-        byN, byT, rateN, rateT = follow_shapes(sizes, modes, row, slides, q, v, first)
-        gN, gT, vN, vT = gN + byN, gT + byT, vN + rateN, vT + rateT
-        rest_N, rest_T = load(given, of + rows.REST_N), load(given, of + rows.REST_T)
-        # What sticks does not slide over P2.
-        add_to(state, here + rows.ANCHOR, byT + rest_T)
-        add_to(state, here + rows.P_REST, -rest_N)
-        add_to(state, here + rows.T_REST, rest_T)
-        store(state, here + rows.CREEP, (byN + rest_N) * load(given, of + rows.PER_STEP))
-    store(state, here + rows.G_N, gN)
-    store(state, here + rows.G_T, gT)
-    store(state, here + rows.V_N, vN)
-    store(state, here + rows.V_T, vT)
-
-
-@kernel
-def work(
-    groups: int,
-    most: int,
-    sizes: Any,
-    modes: int,
-    damping: int,
-    point_b: int,
-    slides: int,
-    given: int,
-    state: int,
-    places: int,
-    q: int,
-    v: int,
-    scratch: int,
-    room: int,
-) -> Any:
-    """Take steps and leaps in all lanes until a stretch has ended.
-
-    Arrays are given by their addresses (`fivcore.transient.lanes`).
+@contracted
+def solve_contact(scene: Any, p: float, gT: float, vN: float, vT: float) -> Any:
+    """Contact state, N, T, the element's state after the step, and its u_T in the regime that the step is in.
 
     Parameters
     ----------
-    groups : int
-        How many groups of lanes are in use.
-    most : int
-        How many steps are taken at most.
-    sizes : tuple of 3 ints
-        How many modes are felt in both directions, along the normal only, along the tangent only: even numbers.
-        Modes come in this order.
-    modes : ndarray, (groups (BOTH sizes[0] + ONE (sizes[1] + sizes[2])), WIDTH)
-        Gap shapes and flow over a step.
-    damping, point_b : ndarray, (groups n, WIDTH)
-    slides : ndarray, (groups n, WIDTH)
-        By how much the gap shapes change in a step; 0 for its address where all contact points stay.
-    given, state, places : ndarray, (groups GIVEN, WIDTH), (groups STATE, WIDTH), (groups PLACES, WIDTH)
-        Rows as in `fivcore.transient.lane_rows`.
-    q, v : ndarray, (groups n, WIDTH)
-        Before the kick in the middle of the step `state[NOW]`.
-    scratch : ndarray, (SCRATCH, WIDTH)
-    room : ndarray, (WORKSPACE, 2 n)
-        Of `fivcore.transient.leap_kernel.leap`.
+    scene : record
+    p, gT, vN, vT : float
+        Penetration, g_T and the rates of the gaps before the impulse.
+    """
+    was, uN, u = scene.contact, scene.u_N, scene.u_T
+    left = scene.relax_NN * uN + scene.relax_NT * u
+    # Without an element the gap of a lasting contact is rounding: only its force can end it.
+    if p <= left and (was == SEPARATION or scene.rigid == 0):
+        return SEPARATION, 0.0, 0.0, left, scene.relax_TN * uN + scene.relax_TT * u, u
+    share, offset = 1.0, scene.enter_offset
+    if was == STICK:
+        u = scene.anchor - gT
+        N = scene.stick_Np * p + scene.stick_Nu * u + scene.stick_Nn * vN + scene.stick_Nt * vT
+        T = scene.stick_Tp * p + scene.stick_Tu * u + scene.stick_Tn * vN + scene.stick_Tt * vT
+    elif was == SLIP:
+        N = scene.enter_Np * p + scene.enter_Nu * u + scene.enter_Nn * vN + scene.enter_Nt * vT
+        T = scene.enter_Tp * p + scene.enter_Tu * u + scene.enter_Tn * vN + scene.enter_Tt * vT
+    else:
+        N = scene.land_Np * p + scene.land_Nu * u + scene.land_Nn * vN + scene.land_Nt * vT
+        T = scene.land_Tp * p + scene.land_Tu * u + scene.land_Tn * vN + scene.land_Tt * vT
+        # A landing on a rigid contact takes part of the force of a lasting one.
+        share, offset = scene.landing_share, scene.land_offset
+    mu = scene.mu
+    # Between the middle of the step, where stick holds u_T, and its start, where slip begins.
+    shift = offset * (vT + scene.M_NT * N + scene.M_TT * T)
+    if N > 0.0 and abs(T) <= mu * N:
+        return STICK, share * N, share * T, p, u if was == STICK else u - shift, u
+    start = u + shift if was == STICK else u
+    if T > 0.0:
+        N = scene.ahead_Np * p + scene.ahead_Nu * start + scene.ahead_Nn * vN
+        end = scene.ahead_up * p + scene.ahead_uu * start + scene.ahead_un * vN
+    else:
+        N = scene.back_Np * p + scene.back_Nu * start + scene.back_Nn * vN
+        end = scene.back_up * p + scene.back_uu * start + scene.back_un * vN
+        mu = -mu
+    if N > 0.0:
+        N *= share
+        return SLIP, N, mu * N, p, end, start
+    endN, endT = scene.relax_NN * p + scene.relax_NT * start, scene.relax_TN * p + scene.relax_TT * start
+    return SEPARATION, 0.0, 0.0, endN, endT, start
+
+
+@contracted
+def apply_contact(scene: Any) -> Any:
+    """Contact forces of a scene's present step, with all that is counted in every step.
 
     Returns
     -------
-    ended : int
-        Bit by bit, the lanes whose stretch has ended.
-    taken : int
-        How many steps were taken.
+    N, T, slip rate : float
     """
-    taken = 0
-    while True:
-        ended = 0
-        while ended == 0 and taken < most:
-            taken += 1
-            for group in range(groups):
-                ended |= meet(sizes, group, modes, damping, point_b, given, state, places, v, scratch) << (
-                    group * WIDTH
-                )
-            for group in range(groups):
-                move(sizes, group, modes, slides, given, state, q, v)
-        for lane in range(groups * WIDTH):
-            cell = lane // WIDTH * rows.STATE * WIDTH + lane % WIDTH
-            now, last = number_at(state, cell + rows.NOW * WIDTH), number_at(state, cell + rows.LAST * WIDTH)
-            if number_at(state, cell + rows.NEXT_LEAP * WIDTH) <= now < last:
-                leap(lane, sizes, given, state, places, q, v, room)
-                if number_at(state, cell + rows.NOW * WIDTH) < last:
-                    ended &= ~(1 << lane)
-        if ended != 0 or taken >= most:
-            return ended, taken
+    step, was = scene.step, scene.contact
+    t = (scene.now + 0.5) * step
+    if t < scene.ramp:
+        drive = scene.acceleration * t
+        X = 0.5 * drive * t
+    else:
+        drive, X = scene.speed, scene.speed * (t - 0.5 * scene.ramp)
+    # The unit load's share of the impulse comes first.
+    vN = scene.v_N - (scene.M_NN - scene.creep)
+    vT = scene.v_T - (scene.M_NT + drive)
+    gT = scene.g_T + (scene.T_rest - X)
+    p = scene.p_rest - scene.g_N
+    wasN = scene.u_N
+    contact, N, T, newN, newT, before = solve_contact(scene, p, gT, vN, vT)
+    scene.u_N, scene.u_T = newN, newT
+    meanN = vN + scene.M_NN * N + scene.M_NT * T
+    meanT = vT + scene.M_NT * N + scene.M_TT * T
+    slip_rate = meanT
+    if contact == SEPARATION:
+        # The spring gives up what it holds. What it has taken over all steps of a contact is half its stiffness
+        # times the last penetration times the one after it; nothing, where that is negative.
+        held = wasN if was == SEPARATION else max(p, 0.0)
+        released = scene.K_NN * (wasN * held - newN * newN) + scene.K_TT * (before * before - newT * newT)
+        released += 2.0 * scene.K_NT * (wasN * before - newN * newT)
+        scene.termination += 0.5 * released
+    else:
+        dashpot, rateT = scene.C_TT, -meanT
+        if contact == SLIP:
+            dashpot, rateT = scene.C_slip, (newT - before) * scene.per_step
+        power = scene.C_NN * meanN * meanN - 2.0 * scene.C_NT * meanN * rateT + dashpot * rateT * rateT
+        scene.termination += step * power
+        if scene.rigid != 0:
+            # Nothing moves in the element, so what work the contact takes is the landing's loss.
+            scene.impact -= step * (N * meanN + (T * meanT if contact == STICK else 0.0))
+        else:
+            slip_rate += rateT
+    scene.work += step * (T * drive - N * scene.creep)
+    scene.friction -= step * (T * slip_rate)
+    count_step(scene, contact, N, abs(slip_rate), step)
+    scene.contact = contact
+    if contact == STICK and was != STICK:
+        scene.anchor = gT + newT
+    return N, T, slip_rate
+
+
+@inlined
+def switch(scene: Any, was: int) -> bool:
+    """Count a change of the contact state, and what follows from it for the steps to come; see `enter`."""
+    contact = scene.contact
+    listed = enter(scene, was, contact, (scene.now + 0.5) * scene.step)
+    scene.next_skip = at.NEVER
+    if contact == STICK and scene.skip_at >= 0:
+        scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every
+    elif contact == SEPARATION and scene.until_open != 0:
+        scene.stopped = 1
+    if scene.settled_from < np.inf:
+        scene.settle = int(np.ceil(scene.settled_from * scene.per_step - 0.5))
+    plan(scene)
+    return listed
+
+
+@inlined
+def plan(scene: Any) -> None:
+    """Find the next step at which anything but a plain step happens."""
+    following = min(scene.next_sample, scene.next_row, scene.next_skip, scene.last)
+    if scene.settle > scene.now:
+        following = min(following, scene.settle)
+    scene.next = scene.now + 1 if scene.stopped != 0 else following
+
+
+@kernel
+def advance(
+    order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, tables: Any, workspace: Any
+) -> None:
+    """Take every scene to the end of its segment.
+
+    Parameters
+    ----------
+    order : ndarray of int, (m,)
+        Which of the scenes, in the order in which they begin.
+    scenes : ndarray of `fast_scene.SCENE`, (any,)
+    modes : ndarray, (any,)
+        Blocks of modes; a scene says where its own begin.
+    samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
+        Where a scene says: velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state;
+        begin and end of long sticks.
+    tables, workspace : ndarray
+        Of `transient.stick_skip.skip`.
+    """
+    turn = np.empty(GROUP, dtype=np.int64)
+    count, waiting = 0, 0
+    while count < GROUP and waiting < len(order):
+        turn[count] = order[waiting]
+        count, waiting = count + 1, waiting + 1
+    while count > 0:
+        g = 0
+        while g < count:
+            scene = scenes[turn[g]]
+            due = scene.next <= scene.now
+            if due:
+                if scene.next_skip <= scene.now < scene.last:
+                    skip(scene, modes, samples, rows, tables, workspace)
+                if scene.settle == scene.now:
+                    clear(scene)
+                if scene.stopped != 0 or scene.now >= scene.last:
+                    if waiting < len(order):
+                        turn[g] = order[waiting]
+                        waiting += 1
+                    else:
+                        count -= 1
+                        turn[g] = turn[count]
+                    continue
+            was = scene.contact
+            N, T, slip_rate = apply_contact(scene)
+            if scene.contact != was and switch(scene, was):
+                place = scene.sticks_at + scene.sticks - 1
+                sticks[place, 0], sticks[place, 1] = scene.last_stick, (scene.now + 0.5) * scene.step
+            impulse_N, impulse_T = scene.step * (N - 1.0), scene.step * T
+            first, left = np.uint64(scene.modes_at), np.uint64(scene.modes)
+            if due:
+                speed, power = scene.B_N * impulse_N + scene.B_T * impulse_T, 0.0
+                for k in range(scene.blocks):
+                    size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
+                    more, lost = observe(modes, first + np.uint64(k) * _BLOCK_SIZE, size, 0.5 * impulse_N, 0.5 * impulse_T)
+                    speed, power = speed + more, power + lost
+                # Written here and not by a function: arrays that a function with branches takes are counted each time.
+                if scene.next_sample == scene.now:
+                    place = scene.samples_at + scene.samples
+                    samples[place, 0], samples[place, 1], samples[place, 2] = speed, slip_rate, N
+                    scene.samples += 1
+                    scene.next_sample += scene.sample_every
+                    scene.damped += scene.sample_every * scene.step * power
+                    if scene.threshold < np.inf and (scene.contact != STICK or abs(T) > scene.threshold * N):
+                        scene.stopped = 1
+                if scene.next_row == scene.now:
+                    place = scene.rows_at + scene.rows
+                    rows[place, 0], rows[place, 1], rows[place, 2] = (scene.now + 0.5) * scene.step, speed, N
+                    rows[place, 3], rows[place, 4], rows[place, 5] = T, slip_rate, scene.contact
+                    scene.rows += 1
+                    scene.next_row += scene.row_every
+                plan(scene)
+            gN, gT, vN, vT = kick_and_drift(modes, first, min(left, _BLOCK), impulse_N, impulse_T)
+            for k in range(1, scene.blocks):
+                size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
+                a, b, c, d = kick_and_drift(modes, first + np.uint64(k) * _BLOCK_SIZE, size, impulse_N, impulse_T)
+                gN, gT, vN, vT = gN + a, gT + b, vN + c, vT + d
+            if scene.moving != 0:
+                byN, byT = 0.0, 0.0
+                for k in range(scene.blocks):
+                    size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
+                    a, b, c, d = follow_shapes(modes, first + np.uint64(k) * _BLOCK_SIZE, size)
+                    byN, byT, vN, vT = byN + a, byT + b, vN + c, vT + d
+                gN, gT = gN + byN, gT + byT
+                # What sticks does not slide over P2.
+                scene.anchor += byT + scene.rest_slide_T
+                scene.p_rest -= scene.rest_slide_N
+                scene.T_rest += scene.rest_slide_T
+                scene.creep = (byN + scene.rest_slide_N) * scene.per_step
+            scene.g_N, scene.g_T, scene.v_N, scene.v_T = gN, gT, vN, vT
+            scene.now += 1
+            g += 1

@@ -1,9 +1,8 @@
-"""What the steps of `fivcore.transient.fast` need of a model, made once for it."""
+"""What the steps of `method="fast"` need of a model, a friction and a step; made once and shared by scenes."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import cast
 
 import numpy as np
 
@@ -14,72 +13,104 @@ from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.uniqueness import check_unique
 from fivcore.jit import Array
-from fivcore.transient.lane_rows import UNEVENNESS
+from fivcore.transient import fast_scene as at
+
+# Modes come in eights, so that vector registers are full.
+EIGHT = 8
 
 
 class Solver:
-    """A model with everything that its steps need."""
+    """A model with everything that its steps need.
+
+    Attributes
+    ----------
+    model : ReducedModel
+    mu, step : float
+    impulse : Kicks
+        How impulses see the model.
+    maps : RegimeMaps
+    dissipation : ndarray, (2, 2)
+        What the dashpot loses, from the mean rates of the gaps over a step.
+    at_rest : tuple of float
+        Penetration and tangential gap at rest.
+    size : int
+        Places for modes: their number rounded up.
+    blocks : ndarray, (blocks, BLOCK_ROWS, BLOCK)
+        Modes of a scene at rest.
+    record : ndarray of SCENE, (1,)
+        A scene with the numbers that this solver knows.
+    """
 
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         self.model, self.mu, self.step = model, mu, step
         check_unique(model, mu, step)
-        flow = propagator(model.stiffness, model.damping, step)
-        self.model_arrays = (flow, model.damping, model.normal.copy(), model.tangential.copy(), model.point_b)
-        self.missed, self.K, self.C, self.mobility = model.kicks(step)
-        maps = regime_maps(self.K, self.C, self.mobility, mu, step)
-        self.laws = tuple(float(x) for part in maps for x in np.ravel(part))
-        # Without an element half the force of lasting contact is what a landing needs.
-        self.landing = 1.0 if model.K.any() else 0.5
-        self._lay_out(flow)
-        # Penetration and tangential gap at rest: of the unit load kicks see what they see of a contact force.
+        self.impulse = impulse = model.kicks(step)
+        self.maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step)
+        # The mean rate of a gap over an impulse is less than that of the element within it, by what impulses miss.
+        element = bool(model.K.any())
+        rates = np.linalg.solve(impulse.stiffness, model.K) if element else np.eye(2)
+        self.dissipation = np.asarray(rates.T @ model.C @ rates)
+        # Of the unit load impulses see what they see of a contact force.
         self.at_rest = (
-            float(self.missed[0, 0] - model.normal @ model.rest),
-            float(model.tangential @ model.rest - self.missed[1, 0]),
+            float(impulse.missed[0, 0] - model.normal @ model.rest),
+            float(model.tangential @ model.rest - impulse.missed[1, 0]),
         )
+        self.size = -(-len(model.rest) // EIGHT) * EIGHT
+        self.blocks = np.zeros((-(-self.size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))
+        flow = propagator(model.stiffness, model.damping, step)
+        rows = {at.NORMAL: model.normal, at.TANGENTIAL: model.tangential}
+        rows |= {at.POINT_B: model.point_b, at.DAMPING: model.damping}
+        for row, values in (*zip((at.A, at.B, at.C, at.D), flow, strict=True), *rows.items()):
+            put(self.blocks, row, values)
+        self.record = self._record()
 
-    def _lay_out(self, flow: Array) -> None:
-        """For `fivcore.transient.fast_kernel`: where each mode goes, and a lane's coefficients and numbers."""
-        model = self.model
-        felt = model.normal != 0.0, model.tangential != 0.0
-        kinds = [np.flatnonzero(felt[0] & felt[1]), np.flatnonzero(felt[0] > felt[1]), np.flatnonzero(~felt[0])]
-        self.sizes = cast(tuple[int, int, int], tuple(len(kind) + len(kind) % 2 for kind in kinds))
-        starts = np.concatenate([[0], np.cumsum(self.sizes)])
-        self.place = np.empty(len(model.normal), dtype=np.intp)
-        for kind, start in zip(kinds, starts[:-1], strict=True):
-            self.place[kind] = start + np.arange(len(kind))
-        shapes = (model.normal, model.tangential)
-        columns = []
-        for kind, size, own in zip(kinds, self.sizes, (shapes, shapes[:1], shapes[1:]), strict=True):
-            column = np.zeros((size, len(own) + 4))
-            column[: len(kind)] = np.stack([*own, *flow])[:, kind].T
-            columns.append(column.ravel())
-        self.coefficients = np.concatenate(columns)
-        M, K, step = self.mobility, self.K, self.step
-        # What the dashpot loses: the mean rate of a gap over a kick is less than that of the element within it, by
-        # what kicks miss. In slip u_T has a rate of its own.
-        rates = np.linalg.solve(K, model.K) if K.any() else np.eye(2)
-        loss = rates.T @ model.C @ rates
-        on_b = 0.5 * float(model.point_b @ model.normal), 0.5 * float(model.point_b @ model.tangential)
-        parts = [number for m in (M, K, loss) for number in (m[0, 0], m[1, 0], m[1, 1])]
-        rigid = float(self.landing != 1.0)
-        times = [step, 1.0 / step]
-        self.given = np.array([*self.laws, self.mu, *times, *parts, *on_b, self.landing, rigid])
-        if loss.any():
-            self.given[UNEVENNESS] *= self.C[1, 1] / loss[1, 1]
-
-    def placed(self, normal: Array, tangential: Array) -> Array:
-        """Changes of the gap shapes, mode by mode in the order of the lanes: P2's, each in its own direction."""
-        column = np.zeros(sum(self.sizes))
-        column[self.place] = normal + tangential
-        return column
+    def _record(self) -> Array:
+        maps, model, step = self.maps, self.model, self.step
+        record = np.zeros(1, at.SCENE)
+        law = {
+            "stick": maps.stick, "enter": maps.entering, "land": maps.landing, "ahead": maps.slip[0],
+            "back": maps.slip[1],
+        }  # fmt: skip
+        for regime, values in law.items():
+            fields = [name for name in at.SCENE.names or () if name.startswith(f"{regime}_") and len(name) <= 8]
+            for name, value in zip(fields, values.ravel(), strict=True):
+                record[name] = value
+        symmetric = {"M": self.impulse.mobility, "K": self.impulse.stiffness, "C": self.dissipation}
+        for letter, matrix in symmetric.items():
+            for name, place in (("NN", (0, 0)), ("NT", (1, 0)), ("TT", (1, 1))):
+                record[f"{letter}_{name}"] = matrix[place]
+        (record["relax_NN"], record["relax_NT"]), (record["relax_TN"], record["relax_TT"]) = maps.separation
+        record["enter_offset"], record["land_offset"] = maps.mean_offset, maps.landing_offset
+        # In slip u_T has a rate of its own, which varies over the step.
+        record["C_slip"] = self.impulse.damping[1, 1] * maps.square_ratio
+        record["mu"], record["step"], record["per_step"] = self.mu, step, 1.0 / step
+        # Without an element half the force of lasting contact is what a landing needs.
+        record["rigid"] = not model.K.any()
+        record["landing_share"] = 0.5 if record["rigid"] else 1.0
+        record["B_N"], record["B_T"] = 0.5 * model.point_b @ model.normal, 0.5 * model.point_b @ model.tangential
+        record["modes"], record["blocks"], record["skip_at"] = self.size, len(self.blocks), -1
+        record["next_skip"] = at.NEVER
+        return record
 
     def between_kicks(self, force: Array) -> Array:
-        """How much further a steady contact force in kicks deflects the modes, midway between two of them."""
+        """How much further a steady contact force in impulses deflects the modes, midway between two of them."""
         model = self.model
         modal = model.normal * (force[0] - 1.0) + model.tangential * force[1]
         return between_kicks(model.stiffness, self.step) * modal
+
+
+def put(blocks: Array, row: int, values: Array) -> None:
+    """Write a row of modes into blocks."""
+    padded = np.zeros(len(blocks) * at.BLOCK)
+    padded[: len(values)] = values
+    blocks[:, row] = padded.reshape(-1, at.BLOCK)
+
+
+def take(blocks: Array, row: int, count: int) -> Array:
+    """Read a row of modes from blocks."""
+    return blocks[:, row].ravel()[:count].copy()
 
 
 @lru_cache(maxsize=64)

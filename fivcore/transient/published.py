@@ -14,7 +14,7 @@ damps like (b - 1/2) dt of stiffness-proportional damping.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,26 +22,20 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import not_unique
 from fivcore.jit import Array
-from fivcore.transient import spectra as listener
-from fivcore.transient.chunks import Chunk, rows_in
 from fivcore.transient.drive import Canonical, State
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
-from fivcore.transient.published_kernel import advance
-from fivcore.transient.statistics import (
-    SEPARATION,
-    SLIP,
-    STATE,
-    STICK,
-    WORK,
-    Tally,
-)
+from fivcore.transient.options import Options
+from fivcore.transient.published_kernel import SCENE, advance
+from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.statistics import SEPARATION, SETTLING, SLIP, STICK, begin
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
 STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
 # What the scheme adds to d2 of itself, s.
 ADDED_DAMPING = (BETA2 - 0.5) * STEP
 
-CHUNK = 0.02
+# Length of a segment, s.
+SEGMENT = 0.02
 
 
 def largest_step(stiffness: Array, damping: Array, b: float) -> float:
@@ -70,133 +64,144 @@ def _radius(k: float, c: float, dt: float, b: float) -> float:
 class PaperRun:
     """One run in progress."""
 
-    def __init__(
-        self,
-        scene: Canonical,
-        *,
-        ramp: float,
-        step: float | None,
-        initial: State | None,
-        tally: Tally,
-        sample_rate: float | None,
-        motion: ContactMotion | None = None,
-        beta2: float = BETA2,
-        tau: float = TAU,
-    ) -> None:
-        self.scene, self.ramp, self.tally = scene, ramp, tally
+    def __init__(self, scene: Canonical, options: Options) -> None:
+        self.scene, self.options = scene, options
         self.model = model = full_model(scene.rig, scene.theta)
-        self.step = STEP if step is None else step
-        limit = largest_step(model.stiffness, model.damping, beta2)
-        if self.step > limit:
+        self.step = dt = STEP if options.step is None else options.step
+        self._b = b = BETA2 if options.beta2 is None else options.beta2
+        limit = largest_step(model.stiffness, model.damping, b)
+        if dt > limit:
             raise ValueError(
-                f"step = {self.step:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
+                f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
-        self._motion, self._slide = motion, (np.zeros(0), np.zeros(0))
-        self._b, self._r = beta2, self.step / tau
-        self._inverse = 1.0 / (1.0 + beta2 * self.step * model.damping)
-        self._W = contact_closing(model, self.step, beta2)
-        if slip_divisors(self._W, scene.mu, self._r).min() <= 0.0:
-            critical = self._W[0] * (1.0 + self._r) / (self._r * abs(self._W[1]))
-            raise not_unique(scene.mu, critical)
-        self._hearing = max(round(listener.INTERVAL / self.step), 1)
-        self._recording = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
-        self.rate = 1.0 / (self._hearing * self.step)
-        self._begin(initial)
+        self.steps = max(round(options.duration / dt), 1)
+        self._motion = (
+            ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
+        )
+        self._slide = (np.zeros(0), np.zeros(0))
+        self._inverse = 1.0 / (1.0 + b * dt * model.damping)
+        W, r = contact_closing(model, dt, b), dt / TAU
+        if slip_divisors(W, scene.mu, r).min() <= 0.0:
+            raise not_unique(scene.mu, W[0] * (1.0 + r) / (r * abs(W[1])))
+        sample_every = max(round(INTERVAL / dt), 1)
+        rate = options.sampling_rate
+        self.rate = 1.0 / (sample_every * dt)
+        self._ramp_ends = round(options.ramp / dt)
+        self.segments: list[Segment] = []
+        self.record = record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
+        record["dt"], record["b"], record["r"], record["mu"] = dt, b, r, scene.mu
+        record["speed"], record["ramp"] = scene.pace, options.ramp
+        record["W_NN"], record["W_NT"], record["W_TT"] = W
+        record["sample_every"] = sample_every
+        record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * dt)), 1)
+        record["settle"] = int(np.ceil(record["settled_from"][0] / dt - 1.0))
+        self._start(options.initial)
 
-    def _begin(self, initial: State | None) -> None:
-        model, dt, b = self.model, self.step, self._b
-        rest = model.rest
+    def _start(self, initial: State | None) -> None:
+        model, dt, b, ramp = self.model, self.step, self._b, self.options.ramp
+        rest, record = model.rest, self.record
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
         self._load = np.where(model.stiffness > 0.0, model.stiffness * rest - model.normal, -model.normal)
-        ramping = model.inertia * self.scene.pace / self.ramp if self.ramp > 0.0 else np.zeros(len(rest))
+        ramping = model.inertia * self.scene.pace / ramp if ramp > 0.0 else np.zeros(len(rest))
         T = 0.0
         if initial is None:
-            self.tally.flags[STATE] = STICK
+            record["contact"] = STICK
             q, v, a = rest.copy(), np.zeros(len(rest)), np.zeros(len(rest))
         else:
-            self.tally.flags[STATE] = initial.contact
+            record["contact"] = initial.contact
             q, v = initial.displacement.copy(), initial.velocity.copy()
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
-                pace = self.scene.pace if self.ramp == 0.0 else 0.0
+                pace = self.scene.pace if ramp == 0.0 else 0.0
                 slips = initial.contact == SLIP
                 m = -self.scene.mu * float(np.sign(model.tangential @ v - pace)) if slips else 0.0
                 push = model.normal + m * model.tangential
                 N = -float(model.normal @ a) / float(model.normal @ push)
                 a, T = a + push * N, m * N
-        if self.ramp == 0.0:
+        if ramp == 0.0:
             v = v + model.inertia * self.scene.pace
-        self._contact = np.array([model.tangential @ q, T])
+        record["last_gT"], record["last_T"] = model.tangential @ q, T
         self._first_energy = self._energy_of(q, v)
         self._f = self._load + ramping
         self._vs = v + dt * (1.0 - b) * a
         self._a = (self._f - model.stiffness * q - model.damping * self._vs) * self._inverse
         self._q, self._reach = q, np.empty(len(q))
         self._set_gaps()
+        if self._ramp_ends == 0:
+            self._end_ramp(0)
 
     def _set_gaps(self) -> None:
-        dt = self.step
+        dt, model = self.step, self.model
         reach = self._q + dt * (self._vs + self._b * dt * self._a) + 0.5 * dt**2 * self._a
-        self._gaps = np.array([self.model.normal @ reach, self.model.tangential @ reach])
+        self.record["gap_N"], self.record["gap_T"] = model.normal @ reach, model.tangential @ reach
 
-    def chunks(self, last: int) -> Iterator[Chunk | Array]:
-        """Run to step `last`, handing over what was recorded and heard."""
-        per_chunk = max(round(CHUNK / self.step), 1)
-        if self._motion is not None:
-            per_chunk = max(int(STRETCH / (abs(self._motion.speed) * self.step)), 1)
-        ramp_ends = round(self.ramp / self.step)
-        hearing, recording = self._hearing, self._recording
-        modes = self._modes()
-        i = 0
-        if ramp_ends == 0:
-            self._end_ramp(0)
-        while i < last:
-            target = min(i + per_chunk, last)
-            if i < ramp_ends:
-                target = min(target, ramp_ends)
-            if self._motion is not None:
-                self._follow(self._motion, i, target)
-                modes = self._modes()
-            heard = np.empty(((target - i) // hearing + 1, 2))
-            rows = np.empty((rows_in(i, target, recording), 6))
-            sticks = self.tally.room(i * self.step, target * self.step, self.step)
-            before = self._q.copy() if i < ramp_ends else self._q
-            advance(
-                modes, self._f, self._W, self.scene.mu, (self.step, self._b, self._r),
-                (self.scene.pace, self.ramp), self._slide, i, target, self._q, self._vs, self._a, self._reach,
-                self._contact, self._gaps, self.tally.arrays, sticks, heard, hearing, rows, recording,
-            )  # fmt: skip
-            if i < ramp_ends:
-                # The accelerating clamp works on the inertia of P2; on the contact it does in the kernel.
-                self.tally.sums[WORK] += np.sum((self._f - self._load) * (self._q - before))
-            yield rows
-            yield Chunk.cut(i, target, self.step, 1.0, heard, hearing, self.tally.taken(sticks))
-            i = target
-            if i == ramp_ends:
-                self._end_ramp(i)
+    @property
+    def done(self) -> bool:
+        """Whether the run has come to its end."""
+        return bool(self.record["now"][0] >= self.steps)
+
+    @property
+    def time(self) -> float:
+        """Time up to which the run has come, s."""
+        return float(self.record["now"][0]) * self.step
+
+    @staticmethod
+    def advance(runs: Sequence[PaperRun]) -> None:
+        """Take every run to the end of its next segment and leave in `segments` what it did there."""
+        for run in runs:
+            run._advance()
+
+    def _advance(self) -> None:
+        record, motion, dt = self.record, self._motion, self.step
+        now = int(record["now"][0])
+        length = round(SEGMENT / dt) if motion is None else int(STRETCH / (abs(motion.speed) * dt))
+        last = min(now + max(length, 1), self.steps)
+        if now < self._ramp_ends:
+            last = min(last, self._ramp_ends)
+        if motion is not None:
+            self._follow(motion, now, last)
+        every, rows_every = int(record["sample_every"][0]), int(record["row_every"][0])
+        samples = np.empty((count_in(now, last, every), 3))
+        rows = np.empty((count_in(now, last, rows_every), 6))
+        room = room_for_sticks(now * dt, last * dt, float(record["least_stick"][0]), dt)
+        sticks = np.empty((room, 2))
+        record["samples"] = record["rows"] = record["sticks"] = 0
+        record["stick_room"] = room
+        before = self._q.copy() if now < self._ramp_ends else self._q
+        model = self.model
+        # The kernel moves the gap shapes along with the contact point.
+        shapes = (model.normal.copy(), model.tangential.copy())
+        modes = (model.stiffness, model.damping, self._inverse, *shapes, model.point_b)
+        advance(
+            record, last, modes, self._f, self._slide, self._q, self._vs, self._a, self._reach, samples, rows, sticks
+        )
+        if now < self._ramp_ends:
+            # The accelerating clamp works on the inertia of P2; on the contact it does in the kernel.
+            record["work"] += np.sum((self._f - self._load) * (self._q - before))
+        first = -(-now // every)
+        t = (np.arange(first, first + len(samples)) * every + 1.0) * dt
+        ended = sticks[: int(record["sticks"][0])].copy()
+        self.segments = [Segment(t, *samples.T.copy(), sticks=ended, rows=rows)]
+        if last == self._ramp_ends:
+            self._end_ramp(last)
 
     def _end_ramp(self, step: int) -> None:
-        """The clamp stops accelerating: what was predicted for step `step` is predicted anew."""
-        if self.ramp == 0.0:
+        """Stop the acceleration of the clamp: what was predicted for step `step` is predicted anew."""
+        ramp = self.options.ramp
+        if ramp == 0.0:
             return
         model = self.model
         # What the ramp lasts beyond a whole number of steps.
-        push = model.inertia * self.scene.pace / self.ramp * (self.ramp - step * self.step)
-        self.tally.sums[WORK] += np.sum(push * (self._vs + 0.5 * push))
+        push = model.inertia * self.scene.pace / ramp * (ramp - step * self.step)
+        self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
         self._a = (self._load - model.stiffness * self._q - model.damping * self._vs) * self._inverse
         self._f = self._load
         if self._motion is not None:
             self.model = moved_model(model, self.scene, self._motion.position((step + 1) * self.step))
         self._set_gaps()
-
-    def _modes(self) -> tuple[Array, ...]:
-        """What `advance` takes; it moves the gap shapes along with the contact point."""
-        model = self.model
-        shapes = (model.normal.copy(), model.tangential.copy())
-        return model.stiffness, model.damping, self._inverse, *shapes, model.point_b
 
     def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
         """Take the contact point along with P2 through steps `first` to `last`."""
@@ -205,10 +210,11 @@ class PaperRun:
         steps = last - first
         self._slide = ((after.normal - model.normal) / steps, (after.tangential - model.tangential) / steps)
         self.model = model
-        self._W = contact_closing(model, self.step, self._b)
+        W = contact_closing(model, self.step, self._b)
+        self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
 
     def stored_energy(self) -> float:
-        """Of the modes and the load, canonical; v* stands for the velocity."""
+        """Of the modes and the load, normalised; v* stands for the velocity."""
         return self._energy_of(self._q, self._vs)
 
     def _energy_of(self, q: Array, v: Array) -> float:

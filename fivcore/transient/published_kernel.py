@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from fivcore.jit import inlined, kernel
-from fivcore.transient.statistics import (
-    DAMPED,
-    FRICTION,
-    SEPARATION,
-    SETTLED_FROM,
-    SLIP,
-    STATE,
-    STICK,
-    WORK,
-    follow,
-    measure,
-    spread,
-)
+import numpy as np
 
-# Slots of `contact`.
-GT_LAST, T_LAST = 0, 1
-# Every how many steps the modal damping is sampled for the energy balance, and the histograms are filled.
-SAMPLED, SPREAD = 64, 8
+from fivcore.jit import inlined, kernel
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
+
+# Every how many steps the modal damping is sampled for the energy balance.
+SAMPLED = 64
+
+# What the scheme keeps of a scene: step, beta2, dt / tau, friction, drive, what a unit force closes within a step
+# (W); free gaps of the step, g_T and T at the end of the last one; contact state, the present step and its time of
+# settling, intervals and numbers of samples and rows of the record.
+_NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
+_WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
+SCENE = np.dtype([*FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE)])
 
 
 @inlined
@@ -83,98 +78,77 @@ def published_contact(
 
 @kernel
 def advance(
-    modes: Any,
-    f: Any,
-    W: Any,
-    mu: float,
-    scheme: Any,
-    drive: Any,
-    slide: Any,
-    first: int,
-    last: int,
-    q: Any,
-    vs: Any,
-    a: Any,
-    reach: Any,
-    contact: Any,
-    gaps: Any,
-    tally: Any,
-    sticks: Any,
-    heard: Any,
-    hearing: int,
-    rows: Any,
-    recording: int,
-) -> None:
-    """Steps `first` to `last` of one scene; state arrays are changed in place.
+    scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, reach: Any, samples: Any,
+    rows: Any, sticks: Any,
+) -> None:  # fmt: skip
+    """Take the steps up to `last` of one scene; state arrays are changed in place.
 
     Parameters
     ----------
+    scenes : ndarray of SCENE, (1,)
+    last : int
     modes : tuple
         k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the shape at B, each (n,).
     f : ndarray, (n,)
         Constant modal force.
-    W : ndarray, (3,)
-        dt^2 (b + 1/2) times the sums of shapes over 1 + b dt c: NN, NT, TT.
-    scheme : tuple
-        dt, b, r.
-    drive : tuple
-        V, ramp.
     slide : tuple
         By how much the gap shapes change in a step, each (n,); empty where the contact point stays.
     q, vs, a : ndarray, (n,)
-        q, v* and a* of step `first`.
+        q, v* and a* of the present step.
     reach : ndarray, (n,)
         Work space.
-    contact : ndarray, (2,)
-        g_T and T at the end of the last step.
-    gaps : ndarray, (2,)
-        Free g_N and g_T of step `first`, without the drive.
-    tally, sticks, heard, hearing, rows, recording
-        As in `fivcore.transient.statistics` and `fivcore.transient.chunks`.
+    samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
+        Velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state; begin and end of long
+        sticks.
     """
+    scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes
-    flags, moments, sums, forces, speeds, word, bits = tally
-    dt, b, r = scheme
-    V, ramp = drive
     slideN, slideT = slide
-    WNN, WNT, WTT = W
+    dt, b, V, ramp = scene.dt, scene.b, scene.speed, scene.ramp
     n = q.shape[0]
-    for i in range(first, last):
-        t = (i + 1.0) * dt
+    while scene.now < last:
+        now = scene.now
+        t = (now + 1.0) * dt
         X = 0.5 * V * t * t / ramp if t < ramp else V * (t - 0.5 * ramp)
-        gT = gaps[1] - X
-        was = flags[STATE]
-        state, N, T = published_contact(gaps[0], gT, contact[GT_LAST], contact[T_LAST], WNN, WNT, WTT, mu, r)
-        at = gT + WNT * N + WTT * T
-        speed = (at - contact[GT_LAST]) / dt
-        contact[GT_LAST], contact[T_LAST] = at, T
-        if state != was:
-            follow(flags, moments, sums, forces, speeds, sticks, t, state)
-        if t >= moments[SETTLED_FROM]:
-            measure(sums, state, N, abs(speed), dt)
-            if i % SPREAD == 0:
-                spread(forces, speeds, word, bits, N, abs(speed), SPREAD * dt)
-        sums[WORK] += dt * T * (V * t / ramp if t < ramp else V)
-        sums[FRICTION] -= dt * T * speed
-        listen = i % hearing == 0
-        record = recording > 0 and i % recording == 0
-        if listen or record:
+        if now == scene.settle:
+            clear(scene)
+        gT, was = scene.gap_T - X, scene.contact
+        contact, N, T = published_contact(
+            scene.gap_N, gT, scene.last_gT, scene.last_T, scene.W_NN, scene.W_NT, scene.W_TT, scene.mu, scene.r
+        )
+        shifted = gT + scene.W_NT * N + scene.W_TT * T
+        slip_rate = (shifted - scene.last_gT) / dt
+        scene.last_gT, scene.last_T, scene.contact = shifted, T, contact
+        count_step(scene, contact, N, abs(slip_rate), dt)
+        if contact != was:
+            enter(scene, was, contact, t, sticks)
+            if scene.settled_from < np.inf:
+                scene.settle = int(np.ceil(scene.settled_from / dt - 1.0))
+        scene.work += dt * T * (V * t / ramp if t < ramp else V)
+        scene.friction -= dt * T * slip_rate
+        sampled = now % scene.sample_every == 0
+        written = scene.row_every > 0 and now % scene.row_every == 0
+        if sampled or written:
             x = 0.0
             for j in range(n):
                 x += point_b[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
-            if listen:
-                place = i // hearing - (first + hearing - 1) // hearing
-                heard[place, 0], heard[place, 1] = x, speed
-            if record:
-                place = i // recording - (first + recording - 1) // recording
+            if sampled:
+                place = scene.samples
+                samples[place, 0], samples[place, 1], samples[place, 2] = x, slip_rate, N
+                scene.samples += 1
+            if written:
+                place = scene.rows
                 rows[place, 0], rows[place, 1], rows[place, 2] = t, x, N
-                rows[place, 3], rows[place, 4], rows[place, 5] = T, speed, state
-        if i % SAMPLED == 0:
+                rows[place, 3], rows[place, 4], rows[place, 5] = T, slip_rate, contact
+                scene.rows += 1
+        if now % SAMPLED == 0:
             x = 0.0
             for j in range(n):
                 x += c[j] * vs[j] * vs[j]
-            sums[DAMPED] += SAMPLED * dt * x
-        gaps[0], gaps[1] = correct_and_predict(k, c, inverse, normal, tangential, f, q, vs, a, reach, N, T, dt, b)
+            scene.damped += SAMPLED * dt * x
+        scene.gap_N, scene.gap_T = correct_and_predict(
+            k, c, inverse, normal, tangential, f, q, vs, a, reach, N, T, dt, b
+        )
         if slideN.shape[0] > 0:
             gN, gT, along = 0.0, 0.0, 0.0
             for j in range(n):
@@ -184,5 +158,6 @@ def advance(
                 gT += tangential[j] * reach[j]
                 # What sticks does not slide over P2.
                 along += slideT[j] * q[j]
-            gaps[0], gaps[1] = gN, gT
-            contact[GT_LAST] += along
+            scene.gap_N, scene.gap_T = gN, gT
+            scene.last_gT += along
+        scene.now = now + 1

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from inspect import signature
 from typing import Any, cast
 
+from fivcore import checks
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.rig import Scene
-from fivcore.transient.bench import Running, alone, side_by_side
-from fivcore.transient.drive import State
-from fivcore.transient.motion import Transient, motion_of
+from fivcore.transient.drive import Canonical, State
+from fivcore.transient.driver import Transient, drive
+from fivcore.transient.options import options_for, per_scene
 
 
 def simulate(
@@ -106,34 +107,26 @@ def simulate(
         Where the motion leaves the range of numbers.
     """
     given = dict(locals())
-    return alone(motion_of(**given))
-
-
-def simulation(scene: Scene, duration: float, method: str = "fast", **options: Any) -> Running[Transient]:
-    """What `simulate` does, as a generator that `side_by_side` runs beside others; it returns the `Transient`.
-
-    Whatever needs the motion of scenes may be a generator of this kind itself: `run = yield from simulation(...)`.
-    """
-    for name in options:
-        if name not in DEFAULTS:
-            raise TypeError(f"simulation() got an unexpected keyword argument {name!r}")
-    return motion_of(scene, duration, method, **{**DEFAULTS, **options})
+    (result,) = simulate_many([given.pop("scene")], **given)
+    if isinstance(result, Exception):
+        raise result
+    return result
 
 
 def simulate_many(
     scenes: Sequence[Scene], duration: Any, method: str = "fast", **options: Any
 ) -> list[Transient | ContactError | DivergenceError]:
-    """Simulate scenes side by side, several in a vector register; each has the bits that `simulate` gives it.
+    """Simulate scenes together; each has the bits that `simulate` gives it.
 
     Parameters
     ----------
     scenes : sequence of Scene
-        Those of one rig and inclination, or of nearby ones, are the quickest together.
     duration : float or list of float
     method : {"fast", "exact", "paper"}
-        Only "fast" knows how to run side by side; others run one after another.
+        "fast" computes many scenes in less time than one by one.
     **options
-        As for `simulate`. A list, as long as `scenes`, gives each scene its own, and so it does for `duration`.
+        As for `simulate`. A list, as long as `scenes`, gives each scene its own `duration`, `ramp`, `settle` or
+        `initial`; other lists belong to all scenes.
 
     Returns
     -------
@@ -145,23 +138,24 @@ def simulate_many(
     ValueError
         For a bad argument, as `simulate` raises it, or a list that is not as long as `scenes`.
     """
-    options |= {"duration": duration, "method": method}
-    for name, value in options.items():
-        if isinstance(value, list) and len(value) != len(scenes):
-            text = f"{name}: a list of {len(value)}: it must have one entry for each of {len(scenes)} scenes"
-            raise ValueError(text)
-
-    def own(k: int) -> dict[str, Any]:
-        return {name: value[k] if isinstance(value, list) else value for name, value in options.items()}
-
-    results = side_by_side([simulation(scene, **own(k)) for k, scene in enumerate(scenes)])
+    for name in options:
+        if name not in DEFAULTS:
+            raise TypeError(f"simulate_many() got an unexpected keyword argument {name!r}")
+    given = DEFAULTS | options | {"duration": duration, "method": method}
+    asked = []
+    for scene, own in zip(scenes, per_scene(scenes, given, OWN), strict=True):
+        checks.instance("scene", scene, Scene)
+        canonical = Canonical.of(scene)
+        asked.append((scene, canonical, options_for(scene, canonical, own)))
+    results = drive(asked)
     for result in results:
-        if isinstance(result, Exception) and not isinstance(result, (ContactError, DivergenceError)):
+        if isinstance(result, ValueError):
             raise result
     return cast(list[Transient | ContactError | DivergenceError], results)
 
 
-# Options of a run and what they are if they are not given.
+# Options of a run and what they are if they are not given; those of which a list gives each scene its own.
 DEFAULTS = {
     name: each.default for name, each in signature(simulate).parameters.items() if each.kind is each.KEYWORD_ONLY
 }
+OWN = frozenset({"duration", "ramp", "settle", "initial"})

@@ -1,33 +1,30 @@
-"""Spectra and statistics of the velocity of B, gathered while a run goes on.
+"""Spectra, coherence, spread and quantiles of what is sampled of a run, in bounded memory.
 
-Samples arrive in pieces; what is kept does not grow with the run. Long sticks and what lies between them
-have spectra of their own (Welch: Hann windows of 20 ms, half overlapping; a shorter stretch counts with what
-it has).
+Samples are gathered and worked on in blocks of fixed length, so that the figures do not depend on the segments in
+which a run is computed. Long sticks and what lies between them have power spectra of their own (Welch's method: Hann
+windows of 20 ms, half overlapping). The autocorrelation comes from the power spectrum of zero-padded stretches.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from functools import lru_cache
 
 import numpy as np
 
 from fivcore.jit import Array
 
-# Samples are taken at about 50 kHz.
-INTERVAL = 20e-6
 WINDOW = 1024
-LONG = 16384
 BAND = (200.0, 10e3)
-AT_ONCE = 16
-# What is asked for is no farther than half a stretch.
+# Stretches of the autocorrelation; what is asked for is no farther than half of one. A block is some of them.
+LONG = 16384
 PADDED = 3 * LONG // 2
-
-
-@lru_cache(maxsize=WINDOW)
-def hann(length: int) -> Array:
-    """Hann window; not to be changed."""
-    return np.hanning(length)
+BLOCK = 4 * LONG
+# Bins of the histograms: exponent and seven bits of the mantissa, from 2^-120 to 2^60, so that a quantile is known to
+# 0.4 %. N = 1, the commonest value of all, lies in the middle of one: rounding does not decide where it counts.
+_SHIFT, _MIDDLE = 45, 1 << 44
+_LOWEST = (1023 - 120) << 7
+BINS = 180 << 7
+_HANN = np.hanning(WINDOW)
 
 
 class Welch:
@@ -35,63 +32,24 @@ class Welch:
 
     def __init__(self, rate: float) -> None:
         self.frequency = np.fft.rfftfreq(WINDOW, 1.0 / rate)
-        self._power = np.zeros(WINDOW // 2 + 1)
-        self._open = np.zeros(0)
-        # Transforms of many windows at once cost a quarter of what they cost one by one.
-        self._windows = np.zeros((AT_ONCE, WINDOW))
-        self._filled = 0
+        self.power = np.zeros(WINDOW // 2 + 1)
 
     def add(self, samples: Array) -> None:
-        """Continue the present stretch."""
-        data = np.concatenate([self._open, samples]) if len(self._open) else samples
-        half = WINDOW // 2
-        count = max((len(data) - half) // half, 0)
-        # Every other window, from the first and from the second on.
-        for first in (0, 1):
-            pieces = (count + 1 - first) // 2
-            if pieces:
-                self._take(data[first * half : first * half + pieces * WINDOW].reshape(pieces, WINDOW))
-        self._open = data[count * half :].copy()
-
-    def close(self) -> None:
-        """End the present stretch; what is left of it counts if it is an eighth of a window or more."""
-        if len(self._open) >= WINDOW // 8:
-            self._take(self._open[None])
-        self._open = np.zeros(0)
-
-    def _take(self, pieces: Array) -> None:
-        """Enter pieces of equal length, (n, at most WINDOW)."""
-        length = pieces.shape[1]
-        while len(pieces):
-            first, last = self._filled, min(self._filled + len(pieces), AT_ONCE)
-            now, pieces = pieces[: last - first], pieces[last - first :]
-            mean = np.add.reduce(now, axis=1, keepdims=True) / length
-            np.multiply(now - mean, hann(length), out=self._windows[first:last, :length])
-            self._windows[first:last, length:] = 0.0
-            self._filled = last
-            if last == AT_ONCE:
-                self._transform()
-
-    def _transform(self) -> None:
-        power = np.abs(np.fft.rfft(self._windows[: self._filled], axis=1)) ** 2
-        self._power += power.sum(axis=0)
-        self._filled = 0
-
-    @property
-    def power(self) -> Array:
-        """Of all windows so far, (WINDOW // 2 + 1,)."""
-        if self._filled:
-            self._transform()
-        return self._power
-
-    def hold(self, value: float, count: int) -> None:
-        """Continue with the same value `count` times: a window that holds nothing else has no power."""
-        self.add(np.full(min(count, WINDOW), value))
+        """Enter a stretch; one shorter than a window counts if it is an eighth of one or more."""
+        if len(samples) >= WINDOW:
+            pieces, window = np.lib.stride_tricks.sliding_window_view(samples, WINDOW)[:: WINDOW // 2], _HANN
+        elif len(samples) >= WINDOW // 8:
+            pieces, window = samples[None], np.hanning(len(samples))
+        else:
+            return
+        pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * window
+        spectrum = np.fft.rfft(pieces, WINDOW, axis=1)
+        self.power += (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
 
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
-        inside = (self.frequency[1:-1] >= BAND[0]) & (self.frequency[1:-1] <= BAND[1])
         power = self.power
+        inside = (self.frequency[1:-1] >= BAND[0]) & (self.frequency[1:-1] <= BAND[1])
         # A peak, not the foot of something below or above the band.
         peaks = inside & (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
         if not peaks.any():
@@ -104,42 +62,36 @@ class Welch:
 
 
 class Correlation:
-    """Autocorrelation up to a sixth of a second, by the power spectrum of zero-padded stretches."""
+    """Autocorrelation up to a sixth of a second."""
 
     def __init__(self) -> None:
         self._power = np.zeros(PADDED // 2 + 1)
         self._lengths: Counter[int] = Counter()
-        self._open = np.zeros(0)
+        self._rest = np.zeros(0)
 
     def add(self, samples: Array) -> None:
-        """Continue the signal."""
-        data = np.concatenate([self._open, samples]) if len(self._open) else samples
-        while len(data) >= LONG:
-            self._take(data[:LONG])
-            data = data[LONG:]
-        self._open = data.copy()
+        """Enter a stretch; what is left of it counts if it is half of LONG or more, or if there is nothing else."""
+        for first in range(0, len(samples), LONG):
+            piece = samples[first : first + LONG]
+            if len(piece) >= LONG // 2:
+                self._enter(piece)
+            elif len(piece) > len(self._rest):
+                self._rest = piece.copy()
 
-    def close(self) -> None:
-        """End the signal; its rest counts if it is half a stretch or all there is."""
-        if len(self._open) >= LONG // 2 or (not self._lengths and len(self._open) > 1):
-            self._take(self._open)
-        self._open = np.zeros(0)
+    def repeat(self, count: int) -> None:
+        """Enter `count` samples of one value: only their number counts."""
+        if count >= LONG:
+            self._lengths[LONG] += count // LONG
 
-    def hold(self, value: float, count: int) -> None:
-        """Continue with the same value `count` times; of whole stretches of it only the number counts."""
-        begun = min(count, LONG - len(self._open))
-        self.add(np.full(begun, value))
-        whole, rest = divmod(count - begun, LONG)
-        if whole:
-            self._lengths[LONG] += whole
-        self._open = np.concatenate([self._open, np.full(rest, value)])
-
-    def _take(self, piece: Array) -> None:
-        self._power += np.abs(np.fft.rfft(piece - piece.mean(), PADDED)) ** 2
+    def _enter(self, piece: Array) -> None:
+        spectrum = np.fft.rfft(piece - piece.mean(), PADDED)
+        self._power += spectrum.real**2 + spectrum.imag**2
         self._lengths[len(piece)] += 1
 
     def near(self, lag: float, around: float) -> float:
         """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
+        if not self._lengths and len(self._rest) > 1:
+            self._enter(self._rest)
         if not self._lengths or lag + around >= 0.5 * max(self._lengths):
             return float("nan")
         lags = np.arange(int(lag - around), int(lag + around) + 2)
@@ -151,96 +103,137 @@ class Correlation:
         return float(np.max(product[lags] / pairs) / (product[0] / samples))
 
 
-class Listener:
-    """Velocity of B after settling: its spread, its spectra outside and within long sticks, its coherence."""
+class Histogram:
+    """How often numbers of zero or more occur."""
+
+    def __init__(self) -> None:
+        self.counts = np.zeros(BINS)
+
+    def add(self, values: Array, weight: float = 1.0) -> None:
+        """Enter values, each with a weight."""
+        if not len(values):
+            return
+        bins = np.clip(((np.ascontiguousarray(values).view(np.int64) + _MIDDLE) >> _SHIFT) - _LOWEST, 0, BINS - 1)
+        low, high = bins.min(), bins.max() + 1
+        self.counts[low:high] += weight * np.bincount(bins - low)
+
+    def quantile(self, share: float) -> float:
+        """The value that a share of all entries stays below, linear within a bin; NaN where there is none.
+
+        The first bin holds zero and all that is below 2^-120.
+        """
+        filled = np.flatnonzero(self.counts)
+        if not len(filled):
+            return float("nan")
+        sums = np.cumsum(self.counts[filled])
+        place = int(np.searchsorted(sums, share * sums[-1]))
+        index = int(filled[place])
+        if index == 0:
+            return 0.0
+        within = (share * sums[-1] - (sums[place - 1] if place else 0.0)) / self.counts[index]
+        edges = ((np.array([index, index + 1], dtype=np.int64) + _LOWEST) << _SHIFT) - _MIDDLE
+        low, high = edges.view(np.float64)
+        return float(low + min(max(within, 0.0), 1.0) * (high - low))
+
+
+class Monitor:
+    """What is sampled of a run after settling: the velocity of B, N and the slip rate.
+
+    Attributes
+    ----------
+    rate : float
+        Of the samples, Hz.
+    moving, stuck : Welch
+        Spectra of the velocity of B outside and within long sticks.
+    correlation : Correlation
+        Of the velocity of B.
+    forces, speeds : Histogram
+        Of N and of |slip rate|.
+    """
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        self._held_t = np.zeros(0)
-        self._held = np.zeros(0)
+        self._held: list[tuple[Array, ...]] = []
+        self._count_held = 0
         self._reset(0.0)
 
     def _reset(self, settled_from: float) -> None:
-        self.settled_from = settled_from
-        self.moving, self.stuck = Welch(self.rate), Welch(self.rate)
-        self.correlation = Correlation()
+        self._settled_from = settled_from
+        self.moving, self.stuck, self.correlation = Welch(self.rate), Welch(self.rate), Correlation()
+        self.forces, self.speeds = Histogram(), Histogram()
         self._count, self._mean, self._squares = 0, 0.0, 0.0
-        self._within: bool | None = None
 
-    def hear(self, t: Array, samples: Array, sticks: Array, unsure_from: float, settled_from: float) -> None:
-        """Take the next samples.
+    def add(self, t: Array, velocity: Array, force: Array, slip_rate: Array, settled_from: float) -> None:
+        """Take the next samples, (n,) each. If `settled_from` has moved, everything begins anew."""
+        if settled_from != self._settled_from:
+            self._reset(settled_from)
+        settled = slice(int(np.searchsorted(t, settled_from)), None)
+        self.forces.add(force[settled])
+        self.speeds.add(np.abs(slip_rate[settled]))
+        self._held.append((t, velocity.copy()))
+        self._count_held += len(t)
+
+    def repeat(self, t: float, velocity: float, force: float, slip_rate: float, count: int) -> None:
+        """Take `count` more samples like the last one, at `t`, outside of long sticks."""
+        count -= max(int(np.ceil((self._settled_from - t) * self.rate)) - 1, 0)
+        if count > 0:
+            self._merge(count, velocity, 0.0)
+            self.correlation.repeat(count)
+            self.forces.add(np.array([force]), count)
+            self.speeds.add(np.abs([slip_rate]), count)
+
+    def process(self, sticks: Array, known_until: float) -> None:
+        """Work on whole blocks of samples.
 
         Parameters
         ----------
-        t, samples : ndarray, (n,)
-        sticks : ndarray, (any, 2)
-            Long sticks, begin and end; a running one ends at infinity.
-        unsure_from : float
-            From here on it is not yet known whether a stick is a long one: held back until it is.
-        settled_from : float
-            If it has moved, everything begins anew.
+        sticks : ndarray, (k, 2)
+            Long sticks, begin and end; one that goes on ends at infinity.
+        known_until : float
+            From here on it is not yet known whether a stick is a long one.
         """
-        if settled_from != self.settled_from:
-            self._reset(settled_from)
-        if len(self._held):
-            t, samples = np.concatenate([self._held_t, t]), np.concatenate([self._held, samples])
-        sure = int(np.searchsorted(t, unsure_from))
-        self._held_t, self._held = t[sure:].copy(), samples[sure:].copy()
-        start = int(np.searchsorted(t[:sure], settled_from))
-        t, samples = t[start:sure], samples[start:sure]
+        while self._count_held >= BLOCK and self._join()[0][BLOCK - 1] < known_until:
+            self._block(BLOCK, sticks)
+
+    def close(self, sticks: Array) -> None:
+        """Work on what is left."""
+        self.process(sticks, np.inf)
+        self._block(self._count_held, sticks)
+
+    def _join(self) -> tuple[Array, ...]:
+        """Times and velocities that are held, each in one piece."""
+        if len(self._held) != 1:
+            pieces = self._held or [(np.zeros(0), np.zeros(0))]
+            self._held = [(np.concatenate([piece[0] for piece in pieces]), np.concatenate([p[1] for p in pieces]))]
+        return self._held[0]
+
+    def _block(self, count: int, sticks: Array) -> None:
+        t, velocity = (part[:count] for part in self._join())
+        self._held = [tuple(part[count:].copy() for part in self._held[0])]
+        self._count_held -= count
+        settled = int(np.searchsorted(t, self._settled_from))
+        t, velocity = t[settled:], velocity[settled:]
         if not len(t):
             return
-        self._spread(samples)
-        self.correlation.add(samples)
+        mean = float(velocity.mean())
+        self._merge(len(velocity), mean, float(np.sum((velocity - mean) ** 2)))
+        self.correlation.add(velocity)
         done = 0
         for first, last in np.searchsorted(t, sticks):
-            self._part(samples[done:first], within=False)
-            self._part(samples[first:last], within=True)
+            self.moving.add(velocity[done:first])
+            self.stuck.add(velocity[max(first, done) : last])
             done = max(done, last)
-        self._part(samples[done:], within=False)
-
-    def _part(self, samples: Array, *, within: bool) -> None:
-        """Samples within a long stick, or outside of them all."""
-        if not len(samples):
-            return
-        if within != self._within:
-            self.moving.close()
-            self.stuck.close()
-            self._within = within
-        (self.stuck if within else self.moving).add(samples)
-
-    def hold(self, t: float, value: float, count: int) -> None:
-        """Take `count` more samples of the same value, outside of long sticks, after the last one, at `t`."""
-        early = max(int(np.ceil((self.settled_from - t) * self.rate)) - 1, 0)
-        count -= early
-        if count > 0:
-            self._merge(count, value, 0.0)
-            self.correlation.hold(value, count)
-            (self.stuck if self._within else self.moving).hold(value, count)
-
-    def close(self) -> None:
-        """No more samples come; what is held back was no long stick."""
-        held_t, held = self._held_t, self._held
-        self._held_t, self._held = np.zeros(0), np.zeros(0)
-        self.hear(held_t, held, np.zeros((0, 2)), np.inf, self.settled_from)
-        self.moving.close()
-        self.stuck.close()
-        self.correlation.close()
+        self.moving.add(velocity[done:])
 
     @property
     def rms(self) -> float:
-        """Root mean square about the mean."""
+        """Root mean square of the velocity of B about its mean."""
         return float(np.sqrt(self._squares / self._count)) if self._count else float("nan")
-
-    def _spread(self, samples: Array) -> None:
-        mean = float(samples.mean())
-        apart = samples - mean
-        self._merge(len(samples), mean, float(np.add.reduce(np.multiply(apart, apart, out=apart))))
 
     def _merge(self, count: int, mean: float, squares: float) -> None:
         """Count samples of which number, mean and squares about it are known."""
         total = self._count + count
-        apart = mean - self._mean
-        self._squares += squares + apart**2 * self._count * count / total
-        self._mean += apart * count / total
+        difference = mean - self._mean
+        self._squares += squares + difference**2 * self._count * count / total
+        self._mean += difference * count / total
         self._count = total

@@ -29,7 +29,7 @@ from fivcore.beams.free_motion import propagator
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel
-from fivcore.contact.step_map import step_matrices
+from fivcore.contact.step_map import energy_units, slip_matrix
 from fivcore.jit import Array, Complex
 from fivcore.transient.statistics import SLIP
 
@@ -94,7 +94,7 @@ class SteadySliding:
         parts = np.abs(self._into @ (x - self.state))
         return np.asarray(self._reach @ (parts + self._slack * parts.max()))
 
-    def for_good(self, q: Array, v: Array, u: Array, pace: float) -> bool:
+    def is_permanent(self, q: Array, v: Array, u: Array, pace: float) -> bool:
         """Whether slip never ends from here on, and never again differs noticeably from steady sliding.
 
         Parameters
@@ -141,9 +141,8 @@ def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding
     """
     rows, start, opening = _readings(model, mu, step)
     # In these units the energy is the sum of squares: eigenvectors are then as well conditioned as they can be.
-    omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.contact_frequency**2))
-    units = np.concatenate([omega, np.ones(len(omega)), [np.sqrt(model.K[1, 1])]])
-    matrix = units[:, None] * step_matrices(model, mu, step)[1] / units
+    units = np.append(energy_units(model), np.sqrt(model.K[1, 1]))
+    matrix = units[:, None] * slip_matrix(model, model.kicks(step), mu, step, 0) / units
     try:
         # A memory of u_T that is only rounding would spoil the eigenvectors' balance; E takes it in all the same.
         z, X = np.linalg.eig(np.where(np.abs(matrix) < 1e-15, 0.0, matrix))
@@ -177,7 +176,8 @@ def _readings(model: ReducedModel, mu: float, step: float) -> tuple[Array, Array
     """
     n, t, half = model.normal, model.tangential, 0.5 * step
     missed, K, C, M = model.kicks(step)
-    _, slip, separation, entry, *_ = regime_maps(K, C, M, mu, step)
+    maps = regime_maps(K, C, M, mu, step)
+    slip, separation, entry = maps.slip, maps.separation, maps.entering
     zero = np.zeros(len(n))
     p = np.concatenate([-n, zero, [0.0, missed[0, 0] - float(n @ model.rest), 0.0]])
     u = np.concatenate([zero, zero, [1.0, 0.0, 0.0]])

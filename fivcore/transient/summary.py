@@ -3,34 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fivcore.jit import Array
 from fivcore.transient.drive import Canonical, displacement, slip_distance
-from fivcore.transient.spectra import Listener
-from fivcore.transient.statistics import (
-    DAMPED,
-    FIRST_SEPARATION,
-    FIRST_SLIP,
-    FRICTION,
-    IMPACT,
-    LEAST_STICK,
-    MAX_N,
-    MAX_SLIP,
-    SEPARATION,
-    SETTLED_FROM,
-    SLIP,
-    STICK,
-    STICK_START,
-    SUM_N,
-    SWITCHES,
-    TERMINATION,
-    TIME_IN,
-    WORK,
-    Tally,
-    quantile,
-)
+from fivcore.transient.spectra import Monitor
+from fivcore.transient.statistics import ENERGIES
 
 # What decides a regime, in this order.
 UNDECIDED_BELOW = 1.3  # no slip, and the drive below this times what slips
@@ -41,7 +21,7 @@ PERIODIC_COHERENCE = 0.9
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the summary is made of, canonical, apart from the tally and the listener."""
+    """What the summary is made of, canonical, apart from the counters and the monitor."""
 
     duration: float
     ramp: float
@@ -51,7 +31,7 @@ class Outcome:
     settled_early: bool
 
 
-def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outcome) -> dict[str, object]:
+def summarise(scene: Canonical, run: Any, monitor: Monitor, outcome: Outcome) -> dict[str, object]:
     """The figures of a run, in the units of its scene; NaN where there is no value.
 
     What has a unit of speed or force is F times its canonical value, one multiplication: a copy of a scene has
@@ -77,53 +57,55 @@ def summarise(scene: Canonical, tally: Tally, listener: Listener, outcome: Outco
       from the start.
     - `settled_early`: whether the run was ended before its time because nothing could happen any more.
     """
-    moments, sums, F = tally.moments, tally.sums, scene.load
-    time = sums[TIME_IN : TIME_IN + 3]
-    total = float(time.sum())
-    share = time / total if total > 0.0 else np.full(3, np.nan)
-    end = outcome.duration
-    slipped = not np.isnan(moments[FIRST_SLIP])
-    open_stick = end - moments[STICK_START] if moments[STICK_START] >= 0.0 else 0.0
-    censored = int(slipped and open_stick >= moments[LEAST_STICK])
-    quiet = not listener.rms > 1e-9 * scene.pace
-    dominant = float("nan") if quiet else listener.moving.peak()
-    period = listener.rate / dominant
-    coherence = float("nan") if np.isnan(dominant) else listener.correlation.near(20.0 * period, 0.5 * period)
-    work, lost = float(sums[WORK]), sums[[DAMPED, FRICTION, TERMINATION, IMPACT]]
-    parts = np.array([work, outcome.released, *lost])
+    F, end, first_slip = scene.load, outcome.duration, float(run["first_slip"])
+    settled = float(run["settled_from"])
+    # Before settling what is counted counts for nothing.
+    measured = end > settled
+    time = np.array([float(run[f"{state}_time"]) for state in ("stick", "slip", "separation")])
+    total = float(time.sum()) if measured else 0.0
     measured = total > 0.0
+    share = dict(zip(("stick", "slip", "separation"), time / total if measured else np.full(3, np.nan), strict=True))
+    slipped = not np.isnan(first_slip)
+    open_stick = end - float(run["stick_start"]) if run["stick_start"] >= 0.0 else 0.0
+    censored = int(slipped and open_stick >= run["least_stick"])
+    quiet = not monitor.rms > 1e-9 * scene.pace
+    dominant = float("nan") if quiet else monitor.moving.peak()
+    period = monitor.rate / dominant
+    coherence = float("nan") if np.isnan(dominant) else monitor.correlation.near(20.0 * period, 0.5 * period)
+    work, *lost = (float(run[name]) for name in ENERGIES)
+    parts = np.array([work, outcome.released, *lost])
+    max_N, max_slip = float(run["max_N"]), float(run["max_slip"])
     figures: dict[str, object] = {
-        "stick_fraction": float(share[STICK]),
-        "slip_fraction": float(share[SLIP]),
-        "separation_fraction": float(share[SEPARATION]),
+        "stick_fraction": float(share["stick"]),
+        "slip_fraction": float(share["slip"]),
+        "separation_fraction": float(share["separation"]),
         "dominant_frequency": dominant,
-        "stuck_frequency": float("nan") if quiet else listener.stuck.peak(),
+        "stuck_frequency": float("nan") if quiet else monitor.stuck.peak(),
         "coherence": coherence,
-        "velocity_rms": F * listener.rms,
-        "mean_normal_force": F * (float(sums[SUM_N]) / total) if measured else float("nan"),
-        "max_normal_force": F * float(sums[MAX_N]) if measured else float("nan"),
-        "normal_force_999": F * min(quantile(tally.forces, 0.999), float(sums[MAX_N])),
-        "max_slip_speed": F * float(sums[MAX_SLIP]) if measured else float("nan"),
-        "slip_speed_999": F * min(quantile(tally.speeds, 0.999), float(sums[MAX_SLIP])),
-        "switches_per_second": float(sums[SWITCHES]) / total if measured else float("nan"),
-        "first_slip_time": float(moments[FIRST_SLIP]),
-        "first_separation_time": float(moments[FIRST_SEPARATION]),
+        "velocity_rms": F * monitor.rms,
+        "mean_normal_force": F * (float(run["sum_N"]) / total) if measured else float("nan"),
+        "max_normal_force": F * max_N if measured else float("nan"),
+        "normal_force_999": F * min(monitor.forces.quantile(0.999), max_N),
+        "max_slip_speed": F * max_slip if measured else float("nan"),
+        "slip_speed_999": F * min(monitor.speeds.quantile(0.999), max_slip),
+        "switches_per_second": float(run["switches"]) / total if measured else float("nan"),
+        "first_slip_time": first_slip,
+        "first_separation_time": float(run["first_separation"]),
         "stick_times": outcome.sticks[:, 1] - outcome.sticks[:, 0],
         "stick_starts": outcome.sticks[:, 0].copy(),
         "censored_sticks": censored,
-        "energy_residual": float(abs(work + outcome.released - lost.sum()) / max(np.abs(parts).sum(), 1e-300)),
+        "energy_residual": float(abs(work + outcome.released - sum(lost)) / max(np.abs(parts).sum(), 1e-300)),
         "settled_early": outcome.settled_early,
     }
     long = outcome.sticks
     if censored:
         long = np.vstack([long, [end - open_stick, end]])
-    settled = float(moments[SETTLED_FROM])
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], settled), 0.0)))
     figures["regime"] = regime_of(
         slipped=slipped,
         measured=measured,
         drive=float(displacement(np.array(end), scene.pace, outcome.ramp)) / max(slip_distance(scene), 1e-300),
-        slip_share=float(share[SLIP]),
+        slip_share=float(share["slip"]),
         steadiness=outcome.steadiness,
         stick_share=filled / (end - settled) if end > settled else 0.0,
         last_stick=float(long[-1, 0]) / end if len(long) else 0.0,

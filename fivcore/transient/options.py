@@ -1,0 +1,163 @@
+"""What a run is asked for beside its scene: one frozen object, validated once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fivcore import checks
+from fivcore.contact.reduced import TERMINATIONS
+from fivcore.jit import Array
+from fivcore.rig import Scene
+from fivcore.transient.drive import Canonical, State
+from fivcore.transient.moving_contact import ContactMotion
+from fivcore.transient.record import names_of, times_of
+from fivcore.transient.switches import METHODS, switches
+
+# Samples that a record may have.
+MOST_SAMPLES = 1e8
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """Options of a run; meanings and units as in `fivcore.simulate`.
+
+    Attributes
+    ----------
+    initial : State, optional
+        Normalised (F = 1).
+    record : tuple of str
+        Names of the series that are kept.
+    sample_times : ndarray, optional
+    """
+
+    duration: float
+    method: str = "fast"
+    ramp: float = 1e-3
+    settle: float | None = None
+    initial: State | None = None
+    contact_motion: int = 0
+    cutoff: float | None = None
+    termination: str = "absorbing"
+    step: float | None = None
+    min_stick: float | None = None
+    record: tuple[str, ...] = ()
+    sample_rate: float = 100e3
+    sample_times: Array | None = None
+    end_early: bool = True
+    skip: bool = True
+    relaxation_time: float | None = None
+    cross_terms: bool = True
+    beta2: float | None = None
+
+    @property
+    def sampling_rate(self) -> float | None:
+        """At which rate rows of a record are taken, Hz; infinite: in every step; None: not at all."""
+        if not self.record:
+            return None
+        # What is kept at given times lies between two steps of the method.
+        return self.sample_rate if self.sample_times is None else np.inf
+
+
+def options_for(scene: Scene, canonical: Canonical, given: dict[str, Any]) -> Options:
+    """Check what is asked of a run of `scene`.
+
+    Parameters
+    ----------
+    given : dict
+        Arguments of `fivcore.simulate` by name.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value and what is allowed.
+    """
+    get = given.get
+    duration = checks.between("duration", get("duration"), 1e-9, 1e6, "s")
+    ramp = checks.number(
+        "ramp", get("ramp"), "0 or a time from 1e-9 to 1000 s", lambda x: x == 0.0 or 1e-9 <= x <= 1e3
+    )
+    bounds = {
+        "settle": (0.0, 1e6, "s"),
+        "min_stick": (1e-9, 1e6, "s"),
+        "step": (1e-12, 1.0, "s"),
+        "cutoff": (1.0, 1e12, "Hz"),
+    }
+    optional: dict[str, Any] = {
+        name: None if get(name) is None else checks.between(name, get(name), *limits)
+        for name, limits in bounds.items()
+    }
+    sample_rate = checks.between("sample_rate", get("sample_rate"), 1e-3, 1e9, "Hz")
+    method = checks.choice("method", get("method"), METHODS)
+    termination = checks.choice("termination", get("termination"), TERMINATIONS)
+    law = switches(method, termination, *(get(name) for name in ("relaxation_time", "cross_terms", "beta2")))
+    motion = int(
+        checks.number(
+            "contact_motion",
+            get("contact_motion"),
+            "0, -1 (towards P2's clamp) or 1 (away)",
+            lambda x: x in (-1, 0, 1),
+        )
+    )
+    record = names_of(get("record"))
+    for name in ("end_early", "leap"):
+        checks.instance(name, get(name), bool)
+    if record and get("sample_times") is None and duration * sample_rate > MOST_SAMPLES:
+        most = MOST_SAMPLES / duration
+        raise ValueError(f"sample_rate = {sample_rate:g}: over this duration it must be at most {most:g} Hz")
+    if not 1e-12 <= canonical.pace <= 1e8:
+        raise ValueError(f"V / F = {canonical.pace:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved")
+    initial = None if get("initial") is None else _state(get("initial"), scene, canonical)
+    times = None if get("sample_times") is None else times_of(get("sample_times"), record, duration)
+    if motion:
+        ContactMotion(canonical, ramp, motion).check(duration)
+        if method == "exact":
+            raise ValueError(f"contact_motion = {motion}: for method 'exact' it must be 0")
+    if method == "paper" and optional["cutoff"] is not None:
+        raise ValueError(f"cutoff = {optional['cutoff']:g}: the published scheme keeps all modes; leave it out")
+    return Options(
+        duration=duration, method=method, ramp=ramp, initial=initial, contact_motion=motion, termination=termination,
+        record=record, sample_rate=sample_rate, sample_times=times, end_early=given["end_early"],
+        skip=given["leap"], **optional, **law,
+    )  # fmt: skip
+
+
+def _state(initial: Any, scene: Scene, canonical: Canonical) -> State:
+    """The given state, normalised."""
+    try:
+        q, v, contact = (
+            (initial.displacement, initial.velocity, initial.contact) if isinstance(initial, State) else initial
+        )
+        q, v = np.asarray(q), np.asarray(v)
+    except (TypeError, ValueError):
+        raise ValueError("initial: it must be modal displacements, modal velocities and a contact state") from None
+    modes = 3 * scene.rig.p1.elements + 1 + 3 * scene.rig.p2.elements
+    for name, part in (("displacements", q), ("velocities", v)):
+        if part.shape != (modes,) or part.dtype.kind not in "iuf" or not np.all(np.abs(part) < 1e50):
+            text = f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers below 1e50"
+            raise ValueError(text)
+    if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):
+        raise ValueError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
+    q, v = q.astype(float), v.astype(float)
+    if canonical.sense < 0:
+        raise ValueError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
+    return State(q / canonical.load, v / canonical.load, int(contact))
+
+
+def per_scene(scenes: Sequence[Scene], given: dict[str, Any], own: frozenset[str]) -> list[dict[str, Any]]:
+    """Options of each scene: a list gives each its own for those named in `own`, and belongs to all for others.
+
+    Raises
+    ------
+    ValueError
+        For a list that is not as long as `scenes`.
+    """
+    lists = {name: value for name, value in given.items() if name in own and isinstance(value, list)}
+    for name, value in lists.items():
+        if len(value) != len(scenes):
+            text = f"{name}: a list of {len(value)}: it must have one entry for each of {len(scenes)} scenes"
+            raise ValueError(text)
+    return [given | {name: value[k] for name, value in lists.items()} for k in range(len(scenes))]

@@ -1,0 +1,49 @@
+"""What a method leaves behind when it has taken a run to the end of a segment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fivcore.jit import Array
+
+# Samples are taken about so often, s.
+INTERVAL = 20e-6
+
+
+@dataclass
+class Segment:
+    """Samples, rows and long sticks of a segment, normalised (F = 1).
+
+    Attributes
+    ----------
+    t, velocity, slip_rate, force : ndarray, (n,)
+        Times of the samples, velocity of B, slip rate and N.
+    sticks : ndarray, (k, 2)
+        Long sticks ended within the segment, begin and end.
+    rows : ndarray, (m, 6)
+        Record: time, velocity of B, N, T, slip rate, contact state.
+    further : int
+        How many more samples follow, all like the last.
+    """
+
+    t: Array
+    velocity: Array
+    slip_rate: Array
+    force: Array
+    sticks: Array = field(default_factory=lambda: np.empty((0, 2)))
+    rows: Array = field(default_factory=lambda: np.empty((0, 6)))
+    further: int = 0
+
+
+def count_in(first: int, last: int, every: int) -> int:
+    """How many multiples of `every` lie from step `first` up to step `last`; none if `every` is zero."""
+    return max(-(-last // every) - (-(-first // every)), 0) if every else 0
+
+
+def room_for_sticks(begin: float, end: float, least: float, step: float) -> int:
+    """How many long sticks may end between two times, s; `least` is NaN before the first slip."""
+    # Until the first slip there are none, and after it the least is a fifth of the time since the start.
+    shortest = max(0.2 * begin if np.isnan(least) else least, step)
+    return int((end - begin) / shortest) + 2
