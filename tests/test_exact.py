@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate
+from fivcore import ContactError, DivergenceError, Rig, Scene, simulate
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.transient import exact_kernels, exact_regimes
 from fivcore.transient.bench import Stretch, fulfil
@@ -398,10 +398,10 @@ def test_touch_down_on_the_dashpot():
     assert abs(lost) < 1e-12 * closing[0] ** 2
 
 
-def fast_state(step: float, time: float) -> np.ndarray:
+def fast_state(step: float, time: float, termination: str = "absorbing") -> np.ndarray:
     """Displacements of fast in the middle of the step that contains `time`, which is such a middle."""
     tally = Tally().start(1, 0.0, 0.0, None)
-    options = {"ramp": RAMP, "cutoff": CUTOFF, "termination": "absorbing", "step": step, "initial": None}
+    options = {"ramp": RAMP, "cutoff": CUTOFF, "termination": termination, "step": step, "initial": None}
     run = FastRun(SCENE, tally=tally, sample_rate=None, **options)
     for each in run.chunks(round(time / step - 0.5)):
         if isinstance(each, Stretch):
@@ -424,6 +424,18 @@ def test_fast_converges_to_it_with_order_two(near, most):
     assert np.all(ratios > 3.5), (errors, ratios)
     # One halving may do better by chance, as changes fall here or there within a step.
     assert np.sqrt(np.prod(ratios)) < 5.0, (errors, ratios)
+
+
+@pytest.mark.parametrize("termination", ["elastic", "none"])
+def test_fast_converges_with_order_two_without_the_absorbing_element(termination):
+    """In the first slip, against its own motion at a 27th of the largest step."""
+    steps = 8.1e-7 / 3.0 ** np.arange(4)
+    # The middle of a step of each.
+    time = (round(0.0085 / steps[0]) + 0.5) * steps[0]
+    *states, finest = (fast_state(step, time, termination) for step in steps)
+    errors = np.array([np.abs(state - finest).max() for state in states]) / np.abs(finest).max()
+    assert errors[-1] < 1e-6
+    assert np.all(errors[:-1] / errors[1:] > 8.0), errors
 
 
 def test_sampled_rows_and_chunks():
@@ -475,6 +487,54 @@ def test_graze_on_the_tip_of_the_cone_is_held():
 def test_no_unique_contact_is_an_error_before_the_first_step():
     with pytest.raises(ContactError, match="not unique"):
         exact_run(Canonical.of(Scene(0.01, 40.0, 30.0, 9.0)))
+
+
+@pytest.mark.parametrize(
+    ("scene", "cutoff", "text"),
+    [
+        (Scene(0.02, 5.0, 0.2, 9.0), 1e9, r"cutoff = 1e\+09: it keeps every mode of this rig"),
+        (Scene(0.02, 5.0, 0.2, 9.0, Rig(d2=0.0)), 20e3, "relaxation_time = 0, derived for this rig and cutoff: "),
+    ],
+)
+def test_without_an_absorbing_element_it_refuses_and_what_it_advises_works(scene, cutoff, text):
+    with pytest.raises(ValueError, match=text) as refusal:
+        simulate(scene, 1e-4, "exact", cutoff=cutoff)
+    assert "\n" not in str(refusal.value)
+    assert "method 'fast'" in str(refusal.value)
+    simulate(scene, 1e-4, "fast", cutoff=cutoff)
+    advised = {"cutoff": 75e3} if cutoff > 75e3 else {"cutoff": cutoff, "relaxation_time": 1e-7}
+    simulate(scene, 1e-4, "exact", **advised)
+
+
+def until_separation(duration=0.012):
+    """Times, states and energy residual of the paper's rig, and when the contact slips and separates first."""
+    run = run_for(exact_run(), duration)
+    events = run.tally.moments[[FIRST_SLIP, FIRST_SEPARATION]].copy()
+    states = states_at(SCENE, events[1] * np.array([0.1, 0.3, 0.6, 0.9, 0.99]), ramp=RAMP, cutoff=CUTOFF)
+    return states, events, energy_residual(run), run.model.stiffness
+
+
+@pytest.mark.skipif(np.finfo(LONG).eps > 1e-18, reason="this machine has no extended precision")
+def test_where_extended_precision_is_double_the_loss_is_what_is_told(monkeypatch):
+    """The figures of `fivcore.transient.exact_regimes`."""
+    damped = Scene(0.02, 5.0, 0.2, 9.0, Rig(d1=1e5))
+    states, events, residual, stiffness = until_separation()
+    simulate(damped, 1e-3, "exact")
+    monkeypatch.setattr(exact_regimes, "REAL", np.float64)
+    monkeypatch.setattr(exact_regimes, "COMPLEX", np.complex128)
+    exact_regimes.regimes.cache_clear()
+    try:
+        there, later, lost, _ = until_separation()
+        with pytest.raises(DivergenceError, match="lost in the rounding"):
+            simulate(damped, 1e-3, "exact")
+    finally:
+        exact_regimes.regimes.cache_clear()
+    weights = np.concatenate([stiffness, np.ones(len(stiffness))])
+    change = np.sqrt((weights * (there - states) ** 2).sum(axis=1) / (weights * states**2).sum(axis=1))
+    assert 1e-11 < change.max() < 1e-8
+    assert np.abs(later - events).max() < 1e-12
+    assert residual < 1e-13
+    assert lost < 1e-11
 
 
 def test_distance_driven_until_the_first_slip():

@@ -104,8 +104,16 @@ def test_critical_friction_follows_the_switches():
         ("fast", {"relaxation_time": 1e-7, "termination": "elastic"}, "relaxation_time = 1e-07: termination"),
         ("fast", {"relaxation_time": 1e-7, "termination": "none"}, "termination 'none' has none; leave it out"),
         ("exact", {"relaxation_time": 1e-7, "termination": "none"}, "termination = 'none': method 'exact' needs"),
-        ("exact", {"termination": "elastic"}, "termination = 'elastic': method 'exact' needs the absorbing element"),
-        ("exact", {"relaxation_time": 0.0}, "relaxation_time = 0: method 'exact' needs a time above 0; use method"),
+        (
+            "exact",
+            {"termination": "elastic"},
+            "termination = 'elastic': method 'exact' needs the absorbing",
+        ),
+        (
+            "exact",
+            {"relaxation_time": 0.0},
+            "relaxation_time = 0: method 'exact' needs a time above 0; use",
+        ),
         ("paper", {"relaxation_time": 1e-7}, "relaxation_time = 1e-07: method 'paper' keeps all modes"),
         ("fast", {"cross_terms": 0}, "cross_terms = 0: it must be a bool"),
         ("paper", {"cross_terms": False}, "cross_terms = False: method 'paper' keeps all modes"),

@@ -3,16 +3,16 @@
 The model is that of `fivcore.contact.law`. In each regime (separation, stick, slip with T = mu N or T = -mu N) it
 is linear and propagated by its eigenvalues (`fivcore.transient.exact_regimes`). The regime ends where one of its
 margins falls to zero, found by a certified search (`fivcore.transient.exact_kernels`). So the method has neither
-order nor time step: `step` is the grid on whose midpoints statistics and series are read. The error is rounding,
+order nor time step: `step` is the grid on whose midpoints statistics and series are read. Its error is rounding,
 some 1e-13 of the motion until the first slip; then the flutter amplifies it, to 1e-10 at the first separation.
 
-The forces are continuous at every event but touch-down, where the dashpot lets N jump. A margin that vanishes at an
-event therefore departs from zero with its first derivative (the slip rate after stick, the distance to the edge of
-the cone after slip) or its second (the gap where N falls to zero, or after a touch-down without closing speed).
+The forces are continuous at every event but touch-down, where the dashpot lets N jump. A margin that vanishes at
+an event therefore departs from zero with its first derivative (the slip rate after stick, the distance to the edge
+of the cone after slip) or its second (the gap where N falls to zero, or after a touch-down without closing speed).
 
 An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
-DWELL and then decided from the state alone. Its motion stays linear and its energy balance exact; what the decision
-changes in the element's displacement, if gap or cone were overstepped meanwhile, is booked as impact.
+DWELL and then decided from the state alone. Its motion stays linear and its energy balance exact; what the
+decision changes in the element's displacement, if gap or cone were overstepped meanwhile, is booked as impact.
 """
 
 from __future__ import annotations
@@ -41,8 +41,7 @@ MOST_GROWTH, LOST = 10.0, 1e-9
 # What ended a regime that no margin did: the end of the ramp or of the run, or DWELL.
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, and length of a segment, s.
-STEP = 1e-6
-SEGMENT = 0.04
+STEP, SEGMENT = 1e-6, 0.04
 
 
 class ExactRun:
@@ -85,7 +84,6 @@ class ExactRun:
         self._record_every = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
         self.rate = 1.0 / (self._spectrum_every * self.step)
         self._shape = np.stack([self.model.normal, self.model.tangential])
-        self._rigid = int(np.argmin(self.model.stiffness))
         self._regimes = regimes(self.model, scene.mu)
         eigenvalues = np.concatenate([regime.eigenvalues for regime in self._regimes])
         self._finest = 0.25 / float(np.abs(eigenvalues).max())
@@ -135,8 +133,8 @@ class ExactRun:
             # A step may hold more than one event.
             self._sticks = self.tally.room(first * self.step, target * self.step, min(self.step, 1e-7))
             self._advance(first, target, spectrum, rows)
-            sticks = self.tally.taken(self._sticks)
             yield rows
+            sticks = self.tally.taken(self._sticks)
             yield Chunk.cut(first, target, self.step, 0.5, spectrum, self._spectrum_every, sticks)
 
     def _advance(self, first: int, target: int, spectrum: Array, rows: Array) -> None:
@@ -169,14 +167,15 @@ class ExactRun:
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
         elif which == SEPARATION:
-            j = self._rigid
+            j = int(np.argmin(model.stiffness))
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
         self._which, self._regime, self._origin = which, r, t
         self._amplitudes, self._start = r.amplitudes[0] @ y + r.amplitudes[1] @ start[:6], start
         entered = self._state_at(t)
         self._check_rounding(t, y, entered)
         self.tally.sums[IMPACT] += self._energy_of(y) - self._energy_of(entered)
-        follow(*self.tally.arrays[:5], self._sticks, t, min(which, 2))
+        flags, moments, sums, forces, speeds, *_ = self.tally.arrays
+        follow(flags, moments, sums, forces, speeds, self._sticks, t, min(which, 2))
         boundary = min(self.ramp, self._end) if ramping else self._end
         length, self._event = search(
             r.eigenvalues, np.ascontiguousarray(r.margins[0] * self._amplitudes), r.margins[1], start,

@@ -61,9 +61,9 @@ def prescribed(start: Any, s: float) -> tuple[float, float, float, float, float,
     else:
         first = -np.expm1(-z) / drag
         second = (s - first) / drag
-    position = start[S] + s * (start[P] + 0.5 * s * start[A])
+    position, velocity = start[S] + s * (start[P] + 0.5 * s * start[A]), start[P] + s * start[A]
     q_r, v_r = start[Q_R] + rate * first + pull * second, rate - drag * rate * first + pull * first
-    return position, start[P] + s * start[A], start[A], 1.0, q_r, v_r
+    return position, velocity, start[A], 1.0, q_r, v_r
 
 
 @inlined
@@ -170,8 +170,7 @@ def integrate(
     forced part (6, n + 6), and `start`. An interval of the quadrature is at most `longest`, and at most `finest`
     longer than the time since the regime was entered, which resolves what decays fast while it lasts.
     """
-    n = damping.shape[0]
-    start = motion[5]
+    n, start = damping.shape[0], motion[5]
     out = np.empty(n + SIGNALS)
     s = first
     while s < last:
@@ -213,9 +212,8 @@ def sample(
     never) one of `rows` takes time, velocity of B, N, T, slip rate and state. Both begin with step `begin`.
     """
     _, moments, sums, forces, speeds, word, bits = statistics
-    total = motion[2].shape[1]
-    low = total - SIGNALS
-    out = np.empty(total)
+    low = motion[2].shape[1] - SIGNALS
+    out = np.empty(low + SIGNALS)
     for i in range(first, last):
         t = (i + 0.5) * step
         settled = t >= moments[SETTLED_FROM]
