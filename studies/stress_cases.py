@@ -18,6 +18,7 @@ from studies.stress_rigs import RIGS
 RIG_SLIPS = 1.5e-3
 NO_STEP = {"exact": "it has no step to be stable: its grid is only where statistics are read"}
 OWN_MODES = {"paper": "it keeps all modes: it has no cut-off and no termination"}
+ABSORBING = {"exact": "it needs the absorbing element and refuses another termination"}
 
 
 def _refused(name: str, group: str, asks: str, names: str, **more: Any) -> Case:
@@ -192,6 +193,7 @@ def _rigs() -> tuple[Case, ...]:
             slips_at=RIG_SLIPS,
             start=made.start,
             expected=made.expected or PASSES,
+            names=made.names,
             apart=made.apart,
         )
         for made in RIGS
@@ -249,6 +251,8 @@ def _terminations() -> tuple[Case, ...]:
             "termination",
             f"the termination {kind!r}",
             run={"termination": kind},
+            expected={"exact": VALUE},
+            names="termination",
             apart=OWN_MODES,
         )
         for kind in ("elastic", "none")
@@ -263,6 +267,7 @@ def _terminations() -> tuple[Case, ...]:
             share=share,
             expected={"paper": VALUE} if share > 1.0 else VALUE,
             names="cutoff",
+            apart=ABSORBING if kind == "none" else {},
         )
         for kind in ("absorbing", "none")
         for share in (0.999, 1.001, 30.0)
@@ -273,7 +278,7 @@ def _terminations() -> tuple[Case, ...]:
             "termination",
             f"a cut-off that leaves out the fastest modes alone, termination {kind!r}",
             run={"termination": kind, "cutoff": cutoff, "duration": duration},
-            apart=OWN_MODES,
+            apart=OWN_MODES if kind == "absorbing" else OWN_MODES | ABSORBING,
         )
         for kind, cutoff, duration in (
             ("absorbing", 3e5, 20e-3),
@@ -287,6 +292,8 @@ def _terminations() -> tuple[Case, ...]:
         "a cut-off above all modes: the finite elements themselves, touching rigidly",
         {"V": 1.0},
         run={"cutoff": 1e9, "duration": 4e-3},
+        expected={"exact": VALUE},
+        names="cutoff",
         apart=OWN_MODES,
     )
     samples = [

@@ -175,9 +175,7 @@ def _exact_gap(evidence: Evidence) -> Found:
     model, load = question.model, question.numbers["F"]
     T, N = run.tangential_force / load, run.normal_force / load
     sense = float(np.sign(question.numbers["V"]))
-    across, tau = np.zeros(2), 0.0
-    if model.K.any():
-        across, tau = np.linalg.inv(model.K)[0], float(model.C[0, 0] / model.K[0, 0])
+    across, tau = np.linalg.inv(model.K)[0], float(model.C[0, 0] / model.K[0, 0])
     at, (opening, rate) = evidence.instants, states
     touching = run.state != SEPARATION
     carried = across[0] * N[at] + across[1] * sense * T[at] + opening + tau * rate
@@ -318,7 +316,7 @@ def _compliance(evidence: Evidence) -> float:
     Of what keeps all, that of the modes above the usual cut-off.
     """
     question = evidence.question
-    usual = question.method == "paper" or (question.method == "exact" and not question.model.K.any())
+    usual = question.method == "paper"
     model = reduced_model(question.rig, question.theta) if usual else question.model
     return float(np.linalg.inv(model.K)[0, 0]) if model.K.any() else 0.0
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from fivcore import ContactError, DivergenceError
 from studies.stress_case import CONTACT, DIVERGENCE, VALUE, Case
 from studies.stress_limits import stated
@@ -30,7 +32,9 @@ def missing(case: Case, question: Question, asked: float, expected: str) -> floa
     """
     message = refusal(question, expected)
     wrong = float(bool(case.names) and case.names not in message)
-    if not case.edge or question.method in WITHOUT.get(case.edge, ()) or expected == DIVERGENCE:
+    # Without a number asked nothing was driven to a limit.
+    driven = bool(case.edge) and not np.isnan(asked)
+    if not driven or question.method in WITHOUT.get(case.edge, ()) or expected == DIVERGENCE:
         return wrong
     limit = asked / case.share
     told = [number for number in (stated(message, word) for word in TOLD) if abs(number / limit - 1.0) <= DIGITS]

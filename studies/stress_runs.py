@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fivcore import Transient
 from fivcore.transient.drive import Canonical, State
-from fivcore.transient.exact_states import states_at
+from fivcore.transient.exact import states_at
 from studies.stress_case import POINT, Case
 from studies.stress_questions import Question
 from studies.stress_replay import Replay, replayed
@@ -122,8 +122,7 @@ def _gaps(question: Question, times: Array) -> Array:
     """g_N and its rate at given times, from the states of "exact" itself."""
     scene, model, given = Canonical.of(question.scene), question.model, question.initial
     initial = None if given is None else State(given[0] / scene.load, given[1] / scene.load, given[2])
-    options = {name: question.options[name] for name in ("cutoff", "termination") if name in question.options}
-    states = states_at(scene, times, ramp=question.ramp, initial=initial, **options)
+    states = states_at(scene, times, ramp=question.ramp, cutoff=question.options.get("cutoff"), initial=initial)
     n = len(model.rest)
     gap = (states[:, :n] + model.rest) @ model.normal
     return np.stack([gap, states[:, n:] @ model.normal])

@@ -55,7 +55,11 @@ QUICK = [
     ("100 s, vibrating", "paper"),
     ("to P2's clamp, 1.001 of the way", "fast"),
     ("1.001 of the least cut-off, none", "fast"),
-    ("0.999 of the least cut-off, none", "exact"),
+    ("0.999 of the least cut-off, absorbing", "exact"),
+    ("1.001 of the least cut-off, absorbing", "exact"),
+    ("termination none", "exact"),
+    ("every mode, no element", "exact"),
+    ("3 and 3 elements", "exact"),
     ("too many samples", "exact"),
 ]
 

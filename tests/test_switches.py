@@ -89,8 +89,8 @@ def test_the_stable_step_follows_beta2(beta2):
 def test_critical_friction_follows_the_switches():
     theta = 20.0
     assert critical_mu(Rig(), theta, "exact", cross_terms=False) == np.inf
-    elastic = critical_mu(Rig(), theta, "exact", termination="elastic")
-    assert critical_mu(Rig(), theta, "exact", relaxation_time=0.0) == elastic
+    elastic = critical_mu(Rig(), theta, "fast", termination="elastic")
+    assert critical_mu(Rig(), theta, "fast", relaxation_time=0.0) == elastic
     W = contact_closing(full_model(Rig(), theta), 2e-8, 0.5)
     by_hand = abs(W[0] / W[1]) * (1.0 + TAU / 2e-8)
     assert critical_mu(Rig(), theta, "paper", beta2=0.5) == pytest.approx(by_hand, rel=1e-12)
@@ -102,7 +102,18 @@ def test_critical_friction_follows_the_switches():
     [
         ("fast", {"relaxation_time": -1e-9}, "relaxation_time = -1e-09: it must be a number from 0 to 1 (s)"),
         ("fast", {"relaxation_time": 1e-7, "termination": "elastic"}, "relaxation_time = 1e-07: termination"),
-        ("exact", {"relaxation_time": 1e-7, "termination": "none"}, "termination 'none' has none; leave it out"),
+        ("fast", {"relaxation_time": 1e-7, "termination": "none"}, "termination 'none' has none; leave it out"),
+        ("exact", {"relaxation_time": 1e-7, "termination": "none"}, "termination = 'none': method 'exact' needs"),
+        (
+            "exact",
+            {"termination": "elastic"},
+            "termination = 'elastic': method 'exact' needs the absorbing",
+        ),
+        (
+            "exact",
+            {"relaxation_time": 0.0},
+            "relaxation_time = 0: method 'exact' needs a time above 0; use",
+        ),
         ("paper", {"relaxation_time": 1e-7}, "relaxation_time = 1e-07: method 'paper' keeps all modes"),
         ("fast", {"cross_terms": 0}, "cross_terms = 0: it must be a bool"),
         ("paper", {"cross_terms": False}, "cross_terms = False: method 'paper' keeps all modes"),

@@ -1,22 +1,26 @@
-"""Compiled kernels of `method="exact"`: certified search, dissipation by quadrature, sampling.
+"""Compiled kernels of `method="exact"`: event search, work and dissipation by quadrature, sampling.
 
-Within a regime every output of interest is, at the time s since the regime was entered,
+Within a contact regime every output, at the time s since the regime was entered, is
 
-    f(s) = Re sum_k a_k exp(lambda_k s) + drift . d(s),     d = (S, P, A, 1, q_r, v_r):
+    f(s) = Re sum_k a_k exp(lambda_k s) + b . d(s),     d = (S, P, A, 1, q_r, v_r).
 
-S and P = S' follow the drive of P2's clamp (S'' = A, a constant), q_r and v_r are P1's rigid mode in free flight.
-They come as one array, `start` = (S, P, A, 1, q_r, v_r, pull, drag) at s = 0, with v_r' = pull - drag v_r.
+The sum runs over the regime's eigenvalues. d is the prescribed motion: S and P = S' are the displacement and the
+velocity of P2's clamp, with S'' = A constant; q_r and v_r are P1's rigid mode in free flight, which is needed in
+separation only. Kernels take it as one array, `start` = (S, P, A, 1, q_r, v_r, pull, drag) at s = 0, with
+v_r' = pull - drag v_r.
 
-The search cannot miss a pair of crossings. On (s, s + h)
+`search` returns the first zero of several such functions and cannot miss a pair of zeros. On (s, s + h)
 
-    |f''| <= B = sum_k |a_k lambda_k^2 exp(lambda_k s)| max(1, exp(h Re lambda_k)) + what the drift adds,
+    |f''| <= B = sum_k |a_k lambda_k^2 exp(lambda_k s)| max(1, exp(h Re lambda_k)) + |(b . d)''|,
 
-so f cannot vanish before the parabola f + f' x - B x^2 / 2 does. Moving on by its positive root again and again
-either passes every near miss or converges, from before and quadratically, to the first crossing.
+so f has no zero before f + f' x - B x^2 / 2 has one. Repeated steps to the positive root of this parabola either
+pass a near miss or converge to the first zero, from before it and with second order.
 
-A function that begins at zero, with `order` - 1 derivatives, is certified by its first derivative g that does not
-vanish and a bound B on the next one: f >= s^order / order! (g - B s / (order + 1)), so it is positive up to
-(order + 1) g / B, of which half is taken. Where g is not positive the event is at once.
+A function that vanishes at s = 0 together with its derivatives below `order` is bounded by its derivative of that
+order, g > 0, and a bound B on the next one: f >= s^order / order! (g - B s / (order + 1)). Thus it is positive up
+to (order + 1) g / B, and the search begins at half of that. Where g <= 0 the zero is at s = 0.
+
+`integrate` uses Gauss-Legendre quadrature with eight points, of order 16.
 """
 
 from __future__ import annotations
@@ -25,59 +29,31 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.jit import Array, inlined, kernel
-from fivcore.transient.statistics import (
-    DAMPED,
-    FRICTION,
-    SETTLED_FROM,
-    TERMINATION,
-    WORK,
-    measure,
-    spread,
-)
+from fivcore.jit import inlined, kernel
+from fivcore.transient.statistics import DAMPED, FRICTION, SETTLED_FROM, TERMINATION, WORK, measure, spread
 
-# Slots of `start`.
+# Slots of `start`; the first six are those of d.
 S, P, A, ONE, Q_R, V_R, PULL, DRAG = range(8)
-# The signals after the modal velocities in a regime's outputs.
-N_, T_, GAP, SPEED, RATE_N, RATE_T, V_B = range(7)
-SIGNALS = 7
-# A crossing is located when less than this is left to it, s.
+# The signals that follow the modal velocities in a regime's outputs.
+N_, T_, SPEED, RATE_N, RATE_T, V_B = range(6)
+SIGNALS = 6
+# A zero is located when the next step towards it is shorter than this, s.
 LOCATED = 1e-14
-# How far ahead growth is allowed for in one bound, s.
+# Longest step of the search, s.
 AHEAD = 1e-4
 
-# Gauss-Legendre with eight points: over 2.5 / omega of the fastest oscillation its relative error is 3e-12.
-# Written out: computed, their last bits would be the machine's.
-_POINTS = np.array(
-    [
-        -0.9602898564975362,
-        -0.7966664774136267,
-        -0.525532409916329,
-        -0.18343464249564978,
-        0.18343464249564978,
-        0.525532409916329,
-        0.7966664774136267,
-        0.9602898564975362,
-    ]
-)
-_WEIGHTS = np.array(
-    [
-        0.10122853629037706,
-        0.22238103445337443,
-        0.3137066458778869,
-        0.36268378337836166,
-        0.36268378337836166,
-        0.3137066458778869,
-        0.22238103445337443,
-        0.10122853629037706,
-    ]
-)
+# Gauss-Legendre nodes and weights. Over 2.5 / omega of the fastest oscillation the relative error is 3e-12. They
+# are literals because the last bits of computed ones depend on the machine.
+_NODES = np.array([0.18343464249564978, 0.525532409916329, 0.7966664774136267, 0.9602898564975362])
+_HALF_WEIGHTS = np.array([0.36268378337836166, 0.3137066458778869, 0.22238103445337443, 0.10122853629037706])
+POINTS = np.concatenate([-_NODES[::-1], _NODES])
+WEIGHTS = np.concatenate([_HALF_WEIGHTS[::-1], _HALF_WEIGHTS])
 
 
-@inlined
-def flight(start: Any, s: float) -> Any:
-    """S, P, q_r and v_r at s."""
-    drag = start[DRAG]
+@kernel
+def prescribed(start: Any, s: float) -> tuple[float, float, float, float, float, float]:
+    """Return d at s; its third and fourth entries are constant."""
+    drag, rate, pull = start[DRAG], start[V_R], start[PULL]
     z = drag * s
     if z < 1e-2:
         first = s * (1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0)))))
@@ -85,100 +61,79 @@ def flight(start: Any, s: float) -> Any:
     else:
         first = -np.expm1(-z) / drag
         second = (s - first) / drag
-    position = start[S] + s * (start[P] + 0.5 * s * start[A])
-    pull, rate = start[PULL], start[V_R]
-    return (
-        position,
-        start[P] + s * start[A],
-        start[Q_R] + rate * first + pull * second,
-        rate - drag * rate * first + pull * first,
-    )
+    position, velocity = start[S] + s * (start[P] + 0.5 * s * start[A]), start[P] + s * start[A]
+    q_r, v_r = start[Q_R] + rate * first + pull * second, rate - drag * rate * first + pull * first
+    return position, velocity, start[A], 1.0, q_r, v_r
+
+
+@inlined
+def _forced_part(b: Any, d: Any, start: Any) -> tuple[float, float, float]:
+    """Return b . d, its derivative, and a bound on its second derivative from now on."""
+    pull = start[PULL] - start[DRAG] * d[V_R]
+    value = b[S] * d[S] + b[P] * d[P] + b[A] * d[A] + b[ONE] + (b[Q_R] * d[Q_R] + b[V_R] * d[V_R])
+    slope = b[S] * d[P] + b[P] * d[A] + b[Q_R] * d[V_R] + b[V_R] * pull
+    return value, slope, abs(b[S] * d[A]) + (abs(b[Q_R]) + abs(b[V_R]) * start[DRAG]) * abs(pull)
 
 
 @kernel
-def search(rates: Any, parts: Any, drift: Any, start: Any, orders: Any, end: float) -> tuple[float, int]:
-    """The first time at which one of several functions falls to zero.
+def search(
+    eigenvalues: Any, amplitudes: Any, forced: Any, start: Any, orders: Any, end: float
+) -> tuple[float, int]:
+    """Find the first zero of k functions, amplitudes (k, m) and b in `forced` (k, 6), within the time `end`, s.
 
-    Parameters
-    ----------
-    rates : ndarray of complex, (m,)
-    parts : ndarray of complex, (k, m)
-        a_k of each function.
-    drift : ndarray, (k, 6)
-    start : ndarray, (8,)
-    orders : ndarray of int, (k,)
-        How many derivatives, the value included, are known to vanish at s = 0.
-    end : float
-        How far to look, s.
-
-    Returns
-    -------
-    time : float
-        At most `end`.
-    which : int
-        Index of the function; -1: none of them vanishes before `end`.
+    An entry of `orders` (k,) is 0 where the function begins positive, or 1 or 2 where so many of its derivatives,
+    the value counted, vanish at s = 0. Returns the time, s, and the function's index, or `end` and -1.
     """
-    m, count = len(rates), len(parts)
-    # Growth is never allowed for over more than a factor of e: a bound over a longer time would be useless.
-    ahead = min(end, AHEAD, 1.0 / max(rates.real.max(), 1.0 / AHEAD))
-    growth = np.empty(m)
-    curvature = np.empty((count, m))
-    until = np.zeros(count)
-    waves = np.empty(m, dtype=np.complex128)
-    sizes = np.empty(m)
-    drag = start[DRAG]
+    m, count = len(eigenvalues), len(amplitudes)
+    # A step never spans more than a factor of e of growth, beyond which the bound is too loose to be of use.
+    ahead = min(end, AHEAD, 1.0 / max(eigenvalues.real.max(), 1.0 / AHEAD))
+    growth, sizes, waves = np.empty(m), np.empty(m), np.empty(m, dtype=np.complex128)
+    curvature, until = np.empty((count, m)), np.zeros(count)
     for k in range(m):
-        growth[k] = max(1.0, np.exp(rates[k].real * ahead))
+        growth[k] = max(1.0, np.exp(eigenvalues[k].real * ahead))
         for i in range(count):
-            curvature[i, k] = abs(parts[i, k]) * abs(rates[k]) ** 2 * growth[k]
+            curvature[i, k] = abs(amplitudes[i, k]) * abs(eigenvalues[k]) ** 2 * growth[k]
+    drag = start[DRAG]
     pull = start[PULL] - drag * start[V_R]
     for i in range(count):
-        order = orders[i]
+        order, b = orders[i], forced[i]
         if order == 0:
             continue
         rise, bound = 0.0, 0.0
         for k in range(m):
-            rise += (parts[i, k] * rates[k] ** order).real
-            bound += abs(parts[i, k]) * abs(rates[k]) ** (order + 1) * growth[k]
-        bend = drift[i, Q_R] * pull - drift[i, V_R] * drag * pull
+            rise += (amplitudes[i, k] * eigenvalues[k] ** order).real
+            bound += abs(amplitudes[i, k]) * abs(eigenvalues[k]) ** (order + 1) * growth[k]
+        _, slope, bend = _forced_part(b, start, start)
         if order == 1:
-            rise += (
-                drift[i, S] * start[P] + drift[i, P] * start[A] + drift[i, Q_R] * start[V_R] + drift[i, V_R] * pull
-            )
-            bound += abs(drift[i, S] * start[A])
-        elif order == 2:
-            rise += drift[i, S] * start[A] + bend
+            rise += slope
+            bound += bend
         else:
-            rise += bend * (-drag) ** (order - 2)
-        bound += (abs(drift[i, Q_R]) + abs(drift[i, V_R]) * drag) * abs(pull) * drag ** (order - 1)
+            rise += b[S] * start[A] + (b[Q_R] * pull - b[V_R] * drag * pull)
+            bound += (abs(b[Q_R]) + abs(b[V_R]) * drag) * abs(pull) * drag
         if not rise > 0.0:
             return 0.0, i
         until[i] = min(0.5 * (order + 1) * rise / bound, ahead) if bound > 0.0 else ahead
     s = until.min()
     while s < end:
         for k in range(m):
-            sizes[k] = np.exp(rates[k].real * s)
-            angle = rates[k].imag * s
+            sizes[k] = np.exp(eigenvalues[k].real * s)
+            angle = eigenvalues[k].imag * s
             waves[k] = complex(sizes[k] * np.cos(angle), sizes[k] * np.sin(angle))
-        position, pace, q_r, v_r = flight(start, s)
-        pull = start[PULL] - drag * v_r
+        d = prescribed(start, s)
         for i in range(count):
             if until[i] > s:
                 continue
-            f = drift[i, S] * position + drift[i, P] * pace + drift[i, A] * start[A] + drift[i, ONE]
-            f += drift[i, Q_R] * q_r + drift[i, V_R] * v_r
-            slope = drift[i, S] * pace + drift[i, P] * start[A] + drift[i, Q_R] * v_r + drift[i, V_R] * pull
-            bound = abs(drift[i, S] * start[A]) + (abs(drift[i, Q_R]) + abs(drift[i, V_R]) * drag) * abs(pull)
+            f, slope, bound = _forced_part(forced[i], d, start)
             for k in range(m):
-                part = parts[i, k] * waves[k]
+                part = amplitudes[i, k] * waves[k]
                 f += part.real
-                slope += (part * rates[k]).real
+                slope += (part * eigenvalues[k]).real
                 bound += curvature[i, k] * sizes[k]
             if not f > 0.0:
                 return s, i
             root = np.sqrt(slope * slope + 2.0 * bound * f)
             step = 2.0 * f / (root - slope) if slope < 0.0 else (slope + root) / bound if bound > 0.0 else ahead
-            # Written so that a number that is none ends the search.
+            # In this form NaN ends the search.
             if not step > max(LOCATED, 1e-15 * s):
                 return s, i
             until[i] = s + min(step, ahead)
@@ -187,19 +142,18 @@ def search(rates: Any, parts: Any, drift: Any, start: Any, orders: Any, end: flo
 
 
 @inlined
-def _outputs(
-    rates: Any, c: Any, real: Any, imaginary: Any, drift: Any, start: Any, s: float, low: int, out: Any
-) -> None:
-    """Outputs from row `low` on at s, into `out`."""
-    position, pace, q_r, v_r = flight(start, s)
+def _outputs(motion: Any, s: float, low: int, out: Any) -> None:
+    """Write the outputs from number `low` on, at s, into `out`."""
+    eigenvalues, amplitudes, real, imaginary, forced, start = motion
+    d = prescribed(start, s)
     total = out.shape[0]
     for j in range(low, total):
-        out[j] = drift[S, j] * position + drift[P, j] * pace + drift[A, j] * start[A] + drift[ONE, j]
-        out[j] += drift[Q_R, j] * q_r + drift[V_R, j] * v_r
-    for k in range(rates.shape[0]):
-        size = np.exp(rates[k].real * s)
-        angle = rates[k].imag * s
-        wave = c[k] * complex(size * np.cos(angle), size * np.sin(angle))
+        out[j] = forced[S, j] * d[S] + forced[P, j] * d[P] + forced[A, j] * d[A] + forced[ONE, j]
+        out[j] += forced[Q_R, j] * d[Q_R] + forced[V_R, j] * d[V_R]
+    for k in range(eigenvalues.shape[0]):
+        size = np.exp(eigenvalues[k].real * s)
+        angle = eigenvalues[k].imag * s
+        wave = amplitudes[k] * complex(size * np.cos(angle), size * np.sin(angle))
         x, y = wave.real, wave.imag
         for j in range(low, total):
             out[j] += real[k, j] * x - imaginary[k, j] * y
@@ -207,43 +161,32 @@ def _outputs(
 
 @kernel
 def integrate(
-    rates: Any,
-    c: Any,
-    real: Any,
-    imaginary: Any,
-    drift: Any,
-    start: Any,
-    first: float,
-    last: float,
-    finest: float,
-    longest: float,
-    damping: Any,
-    inertia: Any,
-    C: Any,
-    sums: Any,
-) -> None:
-    """Add work and dissipation from `first` to `last`, times since the regime was entered.
+    motion: Any, first: float, last: float, finest: float, longest: float,
+    damping: Any, inertia: Any, C: Any, sums: Any,
+) -> None:  # fmt: skip
+    """Add work and dissipation between two times since the regime was entered, s, to the accumulators `sums`.
 
-    Gauss-Legendre on the exact motion, not its closed form. Stretches are never longer than `longest`, nor
-    than the time since the regime was entered plus `finest`: what decays fast is resolved while it lasts.
+    `motion` holds eigenvalues (m,), amplitudes (m,), real and imaginary part of the outputs (m, n + 6), their
+    forced part (6, n + 6), and `start`. An interval of the quadrature is at most `longest`, and at most `finest`
+    longer than the time since the regime was entered, which resolves what decays fast while it lasts.
     """
-    n = damping.shape[0]
+    n, start = damping.shape[0], motion[5]
     out = np.empty(n + SIGNALS)
     s = first
     while s < last:
         h = min(longest, s + finest, last - s)
         work, damped, friction, termination = 0.0, 0.0, 0.0, 0.0
-        for g in range(_POINTS.shape[0]):
-            at = s + 0.5 * h * (1.0 + _POINTS[g])
-            _outputs(rates, c, real, imaginary, drift, start, at, 0, out)
-            weight = 0.5 * h * _WEIGHTS[g]
-            lost, carried = 0.0, 0.0
+        for g in range(POINTS.shape[0]):
+            at = s + 0.5 * h * (1.0 + POINTS[g])
+            _outputs(motion, at, 0, out)
+            weight = 0.5 * h * WEIGHTS[g]
+            modal_loss, inertial = 0.0, 0.0
             for j in range(n):
-                lost += damping[j] * out[j] * out[j]
-                carried += inertia[j] * out[j]
+                modal_loss += damping[j] * out[j] * out[j]
+                inertial += inertia[j] * out[j]
             T, rate_N, rate_T = out[n + T_], out[n + RATE_N], out[n + RATE_T]
-            work += weight * (T * (start[P] + at * start[A]) + carried * start[A])
-            damped += weight * lost
+            work += weight * (T * (start[P] + at * start[A]) + inertial * start[A])
+            damped += weight * modal_loss
             friction -= weight * T * out[n + SPEED]
             termination += weight * (
                 C[0, 0] * rate_N * rate_N + 2.0 * C[0, 1] * rate_N * rate_T + C[1, 1] * rate_T * rate_T
@@ -259,78 +202,34 @@ def integrate(
 
 @kernel
 def sample(
-    rates: Any,
-    c: Any,
-    real: Any,
-    imaginary: Any,
-    drift: Any,
-    start: Any,
-    origin: float,
-    state: int,
-    step: float,
-    first: int,
-    last: int,
-    begin: int,
-    tally: Any,
-    heard: Any,
-    hearing: int,
-    rows: Any,
-    recording: int,
-) -> None:
-    """Steps `first` to `last`, in the middle of each, of a regime entered at `origin`; `begin` is the chunk's."""
-    _, moments, sums, forces, speeds, word, bits = tally
-    low = real.shape[1] - SIGNALS
-    out = np.empty(real.shape[1])
+    motion: Any, origin: float, state: int, step: float, first: int, last: int, begin: int, statistics: Any,
+    spectrum: Any, spectrum_every: int, rows: Any, record_every: int,
+) -> None:  # fmt: skip
+    """Read statistics and series in the middle of the steps `first` to `last` of a regime entered at `origin`, s.
+
+    `motion` is that of `integrate`, `state` the contact state, `statistics` is `Tally.arrays`. Every
+    `spectrum_every` steps a row of `spectrum` takes velocity of B and slip rate; every `record_every` steps (0:
+    never) one of `rows` takes time, velocity of B, N, T, slip rate and state. Both begin with step `begin`.
+    """
+    _, moments, sums, forces, speeds, word, bits = statistics
+    low = motion[2].shape[1] - SIGNALS
+    out = np.empty(low + SIGNALS)
     for i in range(first, last):
         t = (i + 0.5) * step
         settled = t >= moments[SETTLED_FROM]
-        listen = i % hearing == 0
-        record = recording > 0 and i % recording == 0
-        if not (settled or listen or record):
+        in_spectrum = i % spectrum_every == 0
+        in_record = record_every > 0 and i % record_every == 0
+        if not (settled or in_spectrum or in_record):
             continue
-        _outputs(rates, c, real, imaginary, drift, start, t - origin, low, out)
-        N, speed = out[low + N_], out[low + SPEED]
+        _outputs(motion, t - origin, low, out)
+        N, T, speed, velocity = out[low + N_], out[low + T_], out[low + SPEED], out[low + V_B]
         if settled:
             measure(sums, state, N, abs(speed), step)
             spread(forces, speeds, word, bits, N, abs(speed), step)
-        if listen:
-            place = i // hearing - (begin + hearing - 1) // hearing
-            heard[place, 0], heard[place, 1] = out[low + V_B], speed
-        if record:
-            place = i // recording - (begin + recording - 1) // recording
-            rows[place, 0], rows[place, 1], rows[place, 2] = t, out[low + V_B], N
-            rows[place, 3], rows[place, 4], rows[place, 5] = out[low + T_], speed, state
-
-
-@kernel
-def value_and_slope(rates: Any, parts: Any, drift: Any, start: Any, s: float) -> tuple[float, float]:
-    """One function of `search` and its derivative at s."""
-    position, pace, q_r, v_r = flight(start, s)
-    f = (
-        drift[S] * position
-        + drift[P] * pace
-        + drift[A] * start[A]
-        + drift[ONE]
-        + drift[Q_R] * q_r
-        + drift[V_R] * v_r
-    )
-    slope = drift[S] * pace + drift[P] * start[A] + drift[Q_R] * v_r
-    slope += drift[V_R] * (start[PULL] - start[DRAG] * v_r)
-    for k in range(len(rates)):
-        part = parts[k] * np.exp(rates[k] * s)
-        f += part.real
-        slope += (part * rates[k]).real
-    return f, slope
-
-
-def full_state(rates: Any, c: Any, shapes: Any, drift: Any, start: Array, s: float) -> Array:
-    """Displacements, velocities and element state at s."""
-    flown = np.empty(4)
-    _fly(start, s, flown)
-    d = np.array([flown[0], flown[1], start[A], 1.0, flown[2], flown[3]])
-    return np.asarray((shapes @ (c * np.exp(rates * s))).real + drift @ d)
-
-
-@kernel
-def _fly(start: Any, s: float, out: Any) -> None:
-    out[0], out[1], out[2], out[3] = flight(start, s)
+        if in_spectrum:
+            j = i // spectrum_every - (begin + spectrum_every - 1) // spectrum_every
+            spectrum[j, 0], spectrum[j, 1] = velocity, speed
+        if in_record:
+            j = i // record_every - (begin + record_every - 1) // record_every
+            rows[j, 0], rows[j, 1], rows[j, 2] = t, velocity, N
+            rows[j, 3], rows[j, 4], rows[j, 5] = T, speed, state

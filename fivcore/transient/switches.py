@@ -26,12 +26,24 @@ def switches(method: str, termination: str, relaxation_time: Any, cross_terms: A
         raise ValueError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")
     if relaxation_time is not None:
         relaxation_time = checks.between("relaxation_time", relaxation_time, 0.0, 1.0, "s")
-        if termination != "absorbing":
+        if method != "exact" and termination != "absorbing":
             text = f"relaxation_time = {relaxation_time:g}: termination {termination!r} has none; leave it out"
             raise ValueError(text)
+    if method == "exact":
+        require_absorbing(termination, relaxation_time)
     if not cross_terms and termination == "none":
         raise ValueError("cross_terms = False: termination 'none' has no element; leave it out")
     return {"relaxation_time": relaxation_time, "cross_terms": cross_terms}
+
+
+def require_absorbing(termination: str, relaxation_time: float | None) -> None:
+    """Refuse for method "exact" what asks for another element than the absorbing one."""
+    if termination != "absorbing":
+        raise ValueError(
+            f"termination = {termination!r}: method 'exact' needs the absorbing element; use method 'fast'"
+        )
+    if relaxation_time == 0.0:
+        raise ValueError("relaxation_time = 0: method 'exact' needs a time above 0; use method 'fast'")
 
 
 # Below 0.5 every mode grows.
