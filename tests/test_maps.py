@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fivcore import Rig, Scene, alone, critical_mu, flutter_onsets, glued_frequencies, sliding_modes
+from fivcore import Rig, Scene, critical_mu, flutter_onsets, glued_frequencies, sliding_modes
 from fivcore.rig import P2
 from studies import ensembles, figures, maps, planes, regimes, transients
 from studies.quantities import AXES, QUANTITIES, RUN
+from studies.runs import run_all
 from sweeps import refine
 from tests import test_messages
 from tests.boundaries import distances
@@ -100,7 +101,8 @@ def test_a_motion_is_an_ensemble_of_its_scene(tmp_path):
         scene = Scene(5e-3, 5.0, 0.2, load, rig)
         times = (SHORT[name] for name in ("least", "load_ups", "most"))
         duration = ensembles.own_duration(scene, fixed["ramp"], *times)
-        found = alone(regimes.ensemble_figures(scene, fixed, SHORT["members"], duration))[quantity]
+        members = run_all(ensembles.first_members(scene, SHORT["members"], fixed, duration))
+        found = regimes.ensemble_figures(members)[quantity]
         np.testing.assert_allclose(float(data[quantity].sel(V=5e-3, point_b=0.4)), found, rtol=1e-4)
 
 
