@@ -77,9 +77,10 @@ def member(scene: Scene, number: float, fixed: Mapping[str, Any], duration: floa
     return transients.job(scene, {**fixed, "ramp": ramp_of(number, fixed["ramp"])}, duration)
 
 
-def first_members(scene: Scene, count: int, fixed: Mapping[str, Any], duration: float) -> list[Job]:
-    """The runs of the first `count` members of a scene's ensemble."""
-    return [member(scene, number, fixed, duration) for number in range(1, count + 1)]
+def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any], *rule: float) -> list[Job]:
+    """The runs of the first members of a scene's ensemble; `rule` says how long they are (`own_duration`)."""
+    duration = own_duration(scene, fixed["ramp"], *rule)
+    return [member(scene, number, fixed, duration) for number in range(1, members + 1)]
 
 
 def figures_of(runs: Sequence[Transient]) -> dict[str, NDArray[Any]]:

@@ -47,7 +47,7 @@ def histories(
     """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
     times = transients.even_times(fixed["duration"], sample_rate).values
 
-    own: dict[str, Any] = {"record": ("velocity_B",), "sample_rate": transients.OVERSAMPLING * sample_rate}
+    own = {"record": ("velocity_B",), "sample_rate": transients.OVERSAMPLING * sample_rate}
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         run = runs[0]
@@ -61,10 +61,7 @@ def histories(
         )
 
     every = transients.scenes(points, fixed)
-    return outcomes(
-        [[transients.job(scene, fixed, **own), *recording.again(scene, fixed, record, times)] for scene in every],
-        values,
-    )
+    return outcomes([recording.jobs(scene, fixed, own, record, times) for scene in every], values)
 
 
 def fastest(scene: Scene) -> tuple[float, float]:

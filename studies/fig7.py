@@ -44,7 +44,7 @@ def histories(
     """Velocity of B, its spectra, the summary figures and what else is recorded of each point's motion."""
     times = transients.even_times(fixed["duration"], sample_rate).values
 
-    own: dict[str, Any] = {"record": ("velocity_B", "state"), "sample_rate": transients.OVERSAMPLING * sample_rate}
+    own = {"record": ("velocity_B", "state"), "sample_rate": transients.OVERSAMPLING * sample_rate}
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         run = runs[0]
@@ -61,10 +61,7 @@ def histories(
         )
 
     every = transients.scenes(points, fixed)
-    return outcomes(
-        [[transients.job(scene, fixed, **own), *recording.again(scene, fixed, record, times)] for scene in every],
-        values,
-    )
+    return outcomes([recording.jobs(scene, fixed, own, record, times) for scene in every], values)
 
 
 def finish(dataset: xr.Dataset, *, rig: Rig, theta: float) -> xr.Dataset:

@@ -117,14 +117,11 @@ def motion(
         for (pace, theta, mu), rig in zip(canonical, _rig_of_each(every), strict=True)
     ]
 
-    def jobs_of(scene: Scene) -> list[Job]:
-        duration = ensembles.own_duration(scene, fixed["ramp"], least, load_ups, most)
-        return ensembles.first_members(scene, members, fixed, duration)
-
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         return {quantity: regimes.ensemble_figures(runs)[quantity]}
 
-    found = outcomes([jobs_of(scene) for scene in chosen], values, copies=True)
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in chosen]
+    found = outcomes(jobs, values, copies=True)
     if quantity in scenes.SCALED and "F" not in points:
         found[quantity] = found[quantity] * fixed["F"]
     return found

@@ -61,9 +61,10 @@ def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:
     return {name: values if name == "state" else values.astype(np.float32) for name, values in every.items()}
 
 
-def again(scene: Scene, fixed: Mapping[str, Any], record: Sequence[str], times: np.ndarray) -> list[Job]:
-    """The second run, if anything is recorded, of a scene whose study has a coarser record of its own."""
-    return [transients.job(scene, fixed, **asked(record, times))] if record else []
+def jobs(scene: Scene, fixed: Mapping[str, Any], own: Mapping[str, Any], *kept: Any) -> list[Job]:
+    """The run of a scene with its study's own record, and a second one if series are to be kept (`asked`)."""
+    first, second = transients.job(scene, fixed, **own), transients.job(scene, fixed, **asked(*kept))
+    return [first, second] if second.options["record"] else [first]
 
 
 def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:

@@ -82,16 +82,13 @@ def ensemble(
         for V, theta, mu in zip(*scenes.canonical(points), strict=True)
     ]
 
-    def jobs_of(scene: Scene) -> list[Job]:
-        duration = ensembles.own_duration(scene, fixed["ramp"], least, load_ups, most)
-        return ensembles.first_members(scene, members, fixed, duration)
-
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         scene = jobs[0].scene
         times = {"duration": jobs[0].duration, "load_up_time": ensembles.load_up(scene)}
         return ensemble_figures(runs) | stability(scene, fixed["cutoff"]) | times
 
-    return outcomes([jobs_of(scene) for scene in every], values, copies=True)
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in every]
+    return outcomes(jobs, values, copies=True)
 
 
 def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,12 +50,14 @@ def run_all(jobs: Sequence[Job]) -> list[Transient | ContactError | DivergenceEr
     Raises
     ------
     ValueError
-        For the bad argument of any job, as `fivcore.simulate` raises it.
+        For a bad argument of any job.
     """
     groups: dict[Any, list[int]] = {}
     for place, job in enumerate(jobs):
-        groups.setdefault(_common(job.options), []).append(place)
-    results: dict[int, Transient | ContactError | DivergenceError] = {}
+        shared = {name: None if name in PER_SCENE else value for name, value in job.options.items()}
+        key = frozenset((name, x.tobytes() if isinstance(x, np.ndarray) else x) for name, x in shared.items())
+        groups.setdefault(key, []).append(place)
+    results: dict[int, Any] = {}
     for places in groups.values():
         group = [jobs[place] for place in places]
         options = dict(group[0].options)
@@ -63,14 +65,6 @@ def run_all(jobs: Sequence[Job]) -> list[Transient | ContactError | DivergenceEr
         found = simulate_many([job.scene for job in group], [job.duration for job in group], **options)
         results.update(zip(places, found, strict=True))
     return [results[place] for place in range(len(jobs))]
-
-
-def _common(options: Mapping[str, Any]) -> frozenset[tuple[str, Any]]:
-    """Names of all options, and the values of those that all scenes of one call share."""
-    shared = {name: None if name in PER_SCENE else value for name, value in options.items()}
-    return frozenset(
-        (name, value.tobytes() if isinstance(value, np.ndarray) else value) for name, value in shared.items()
-    )
 
 
 def outcomes(
@@ -87,7 +81,6 @@ def outcomes(
     Parameters
     ----------
     points : sequence of sequence of Job
-        The jobs of each point.
     values : callable
         `values(jobs, runs)` returns the value of each variable at one point, from its jobs and their results.
         Long arrays should have their final type, for a batch holds many.
@@ -101,23 +94,24 @@ def outcomes(
         s, the time that all took together, shared by the time that each simulates.
     """
     start = time.perf_counter()
-    results = iter(run_all([job for jobs in points for job in jobs]))
-    found: list[Mapping[str, Any] | None] = []
-    errors: list[Exception | None] = []
-    for jobs in points:
-        own = [next(results) for _ in jobs]
-        runs = [each for each in own if isinstance(each, Transient)]
-        error = next((each for each in own if not isinstance(each, Transient)), None)
-        if error is not None and copies:
-            text = f"{error}, which this is a copy of"
-            error = type(error)(text, error.scene).with_traceback(error.__traceback__)
-        errors.append(error)
-        found.append(values(jobs, runs) if error is None else None)
-    some = next((each for each in found if each is not None), None)
-    if some is None:
-        raise next(error for error in errors if error is not None)
+    results: Iterator[Any] = iter(run_all([job for jobs in points for job in jobs]))
+    runs = [[next(results) for _ in jobs] for jobs in points]
+    errors: list[Any] = [next((each for each in own if isinstance(each, Exception)), None) for own in runs]
+    if copies:
+        errors = [error and _of_copy(error) for error in errors]
+    if None not in errors:
+        raise errors[0]
+    found = [
+        values(jobs, own) if error is None else None for jobs, own, error in zip(points, runs, errors, strict=True)
+    ]
     # A failed point has values too, those of another point: the sweep drops them.
+    some = next(each for each in found if each is not None)
     whole = {name: np.stack([(each or some)[name] for each in found]) for name in some}
     simulated = np.array([sum(job.duration for job in jobs) for jobs in points])
-    share = simulated / simulated.sum()
-    return whole | {"error": errors, "wall_time": (time.perf_counter() - start) * share}
+    per_second = (time.perf_counter() - start) / simulated.sum()
+    return whole | {"error": errors, "wall_time": per_second * simulated}
+
+
+def _of_copy(error: Any) -> Any:
+    """The error of a scene as that of its copies."""
+    return type(error)(f"{error}, which this is a copy of", error.scene).with_traceback(error.__traceback__)

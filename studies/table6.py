@@ -48,18 +48,15 @@ VARIABLES = (
 
 def inclinations(points: Mapping[str, Any], *, members: int, **fixed: Any) -> dict[str, Any]:
     """Unstable pairs of steady sliding, and the motion of an ensemble, at each inclination."""
-    rule = {name: fixed[name] for name in ensembles.SETTINGS}
-
-    def jobs_of(scene: Scene) -> list[Job]:
-        duration = ensembles.own_duration(scene, fixed["ramp"], **rule)
-        return ensembles.first_members(scene, members, fixed, duration)
+    rule = [fixed[name] for name in ensembles.SETTINGS]
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         scene = jobs[0].scene
         fastest = dict(zip(fig11.STABILITY, fig11.fastest(scene), strict=True))
         return unstable_pairs(scene) | fastest | ensemble(runs) | {"duration": jobs[0].duration}
 
-    return outcomes([jobs_of(scene) for scene in transients.scenes(points, fixed)], values)
+    every = transients.scenes(points, fixed)
+    return outcomes([ensembles.ensemble(scene, members, fixed, *rule) for scene in every], values)
 
 
 def unstable_pairs(scene: Scene) -> dict[str, Any]:

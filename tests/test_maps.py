@@ -99,9 +99,8 @@ def test_a_motion_is_an_ensemble_of_its_scene(tmp_path):
     for quantity in ("velocity_rms", "regime", "stick_fraction"):
         data = mapped(tmp_path, "V=2e-3,5e-3", "point_b=0.4,0.6", quantity, SHORT | {"F": load})
         scene = Scene(5e-3, 5.0, 0.2, load, rig)
-        times = (SHORT[name] for name in ("least", "load_ups", "most"))
-        duration = ensembles.own_duration(scene, fixed["ramp"], *times)
-        members = run_all(ensembles.first_members(scene, SHORT["members"], fixed, duration))
+        rule = (SHORT[name] for name in ensembles.SETTINGS)
+        members = run_all(ensembles.ensemble(scene, SHORT["members"], fixed, *rule))
         found = regimes.ensemble_figures(members)[quantity]
         np.testing.assert_allclose(float(data[quantity].sel(V=5e-3, point_b=0.4)), found, rtol=1e-4)
 

@@ -40,8 +40,7 @@ def computed(tmp_path, given):
 def test_all_members_of_a_scene_far_from_a_border_are_in_its_regime(V, mu, regime):
     """At mu = 0.2 sustained intermittence ends between 1.3 and 1.6 mm/s."""
     scene = Scene(V, 5.0, mu, 9.0)
-    duration = ensembles.own_duration(scene, 1e-3, 1.0, 8.0, 8.0)
-    found = regimes.ensemble_figures(run_all(ensembles.first_members(scene, 3, FIXED, duration)))
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 8.0, 8.0)))
     assert REGIMES[found["regime"]] == regime
     np.testing.assert_array_equal(found["member_regime"], found["regime"])
     np.testing.assert_allclose(found["mean_normal_force"], 9.0, rtol=0.02)
@@ -59,7 +58,7 @@ def test_the_motion_is_what_stability_of_all_simulated_modes_says(theta):
         found = regimes.stability(scene, 0.0)
         assert (found["growth_rate"] > 0.0) == (mu > onset)
         assert (found["unstable_modes"] > 0) == (mu > onset)
-        (run,) = run_all([ensembles.member(scene, 1, FIXED, ensembles.own_duration(scene, 1e-3, 2.0, 0.0, 8.0))])
+        (run,) = run_all(ensembles.ensemble(scene, 1, FIXED, 2.0, 0.0, 8.0))
         quiet = run.summary["regime"] == "steady sliding"
         assert quiet == (found["model_growth_rate"] < 0.0)
 
@@ -124,7 +123,7 @@ def test_copies_have_the_bits_of_one_scene_and_its_size(tmp_path):
 
 def test_the_figures_of_an_ensemble_are_those_of_its_members():
     scene, duration = Scene(5e-3, 5.0, 0.2, 9.0), 0.4
-    found = regimes.ensemble_figures(run_all(ensembles.first_members(scene, 3, FIXED, duration)))
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 0.0, duration)))
     alone = [run_all([ensembles.member(scene, k, FIXED, duration)]) for k in (1, 2, 3)]
     runs = [transients.figures_of(run) for (run,) in alone]
     assert set(found) >= {"regime", "regime_certainty", *transients.SUMMARY}
