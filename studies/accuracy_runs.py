@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Scene, Transient, side_by_side, simulation
+from fivcore import Scene, Transient
 from studies import ensembles, transients
 from studies.accuracy_settings import EXACT, FAST, SIMULATED, Option
+from studies.runs import Job, run_all
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")
@@ -42,16 +43,6 @@ FIGURES = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One run: what `fivcore.simulate` is given."""
-
-    scene: Scene
-    duration: float
-    method: str
-    given: Mapping[str, Any]
-
-
 @dataclass(frozen=True)
 class Cost:
     """Processor time of the thread that computes, and wall time, s."""
@@ -60,13 +51,14 @@ class Cost:
     wall: float
 
 
-def together(cases: Sequence[Case]) -> list[Transient]:
-    """Runs computed side by side; if one has no answer, its error is raised."""
-    found = side_by_side([simulation(case.scene, case.duration, case.method, **case.given) for case in cases])
-    for run in found:
-        if isinstance(run, Exception):
+def together(jobs: Sequence[Job]) -> list[Transient]:
+    """Simulate jobs side by side and raise the first error of a scene."""
+    runs = []
+    for run in run_all(jobs):
+        if not isinstance(run, Transient):
             raise run
-    return [run for run in found if not isinstance(run, Exception)]
+        runs.append(run)
+    return runs
 
 
 def timed(compute: Callable[[], Result]) -> tuple[Result, Cost]:
@@ -117,20 +109,21 @@ def ensemble(
     """
     count, duration = extent(method, option, fixed)
 
-    def cases(length: float, **more: Any) -> list[Case]:
+    def jobs(length: float, **more: Any) -> list[Job]:
         ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
-        return [Case(scene, length, SIMULATED[method], {**given, "ramp": ramp, **more}) for ramp in ramps]
+        options = {"method": SIMULATED[method], **given, **more}
+        return [Job(scene, length, {**options, "ramp": ramp}) for ramp in ramps]
 
-    together(cases(WARMING))
-    recorded = cases(duration, record=True, sample_rate=transients.OVERSAMPLING * SAMPLE_RATE)
+    together(jobs(WARMING))
+    recorded = jobs(duration, record=True, sample_rate=transients.OVERSAMPLING * SAMPLE_RATE)
     if method == FAST:
-        runs, batch = timed(lambda: together(cases(duration)))
-        costs = [timed(lambda: together(cases(duration)[:1]))[1] for _ in range(TIMED)]
+        runs, batch = timed(lambda: together(jobs(duration)))
+        costs = [timed(lambda: together(jobs(duration)[:1]))[1] for _ in range(TIMED)]
         summaries = [run.summary for run in runs]
-        powers = [band_powers(*together([case])) for case in recorded[: fixed["recorded"]]]
+        powers = [band_powers(*together([job])) for job in recorded[: fixed["recorded"]]]
     else:
         # A record adds nothing to speak of to what these cost, but too much memory for all at once.
-        found = [timed(lambda case=case: _heard(case)) for case in recorded]  # type: ignore[misc]
+        found = [timed(lambda job=job: _heard(job)) for job in recorded]  # type: ignore[misc]
         costs = [cost for _, cost in found]
         batch = Cost(*np.sum([(cost.cpu, cost.wall) for cost in costs], axis=0))
         summaries = [summary for (summary, _), _ in found]
@@ -144,8 +137,8 @@ def ensemble(
     }
 
 
-def _heard(case: Case) -> tuple[dict[str, Any], Array]:
-    (run,) = together([case])
+def _heard(job: Job) -> tuple[dict[str, Any], Array]:
+    (run,) = together([job])
     return run.summary, band_powers(run)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
-from fivcore import LANES, Running, Scene, Transient, checks
+from fivcore import Transient, checks
 from studies import paper, recording, transients
 from studies.contact_figure import draw
+from studies.runs import BATCH_MULTIPLE, Job, outcomes
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
@@ -58,13 +59,15 @@ def contacts(
     times = window_times(window_start, window, sample_rate).values
     # Every step of the whole run would fill the memory: what is shown is run again.
     until = max(window_start + window, overview)
+    shown = {"duration": until, "record": True, "sample_rate": RECORDED}
 
-    def one(scene: Scene) -> Running[dict[str, Any]]:
-        figures = transients.figures_of((yield from transients.motion(scene, fixed)))
-        run = yield from transients.motion(scene, fixed, until, record=True, sample_rate=RECORDED)
-        return within(run, times) | at_large(run, overview) | starting(run) | figures
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        whole, run = runs
+        return within(run, times) | at_large(run, overview) | starting(run) | transients.figures_of(whole)
 
-    return transients.outcomes(transients.scenes(points, fixed), one)
+    every = transients.scenes(points, fixed)
+    jobs = [[transients.job(scene, fixed), transients.job(scene, fixed, **shown)] for scene in every]
+    return outcomes(jobs, values)
 
 
 def window_times(start: float, length: float, sample_rate: float) -> Axis:
@@ -142,7 +145,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Forces and motion at the contact (Figs. 8 to 10)",
         derive=partial(transients.with_flags, regime=transients.REGIMES, state=transients.STATES),
-        at_once=LANES,
+        at_once=BATCH_MULTIPLE,
     )
 
 

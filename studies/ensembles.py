@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Running, Scene, Transient, checks
+from fivcore import Scene, Transient, checks
 from fivcore.transient.drive import Canonical, slip_distance
 from studies import transients
+from studies.runs import Job
 from studies.study import Setting
 
 # Members differ by the ramp of the drive: each is longer than the one before by this share of the first. Motion
@@ -71,22 +72,21 @@ def own_duration(scene: Scene, ramp: float, least: float, load_ups: float, most:
     return min(0.5 * ramp + once + transients.SETTLING + max(least, load_ups * once), most)
 
 
-def member(
-    scene: Scene, number: float, fixed: Mapping[str, Any], duration: float, **more: Any
-) -> Running[Transient]:
-    """One member of a scene's ensemble, by its number from 1 on."""
-    return transients.motion(scene, {**fixed, "ramp": ramp_of(number, fixed["ramp"])}, duration, **more)
+def member(scene: Scene, number: float, fixed: Mapping[str, Any], duration: float) -> Job:
+    """The run of one member of a scene's ensemble, by its number from 1 on."""
+    return transients.job(scene, {**fixed, "ramp": ramp_of(number, fixed["ramp"])}, duration)
 
 
-def figures_of(
-    scene: Scene, fixed: Mapping[str, Any], members: int, duration: float
-) -> Running[dict[str, NDArray[Any]]]:
-    """Every figure of `studies.transients.SUMMARY` of the first `members` members, (members,)."""
-    runs = []
-    for number in range(1, members + 1):
-        run = yield from member(scene, number, fixed, duration)
-        runs.append(transients.figures_of(run))
-    return {name: np.array([run[name] for run in runs]) for name in runs[0]}
+def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any], *rule: float) -> list[Job]:
+    """The runs of the first members of a scene's ensemble; `rule` says how long they are (`own_duration`)."""
+    duration = own_duration(scene, fixed["ramp"], *rule)
+    return [member(scene, number, fixed, duration) for number in range(1, members + 1)]
+
+
+def figures_of(runs: Sequence[Transient]) -> dict[str, NDArray[Any]]:
+    """Every figure of `studies.transients.SUMMARY` of each member, (members,)."""
+    figures = [transients.figures_of(run) for run in runs]
+    return {name: np.array([each[name] for each in figures]) for name in figures[0]}
 
 
 def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:

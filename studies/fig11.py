@@ -11,8 +11,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fivcore import LANES, Running, Scene
+from fivcore import Scene, Transient
 from studies import figures, paper, recording, transients
+from studies.runs import BATCH_MULTIPLE, Job, outcomes
 from studies.stability import largest_growth
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from studies.tables import Part, Table
@@ -46,20 +47,21 @@ def histories(
     """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
     times = transients.even_times(fixed["duration"], sample_rate).values
 
-    def one(scene: Scene) -> Running[dict[str, Any]]:
-        run = yield from transients.motion(
-            scene, fixed, record=["velocity_B"], sample_rate=transients.OVERSAMPLING * sample_rate
-        )
+    own = {"record": ("velocity_B",), "sample_rate": transients.OVERSAMPLING * sample_rate}
+
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        run = runs[0]
         series = transients.velocity(run, times, sample_rate)
         spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)
         return (
             {"velocity_B": series, "spectrum": spectrum}
-            | dict(zip(STABILITY, fastest(scene), strict=True))
-            | (yield from recording.again(scene, fixed, record, times))
+            | dict(zip(STABILITY, fastest(run.scene), strict=True))
+            | recording.series(runs[-1], record)
             | transients.figures_of(run)
         )
 
-    return transients.outcomes(transients.scenes(points, fixed), one)
+    every = transients.scenes(points, fixed)
+    return outcomes([recording.jobs(scene, fixed, own, record, times) for scene in every], values)
 
 
 def fastest(scene: Scene) -> tuple[float, float]:
@@ -87,7 +89,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Velocity of B at two inclinations (Fig. 11)",
         derive=partial(transients.with_flags, regime=transients.REGIMES),
-        at_once=LANES,
+        at_once=BATCH_MULTIPLE,
     )
 
 

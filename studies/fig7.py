@@ -10,8 +10,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from fivcore import LANES, Rig, Running, Scene, glued_frequencies
+from fivcore import Rig, Transient, glued_frequencies
 from studies import figures, paper, recording, transients
+from studies.runs import BATCH_MULTIPLE, Job, outcomes
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
@@ -43,10 +44,10 @@ def histories(
     """Velocity of B, its spectra, the summary figures and what else is recorded of each point's motion."""
     times = transients.even_times(fixed["duration"], sample_rate).values
 
-    def one(scene: Scene) -> Running[dict[str, Any]]:
-        run = yield from transients.motion(
-            scene, fixed, record=("velocity_B", "state"), sample_rate=transients.OVERSAMPLING * sample_rate
-        )
+    own = {"record": ("velocity_B", "state"), "sample_rate": transients.OVERSAMPLING * sample_rate}
+
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        run = runs[0]
         series = transients.velocity(run, times, sample_rate)
         stuck, settled = transients.long_sticks(run, times), transients.settled(run, times)
         # Long sticks of the start count too: at 2 mm/s there are no others.
@@ -55,11 +56,12 @@ def histories(
         return (
             {"velocity_B": series, "long_stick": stuck}
             | dict(zip(SPECTRA, spectra, strict=True))
-            | (yield from recording.again(scene, fixed, record, times))
+            | recording.series(runs[-1], record)
             | transients.figures_of(run)
         )
 
-    return transients.outcomes(transients.scenes(points, fixed), one)
+    every = transients.scenes(points, fixed)
+    return outcomes([recording.jobs(scene, fixed, own, record, times) for scene in every], values)
 
 
 def finish(dataset: xr.Dataset, *, rig: Rig, theta: float) -> xr.Dataset:
@@ -94,7 +96,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Velocity of B at several speeds (Fig. 7)",
         derive=partial(finish, rig=rig, theta=theta),
-        at_once=LANES,
+        at_once=BATCH_MULTIPLE,
     )
 
 

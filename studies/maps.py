@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, product
@@ -14,10 +14,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import LANES, ContactError, DivergenceError, Scene, alone, checks
+from fivcore import Scene, checks
 from studies import ensembles, planes, quantities, regimes, runner, spec, transients
 from studies.maps_figure import draw, held, readable
 from studies.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
+from studies.runs import BATCH_MULTIPLE, run_all
 from studies.study import Study, constants, rig_of, suggest
 from studies.tables import Part
 from sweeps import Axis, Grid, Plan, Refinement, Sweep, open_results, refined
@@ -96,7 +97,7 @@ def sweep_of(
         together=tuple(name for name in axes if name not in ("V", "mu", "F")),
         title=f"{known.variable.long_name[0].upper()}{known.variable.long_name[1:]}, over {plane.x} and {plane.y}",
         derive=partial(transients.with_flags, regime=transients.REGIMES) if quantity == "regime" else None,
-        at_once=LANES if known.find is quantities.motion else 1,
+        at_once=BATCH_MULTIPLE if known.find is quantities.motion else 1,
     )
     return refined(sweep, Refinement(quantity, halvings, limit, known.thresholds))
 
@@ -219,9 +220,8 @@ def _check(plane: Plane, known: Quantity, given: Mapping[str, Any]) -> None:
     if "members" in known.settings:
         checks.count("members", given["members"], regimes.MOST_MEMBERS)
         ensembles.check(given)
-        for scene in corners:
-            with suppress(ContactError, DivergenceError):
-                alone(ensembles.member(scene, 1, {**given, "method": transients.METHOD}, 1e-6))
+        fixed = {**given, "method": transients.METHOD}
+        run_all([ensembles.member(scene, 1, fixed, 1e-6) for scene in corners])
 
 
 def _scene(plane: Plane, given: Mapping[str, Any], x: float, y: float) -> Scene:

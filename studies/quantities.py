@@ -6,24 +6,16 @@ what a quantity does not depend on are computed once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import (
-    ContactError,
-    DivergenceError,
-    Rig,
-    Running,
-    Scene,
-    critical_mu,
-    flutter_onsets,
-    glued_frequencies,
-)
+from fivcore import Rig, Scene, Transient, critical_mu, flutter_onsets, glued_frequencies
 from studies import ensembles, paper, regimes, scenes, stability, transients
+from studies.runs import Job, outcomes
 from studies.study import Setting, rig_of, rig_settings
 from sweeps import Variable
 
@@ -125,16 +117,11 @@ def motion(
         for (pace, theta, mu), rig in zip(canonical, _rig_of_each(every), strict=True)
     ]
 
-    def one(scene: Scene) -> Running[dict[str, Any]]:
-        duration = ensembles.own_duration(scene, fixed["ramp"], least, load_ups, most)
-        try:
-            found = yield from regimes.ensemble_figures(scene, fixed, members, duration)
-            return {quantity: found[quantity]}
-        except (ContactError, DivergenceError) as error:
-            # One text goes to all copies, and names none of them.
-            raise type(error)(f"{error}, which this is a copy of", scene) from error
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        return {quantity: regimes.ensemble_figures(runs)[quantity]}
 
-    found = transients.outcomes(chosen, one)
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in chosen]
+    found = outcomes(jobs, values, copies=True)
     if quantity in scenes.SCALED and "F" not in points:
         found[quantity] = found[quantity] * fixed["F"]
     return found

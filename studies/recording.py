@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Running, Scene, Transient, checks
+from fivcore import Scene, Transient, checks
 from studies import transients
+from studies.runs import Job
 from studies.study import suggest
 from sweeps import Sweep, Variable
 
@@ -60,14 +61,10 @@ def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:
     return {name: values if name == "state" else values.astype(np.float32) for name, values in every.items()}
 
 
-def again(
-    scene: Scene, fixed: Mapping[str, Any], record: Sequence[str], times: np.ndarray
-) -> Running[dict[str, Any]]:
-    """The recorded series of a scene whose study has a coarser record of its own: it is run a second time."""
-    if not record:
-        return {}
-    run = yield from transients.motion(scene, fixed, **asked(record, times))
-    return series(run, record)
+def jobs(scene: Scene, fixed: Mapping[str, Any], own: Mapping[str, Any], *kept: Any) -> list[Job]:
+    """The run of a scene with its study's own record, and a second one if series are to be kept (`asked`)."""
+    first, second = transients.job(scene, fixed, **own), transients.job(scene, fixed, **asked(*kept))
+    return [first, second] if second.options["record"] else [first]
 
 
 def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,13 +10,14 @@ from typing import Any
 import numpy as np
 from scipy.special import betaincc
 
-from fivcore import LANES, ContactError, DivergenceError, Running, Scene, alone, checks
+from fivcore import Scene, Transient, checks
 from fivcore.contact.reduced import reduced_model
 from fivcore.transient.steady import steady_sliding
 from studies import ensembles, paper, scenes, transients
 from studies.regimes_figure import draw
 from studies.regimes_report import findings
 from studies.regimes_verdicts import BELOW, with_verdicts
+from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
 from studies.spec import evenly, logarithmically
 from studies.stability import largest_growth
 from studies.study import Setting, Study, rig_of, rig_settings
@@ -82,33 +82,21 @@ def ensemble(
         for V, theta, mu in zip(*scenes.canonical(points), strict=True)
     ]
 
-    def one(scene: Scene) -> Running[dict[str, Any]]:
-        duration = ensembles.own_duration(scene, fixed["ramp"], least, load_ups, most)
-        try:
-            found = yield from ensemble_figures(scene, fixed, members, duration)
-        except (ContactError, DivergenceError) as error:
-            # One text goes to all copies, and names none of them.
-            raise type(error)(f"{error}, which this is a copy of", scene) from error
-        times = {"duration": duration, "load_up_time": ensembles.load_up(scene)}
-        return found | stability(scene, fixed["cutoff"]) | times
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        scene = jobs[0].scene
+        times = {"duration": jobs[0].duration, "load_up_time": ensembles.load_up(scene)}
+        return ensemble_figures(runs) | stability(scene, fixed["cutoff"]) | times
 
-    return transients.outcomes(every, one)
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in every]
+    return outcomes(jobs, values, copies=True)
 
 
-def ensemble_figures(
-    scene: Scene, fixed: Mapping[str, Any], members: int, duration: float
-) -> Running[dict[str, Any]]:
+def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:
     """What the runs of one scene have in common.
 
     Parameters
     ----------
-    scene : Scene
-    fixed : mapping
-        `method`, `ramp` and `cutoff` of the runs, as `studies.transients.motion` reads them.
-    members : int
-        Number of runs.
-    duration : float
-        Of each, s.
+    runs : sequence of Transient
 
     Returns
     -------
@@ -117,16 +105,11 @@ def ensemble_figures(
         `member_regime`; every other figure of `studies.transients.SUMMARY` over the members that have a value, NaN
         where none has: the mean, for LARGEST the largest, for MIDDLE the lower of the middle ones; and of SPREAD,
         as `*_std`, the standard deviation, NaN for fewer than two.
-
-    Raises
-    ------
-    ContactError, DivergenceError
-        Where a run has no answer.
     """
-    runs = yield from ensembles.figures_of(scene, fixed, members, duration)
-    found: dict[str, Any] = majority(runs["regime"])
+    figures = ensembles.figures_of(runs)
+    found: dict[str, Any] = majority(figures["regime"])
     for name in FIGURES:
-        known = runs[name][np.isfinite(runs[name])]
+        known = figures[name][np.isfinite(figures[name])]
         how = _largest if name in LARGEST else ensembles.middle if name in MIDDLE else _mean
         found[name] = how(known)
         if name in SPREAD:
@@ -192,9 +175,8 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     slowest = float(axes["V"].values.min())
     if slowest <= 0.0:
         raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
-    for scene in transients.extremes(axes, fixed["rig"]):
-        with suppress(ContactError, DivergenceError):
-            alone(ensembles.member(scene, fixed["members"], fixed, 1e-6))
+    ends = transients.extremes(axes, fixed["rig"])
+    run_all([ensembles.member(scene, fixed["members"], fixed, 1e-6) for scene in ends])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
@@ -220,7 +202,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         together=("theta",),
         title="Regimes of vibration over speed and friction",
         derive=partial(with_verdicts, rig=rig),
-        at_once=LANES,
+        at_once=BATCH_MULTIPLE,
     )
 
 

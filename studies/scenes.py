@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
@@ -12,9 +11,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import LANES, ContactError, DivergenceError, Rig, Running, Scene, alone, checks
+from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.drive import Canonical
 from studies import paper, recording, transients
+from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
 from studies.scenes_figure import DONE, FAILED, draw, regimes
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from studies.tables import Part, Table
@@ -85,15 +85,11 @@ def motions(
         for V, theta, mu in zip(*canonical(points), strict=True)
     ]
 
-    def one(scene: Scene) -> Running[dict[str, Any]]:
-        try:
-            run = yield from transients.motion(scene, fixed, **recording.asked(record, times))
-        except (ContactError, DivergenceError) as error:
-            # One text goes to all copies, and names none of them.
-            raise type(error)(f"{error}, which this is a copy of", scene) from error
-        return recording.series(run, record) | transients.figures_of(run)
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        return recording.series(runs[0], record) | transients.figures_of(runs[0])
 
-    return transients.outcomes(every, one)
+    asked = recording.asked(record, times)
+    return outcomes([[transients.job(scene, fixed, **asked)] for scene in every], values, copies=True)
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
@@ -107,9 +103,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
         Naming the axis or setting.
     """
     checks.between("duration", fixed["duration"], 1e-6, 1e6, "s")
-    for scene in transients.extremes(axes, fixed["rig"]):
-        with suppress(ContactError, DivergenceError):
-            alone(transients.motion(scene, fixed, 1e-6))
+    run_all([transients.job(scene, fixed, 1e-6) for scene in transients.extremes(axes, fixed["rig"])])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
@@ -130,7 +124,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         together=("theta",),
         title="Motion of scenes over V, theta, mu and F",
         derive=partial(transients.with_flags, regime=transients.REGIMES),
-        at_once=LANES,
+        at_once=BATCH_MULTIPLE,
     )
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from fivcore import LANES, ContactError, DivergenceError, Running, Scene, alone, checks
+from fivcore import Scene, Transient, checks
 from studies import ensembles, paper, scenes, transients
+from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
 from studies.spec import evenly
 from studies.stick_laws import with_laws
 from studies.stick_time_figure import draw
@@ -43,18 +43,16 @@ def sticks(
 ) -> dict[str, Any]:
     """The long sticks of each point's canonical scene."""
     pace, mu = _pace(points), np.asarray(points["mu"], dtype=float)
-    every = [
-        (Scene(float(pace[k]), fixed["theta"], float(mu[k]), 1.0, fixed["rig"]), float(number))
-        for k, number in enumerate(points["member"])
-    ]
 
-    def one(case: tuple[Scene, float]) -> Running[dict[str, Any]]:
-        scene, number = case
+    def job_of(k: int, number: float) -> Job:
+        scene = Scene(float(pace[k]), fixed["theta"], float(mu[k]), 1.0, fixed["rig"])
         duration = ensembles.own_duration(scene, ensembles.ramp_of(number, fixed["ramp"]), least, load_ups, most)
-        run = yield from ensembles.member(scene, number, fixed, duration)
-        return of_sticks(scene, run.summary, duration)
+        return ensembles.member(scene, number, fixed, duration)
 
-    return transients.outcomes(every, one)
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        return of_sticks(jobs[0].scene, runs[0].summary, jobs[0].duration)
+
+    return outcomes([[job_of(k, float(number))] for k, number in enumerate(points["member"])], values)
 
 
 def of_sticks(scene: Scene, summary: Mapping[str, Any], duration: float) -> dict[str, Any]:
@@ -100,9 +98,8 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
         raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
     for value in axes["member"].values:
         checks.between("member", float(value), 1.0, 1e6, "a number counted from 1")
-    for scene in transients.extremes(axes, fixed["rig"], theta=fixed["theta"]):
-        with suppress(ContactError, DivergenceError):
-            alone(ensembles.member(scene, 1.0, fixed, 1e-6))
+    ends = transients.extremes(axes, fixed["rig"], theta=fixed["theta"])
+    run_all([ensembles.member(scene, 1.0, fixed, 1e-6) for scene in ends])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
@@ -121,7 +118,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         coords={"stick": Axis(np.arange(1, KEPT + 1), "1", "long stick, in the order in which they begin")},
         title="Duration of sticks against the speed of the drive (T_st ~ 1/V)",
         derive=with_laws,
-        at_once=LANES,
+        at_once=BATCH_MULTIPLE,
     )
 
 

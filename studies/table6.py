@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from fivcore import LANES, ContactError, DivergenceError, Running, Scene, alone, checks, sliding_modes
+from fivcore import Scene, Transient, checks, sliding_modes
 from studies import ensembles, fig11, paper, transients
+from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
 from studies.spec import evenly
 from studies.study import Setting, Study, rig_of, rig_settings
 from studies.table6_angles import PAIRS, VIBRATING, beside
@@ -48,12 +48,15 @@ VARIABLES = (
 
 def inclinations(points: Mapping[str, Any], *, members: int, **fixed: Any) -> dict[str, Any]:
     """Unstable pairs of steady sliding, and the motion of an ensemble, at each inclination."""
+    rule = [fixed[name] for name in ensembles.SETTINGS]
 
-    def one(scene: Scene) -> Running[dict[str, Any]]:
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        scene = jobs[0].scene
         fastest = dict(zip(fig11.STABILITY, fig11.fastest(scene), strict=True))
-        return unstable_pairs(scene) | fastest | (yield from ensemble(scene, members, fixed))
+        return unstable_pairs(scene) | fastest | ensemble(runs) | {"duration": jobs[0].duration}
 
-    return transients.outcomes(transients.scenes(points, fixed), one)
+    every = transients.scenes(points, fixed)
+    return outcomes([ensembles.ensemble(scene, members, fixed, *rule) for scene in every], values)
 
 
 def unstable_pairs(scene: Scene) -> dict[str, Any]:
@@ -70,21 +73,18 @@ def unstable_pairs(scene: Scene) -> dict[str, Any]:
     return {"unstable_modes": len(unstable), "frequency": frequency, "growth_rate": growth}
 
 
-def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any]) -> Running[dict[str, Any]]:
+def ensemble(runs: Sequence[Transient]) -> dict[str, Any]:
     """How the members of a scene's ensemble move: each, and taken together."""
-    rule = {name: fixed[name] for name in ensembles.SETTINGS}
-    duration = ensembles.own_duration(scene, fixed["ramp"], **rule)
-    runs = yield from ensembles.figures_of(scene, fixed, members, duration)
-    each = {name: runs[name] for name in KEPT}
+    figures = ensembles.figures_of(runs)
+    each = {name: figures[name] for name in KEPT}
     each["dominant_frequency"] = np.where(np.isin(each["regime"], VIBRATING), each["dominant_frequency"], np.nan)
     most, counts = ensembles.majority(each["regime"])
     return (
         {f"member_{name}": values for name, values in each.items()}
         | {name: each[name].mean() for name in AVERAGED}
         | {
-            "duration": duration,
             "regime": most,
-            "regime_share": counts[most] / members,
+            "regime_share": counts[most] / len(runs),
             "dominant_frequency": ensembles.middle(each["dominant_frequency"]),
         }
     )
@@ -102,9 +102,7 @@ def check(grid: Grid, fixed: Mapping[str, Any]) -> None:
     """
     ensembles.check(fixed)
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    every = transients.scenes(grid.points(), fixed)
-    with suppress(ContactError, DivergenceError):
-        alone(ensembles.member(every[0], 1, fixed, 1e-6))
+    run_all([ensembles.member(transients.scenes(grid.points(), fixed)[0], 1, fixed, 1e-6)])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
@@ -127,7 +125,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Stability and motion over the inclination (Table 6)",
         derive=partial(beside, rig=rig, mu=settings["mu"], V=settings["V"]),
-        at_once=LANES,
+        at_once=BATCH_MULTIPLE,
     )
 
 

@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
-from fivcore import (
-    ContactError,
-    DivergenceError,
-    Rig,
-    Running,
-    Scene,
-    Transient,
-    alone,
-    checks,
-    side_by_side,
-    simulation,
-)
+from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.motion import SETTLING as SETTLING_TIME
 from studies import paper
+from studies.runs import Job, run_all
 from studies.study import Setting, constants
 from sweeps import Axis, Grid, Variable
 
 Array = NDArray[Any]
-Case = TypeVar("Case")
 
 METHOD = "fast"
 # The paper's spectra end here, Hz.
@@ -99,20 +86,16 @@ def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
     return [Scene(**{name: float(every[name][k]) for name in SCENE}, rig=fixed["rig"]) for k in range(count)]
 
 
-def motion(
-    scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, **recording: Any
-) -> Running[Transient]:
-    """Simulate one scene as the sweep's constants say, beside others (`fivcore.simulation`)."""
-    return simulation(
-        scene,
-        fixed["duration"] if duration is None else duration,
-        fixed["method"],
-        ramp=fixed["ramp"],
-        cutoff=fixed["cutoff"] or None,
-        settle=fixed.get("settle"),
-        leap=bool(fixed.get("leap", True)),
-        **recording,
-    )
+def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, **recording: Any) -> Job:
+    """The run of one scene that the sweep's constants ask for."""
+    options = {
+        "method": fixed["method"],
+        "ramp": fixed["ramp"],
+        "cutoff": fixed["cutoff"] or None,
+        "settle": fixed.get("settle"),
+        "leap": bool(fixed.get("leap", True)),
+    }
+    return Job(scene, fixed["duration"] if duration is None else duration, options | recording)
 
 
 def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
@@ -129,9 +112,7 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
     most = MOST_SAMPLES / sample_rate
     checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    every = scenes(grid.points(), fixed)
-    with suppress(ContactError, DivergenceError):
-        alone(motion(every[0], fixed, 1e-6))
+    run_all([job(scenes(grid.points(), fixed)[0], fixed, 1e-6)])
 
 
 def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
@@ -150,52 +131,6 @@ def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
     speeds, loads = np.abs(every["V"]), every["F"]
     ends = ((speeds.min(), loads.max()), (speeds.max(), loads.min()))
     return [Scene(**{**first, "V": float(V), "F": float(F)}, rig=rig) for V, F in ends]
-
-
-def outcomes(every: Sequence[Case], one: Callable[[Case], Running[Mapping[str, Any]]]) -> dict[str, Any]:
-    """What `one` finds for each scene, as a sweep's function returns it; scenes are simulated side by side.
-
-    A scene without an answer has an error of its own, so that the others of its batch are not computed again.
-    Where none has an answer it raises, and a scene alone ends as the line that reproduces it does.
-
-    Parameters
-    ----------
-    every : sequence
-        Scenes, or scenes with what else a run depends on.
-    one : callable
-        `one(each)` is a generator (`fivcore.simulation`) that returns the value of each variable; what is long in
-        its final type, for a batch holds many.
-    """
-    # What is refused at once has a share too.
-    effort = np.ones(len(every))
-    start = time.perf_counter()
-    results = side_by_side([_counted(one(case), effort, k) for k, case in enumerate(every)])
-    taken = time.perf_counter() - start
-    errors: list[Exception | None] = [each if isinstance(each, Exception) else None for each in results]
-    for problem in errors:
-        if not (problem is None or isinstance(problem, (ContactError, DivergenceError))):
-            raise problem
-    some = next((each for each in results if not isinstance(each, Exception)), None)
-    if some is None:
-        raise next(problem for problem in errors if problem is not None)
-    # What stands for a scene without an answer is not looked at, but has the shape of one.
-    found = [some if isinstance(each, Exception) else each for each in results]
-    whole = {name: np.stack([values[name] for values in found]) for name in some}
-    # Of the time all took together each has its share by the steps it took.
-    share = effort / effort.sum()
-    return whole | {"error": errors, "wall_time": taken * share}
-
-
-def _counted(run: Running[Mapping[str, Any]], effort: Array, k: int) -> Running[Mapping[str, Any]]:
-    """The same run, its steps times modes counted."""
-    while True:
-        try:
-            stretch = next(run)
-        except StopIteration as stop:
-            return cast(Mapping[str, Any], stop.value)
-        first = stretch.first
-        yield stretch
-        effort[k] += (stretch.first - first) * len(stretch.q)
 
 
 def figures_of(run: Transient) -> dict[str, Any]:

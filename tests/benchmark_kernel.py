@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fivcore import LANES, Rig, Scene, simulate_many
+from fivcore import Rig, Scene, simulate_many
 from fivcore.contact.reduced import reduced_model
 from fivcore.jit import kernel
 from fivcore.transient import lane_rows as rows
@@ -85,12 +85,12 @@ def modes_alone() -> float:
     modes[:] = np.tile(solver.coefficients, GROUPS)[:, None]
     q, v, out, steps = aligned(GROUPS * size), aligned(GROUPS * size), aligned(GROUPS), 20_000
     places = [part.ctypes.data for part in (modes, q, v, out)]
-    return shortest(lambda: _modes_alone(*solver.sizes, *places, steps)) / (steps * LANES)
+    return shortest(lambda: _modes_alone(*solver.sizes, *places, steps)) / (steps * GROUPS * WIDTH)
 
 
 def whole() -> float:
     """Seconds per scene and step of a sweep, all that Python does included; every step taken."""
-    duration, count = 2.0, 2 * LANES
+    duration, count = 2.0, 2 * GROUPS * WIDTH
     steps = duration / reduced_model(Rig(), SCENE.theta).default_step
     times = []
     for _ in range(5):

@@ -12,10 +12,11 @@ import tracemalloc
 
 from threadpoolctl import threadpool_limits
 
-from fivcore import LANES, Rig, Scene, simulate, simulate_many
+from fivcore import Rig, Scene, simulate, simulate_many
 from fivcore.beams.modes import lower_basis
 from fivcore.contact.reduced import full_model, reduced_model, relaxation_time
 from fivcore.transient.published import STEP
+from studies.runs import BATCH_MULTIPLE
 from tests.benchmark_stability import machine
 
 SPEEDS = (1e-3, 2e-3, 5e-3)
@@ -36,7 +37,7 @@ def together(scene: Scene, duration: float, count: int, **given: object) -> floa
     return (time.perf_counter() - start) / count
 
 
-def methods(repeat: int = 5, count: int = 2 * LANES) -> None:
+def methods(repeat: int = 5, count: int = 2 * BATCH_MULTIPLE) -> None:
     """Wall time per simulated second of `paper` and `fast` at the paper's speeds, and the ratio in a sweep."""
     print(
         f"\nA simulated second by `paper` (of 0.3 s), and by `fast` (of 3 s): {count} scenes side by side, every"

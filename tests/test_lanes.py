@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fivcore import LANES, ContactError, Rig, Scene, critical_mu, simulate, simulate_many
+from fivcore import ContactError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import step_matrices
 from fivcore.jit import SOURCES, kernel
@@ -69,7 +69,7 @@ def test_lanes_calculate_as_numbers_do():
     assert found[0, 0] == pytest.approx(exact, rel=3e-16)
 
 
-@pytest.mark.parametrize("count", [1, 3, LANES, LANES + 1, 2 * LANES + 3])
+@pytest.mark.parametrize("count", [1, 3, 2 * WIDTH, 2 * WIDTH + 1, 4 * WIDTH + 3])
 def test_a_scene_has_the_same_bits_in_any_company(count):
     alone = simulate(PAPERS, 0.06, record=True, sample_rate=50e3)
     beside = [COMPANY[(k + count) % len(COMPANY)] for k in range(count - 1)]

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fivcore import Rig, Scene, alone, critical_mu, flutter_onsets, glued_frequencies, sliding_modes
+from fivcore import Rig, Scene, critical_mu, flutter_onsets, glued_frequencies, sliding_modes
 from fivcore.rig import P2
 from studies import ensembles, figures, maps, planes, regimes, transients
 from studies.quantities import AXES, QUANTITIES, RUN
+from studies.runs import run_all
 from sweeps import refine
 from tests import test_messages
 from tests.boundaries import distances
@@ -98,9 +99,9 @@ def test_a_motion_is_an_ensemble_of_its_scene(tmp_path):
     for quantity in ("velocity_rms", "regime", "stick_fraction"):
         data = mapped(tmp_path, "V=2e-3,5e-3", "point_b=0.4,0.6", quantity, SHORT | {"F": load})
         scene = Scene(5e-3, 5.0, 0.2, load, rig)
-        times = (SHORT[name] for name in ("least", "load_ups", "most"))
-        duration = ensembles.own_duration(scene, fixed["ramp"], *times)
-        found = alone(regimes.ensemble_figures(scene, fixed, SHORT["members"], duration))[quantity]
+        rule = (SHORT[name] for name in ensembles.SETTINGS)
+        members = run_all(ensembles.ensemble(scene, SHORT["members"], fixed, *rule))
+        found = regimes.ensemble_figures(members)[quantity]
         np.testing.assert_allclose(float(data[quantity].sel(V=5e-3, point_b=0.4)), found, rtol=1e-4)
 
 

@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import beta
 
-from fivcore import Rig, Scene, alone, flutter_onsets
+from fivcore import Rig, Scene, flutter_onsets
 from studies import ensembles, figures, planes, regimes, regimes_figure, regimes_verdicts, registry, transients
 from studies.regimes_verdicts import VERDICTS
+from studies.runs import run_all
 from studies.transients import REGIMES
 
 # Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
@@ -39,7 +40,7 @@ def computed(tmp_path, given):
 def test_all_members_of_a_scene_far_from_a_border_are_in_its_regime(V, mu, regime):
     """At mu = 0.2 sustained intermittence ends between 1.3 and 1.6 mm/s."""
     scene = Scene(V, 5.0, mu, 9.0)
-    found = alone(regimes.ensemble_figures(scene, FIXED, 3, ensembles.own_duration(scene, 1e-3, 1.0, 8.0, 8.0)))
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 8.0, 8.0)))
     assert REGIMES[found["regime"]] == regime
     np.testing.assert_array_equal(found["member_regime"], found["regime"])
     np.testing.assert_allclose(found["mean_normal_force"], 9.0, rtol=0.02)
@@ -57,7 +58,7 @@ def test_the_motion_is_what_stability_of_all_simulated_modes_says(theta):
         found = regimes.stability(scene, 0.0)
         assert (found["growth_rate"] > 0.0) == (mu > onset)
         assert (found["unstable_modes"] > 0) == (mu > onset)
-        run = alone(ensembles.member(scene, 1, FIXED, ensembles.own_duration(scene, 1e-3, 2.0, 0.0, 8.0)))
+        (run,) = run_all(ensembles.ensemble(scene, 1, FIXED, 2.0, 0.0, 8.0))
         quiet = run.summary["regime"] == "steady sliding"
         assert quiet == (found["model_growth_rate"] < 0.0)
 
@@ -122,8 +123,9 @@ def test_copies_have_the_bits_of_one_scene_and_its_size(tmp_path):
 
 def test_the_figures_of_an_ensemble_are_those_of_its_members():
     scene, duration = Scene(5e-3, 5.0, 0.2, 9.0), 0.4
-    found = alone(regimes.ensemble_figures(scene, FIXED, 3, duration))
-    runs = [transients.figures_of(alone(ensembles.member(scene, k, FIXED, duration))) for k in (1, 2, 3)]
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 0.0, duration)))
+    alone = [run_all([ensembles.member(scene, k, FIXED, duration)]) for k in (1, 2, 3)]
+    runs = [transients.figures_of(run) for (run,) in alone]
     assert set(found) >= {"regime", "regime_certainty", *transients.SUMMARY}
     for name in regimes.FIGURES:
         values = np.array([run[name] for run in runs], dtype=float)
@@ -139,7 +141,7 @@ def test_the_figures_of_an_ensemble_are_those_of_its_members():
 
 
 def test_one_member_has_no_spread():
-    found = alone(regimes.ensemble_figures(Scene(5e-3, 5.0, 0.2, 9.0), FIXED, 1, 0.2))
+    found = regimes.ensemble_figures(run_all([ensembles.member(Scene(5e-3, 5.0, 0.2, 9.0), 1, FIXED, 0.2)]))
     assert all(np.isnan(found[f"{name}_std"]) for name in regimes.SPREAD)
     assert found["regime_share"].max() == 1.0
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fivcore import ContactError, Rig, Scene, critical_mu, simulate, simulation
+from fivcore import ContactError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact import reduced
-from studies import figures, recording, registry, scenes, transients
+from studies import figures, recording, registry, runs, scenes, transients
 
 # One geometric ratio for V and F, no power of two, and with it the same V / F again and again.
 RATIO = 10.0 ** (1.0 / 3.0)
@@ -122,9 +122,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_planned(given, message
 
 def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
     ran = []
-    monkeypatch.setattr(
-        transients, "simulation", lambda scene, *a, **k: ran.append(scene) or simulation(scene, *a, **k)
-    )
+    monkeypatch.setattr(runs, "simulate_many", lambda s, *a, **k: ran.extend(s) or simulate_many(s, *a, **k))
     given = SHORT | {"theta": 40.0, "mu": [0.1, 0.2, 0.3, 5.0, 6.0], "V": [5e-3, 1e-2], "F": [4.5, 9.0]}
     sweep = scenes.STUDY.sweep(given)
     ran.clear()
@@ -201,7 +199,7 @@ def test_what_is_recorded_is_the_motion(V, tmp_path):
 
 def test_nothing_is_recorded_that_was_not_asked_for(monkeypatch):
     told = []
-    monkeypatch.setattr(transients, "simulation", lambda *a, **k: told.append(k) or simulation(*a, **k))
+    monkeypatch.setattr(runs, "simulate_many", lambda *a, **k: told.append(k) or simulate_many(*a, **k))
     one = SHORT | {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0}
     sweep = scenes.STUDY.sweep(one)
     assert not sweep.coords

@@ -8,7 +8,7 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fivcore import Rig, Scene, alone, simulate, sliding_modes
+from fivcore import Rig, Scene, simulate, sliding_modes
 from studies import (
     ensembles,
     figures,
@@ -143,15 +143,8 @@ def test_members_are_runs_of_their_own_and_make_the_figures_of_their_angle(angle
 def members(monkeypatch, *each):
     """What an ensemble of members with these regimes and main lines has in common."""
     runs = [dict.fromkeys(table6.KEPT, 1.0) | {"regime": r, "dominant_frequency": line} for r, line in each]
-    monkeypatch.setattr(transients, "figures_of", lambda run: runs[run])
-
-    def member(scene, number, fixed, duration):
-        yield from ()
-        return number - 1
-
-    monkeypatch.setattr(ensembles, "member", member)
-    fixed = {"ramp": 1e-3, "least": 1.0, "load_ups": 1.0, "most": 2.0}
-    return alone(table6.ensemble(Scene(2e-3, 5.0, 0.2, 9.0), len(runs), fixed))
+    monkeypatch.setattr(transients, "figures_of", lambda run: run)
+    return table6.ensemble(runs)
 
 
 def test_most_members_decide_and_of_two_rival_lines_one_is_taken(monkeypatch):

@@ -1,0 +1,117 @@
+"""Runs that studies need: a flat list of them, simulated side by side, and the values of a sweep's points."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fivcore import ContactError, DivergenceError, Scene, Transient, simulate_many
+
+# "fast" advances two vector registers of eight scenes together: a batch of a multiple of 16 leaves no place empty.
+BATCH_MULTIPLE = 16
+# Options that `fivcore.simulate_many` takes one for each scene.
+PER_SCENE = ("ramp", "settle", "initial", "numerical_damping")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One run to be simulated.
+
+    Attributes
+    ----------
+    scene : Scene
+    duration : float
+        s.
+    options : mapping
+        Further arguments of `fivcore.simulate`, `method` among them; values are hashable or arrays, or PER_SCENE.
+    """
+
+    scene: Scene
+    duration: float
+    options: Mapping[str, Any]
+
+
+def run_all(jobs: Sequence[Job]) -> list[Transient | ContactError | DivergenceError]:
+    """Simulate jobs; those whose options differ at most in PER_SCENE are simulated side by side.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+
+    Returns
+    -------
+    list
+        For each job its `Transient`, or the `ContactError` or `DivergenceError` of its scene.
+
+    Raises
+    ------
+    ValueError
+        For a bad argument of any job.
+    """
+    groups: dict[Any, list[int]] = {}
+    for place, job in enumerate(jobs):
+        shared = {name: None if name in PER_SCENE else value for name, value in job.options.items()}
+        key = frozenset((name, x.tobytes() if isinstance(x, np.ndarray) else x) for name, x in shared.items())
+        groups.setdefault(key, []).append(place)
+    results: dict[int, Any] = {}
+    for places in groups.values():
+        group = [jobs[place] for place in places]
+        options = dict(group[0].options)
+        options |= {name: [job.options[name] for job in group] for name in PER_SCENE if name in options}
+        found = simulate_many([job.scene for job in group], [job.duration for job in group], **options)
+        results.update(zip(places, found, strict=True))
+    return [results[place] for place in range(len(jobs))]
+
+
+def outcomes(
+    points: Sequence[Sequence[Job]],
+    values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]],
+    copies: bool = False,
+) -> dict[str, Any]:
+    """Simulate the jobs of all points of a batch and return what a sweep's function returns.
+
+    A point with a `ContactError` or `DivergenceError` keeps that as its `error`, so that the other points of the
+    batch need not be computed again. If every point has one, the first is raised: a point that is computed alone
+    then ends as the line that reproduces it does.
+
+    Parameters
+    ----------
+    points : sequence of sequence of Job
+    values : callable
+        `values(jobs, runs)` returns the value of each variable at one point, from its jobs and their results.
+        Long arrays should have their final type, for a batch holds many.
+    copies : bool
+        Whether points are copies of the scenes simulated; errors then say so and name none of the points.
+
+    Returns
+    -------
+    dict
+        An array over the points for each variable; `error`, the exception or None for each point; `wall_time`,
+        s, the time that all took together, shared by the time that each simulates.
+    """
+    start = time.perf_counter()
+    results: Iterator[Any] = iter(run_all([job for jobs in points for job in jobs]))
+    runs = [[next(results) for _ in jobs] for jobs in points]
+    errors: list[Any] = [next((each for each in own if isinstance(each, Exception)), None) for own in runs]
+    if copies:
+        errors = [error and _of_copy(error) for error in errors]
+    if None not in errors:
+        raise errors[0]
+    found = [
+        values(jobs, own) if error is None else None for jobs, own, error in zip(points, runs, errors, strict=True)
+    ]
+    # A failed point has values too, those of another point: the sweep drops them.
+    some = next(each for each in found if each is not None)
+    whole = {name: np.stack([(each or some)[name] for each in found]) for name in some}
+    simulated = np.array([sum(job.duration for job in jobs) for jobs in points])
+    per_second = (time.perf_counter() - start) / simulated.sum()
+    return whole | {"error": errors, "wall_time": per_second * simulated}
+
+
+def _of_copy(error: Any) -> Any:
+    """The error of a scene as that of its copies."""
+    return type(error)(f"{error}, which this is a copy of", error.scene).with_traceback(error.__traceback__)
