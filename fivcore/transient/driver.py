@@ -19,6 +19,7 @@ from fivcore.errors import ContactError, DivergenceError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
 from fivcore.transient.drive import Canonical
+from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast import FastRun
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
@@ -31,7 +32,7 @@ from fivcore.transient.summary import Outcome, summarise
 AT_ONCE = 32
 # A run has diverged when its energy is that many times what it was given.
 DIVERGED = 1e3
-METHODS: dict[str, Any] = {"fast": FastRun, "paper": PaperRun}
+METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun}
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ decision changes in the element's displacement, if gap or cone were overstepped 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -25,13 +25,12 @@ from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, re
 from fivcore.contact.uniqueness import check_unique, critical_mu_of
 from fivcore.errors import ContactError, DivergenceError, not_unique
 from fivcore.jit import Array
-from fivcore.transient import spectra
-from fivcore.transient.chunks import Chunk, rows_in
 from fivcore.transient.drive import Canonical, State
-from fivcore.transient.exact_kernels import S, integrate, prescribed, sample, search
+from fivcore.transient.exact_kernels import SCENE, S, integrate, prescribed, sample, search, switch
 from fivcore.transient.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
-from fivcore.transient.statistics import IMPACT, SEPARATION, STATE, STICK, Tally, follow
-from fivcore.transient.switches import require_absorbing
+from fivcore.transient.options import Options
+from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.statistics import SEPARATION, SETTLING, STICK, begin
 
 # An event this soon after another is not acted on, s.
 DWELL = 1e-10
@@ -60,29 +59,22 @@ class ExactRun:
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
 
-    def __init__(
-        self,
-        scene: Canonical,
-        *,
-        ramp: float,
-        cutoff: float | None,
-        termination: str,
-        step: float | None,
-        initial: State | None,
-        tally: Tally,
-        sample_rate: float | None,
-        relaxation_time: float | None = None,
-        cross_terms: bool = True,
-    ) -> None:
-        require_absorbing(termination, relaxation_time)
-        self.scene, self.ramp, self.tally = scene, ramp, tally
-        self.model = reduced_model(scene.rig, scene.theta, cutoff, termination, relaxation_time, cross_terms)
-        _require_element(self.model, default_cutoff(scene.rig) if cutoff is None else cutoff)
+    def __init__(self, scene: Canonical, options: Options) -> None:
+        self.scene, self.options, self.ramp = scene, options, options.ramp
+        self.model = reduced_model(
+            scene.rig, scene.theta, options.cutoff, options.termination, options.relaxation_time, options.cross_terms
+        )
+        _require_element(self.model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff)
         check_unique(self.model, scene.mu, None)
-        self.step = STEP if step is None else step
-        self._spectrum_every = max(round(spectra.INTERVAL / self.step), 1)
-        self._record_every = 0 if sample_rate is None else max(round(1.0 / (sample_rate * self.step)), 1)
-        self.rate = 1.0 / (self._spectrum_every * self.step)
+        self.step = STEP if options.step is None else options.step
+        self.steps = max(round(options.duration / self.step), 1)
+        rate = options.sampling_rate
+        self._sample_every = max(round(INTERVAL / self.step), 1)
+        self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
+        self.rate = 1.0 / (self._sample_every * self.step)
+        self.record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
+        self.segments: list[Segment] = []
+        self._taken = 0
         self._shape = np.stack([self.model.normal, self.model.tangential])
         self._regimes = regimes(self.model, scene.mu)
         eigenvalues = np.concatenate([regime.eigenvalues for regime in self._regimes])
@@ -96,13 +88,13 @@ class ExactRun:
             )
         stored = np.sum(self.model.stiffness * self.model.rest**2)
         self._size = float(stored + scene.pace**2 * np.sum(self.model.inertia**2))
-        self._begin(initial)
+        self._begin(options.initial)
 
     def _begin(self, initial: State | None) -> None:
         """Set the full state (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`."""
         model, n = self.model, len(self.model.stiffness)
         self._initial = STICK if initial is None else initial.contact
-        self.tally.flags[STATE] = self._initial
+        self.record["contact"] = self._initial
         y = np.zeros(2 * n + 2)
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
@@ -122,22 +114,43 @@ class ExactRun:
         self._end, self._started = end, True
         self._decide(0.0, self._y, self._initial)
 
-    def chunks(self, last: int) -> Iterator[Chunk | Array]:
-        """Run to step `last`; yield the rows of the record and the `Chunk` of each segment."""
-        self.start(last * self.step)
-        per_segment = max(round(SEGMENT / self.step), 1)
-        for first in range(0, last, per_segment):
-            target = min(first + per_segment, last)
-            spectrum = np.zeros(((target - first) // self._spectrum_every + 1, 2))
-            rows = np.zeros((rows_in(first, target, self._record_every), 6))
-            # A step may hold more than one event.
-            self._sticks = self.tally.room(first * self.step, target * self.step, min(self.step, 1e-7))
-            self._advance(first, target, spectrum, rows)
-            yield rows
-            sticks = self.tally.taken(self._sticks)
-            yield Chunk.cut(first, target, self.step, 0.5, spectrum, self._spectrum_every, sticks)
+    @property
+    def done(self) -> bool:
+        """Whether the run has come to its end."""
+        return self._taken >= self.steps
 
-    def _advance(self, first: int, target: int, spectrum: Array, rows: Array) -> None:
+    @property
+    def time(self) -> float:
+        """Time up to which the run has come, s."""
+        return self._taken * self.step
+
+    @staticmethod
+    def advance(runs: Sequence[ExactRun]) -> None:
+        """Take every run to the end of its next segment and leave in `segments` what it did there."""
+        for run in runs:
+            run._advance()
+
+    def _advance(self) -> None:
+        record, step, first = self.record, self.step, self._taken
+        last = min(first + max(round(SEGMENT / step), 1), self.steps)
+        every, row_every = self._sample_every, self._row_every
+        samples = np.empty((count_in(first, last, every), 3))
+        rows = np.empty((count_in(first, last, row_every), 6))
+        # A step may hold more than one event.
+        room = room_for_sticks(first * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
+        self._sticks = np.empty((room, 2))
+        record["samples"] = record["rows"] = record["sticks"] = 0
+        record["stick_room"] = room
+        if not self._started:
+            self.start(self.steps * step)
+        self._pass_through(first, last, samples, rows)
+        self._taken = last
+        begun = -(-first // every)
+        t = (np.arange(begun, begun + len(samples)) * every + 0.5) * step
+        ended = self._sticks[: int(record["sticks"][0])].copy()
+        self.segments = [Segment(t, *samples.T.copy(), sticks=ended, rows=rows)]
+
+    def _pass_through(self, first: int, target: int, samples: Array, rows: Array) -> None:
         """Go on from step `first` to the end of step `target` - 1, through as many regimes as it takes."""
         model, i, goal = self.model, first, target * self.step
         while True:
@@ -146,12 +159,12 @@ class ExactRun:
             r = self._regime
             motion = (r.eigenvalues, self._amplitudes, *r.outputs, self._start)
             sample(
-                motion, self._origin, min(self._which, 2), self.step, i, until, first, self.tally.arrays,
-                spectrum, self._spectrum_every, rows, self._record_every,
+                motion, self._origin, self.step, i, until, self.record, samples, self._sample_every, rows,
+                self._row_every,
             )  # fmt: skip
             integrate(
                 motion, self._now - self._origin, end - self._origin, self._finest, self._longest,
-                model.damping, model.inertia, model.C, self.tally.sums,
+                model.damping, model.inertia, model.C, self.record,
             )  # fmt: skip
             i, self._now = until, end
             if self._stop >= goal or not np.isfinite(self._amplitudes).all():
@@ -173,9 +186,8 @@ class ExactRun:
         self._amplitudes, self._start = r.amplitudes[0] @ y + r.amplitudes[1] @ start[:6], start
         entered = self._state_at(t)
         self._check_rounding(t, y, entered)
-        self.tally.sums[IMPACT] += self._energy_of(y) - self._energy_of(entered)
-        flags, moments, sums, forces, speeds, *_ = self.tally.arrays
-        follow(flags, moments, sums, forces, speeds, self._sticks, t, min(which, 2))
+        self.record["impact"] += self._energy_of(y) - self._energy_of(entered)
+        switch(self.record, min(which, 2), t, self._sticks)
         boundary = min(self.ramp, self._end) if ramping else self._end
         length, self._event = search(
             r.eigenvalues, np.ascontiguousarray(r.margins[0] * self._amplitudes), r.margins[1], start,
@@ -292,9 +304,7 @@ def states_at(
     Returns modal displacements as deviations from `ReducedModel.rest`, then modal velocities, those of P2 relative
     to its clamp, (m, 2n); canonical (F = 1).
     """
-    run = ExactRun(
-        scene, ramp=ramp, cutoff=cutoff, termination="absorbing", step=None, initial=initial,
-        tally=Tally().start(STICK, None, 0.1, None), sample_rate=None,
-    )  # fmt: skip
-    run.start(float(times[-1]) + DWELL)
+    options = Options(float(times[-1]) + DWELL, "exact", ramp=ramp, cutoff=cutoff, initial=initial)
+    run = ExactRun(scene, options)
+    run.start(options.duration)
     return np.stack([run.state_at(float(t))[:-2] for t in times])

@@ -30,7 +30,11 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import inlined, kernel
-from fivcore.transient.statistics import DAMPED, FRICTION, SETTLED_FROM, TERMINATION, WORK, measure, spread
+from fivcore.transient.statistics import FIELDS, clear, count_step, enter
+
+# What is counted of a scene, its contact state, and numbers of samples and rows of the record.
+SCENE = np.dtype([*FIELDS, *((name, "i8") for name in ("contact", "samples", "rows"))])
+
 
 # Slots of `start`; the first six are those of d.
 S, P, A, ONE, Q_R, V_R, PULL, DRAG = range(8)
@@ -162,9 +166,9 @@ def _outputs(motion: Any, s: float, low: int, out: Any) -> None:
 @kernel
 def integrate(
     motion: Any, first: float, last: float, finest: float, longest: float,
-    damping: Any, inertia: Any, C: Any, sums: Any,
+    damping: Any, inertia: Any, C: Any, scenes: Any,
 ) -> None:  # fmt: skip
-    """Add work and dissipation between two times since the regime was entered, s, to the accumulators `sums`.
+    """Add work and dissipation between two times since the regime was entered, s, to the record `scenes` (1,).
 
     `motion` holds eigenvalues (m,), amplitudes (m,), real and imaginary part of the outputs (m, n + 6), their
     forced part (6, n + 6), and `start`. An interval of the quadrature is at most `longest`, and at most `finest`
@@ -191,45 +195,57 @@ def integrate(
             termination += weight * (
                 C[0, 0] * rate_N * rate_N + 2.0 * C[0, 1] * rate_N * rate_T + C[1, 1] * rate_T * rate_T
             )
-        sums[WORK] += work
-        sums[DAMPED] += damped
-        sums[FRICTION] += friction
-        sums[TERMINATION] += termination
+        scenes[0].work += work
+        scenes[0].damped += damped
+        scenes[0].friction += friction
+        scenes[0].termination += termination
         if h == last - s:
             break
         s += h
 
 
 @kernel
+def switch(scenes: Any, contact: int, t: float, sticks: Any) -> None:
+    """Enter a change of the contact state at time t, if there is one; the first slip begins the statistics anew."""
+    scene = scenes[0]
+    was, scene.contact = scene.contact, contact
+    if contact == was:
+        return
+    if enter(scene, was, contact, t):
+        sticks[scene.sticks - 1, 0], sticks[scene.sticks - 1, 1] = scene.last_stick, t
+    if t < scene.settled_from:
+        clear(scene)
+
+
+@kernel
 def sample(
-    motion: Any, origin: float, state: int, step: float, first: int, last: int, begin: int, statistics: Any,
-    spectrum: Any, spectrum_every: int, rows: Any, record_every: int,
+    motion: Any, origin: float, step: float, first: int, last: int, scenes: Any, samples: Any, sample_every: int,
+    rows: Any, row_every: int,
 ) -> None:  # fmt: skip
     """Read statistics and series in the middle of the steps `first` to `last` of a regime entered at `origin`, s.
 
-    `motion` is that of `integrate`, `state` the contact state, `statistics` is `Tally.arrays`. Every
-    `spectrum_every` steps a row of `spectrum` takes velocity of B and slip rate; every `record_every` steps (0:
-    never) one of `rows` takes time, velocity of B, N, T, slip rate and state. Both begin with step `begin`.
+    `motion` is that of `integrate`, `scenes` the record of the scene (1,). Every `sample_every` steps a row of
+    `samples` takes velocity of B, slip rate and N; every `row_every` steps (0: never) one of `rows` takes time,
+    velocity of B, N, T, slip rate and contact state.
     """
-    _, moments, sums, forces, speeds, word, bits = statistics
+    scene = scenes[0]
     low = motion[2].shape[1] - SIGNALS
     out = np.empty(low + SIGNALS)
     for i in range(first, last):
         t = (i + 0.5) * step
-        settled = t >= moments[SETTLED_FROM]
-        in_spectrum = i % spectrum_every == 0
-        in_record = record_every > 0 and i % record_every == 0
-        if not (settled or in_spectrum or in_record):
+        settled = t >= scene.settled_from
+        sampled, written = i % sample_every == 0, row_every > 0 and i % row_every == 0
+        if not (settled or sampled or written):
             continue
         _outputs(motion, t - origin, low, out)
         N, T, speed, velocity = out[low + N_], out[low + T_], out[low + SPEED], out[low + V_B]
         if settled:
-            measure(sums, state, N, abs(speed), step)
-            spread(forces, speeds, word, bits, N, abs(speed), step)
-        if in_spectrum:
-            j = i // spectrum_every - (begin + spectrum_every - 1) // spectrum_every
-            spectrum[j, 0], spectrum[j, 1] = velocity, speed
-        if in_record:
-            j = i // record_every - (begin + record_every - 1) // record_every
+            count_step(scene, scene.contact, N, abs(speed), step)
+        if sampled:
+            samples[scene.samples, 0], samples[scene.samples, 1], samples[scene.samples, 2] = velocity, speed, N
+            scene.samples += 1
+        if written:
+            j = scene.rows
             rows[j, 0], rows[j, 1], rows[j, 2] = t, velocity, N
-            rows[j, 3], rows[j, 4], rows[j, 5] = T, speed, state
+            rows[j, 3], rows[j, 4], rows[j, 5] = T, speed, scene.contact
+            scene.rows += 1

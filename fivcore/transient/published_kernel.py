@@ -121,7 +121,8 @@ def advance(
         scene.last_gT, scene.last_T, scene.contact = shifted, T, contact
         count_step(scene, contact, N, abs(slip_rate), dt)
         if contact != was:
-            enter(scene, was, contact, t, sticks)
+            if enter(scene, was, contact, t):
+                sticks[scene.sticks - 1, 0], sticks[scene.sticks - 1, 1] = scene.last_stick, t
             if scene.settled_from < np.inf:
                 scene.settle = int(np.ceil(scene.settled_from / dt - 1.0))
         scene.work += dt * T * (V * t / ramp if t < ramp else V)
