@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from fivcore import Scene
 from fivcore.contact.reduced import ReducedModel
-from fivcore.transient.drive import Canonical
+from fivcore.transient.drive import Normalised
 from studies.accuracy_odes import SEPARATION, SLIP_DOWN, SLIP_UP, STICK, System, systems
 from studies.accuracy_track import Track
 
@@ -42,7 +42,7 @@ class _Run:
     """One run in progress, for a load of 1 N."""
 
     def __init__(self, scene: Scene, model: ReducedModel, ramp: float, tolerance: float) -> None:
-        self.scene = Canonical.of(scene)
+        self.scene = Normalised.of(scene)
         self.mu, self.ramp, self.tolerance = scene.mu, ramp, tolerance
         self.model, self.systems = model, systems(model, scene.mu)
         n = len(model.stiffness)
@@ -50,8 +50,8 @@ class _Run:
         # What a velocity of the drive's size is in every coordinate.
         slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
         frequency = np.maximum(np.sqrt(model.stiffness), slowest)
-        size = self.scene.pace / float(np.abs(model.tangential).max())
-        slow = self.scene.pace / model.contact_frequency
+        size = self.scene.speed_per_load / float(np.abs(model.tangential).max())
+        slow = self.scene.speed_per_load / model.contact_frequency
         self.scale = np.concatenate([size / frequency, np.full(n, size), np.full(2, slow)])
         self.firsts = np.full(2, np.nan)
 
@@ -89,7 +89,7 @@ class _Run:
 
     def _drive(self, t: Any, begin: float) -> Array:
         """1, X' and X'' of the stretch that began at `begin`: the ramp's, or after it."""
-        pace, ramping = self.scene.pace, begin < self.ramp
+        pace, ramping = self.scene.speed_per_load, begin < self.ramp
         one = np.ones_like(np.asarray(t, dtype=float))
         return np.stack(
             [one, pace * (t / self.ramp if ramping else one), one * (pace / self.ramp if ramping else 0.0)]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Scene, Transient, checks
-from fivcore.transient.drive import Canonical, slip_distance
+from fivcore.transient.drive import Normalised, slip_distance
 from studies import transients
 from studies.runs import Job
 from studies.study import Setting
@@ -58,8 +58,8 @@ def ramp_of(member: float, ramp: float) -> float:
 
 def load_up(scene: Scene) -> float:
     """Time in which the drive loads a stuck contact from rest until it slips, s: mu F / (k_t V)."""
-    canonical = Canonical.of(scene)
-    return slip_distance(canonical) / canonical.pace
+    canonical = Normalised.of(scene)
+    return slip_distance(canonical) / canonical.speed_per_load
 
 
 def own_duration(scene: Scene, ramp: float, least: float, load_ups: float, most: float) -> float:

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import Rig, Scene, Transient, checks
-from fivcore.transient.drive import Canonical
+from fivcore.transient.drive import Normalised
 from studies import paper, recording, transients
 from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
 from studies.scenes_figure import DONE, FAILED, draw, regimes
@@ -56,7 +56,9 @@ def canonical(points: Mapping[str, Any]) -> tuple[NDArray[Any], NDArray[Any], ND
     loads, under = np.unique(F, return_inverse=True)
     pairs, place = np.unique(which * len(loads) + under, return_inverse=True)
     paces = [
-        Canonical.of(Scene(float(speeds[pair // len(loads)]), 0.0, 0.0, float(loads[pair % len(loads)]))).pace
+        Normalised.of(
+            Scene(float(speeds[pair // len(loads)]), 0.0, 0.0, float(loads[pair % len(loads)]))
+        ).speed_per_load
         for pair in pairs
     ]
     # Adding zero makes -0 of a turned 0 what it equals.

@@ -12,7 +12,7 @@ import numpy as np
 from fivcore import Rig, Scene, Transient, simulate
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.transient import published
-from fivcore.transient.drive import Canonical, slip_distance
+from fivcore.transient.drive import Normalised, slip_distance
 from fivcore.transient.exact import STEP as GRID
 from studies.stress_case import DURATION, POINT, Case
 from studies.stress_limits import driven
@@ -125,7 +125,7 @@ def question_of(case: Case, method: str) -> tuple[Question, float]:
     question = Question(method, {**POINT, **case.scene}, case.rig, duration, options, case.start)
     if case.slips_at:
         # The clamp has then moved by V (t - ramp / 2), after the ramp.
-        distance = slip_distance(Canonical.of(question.scene)) * question.numbers["F"]
+        distance = slip_distance(Normalised.of(question.scene)) * question.numbers["F"]
         V = distance / (case.slips_at - 0.5 * question.ramp)
         question = replace(question, numbers={**question.numbers, "V": V})
     return driven(question, case.edge, case.share) if case.edge else (question, float("nan"))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from fivcore.beams.free_motion import propagator
-from fivcore.contact.impulse import Kicks
+from fivcore.contact.impulse import Impulse
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.jit import kernel
 from fivcore.transient.published import BETA2
@@ -135,8 +135,8 @@ def replayed(question: Question, time: Array, N: Array, T: Array) -> Replay:
         v = v + late
         lost += _moved(*fixed, q, v, step, N[ends:], T[ends:], out[:, ends:])
     # Kicks see less of the modes' flexibility than a lasting force does; their element has it instead.
-    kicks = model.kicks(step)
-    missed = float(kicks.missed[0, 0])
+    kicks = model.impulse(step)
+    missed = float(kicks.defect[0, 0])
     element = _crept(kicks, N, T, u + missed, step, float(time[0]))
     gap = out[0] + float(model.normal @ model.rest) - missed + element
     # The work of the load's share of N is what the gap has changed by, which in contact is nothing.
@@ -172,7 +172,7 @@ def _free(model: ReducedModel, damping: Array, q: Array, v: Array, time: float) 
     return a * q + b * v, c * q + d * v
 
 
-def _crept(kicks: Kicks, N: Array, T: Array, first: float, step: float, begin: float) -> Array:
+def _crept(kicks: Impulse, N: Array, T: Array, first: float, step: float, begin: float) -> Array:
     """u_N at each record: it relaxes towards what the forces, constant over each step, would hold."""
     if not kicks.stiffness.any():
         return np.zeros(len(N))

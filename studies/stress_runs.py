@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Transient
-from fivcore.transient.drive import Canonical, State
+from fivcore.transient.drive import Normalised, State
 from fivcore.transient.exact import states_at
 from studies.stress_case import POINT, Case
 from studies.stress_questions import Question
@@ -120,7 +120,7 @@ def original_of(case: Case, question: Question) -> Question | None:
 
 def _gaps(question: Question, times: Array) -> Array:
     """g_N and its rate at given times, from the states of "exact" itself."""
-    scene, model, given = Canonical.of(question.scene), question.model, question.initial
+    scene, model, given = Normalised.of(question.scene), question.model, question.initial
     initial = None if given is None else State(given[0] / scene.load, given[1] / scene.load, given[2])
     states = states_at(scene, times, ramp=question.ramp, cutoff=question.options.get("cutoff"), initial=initial)
     n = len(model.rest)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from fivcore import Rig, Scene, Transient, checks
-from fivcore.transient.motion import SETTLING as SETTLING_TIME
+from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.runs import Job, run_all
 from studies.study import Setting, constants

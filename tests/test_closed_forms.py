@@ -39,7 +39,7 @@ class Small:
         )
         self.solver = Solver(self.model, mu, step)
         self.mu, self.V, self.step, self.done = mu, V, step, 0
-        # Kicks come in the middle of a step.
+        # Impulses come in the middle of a step.
         self.x, self.v = self._moved(q - rest, v, 0.5 * step)
         u = np.array(u)
         if self.model.K.any() and contact != SEPARATION:

@@ -11,7 +11,7 @@ from fivcore.contact.step_map import step_matrices
 from fivcore.transient import fast
 from fivcore.transient import steady as settled
 from fivcore.transient.bench import Stretch, fulfil
-from fivcore.transient.drive import Canonical
+from fivcore.transient.drive import Normalised
 from fivcore.transient.fast import ANCHOR, U_T, FastRun
 from fivcore.transient.statistics import SLIP, Tally
 from fivcore.transient.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
@@ -151,8 +151,8 @@ def begin_in_steady_sliding(monkeypatch, nudge):
     def placed(run, initial):
         begin(run, initial)
         steady = steady_sliding(run.model, run.scene.mu, run.step)
-        q, v, run._contact[:2] = steady.start(run.scene.pace)
-        v[1] += nudge * run.scene.pace
+        q, v, run._contact[:2] = steady.start(run.scene.speed_per_load)
+        v[1] += nudge * run.scene.speed_per_load
         run._place(q, v)
 
     monkeypatch.setattr(FastRun, "_begin", placed)
@@ -195,14 +195,14 @@ def test_a_decaying_one_is_ended_at_once(nudge, monkeypatch):
 
 def run_in_slip(scene, cutoff=None):
     """A run whose drive is at its speed, and its steady sliding."""
-    canonical = Canonical.of(scene)
+    canonical = Normalised.of(scene)
     tally = Tally().start(SLIP, 0.0, 0.1, None)
     run = FastRun(
         canonical, ramp=0.0, cutoff=cutoff, termination="absorbing", step=None, initial=None, tally=tally,
         sample_rate=1e9,
     )  # fmt: skip
     tally.flags[0] = SLIP
-    return run, steady_sliding(run.model, scene.mu, run.step), canonical.pace
+    return run, steady_sliding(run.model, scene.mu, run.step), canonical.speed_per_load
 
 
 def recorded(run, last):

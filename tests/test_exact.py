@@ -10,7 +10,7 @@ from fivcore import ContactError, DivergenceError, Rig, Scene, simulate
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.transient import exact_kernels, exact_regimes
 from fivcore.transient.bench import Stretch, fulfil
-from fivcore.transient.drive import Canonical, State, displacement, slip_distance
+from fivcore.transient.drive import Normalised, State, displacement, slip_distance
 from fivcore.transient.exact import DWELL, HELD, ExactRun, states_at
 from fivcore.transient.exact_kernels import DRAG, PULL, Q_R, V_R, A, P, S, prescribed, search
 from fivcore.transient.fast import FastRun
@@ -31,11 +31,11 @@ from tests.rigs import workshop_rig
 
 RAMP, CUTOFF = 1e-3, 75e3
 # First slip after 8 ms, first separation about 3 ms later.
-SCENE = Canonical.of(Scene(0.02, 5.0, 0.2, 9.0))
+SCENE = Normalised.of(Scene(0.02, 5.0, 0.2, 9.0))
 LONG = np.longdouble
 
 
-def exact_run(scene: Canonical = SCENE, kind: type[ExactRun] = ExactRun, **options):
+def exact_run(scene: Normalised = SCENE, kind: type[ExactRun] = ExactRun, **options):
     given = {"ramp": RAMP, "cutoff": CUTOFF, "step": None, "initial": None, "sample_rate": None} | options
     return kind(scene, termination="absorbing", tally=Tally().start(1, 0.0, 0.0, None), **given)
 
@@ -61,8 +61,8 @@ class Reference:
 
     TERMS = 26
 
-    def __init__(self, model: ReducedModel, scene: Canonical, ramp: float, step: float) -> None:
-        self.step, self.ramp, self.pace = LONG(step), LONG(ramp), LONG(scene.pace)
+    def __init__(self, model: ReducedModel, scene: Normalised, ramp: float, step: float) -> None:
+        self.step, self.ramp, self.speed_per_load = LONG(step), LONG(ramp), LONG(scene.speed_per_load)
         k, c, a, b, inertia, rest = (
             LONG(part)
             for part in (
@@ -93,7 +93,7 @@ class Reference:
             acceleration = -k[:, None] * q - c[:, None] * v + np.outer(load, one)
             acceleration += np.outer(a, force[0]) + np.outer(b, force[1])
             for ramping in (True, False):
-                push = self.pace / self.ramp if ramping else LONG(0.0)
+                push = self.speed_per_load / self.ramp if ramping else LONG(0.0)
                 ending = np.stack([push * one, 0.0 * one])
                 rows = [v, acceleration + push * np.outer(inertia, one), rate, ending]
                 self.matrix[name, ramping] = np.vstack(rows)
@@ -196,8 +196,8 @@ def test_first_slip_of_a_small_rig_to_thirty_digits():
     rig = workshop_rig(16)
     model = reduced_model(rig, 4.0, 10e3)
     assert model.K.any()
-    near = Canonical.of(Scene(1.0, 4.0, 0.3, 1.0, rig))
-    scene = Canonical.of(Scene(0.1 * slip_distance(near) / RAMP, 4.0, 0.3, 1.0, rig))
+    near = Normalised.of(Scene(1.0, 4.0, 0.3, 1.0, rig))
+    scene = Normalised.of(Scene(0.1 * slip_distance(near) / RAMP, 4.0, 0.3, 1.0, rig))
     run = run_for(exact_run(scene, cutoff=10e3), 10e-3)
     found = float(run.tally.moments[FIRST_SLIP])
     assert found > RAMP
@@ -209,7 +209,7 @@ def test_first_slip_of_a_small_rig_to_thirty_digits():
         # Deviations, and with them the drive: (q, v, X, X', 1).
         across = G.T * K * mpmath.matrix([0, 1]), G.T * C * mpmath.matrix([0, 1])
         whole, damper = k + G.T * K * G, c + G.T * C * G
-        push = mpmath.mpf(scene.pace) / RAMP
+        push = mpmath.mpf(scene.speed_per_load) / RAMP
 
         def flow(t, y, acceleration):
             M = mpmath.zeros(2 * n + 3, 2 * n + 3)
@@ -253,8 +253,8 @@ def test_energy_and_mean_force_over_many_events():
 @pytest.mark.parametrize("seed", range(3, 9))
 def test_energy_of_other_rigs(seed):
     rig, theta, mu = workshop_rig(seed, seed % 2 > 0), 3.0 * seed - 12.0, 0.3
-    distance = slip_distance(Canonical.of(Scene(1.0, theta, mu, 1.0, rig)))
-    scene = Canonical.of(Scene(1e3 * distance, theta, mu, 1.0, rig))
+    distance = slip_distance(Normalised.of(Scene(1.0, theta, mu, 1.0, rig)))
+    scene = Normalised.of(Scene(1e3 * distance, theta, mu, 1.0, rig))
     run = run_for(exact_run(scene, ramp=0.0 if seed < 6 else RAMP, cutoff=30e3), 0.01)
     assert run.tally.sums[SWITCHES] > 1
     assert energy_residual(run) < 1e-10
@@ -379,7 +379,7 @@ class Landing(ExactRun):
 
 def test_touch_down_on_the_dashpot():
     """N jumps by the dashpot's resistance times the closing speed; without friction T gives way to none."""
-    scene = Canonical.of(Scene(0.01, 5.0, 0.0, 9.0))
+    scene = Normalised.of(Scene(0.01, 5.0, 0.0, 9.0))
     # P1 above P2 and moving down as a whole.
     full = full_model(scene.rig, scene.theta)
     q, v = np.zeros((2, len(full.stiffness)))
@@ -478,7 +478,7 @@ def test_any_start_keeps_its_energy_balance(contact):
 
 def test_graze_on_the_tip_of_the_cone_is_held():
     """mu = 0: stick has no room at all, and what is found at once is acted on a dwell later."""
-    run = exact_run(Canonical.of(Scene(0.02, 5.0, 0.0, 9.0)))
+    run = exact_run(Normalised.of(Scene(0.02, 5.0, 0.0, 9.0)))
     run.start(1.0)
     assert (run._event, run._stop) == (HELD, DWELL)
     assert run.held == 1
@@ -486,7 +486,7 @@ def test_graze_on_the_tip_of_the_cone_is_held():
 
 def test_no_unique_contact_is_an_error_before_the_first_step():
     with pytest.raises(ContactError, match="not unique"):
-        exact_run(Canonical.of(Scene(0.01, 40.0, 30.0, 9.0)))
+        exact_run(Normalised.of(Scene(0.01, 40.0, 30.0, 9.0)))
 
 
 @pytest.mark.parametrize(
@@ -540,10 +540,10 @@ def test_where_extended_precision_is_double_the_loss_is_what_is_told(monkeypatch
 def test_distance_driven_until_the_first_slip():
     """Slow drives slip where statics says."""
     rig = Rig()
-    scene = Canonical.of(Scene(1e-3, 5.0, 0.2, 9.0, rig))
+    scene = Normalised.of(Scene(1e-3, 5.0, 0.2, 9.0, rig))
     run = run_for(exact_run(scene), 0.16)
     slip = run.tally.moments[FIRST_SLIP]
-    driven = displacement(np.array(slip), scene.pace, RAMP)
+    driven = displacement(np.array(slip), scene.speed_per_load, RAMP)
     assert driven == pytest.approx(slip_distance(scene), rel=0.02)
 
 

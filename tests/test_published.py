@@ -8,7 +8,7 @@ import pytest
 from fivcore import Rig, Scene, State, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
-from fivcore.transient.drive import Canonical
+from fivcore.transient.drive import Normalised
 from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
 from fivcore.transient.published_kernel import advance
 from fivcore.transient.statistics import Tally
@@ -108,7 +108,7 @@ def displaced(scene: Scene, start: State, dt: float, steps: int) -> np.ndarray:
     """Modal displacements after some steps, per newton of load."""
     initial = State(start.displacement / scene.F, start.velocity / scene.F, start.contact)
     tally = Tally().start(start.contact, None, 0.1, None)
-    run = PaperRun(Canonical.of(scene), ramp=2e-5, step=dt, initial=initial, tally=tally, sample_rate=None)
+    run = PaperRun(Normalised.of(scene), ramp=2e-5, step=dt, initial=initial, tally=tally, sample_rate=None)
     for _ in run.chunks(steps):
         pass
     return run._q

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, simulate
-from fivcore.transient.drive import Canonical
+from fivcore.transient.drive import Normalised
 
 SCALED = (
     "velocity_rms",
@@ -19,8 +19,8 @@ QUICKLY_SETTLED = Rig(d1=200.0)
 
 def canonical_copy(scene):
     """The scene for V > 0 and F = 1 that this one is a copy of."""
-    canonical = Canonical.of(scene)
-    return Scene(canonical.pace, scene.drive_theta, scene.mu, 1.0, scene.rig)
+    canonical = Normalised.of(scene)
+    return Scene(canonical.speed_per_load, scene.drive_theta, scene.mu, 1.0, scene.rig)
 
 
 def same(one, other):

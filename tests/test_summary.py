@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene
-from fivcore.transient.drive import Canonical, displacement, slip_distance
+from fivcore.transient.drive import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import Correlation, Listener, Welch
 from fivcore.transient.statistics import (
     BINS,
@@ -25,7 +25,7 @@ from fivcore.transient.statistics import (
 from fivcore.transient.summary import Outcome, regime_of, summarise
 
 RATE = 50e3
-SCENE = Canonical.of(Scene(2e-3, 5.0, 0.2, 9.0))
+SCENE = Normalised.of(Scene(2e-3, 5.0, 0.2, 9.0))
 
 
 def run(states, forces=None, speeds=None, step=1e-4, settle=None, min_stick=None, settling=0.0):
@@ -244,4 +244,4 @@ def test_the_clamp_starts_uniformly_accelerated():
 
 def test_what_slips_statically_is_0_143_mm():
     assert 9.0 * slip_distance(SCENE) == pytest.approx(0.1435e-3, rel=5e-3)
-    assert slip_distance(Canonical.of(Scene(1e-3, 5.0, 0.0, 9.0, Rig()))) == 0.0
+    assert slip_distance(Normalised.of(Scene(1e-3, 5.0, 0.0, 9.0, Rig()))) == 0.0

@@ -20,7 +20,7 @@ Without an element ("none") the kept modes touch rigidly, with restitution 0.
 `regime_maps` turns each regime into numbers for one step of `transient.fast_kernel`: positions are held over
 the step's kick, velocities enter by their mean (which makes the dashpot implicit, in closed form), and u_T in
 slip and both parts of u in separation relax exactly. Every regime is symmetric in time. What a lasting force
-seems to lack when it comes in kicks, `fivcore.contact.impulse` makes up for.
+seems to lack when it comes in impulses, `fivcore.contact.impulse` makes up for.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from scipy.optimize import brentq
 from fivcore.beams.elements import axial
 from fivcore.beams.free_motion import propagator
 from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
-from fivcore.contact.impulse import Kicks, kicks
+from fivcore.contact.impulse import Impulse, corrected
 from fivcore.jit import Array, kernel
 from fivcore.rig import Rig
 
@@ -90,10 +90,10 @@ class ReducedModel:
         shape = np.stack([self.normal, self.tangential])
         return np.asarray(shape @ shape.T)
 
-    def kicks(self, step: float) -> Kicks:
-        """How steps of `fast` see it."""
+    def impulse(self, step: float) -> Impulse:
+        """What the impulses of `fast` see of it, and what the element makes up for."""
         shapes = np.stack([self.normal, self.tangential])
-        return kicks(self.stiffness, self.damping, shapes, self.K, self.C, step)
+        return corrected(self.stiffness, self.damping, shapes, self.K, self.C, step)
 
     @cached_property
     def contact_frequency(self) -> float:
@@ -219,7 +219,7 @@ def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float
 
 @lru_cache(maxsize=64)
 def relaxation_time(rig: Rig, cutoff: float) -> float:
-    """Find tau of the canonical impact, s: the smallest for which contact, once made, does not ring open.
+    """Find tau of the normalised impact, s: the smallest for which contact, once made, does not ring open.
 
     P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is linear and
     homogeneous, so neither speed nor load enters; the smallest normal force within the first two periods of

@@ -1,9 +1,9 @@
-"""One step of `fast` as a linear map: what its stability, the skip of sticks and the proof of steady sliding share.
+"""One step of `fast` as a linear map: what stability, the skip and the proof of steady sliding share.
 
 In stick a step from impulse to impulse is an affine map of x = (q, v), in slip either way one of (q, v, u_T). Here
 are their matrices. Their eigenvalues tell whether a step is stable: steps that are too long show as an eigenvalue
-near -1 and beyond it, for the motion changes sign from step to step, while true flutter has arguments far from pi. In
-slip the contact's stiffness is that of the element seen through friction, which may exceed what
+near -1 and beyond it, for the motion changes sign from step to step, while true flutter has arguments far from pi.
+In slip the contact's stiffness is that of the element seen through friction, which may exceed what
 `ReducedModel.largest_step` knows.
 """
 
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fivcore.beams.free_motion import propagator
-from fivcore.contact.impulse import Kicks
+from fivcore.contact.impulse import Impulse
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.jit import Array
@@ -46,7 +46,7 @@ class StickMap(NamedTuple):
     units: Array
 
 
-def stick_map(model: ReducedModel, impulse: Kicks, step: float) -> StickMap:
+def stick_map(model: ReducedModel, impulse: Impulse, step: float) -> StickMap:
     """The map of a step in stick."""
     n, t, size = model.normal, model.tangential, len(model.normal)
     zero = np.zeros(size)
@@ -58,7 +58,7 @@ def stick_map(model: ReducedModel, impulse: Kicks, step: float) -> StickMap:
     return StickMap(flow @ (np.eye(2 * size) + kick @ force), flow @ kick, force, seen, energy_units(model))
 
 
-def slip_matrix(model: ReducedModel, impulse: Kicks, mu: float, step: float, way: int) -> Array:
+def slip_matrix(model: ReducedModel, impulse: Impulse, mu: float, step: float, way: int) -> Array:
     """Matrix of a step in slip with T = mu N (`way` = 0) or T = -mu N (1) on (q, v, u_T), (2n + 1, 2n + 1)."""
     n, t, size = model.normal, model.tangential, len(model.normal)
     law = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step).slip[way]
@@ -79,15 +79,18 @@ def free_flow(model: ReducedModel, step: float) -> Array:
 
 
 def energy_units(model: ReducedModel) -> Array:
-    """Frequencies, with that of the contact for the free mode, and ones: x times them squared is an energy, (2n,)."""
+    """Frequencies (the contact's for the free mode) and ones: x times them squared is an energy, (2n,)."""
     omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.contact_frequency**2))
     return np.concatenate([omega, np.ones(len(omega))])
 
 
 def step_matrices(model: ReducedModel, mu: float, step: float) -> list[Array]:
     """One step from impulse to impulse in stick and in slip either way, on (q, v) and in slip u_T."""
-    impulse = model.kicks(step)
-    return [stick_map(model, impulse, step).matrix, *(slip_matrix(model, impulse, mu, step, way) for way in (0, 1))]
+    impulse = model.impulse(step)
+    return [
+        stick_map(model, impulse, step).matrix,
+        *(slip_matrix(model, impulse, mu, step, way) for way in (0, 1)),
+    ]
 
 
 def stable(model: ReducedModel, mu: float, step: float) -> bool:

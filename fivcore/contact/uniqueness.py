@@ -24,7 +24,7 @@ def critical_mu_of(model: ReducedModel, step: float | None) -> float:
     """The same for a reduced model and a step of `fast`; without a step, of the law itself."""
     if not model.K.any():
         return ratio(model.W[0, 0], model.W[0, 1])
-    _, K, C, M = model.kicks(step or 0.0)
+    _, K, C, M = model.impulse(step or 0.0)
     law = ratio(K[1, 1], K[0, 1])
     if step is None or not C.any():
         return law
@@ -44,7 +44,7 @@ def critical_mu_of(model: ReducedModel, step: float | None) -> float:
 def check_unique(model: ReducedModel, mu: float, step: float | None) -> None:
     """Raise where the contact force of a reduced model is not unique."""
     if model.K.any():
-        _, K, C, M = model.kicks(step or 0.0)
+        _, K, C, M = model.impulse(step or 0.0)
         divisors: Array = slip_divisors(K, C, M, mu, step or 0.0)
     else:
         divisors = np.array([model.W[0, 0] + s * mu * model.W[0, 1] for s in (1.0, -1.0)])

@@ -1,4 +1,4 @@
-"""What a run is asked for, in canonical form, and the drive of P2's clamp.
+"""What a run is asked for, in normalised form, and the drive of P2's clamp.
 
 A frozen scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
 F = 1, with V / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
@@ -16,7 +16,7 @@ from fivcore.rig import Rig, Scene
 
 
 @dataclass(frozen=True)
-class Canonical:
+class Normalised:
     """A scene for V > 0 and F = 1.
 
     Attributes
@@ -24,7 +24,7 @@ class Canonical:
     rig : Rig
     theta : float
         Degrees, seen from the drive.
-    pace : float
+    speed_per_load : float
         V / F, m/s/N, rounded to 12 digits.
     mu : float
     load : float
@@ -35,16 +35,16 @@ class Canonical:
 
     rig: Rig
     theta: float
-    pace: float
+    speed_per_load: float
     mu: float
     load: float
     sense: float
 
     @classmethod
-    def of(cls, scene: Scene) -> Canonical:
-        """The canonical form of a scene."""
-        pace = float(f"{abs(scene.V) / scene.F:.11e}")
-        return cls(scene.rig, scene.drive_theta, pace, scene.mu, scene.F, 1.0 if scene.V > 0 else -1.0)
+    def of(cls, scene: Scene) -> Normalised:
+        """The normalised form of a scene."""
+        speed = float(f"{abs(scene.V) / scene.F:.11e}")
+        return cls(scene.rig, scene.drive_theta, speed, scene.mu, scene.F, 1.0 if scene.V > 0 else -1.0)
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ class State:
     contact: int
 
 
-def displacement(t: Array, pace: float, ramp: float) -> Array:
-    """Of the clamp: pace t^2 / (2 ramp), then pace (t - ramp / 2)."""
+def displacement(t: Array, speed: float, ramp: float) -> Array:
+    """Of the clamp: speed t^2 / (2 ramp), then speed (t - ramp / 2)."""
     if ramp == 0.0:
-        return np.asarray(pace * t)
-    return np.where(t < ramp, 0.5 * pace * np.square(t) / ramp, pace * (t - 0.5 * ramp))
+        return np.asarray(speed * t)
+    return np.where(t < ramp, 0.5 * speed * np.square(t) / ramp, speed * (t - 0.5 * ramp))
 
 
-def slip_distance(scene: Canonical) -> float:
+def slip_distance(scene: Normalised) -> float:
     """How far the clamp moves before the contact slips, statically, m per N of load (F = 1, N = 1)."""
     full = full_model(scene.rig, scene.theta)
     elastic = full.stiffness > 0.0

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
-from fivcore.transient.drive import Canonical
+from fivcore.transient.drive import Normalised
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast import FastRun
 from fivcore.transient.options import Options
@@ -69,18 +69,18 @@ class Transient:
 class Job:
     """One scene under way: its run and its observers."""
 
-    def __init__(self, scene: Scene, canonical: Canonical, options: Options) -> None:
-        self.scene, self.canonical, self.options = scene, canonical, options
-        self.run = METHODS[options.method](canonical, options)
+    def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
+        self.scene, self.normalised, self.options = scene, normalised, options
+        self.run = METHODS[options.method](normalised, options)
         self._monitor = Monitor(self.run.rate)
-        self._record = Record(canonical, options.record, options.sample_times)
+        self._record = Record(normalised, options.record, options.sample_times)
         self._sticks = [np.empty((0, 2))]
         self._late = np.full(2, np.nan)
         self._ended_early = False
-        model, pace = self.run.model, canonical.pace
-        self._floor = 1e-150 * min(pace, 1.0)
+        model, speed = self.run.model, normalised.speed_per_load
+        self._floor = 1e-150 * min(speed, 1.0)
         self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
-        self._given += pace**2 * float(np.sum(model.inertia**2))
+        self._given += speed**2 * float(np.sum(model.inertia**2))
 
     def observe(self) -> None:
         """Show the observers what the run has left behind.
@@ -109,8 +109,8 @@ class Job:
         monitor.process(*self._long_sticks())
         if segment.further:
             self._ended_early = True
-            last = (part[-1] for part in (segment.t, segment.velocity, segment.force, segment.slip_rate))
-            monitor.repeat(*last, segment.further)
+            velocity, slip_rate, force = segment.samples[-1].tolist()
+            monitor.repeat(float(segment.t[-1]), velocity, force, slip_rate, segment.further)
         start = 0.75 * self.options.duration - segment.further / self.run.rate
         late = segment.slip_rate[np.searchsorted(segment.t, start) :]
         if len(late):
@@ -133,18 +133,18 @@ class Job:
         """The motion, in the scene's own units."""
         run, options = self.run, self.options
         self._monitor.close(self._long_sticks()[0])
-        steadiness = float(0.5 * (self._late[1] - self._late[0]) / self.canonical.pace)
+        steadiness = float(0.5 * (self._late[1] - self._late[0]) / self.normalised.speed_per_load)
         outcome = Outcome(
             run.steps * run.step, options.ramp, np.concatenate(self._sticks), steadiness, run.released_energy(),
             self._ended_early,
         )  # fmt: skip
         return Transient(
-            self.scene, summarise(self.canonical, run.record[0], self._monitor, outcome), **self._record.whole()
+            self.scene, summarise(self.normalised, run.record[0], self._monitor, outcome), **self._record.whole()
         )
 
 
 def drive(
-    asked: Sequence[tuple[Scene, Canonical, Options]],
+    asked: Sequence[tuple[Scene, Normalised, Options]],
 ) -> list[Transient | ContactError | DivergenceError | ValueError]:
     """Take runs of one method from their start to their end; what each comes to, or the error it ends with."""
     results: list[Any] = [None] * len(asked)

@@ -25,7 +25,7 @@ from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, re
 from fivcore.contact.uniqueness import check_unique, critical_mu_of
 from fivcore.errors import ContactError, DivergenceError, not_unique
 from fivcore.jit import Array
-from fivcore.transient.drive import Canonical, State
+from fivcore.transient.drive import Normalised, State
 from fivcore.transient.exact_kernels import SCENE, S, integrate, prescribed, sample, search, switch
 from fivcore.transient.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
 from fivcore.transient.options import Options
@@ -59,10 +59,15 @@ class ExactRun:
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
 
-    def __init__(self, scene: Canonical, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options, self.ramp = scene, options, options.ramp
         self.model = reduced_model(
-            scene.rig, scene.theta, options.cutoff, options.termination, options.relaxation_time, options.cross_terms
+            scene.rig,
+            scene.theta,
+            options.cutoff,
+            options.termination,
+            options.relaxation_time,
+            options.cross_terms,
         )
         _require_element(self.model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff)
         check_unique(self.model, scene.mu, None)
@@ -87,7 +92,7 @@ class ExactRun:
                 f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
             )
         stored = np.sum(self.model.stiffness * self.model.rest**2)
-        self._size = float(stored + scene.pace**2 * np.sum(self.model.inertia**2))
+        self._size = float(stored + scene.speed_per_load**2 * np.sum(self.model.inertia**2))
         self._begin(options.initial)
 
     def _begin(self, initial: State | None) -> None:
@@ -104,7 +109,7 @@ class ExactRun:
             dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
             y[2 * n :] = dropped @ initial.displacement - np.linalg.solve(model.K, [1.0, 0.0])
         if self.ramp == 0.0:
-            y[n : 2 * n] += model.inertia * self.scene.pace
+            y[n : 2 * n] += model.inertia * self.scene.speed_per_load
         self._y, self._started = y, False
         self._first_energy = self._energy_of(y)
         self._now, self._end, self._sticks = 0.0, np.inf, np.zeros((0, 2))
@@ -146,9 +151,9 @@ class ExactRun:
         self._pass_through(first, last, samples, rows)
         self._taken = last
         begun = -(-first // every)
-        t = (np.arange(begun, begun + len(samples)) * every + 0.5) * step
+        t = np.asarray((np.arange(begun, begun + len(samples)) * every + 0.5) * step, dtype=np.float64)
         ended = self._sticks[: int(record["sticks"][0])].copy()
-        self.segments = [Segment(t, *samples.T.copy(), sticks=ended, rows=rows)]
+        self.segments = [Segment(t, samples, ended, rows)]
 
     def _pass_through(self, first: int, target: int, samples: Array, rows: Array) -> None:
         """Go on from step `first` to the end of step `target` - 1, through as many regimes as it takes."""
@@ -175,7 +180,7 @@ class ExactRun:
         """Begin a regime at time `t` in the full state `y` and find its end; `orders` are those of its margins."""
         model, r, n = self.model, self._regimes[which], len(self.model.stiffness)
         ramping = t < self.ramp
-        acceleration = self.scene.pace / self.ramp if ramping else 0.0
+        acceleration = self.scene.speed_per_load / self.ramp if ramping else 0.0
         start = np.array([0.0, self._clamp_velocity(t), acceleration, 1.0, 0.0, 0.0, 0.0, 0.0])
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
@@ -249,7 +254,7 @@ class ExactRun:
         return which if N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) > 0.0 else SEPARATION
 
     def _clamp_velocity(self, t: float) -> float:
-        return self.scene.pace * t / self.ramp if t < self.ramp else self.scene.pace
+        return self.scene.speed_per_load * t / self.ramp if t < self.ramp else self.scene.speed_per_load
 
     def _state_at(self, t: float) -> Array:
         r, s = self._regime, t - self._origin
@@ -269,11 +274,11 @@ class ExactRun:
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + u[0] + 0.5 * u @ model.K @ u)
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the element and the load, canonical."""
+        """Energy of the modes about the equilibrium, the element and the load, normalised."""
         return self._energy_of(self._state_at(self._now) if self._started else self._y)
 
     def released_energy(self) -> float:
-        """Decrease of the stored energy since the start, canonical."""
+        """Decrease of the stored energy since the start, normalised."""
         return self._first_energy - self.stored_energy()
 
     def calm(self, floor: float) -> bool:
@@ -297,12 +302,12 @@ def _require_element(model: ReducedModel, cutoff: float) -> None:
 
 
 def states_at(
-    scene: Canonical, times: Array, *, ramp: float, cutoff: float | None = None, initial: State | None = None
+    scene: Normalised, times: Array, *, ramp: float, cutoff: float | None = None, initial: State | None = None
 ) -> Array:
     """Exact motion of the kept modes at ascending `times` (m,), s; the others are arguments of `ExactRun`.
 
     Returns modal displacements as deviations from `ReducedModel.rest`, then modal velocities, those of P2 relative
-    to its clamp, (m, 2n); canonical (F = 1).
+    to its clamp, (m, 2n); normalised (F = 1).
     """
     options = Options(float(times[-1]) + DWELL, "exact", ramp=ramp, cutoff=cutoff, initial=initial)
     run = ExactRun(scene, options)

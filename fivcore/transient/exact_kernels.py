@@ -206,7 +206,7 @@ def integrate(
 
 @kernel
 def switch(scenes: Any, contact: int, t: float, sticks: Any) -> None:
-    """Enter a change of the contact state at time t, if there is one; the first slip begins the statistics anew."""
+    """Enter the contact state at time t; the first slip begins the statistics anew."""
     scene = scenes[0]
     was, scene.contact = scene.contact, contact
     if contact == was:

@@ -1,7 +1,7 @@
 """`method="fast"`: the reduced model in symmetric impulses and exact moves, second order in the step.
 
-`FastRun` keeps the state of one scene and decides what its next segment is: the ramp, the motion to the first slip,
-the onset with a finer model (`transient.onset`), the motion after it, and steady sliding once it is proved
+`FastRun` keeps the state of one scene and decides what its next segment is: the ramp, the motion to the first
+slip, the onset with a finer model (`transient.onset`), the motion after it, and steady sliding once it is proved
 (`transient.steady`). `FastRun.advance` takes many runs through a segment each in one call of the kernel.
 """
 
@@ -20,7 +20,7 @@ from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.jit import Array
 from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
-from fivcore.transient.drive import Canonical, State, displacement, slip_distance
+from fivcore.transient.drive import Normalised, State, displacement, slip_distance
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
@@ -32,8 +32,8 @@ from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
 
 # Samples are taken every so many steps, or at multiples of that.
 SAMPLED = 10
-# Segments, s: where motion may be settling, for that is looked for after each, and elsewhere. Of several threads only
-# one at a time can do what is done between two segments.
+# Segments, s: where motion may be settling, for that is looked for after each, and elsewhere. Of several threads
+# only one at a time can do what is done between two segments.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 1.0
 MOST_STEPS = 1_000_000
 # Rows of a record are handed over when there are about so many: of all runs under way they would fill the memory.
@@ -43,10 +43,15 @@ MOST_ROWS = 10_000
 class FastRun:
     """One run in progress."""
 
-    def __init__(self, scene: Canonical, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
         model = reduced_model(
-            scene.rig, scene.theta, options.cutoff, options.termination, options.relaxation_time, options.cross_terms
+            scene.rig,
+            scene.theta,
+            options.cutoff,
+            options.termination,
+            options.relaxation_time,
+            options.cross_terms,
         )
         self.step = model.default_step if options.step is None else options.step
         limit = model.largest_step
@@ -66,16 +71,19 @@ class FastRun:
             ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
         )
         finer = options.cutoff is None and options.initial is None and self._motion is None and model.K.any()
-        self._fine = onset.finer_solver(scene, self.step, options.termination, options.cross_terms) if finer else None
+        self._fine = (
+            onset.finer_solver(scene, self.step, options.termination, options.cross_terms) if finer else None
+        )
         distance = slip_distance(scene)
-        self._share = 1.0 - min(onset.LEAD * scene.pace / distance, 1.0) if distance > 0.0 else 0.0
+        self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self._sample_every = max(round(INTERVAL / (self.step * SAMPLED)), 1) * SAMPLED
         rate = options.sampling_rate
         self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
         self.rate = 1.0 / (self._sample_every * self.step)
         self._may_settle = options.end_early and self._motion is None and bool(model.K.any())
         self._length = SHORT_SEGMENT
-        # Where a phase of the onset ends, in its own steps (0: there is none), and whether contact has opened in it.
+        # Where a phase of the onset ends, in its own steps (0: there is none), and whether contact has opened in
+        # it.
         self._onset_ends, self._opened = 0, False
         self.segments: Iterable[Segment] = ()
         self.record = begin(np.zeros(1, at.SCENE), options.settle, SETTLING, options.min_stick)
@@ -96,12 +104,12 @@ class FastRun:
 
     def _start(self, initial: State | None) -> None:
         model, scene, solver = self.model, self.scene, self._solver
-        u = np.zeros(2)
+        u: Array = np.zeros(2)
         if initial is None:
             contact = STICK
-            q, v = np.zeros(len(model.rest)), np.zeros(len(model.rest))
+            q, v = (np.zeros(len(model.rest)) for _ in range(2))
             if model.K.any():
-                u = np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0])
+                u = np.asarray(np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0]))
         else:
             full = full_model(scene.rig, scene.theta)
             contact = initial.contact
@@ -111,15 +119,15 @@ class FastRun:
                 dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
                 u = dropped @ initial.displacement
                 if contact != SEPARATION:
-                    u = np.linalg.solve(solver.impulse.stiffness, model.K @ u)
+                    u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
         self._shift = np.zeros(len(q))
         if self.options.ramp > 0.0:
             elastic = model.stiffness > 0.0
-            push = model.inertia[elastic] * scene.pace / self.options.ramp
+            push = model.inertia[elastic] * scene.speed_per_load / self.options.ramp
             self._shift[elastic] = push / model.stiffness[elastic]
         else:
-            v += model.inertia * scene.pace
+            v += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(q, v, u)
         self._begun = q - self._shift, v
         self._use(solver)
@@ -137,8 +145,8 @@ class FastRun:
             self.record[name] = old[name]
         record, options = self.record, self.options
         self._solver, self.blocks = solver, solver.blocks.copy()
-        record["speed"], record["ramp"] = self.scene.pace, options.ramp
-        record["acceleration"] = self.scene.pace / options.ramp if options.ramp > 0.0 else 0.0
+        record["speed"], record["ramp"] = self.scene.speed_per_load, options.ramp
+        record["acceleration"] = self.scene.speed_per_load / options.ramp if options.ramp > 0.0 else 0.0
         settled = float(record["settled_from"][0])
         record["settle"] = int(np.ceil(settled / solver.step - 0.5)) if settled < np.inf else 0
         record["moving"] = self._motion is not None
@@ -202,7 +210,7 @@ class FastRun:
             )
             every = int(scene["sample_every"])
             t = (np.arange(-(-begun[k] // every), -(-begun[k] // every) + len(own)) * every + 0.5) * scene["step"]
-            segment = Segment(t, *own.T, sticks=ended.copy(), rows=written)
+            segment = Segment(t, own, ended.copy(), written)
             run.segments = [segment]
             run._conclude(segment)
 
@@ -269,7 +277,7 @@ class FastRun:
             steady = self._settled(segment)
             if steady is not None:
                 self.segments = chain([segment], self._fill(steady))
-        self._length = SHORT_SEGMENT if self._unrest(segment) < self.scene.pace else LONG_SEGMENT
+        self._length = SHORT_SEGMENT if self._unrest(segment) < self.scene.speed_per_load else LONG_SEGMENT
 
     # The ramp.
 
@@ -284,7 +292,7 @@ class FastRun:
         than a step, when the shift is so large that its rounding hides everything else.
         """
         model, ramp = self.model, self.options.ramp
-        push = model.inertia * self.scene.pace / ramp * (ramp - step * self.step)
+        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - step * self.step)
         q, v = _move(model, self._shift, push, 0.5 * self.step)
         boundary_q, boundary_v = boundary
         work = float(np.sum(model.stiffness * self._shift * (boundary_q + self._shift)))
@@ -321,7 +329,7 @@ class FastRun:
         self._shift = np.zeros(len(q))
         self._place(*_move(solver.model, q, v, 0.5 * solver.step))
         # Stick, if it goes on, holds the surfaces where they are at the next impulse.
-        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.pace, self.options.ramp)
+        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self.options.ramp)
         shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
         self.record["u_N"], self.record["u_T"], self.record["anchor"] = *u, u[1] + shifted
 
@@ -335,19 +343,19 @@ class FastRun:
 
     def _settled(self, segment: Segment) -> SteadySliding | None:
         """Steady sliding, if nothing else can follow a segment; a proof is tried only where it looks so."""
-        pace = self.scene.pace
-        if not (self._may_settle and self._unrest(segment) <= NEAR * pace):
+        speed = self.scene.speed_per_load
+        if not (self._may_settle and self._unrest(segment) <= NEAR * speed):
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
         self._may_settle = steady is not None and steady.decays
         state = self._row(at.Q), self._row(at.V), self._element
-        return steady if steady is not None and steady.is_permanent(*state, pace) else None
+        return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
-        """Fill in steady sliding to the end: steps between two samples are taken and counted as often as they occur."""
-        pace, record, every = self.scene.pace, self.record, self._sample_every
+        """Fill in steady sliding to the end: steps of one sample are taken and counted as often as they occur."""
+        speed, record, every = self.scene.speed_per_load, self.record, self._sample_every
         first, last, step = int(record["now"][0]), self.steps, self.step
-        q, v, u = steady.start(pace)
+        q, v, u = steady.start(speed)
         self._place(q, v)
         record["u_N"], record["u_T"] = u
         one = self.record.copy()
@@ -371,7 +379,7 @@ class FastRun:
         for name in ENERGIES:
             record[name] += (last - first) / every * one[name]
         record["now"] = last
-        row = steady.row(pace)
+        row = steady.row(speed)
         velocity, force, _, slip_rate, _ = row
         begin, rows = -(-first // every), self._row_every
         count = -(-last // every) - begin
@@ -380,10 +388,10 @@ class FastRun:
             written = np.empty((count_in(start, end, rows), 6))
             written[:, 0] = (np.arange(-(-start // rows), -(-end // rows)) * rows + 0.5) * step
             written[:, 1:] = row
-            yield Segment(*np.empty((4, 0)), rows=written)
+            yield Segment(np.zeros(0), np.empty((0, 3)), rows=written)
         if count > 0:
             t = np.array([(begin * every + 0.5) * step])
-            yield Segment(t, np.array([velocity]), np.array([slip_rate]), np.array([force]), further=count - 1)
+            yield Segment(t, np.array([[velocity, slip_rate, force]]), further=count - 1)
 
     # A contact point that moves.
 

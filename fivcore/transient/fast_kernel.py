@@ -5,12 +5,12 @@ One step is a Strang splitting of second order. In the middle of the step the ga
 step times the force. Then every mode moves freely and exactly over one step. Coordinates are deviations from the
 static equilibrium under the unit load, so the impulse carries N - 1.
 
-`advance` takes many scenes, each with numbers of its own: a record (`transient.fast_scene`) and blocks of modes. It
-works on GROUP of them in turns, one step each: while the processor waits for the contact law of one scene it moves
-the modes of the others. No number of a scene depends on another scene.
+`advance` takes many scenes, each with numbers of its own: a record (`transient.fast_scene`) and blocks of modes.
+It works on GROUP of them in turns, one step each: while the processor waits for the contact law of one scene it
+moves the modes of the others. No number of a scene depends on another scene.
 
-The modes of a scene lie in blocks of BLOCK modes. Rows of a block have a fixed distance, so the compiler knows that
-they do not overlap and uses vector registers. Sums over modes may be reordered (`fivcore.jit.reordered`).
+The modes of a scene lie in blocks of BLOCK modes. Rows of a block have a fixed distance, so the compiler knows
+that they do not overlap and uses vector registers. Sums over modes may be reordered (`fivcore.jit.reordered`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _BLOCK, _BLOCK_SIZE = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
 
 
 @reordered
-def kick_and_drift(x: Any, first: int, count: int, impulse_N: float, impulse_T: float) -> Any:
+def kick_and_drift(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> Any:
     """Give a block of modes an impulse, move it freely over a step; what it adds to g_N, g_T and their rates."""
     gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
     for j in range(first, first + count):
@@ -53,7 +53,7 @@ def kick_and_drift(x: Any, first: int, count: int, impulse_N: float, impulse_T: 
 
 
 @reordered
-def observe(x: Any, first: int, count: int, half_N: float, half_T: float) -> Any:
+def observe(x: Any, first: Any, count: Any, half_N: float, half_T: float) -> Any:
     """Velocity of B before the impulse, and the power that a block of modes loses in the middle of it."""
     speed, power = 0.0, 0.0
     for j in range(first, first + count):
@@ -64,7 +64,7 @@ def observe(x: Any, first: int, count: int, half_N: float, half_T: float) -> Any
 
 
 @reordered
-def follow_shapes(x: Any, first: int, count: int) -> Any:
+def follow_shapes(x: Any, first: Any, count: Any) -> Any:
     """Gap shapes of the next step, and by how much the gaps and their rates change with them alone."""
     gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
     for j in range(first, first + count):
@@ -257,9 +257,12 @@ def advance(
                 speed, power = scene.B_N * impulse_N + scene.B_T * impulse_T, 0.0
                 for k in range(scene.blocks):
                     size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
-                    more, lost = observe(modes, first + np.uint64(k) * _BLOCK_SIZE, size, 0.5 * impulse_N, 0.5 * impulse_T)
+                    more, lost = observe(
+                        modes, first + np.uint64(k) * _BLOCK_SIZE, size, 0.5 * impulse_N, 0.5 * impulse_T
+                    )
                     speed, power = speed + more, power + lost
-                # Written here and not by a function: arrays that a function with branches takes are counted each time.
+                # Written here and not by a function: arrays that a function with branches takes are counted each
+                # time.
                 if scene.next_sample == scene.now:
                     place = scene.samples_at + scene.samples
                     samples[place, 0], samples[place, 1], samples[place, 2] = speed, slip_rate, N

@@ -6,8 +6,8 @@ import numpy as np
 
 from fivcore.transient.statistics import FIELDS
 
-# Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and velocity,
-# shape at B, damping, change of the gap shapes in a step.
+# Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and
+# velocity, shape at B, damping, change of the gap shapes in a step.
 BLOCK = 64
 (A, B, C, D, NORMAL, TANGENTIAL, Q, V, POINT_B, DAMPING, SLIDE_N, SLIDE_T) = range(12)
 BLOCK_ROWS = 12
@@ -37,8 +37,8 @@ _LAW = [
     "threshold",
 ]
 _STATE = [
-    # Gaps and their rates by the modes before the impulse, penetration and g_T at rest, the latter with the inertia
-    # of the base, the rate of g_N by the motion of the contact point.
+    # Gaps and their rates by the modes before the impulse, penetration and g_T at rest, the latter with the
+    # inertia of the base, the rate of g_N by the motion of the contact point.
     *("g_N", "g_T", "v_N", "v_T", "p_rest", "T_rest", "creep"),
     # The element's state, and g_T + u_T when stick began.
     *("u_N", "u_T", "anchor"),
@@ -46,7 +46,18 @@ _STATE = [
 _CLOCK = [
     # The present step, the end of the segment, the next step at which anything but a plain step happens: a sample,
     # a row of the record, the try of a skip, the step from which statistics count.
-    *("contact", "now", "last", "next", "next_sample", "next_row", "next_skip", "settle", "sample_every", "row_every"),
+    *(
+        "contact",
+        "now",
+        "last",
+        "next",
+        "next_sample",
+        "next_row",
+        "next_skip",
+        "settle",
+        "sample_every",
+        "row_every",
+    ),
     # Whether there is no element, the first separation ends the segment, the contact point moves, and whether the
     # segment has ended before its last step.
     *("rigid", "until_open", "moving", "stopped"),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from fivcore.beams.free_motion import propagator
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.impulse import between_kicks
+from fivcore.contact.impulse import between_impulses
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.uniqueness import check_unique
@@ -26,7 +27,7 @@ class Solver:
     ----------
     model : ReducedModel
     mu, step : float
-    impulse : Kicks
+    impulse : Impulse
         How impulses see the model.
     maps : RegimeMaps
     dissipation : ndarray, (2, 2)
@@ -46,7 +47,7 @@ class Solver:
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         self.model, self.mu, self.step = model, mu, step
         check_unique(model, mu, step)
-        self.impulse = impulse = model.kicks(step)
+        self.impulse = impulse = model.impulse(step)
         self.maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step)
         # The mean rate of a gap over an impulse is less than that of the element within it, by what impulses miss.
         element = bool(model.K.any())
@@ -54,8 +55,8 @@ class Solver:
         self.dissipation = np.asarray(rates.T @ model.C @ rates)
         # Of the unit load impulses see what they see of a contact force.
         self.at_rest = (
-            float(impulse.missed[0, 0] - model.normal @ model.rest),
-            float(model.tangential @ model.rest - impulse.missed[1, 0]),
+            float(impulse.defect[0, 0] - model.normal @ model.rest),
+            float(model.tangential @ model.rest - impulse.defect[1, 0]),
         )
         self.size = -(-len(model.rest) // EIGHT) * EIGHT
         self.blocks = np.zeros((-(-self.size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))
@@ -66,7 +67,7 @@ class Solver:
             put(self.blocks, row, values)
         self.record = self._record()
 
-    def _record(self) -> Array:
+    def _record(self) -> Any:
         maps, model, step = self.maps, self.model, self.step
         record = np.zeros(1, at.SCENE)
         law = {
@@ -94,11 +95,11 @@ class Solver:
         record["next_skip"] = at.NEVER
         return record
 
-    def between_kicks(self, force: Array) -> Array:
+    def between_impulses(self, force: Array) -> Array:
         """How much further a steady contact force in impulses deflects the modes, midway between two of them."""
         model = self.model
         modal = model.normal * (force[0] - 1.0) + model.tangential * force[1]
-        return between_kicks(model.stiffness, self.step) * modal
+        return between_impulses(model.stiffness, self.step) * modal
 
 
 def put(blocks: Array, row: int, values: Array) -> None:

@@ -16,7 +16,7 @@ from fivcore.beams.modes import lower_basis, rig_bases
 from fivcore.contact.reduced import ReducedModel, equilibrium, full_model
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.transient.drive import Canonical, displacement
+from fivcore.transient.drive import Normalised, displacement
 
 # Length of a stretch along P2, m.
 STRETCH = 5e-6
@@ -28,24 +28,24 @@ class ContactMotion:
 
     Attributes
     ----------
-    scene : Canonical
+    scene : Normalised
     ramp : float
     direction : int
         -1: towards P2's clamp, +1: away from it.
     """
 
-    scene: Canonical
+    scene: Normalised
     ramp: float
     direction: int
 
     @property
     def speed(self) -> float:
         """Of D along P2 after the ramp, m/s, signed."""
-        return self.direction * self.scene.pace * self.scene.load
+        return self.direction * self.scene.speed_per_load * self.scene.load
 
     def position(self, t: float) -> float:
         """Distance of D from P2's clamp, m."""
-        moved = self.scene.load * float(displacement(np.array(t), self.scene.pace, self.ramp))
+        moved = self.scene.load * float(displacement(np.array(t), self.scene.speed_per_load, self.ramp))
         return self.scene.rig.contact_position + self.direction * moved
 
     def check(self, duration: float) -> None:
@@ -83,7 +83,7 @@ def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
     return np.asarray(normal), np.asarray(-((1.0 - x) * here[0] + x * there[0]))
 
 
-def moved_model(model: ReducedModel, scene: Canonical, position: float) -> ReducedModel:
+def moved_model(model: ReducedModel, scene: Normalised, position: float) -> ReducedModel:
     """The model with D elsewhere; tau stays."""
     full = full_model(scene.rig, scene.theta)
     upper, _ = rig_bases(scene.rig, scene.theta)

@@ -12,7 +12,7 @@ from fivcore import checks
 from fivcore.contact.reduced import TERMINATIONS
 from fivcore.jit import Array
 from fivcore.rig import Scene
-from fivcore.transient.drive import Canonical, State
+from fivcore.transient.drive import Normalised, State
 from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.record import names_of, times_of
 from fivcore.transient.switches import METHODS, switches
@@ -62,7 +62,7 @@ class Options:
         return self.sample_rate if self.sample_times is None else np.inf
 
 
-def options_for(scene: Scene, canonical: Canonical, given: dict[str, Any]) -> Options:
+def options_for(scene: Scene, normalised: Normalised, given: dict[str, Any]) -> Options:
     """Check what is asked of a run of `scene`.
 
     Parameters
@@ -108,12 +108,14 @@ def options_for(scene: Scene, canonical: Canonical, given: dict[str, Any]) -> Op
     if record and get("sample_times") is None and duration * sample_rate > MOST_SAMPLES:
         most = MOST_SAMPLES / duration
         raise ValueError(f"sample_rate = {sample_rate:g}: over this duration it must be at most {most:g} Hz")
-    if not 1e-12 <= canonical.pace <= 1e8:
-        raise ValueError(f"V / F = {canonical.pace:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved")
-    initial = None if get("initial") is None else _state(get("initial"), scene, canonical)
+    if not 1e-12 <= normalised.speed_per_load <= 1e8:
+        raise ValueError(
+            f"V / F = {normalised.speed_per_load:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved"
+        )
+    initial = None if get("initial") is None else _state(get("initial"), scene, normalised)
     times = None if get("sample_times") is None else times_of(get("sample_times"), record, duration)
     if motion:
-        ContactMotion(canonical, ramp, motion).check(duration)
+        ContactMotion(normalised, ramp, motion).check(duration)
         if method == "exact":
             raise ValueError(f"contact_motion = {motion}: for method 'exact' it must be 0")
     if method == "paper" and optional["cutoff"] is not None:
@@ -125,7 +127,7 @@ def options_for(scene: Scene, canonical: Canonical, given: dict[str, Any]) -> Op
     )  # fmt: skip
 
 
-def _state(initial: Any, scene: Scene, canonical: Canonical) -> State:
+def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
     """The given state, normalised."""
     try:
         q, v, contact = (
@@ -142,13 +144,13 @@ def _state(initial: Any, scene: Scene, canonical: Canonical) -> State:
     if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):
         raise ValueError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
     q, v = q.astype(float), v.astype(float)
-    if canonical.sense < 0:
+    if normalised.sense < 0:
         raise ValueError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
-    return State(q / canonical.load, v / canonical.load, int(contact))
+    return State(q / normalised.load, v / normalised.load, int(contact))
 
 
 def per_scene(scenes: Sequence[Scene], given: dict[str, Any], own: frozenset[str]) -> list[dict[str, Any]]:
-    """Options of each scene: a list gives each its own for those named in `own`, and belongs to all for others.
+    """Options of each scene: a list gives each its own for names in `own`, and else belongs to all.
 
     Raises
     ------

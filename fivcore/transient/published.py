@@ -22,7 +22,7 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import not_unique
 from fivcore.jit import Array
-from fivcore.transient.drive import Canonical, State
+from fivcore.transient.drive import Normalised, State
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
 from fivcore.transient.options import Options
 from fivcore.transient.published_kernel import SCENE, advance
@@ -64,7 +64,7 @@ def _radius(k: float, c: float, dt: float, b: float) -> float:
 class PaperRun:
     """One run in progress."""
 
-    def __init__(self, scene: Canonical, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
         self.model = model = full_model(scene.rig, scene.theta)
         self.step = dt = STEP if options.step is None else options.step
@@ -91,7 +91,7 @@ class PaperRun:
         self.segments: list[Segment] = []
         self.record = record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
         record["dt"], record["b"], record["r"], record["mu"] = dt, b, r, scene.mu
-        record["speed"], record["ramp"] = scene.pace, options.ramp
+        record["speed"], record["ramp"] = scene.speed_per_load, options.ramp
         record["W_NN"], record["W_NT"], record["W_TT"] = W
         record["sample_every"] = sample_every
         record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * dt)), 1)
@@ -103,7 +103,7 @@ class PaperRun:
         rest, record = model.rest, self.record
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
         self._load = np.where(model.stiffness > 0.0, model.stiffness * rest - model.normal, -model.normal)
-        ramping = model.inertia * self.scene.pace / ramp if ramp > 0.0 else np.zeros(len(rest))
+        ramping = model.inertia * self.scene.speed_per_load / ramp if ramp > 0.0 else np.zeros(len(rest))
         T = 0.0
         if initial is None:
             record["contact"] = STICK
@@ -114,14 +114,14 @@ class PaperRun:
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
-                pace = self.scene.pace if ramp == 0.0 else 0.0
+                speed = self.scene.speed_per_load if ramp == 0.0 else 0.0
                 slips = initial.contact == SLIP
-                m = -self.scene.mu * float(np.sign(model.tangential @ v - pace)) if slips else 0.0
+                m = -self.scene.mu * float(np.sign(model.tangential @ v - speed)) if slips else 0.0
                 push = model.normal + m * model.tangential
                 N = -float(model.normal @ a) / float(model.normal @ push)
                 a, T = a + push * N, m * N
         if ramp == 0.0:
-            v = v + model.inertia * self.scene.pace
+            v = v + model.inertia * self.scene.speed_per_load
         record["last_gT"], record["last_T"] = model.tangential @ q, T
         self._first_energy = self._energy_of(q, v)
         self._f = self._load + ramping
@@ -175,15 +175,26 @@ class PaperRun:
         shapes = (model.normal.copy(), model.tangential.copy())
         modes = (model.stiffness, model.damping, self._inverse, *shapes, model.point_b)
         advance(
-            record, last, modes, self._f, self._slide, self._q, self._vs, self._a, self._reach, samples, rows, sticks
+            record,
+            last,
+            modes,
+            self._f,
+            self._slide,
+            self._q,
+            self._vs,
+            self._a,
+            self._reach,
+            samples,
+            rows,
+            sticks,
         )
         if now < self._ramp_ends:
             # The accelerating clamp works on the inertia of P2; on the contact it does in the kernel.
             record["work"] += np.sum((self._f - self._load) * (self._q - before))
         first = -(-now // every)
-        t = (np.arange(first, first + len(samples)) * every + 1.0) * dt
+        t = np.asarray((np.arange(first, first + len(samples)) * every + 1.0) * dt, dtype=np.float64)
         ended = sticks[: int(record["sticks"][0])].copy()
-        self.segments = [Segment(t, *samples.T.copy(), sticks=ended, rows=rows)]
+        self.segments = [Segment(t, samples, ended, rows)]
         if last == self._ramp_ends:
             self._end_ramp(last)
 
@@ -194,7 +205,7 @@ class PaperRun:
             return
         model = self.model
         # What the ramp lasts beyond a whole number of steps.
-        push = model.inertia * self.scene.pace / ramp * (ramp - step * self.step)
+        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - step * self.step)
         self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
         self._a = (self._load - model.stiffness * self._q - model.damping * self._vs) * self._inverse

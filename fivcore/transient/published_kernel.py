@@ -98,8 +98,8 @@ def advance(
     reach : ndarray, (n,)
         Work space.
     samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
-        Velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state; begin and end of long
-        sticks.
+        Velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state; begin and end of
+        long sticks.
     """
     scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes

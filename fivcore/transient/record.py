@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.jit import Array
-from fivcore.transient.drive import Canonical
+from fivcore.transient.drive import Normalised
 
-# Column of the rows, and what turns its canonical numbers into those of the scene: what a load multiplies, what
+# Column of the rows, and what turns its normalised numbers into those of the scene: what a load multiplies, what
 # also turns round with the sense of the drive, and what does not change.
 LOAD, ALONG, SAME = range(3)
 SERIES = {
@@ -31,16 +31,16 @@ class Record:
 
     Parameters
     ----------
-    canonical : Canonical
+    normalised : Normalised
     names : sequence of str
         Of `SERIES`, those which are kept.
     times : ndarray, (n,), optional
         Where the series are kept, s, ascending, on lines between the rows; without: at the rows.
     """
 
-    def __init__(self, canonical: Canonical, names: Sequence[str], times: Array | None = None) -> None:
-        load = canonical.load
-        self._factors = {LOAD: load, ALONG: load * canonical.sense, SAME: 1.0}
+    def __init__(self, normalised: Normalised, names: Sequence[str], times: Array | None = None) -> None:
+        load = normalised.load
+        self._factors = {LOAD: load, ALONG: load * normalised.sense, SAME: 1.0}
         self._names = names
         self._pieces: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
         self._times, self._done = times, 0
@@ -51,7 +51,7 @@ class Record:
         self._last = np.empty((0, 1 + len(SERIES)))
 
     def add(self, rows: Array) -> None:
-        """Take the next rows: t, velocity of B, N, T, slip rate and contact state, canonical."""
+        """Take the next rows: t, velocity of B, N, T, slip rate and contact state, normalised."""
         if self._times is not None:
             rows = np.concatenate([self._last, rows])
             if len(rows):

@@ -18,8 +18,10 @@ class Segment:
 
     Attributes
     ----------
-    t, velocity, slip_rate, force : ndarray, (n,)
-        Times of the samples, velocity of B, slip rate and N.
+    t : ndarray, (n,)
+        Times of the samples, s.
+    samples : ndarray, (n, 3)
+        Velocity of B, slip rate and N.
     sticks : ndarray, (k, 2)
         Long sticks ended within the segment, begin and end.
     rows : ndarray, (m, 6)
@@ -29,12 +31,25 @@ class Segment:
     """
 
     t: Array
-    velocity: Array
-    slip_rate: Array
-    force: Array
+    samples: Array
     sticks: Array = field(default_factory=lambda: np.empty((0, 2)))
     rows: Array = field(default_factory=lambda: np.empty((0, 6)))
     further: int = 0
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity of B, (n,)."""
+        return self.samples[:, 0]
+
+    @property
+    def slip_rate(self) -> Array:
+        """Slip rate, (n,)."""
+        return self.samples[:, 1]
+
+    @property
+    def force(self) -> Array:
+        """Normal force, (n,)."""
+        return self.samples[:, 2]
 
 
 def count_in(first: int, last: int, every: int) -> int:

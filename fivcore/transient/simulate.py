@@ -9,7 +9,7 @@ from typing import Any, cast
 from fivcore import checks
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.rig import Scene
-from fivcore.transient.drive import Canonical, State
+from fivcore.transient.drive import Normalised, State
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.options import options_for, per_scene
 
@@ -145,8 +145,8 @@ def simulate_many(
     asked = []
     for scene, own in zip(scenes, per_scene(scenes, given, OWN), strict=True):
         checks.instance("scene", scene, Scene)
-        canonical = Canonical.of(scene)
-        asked.append((scene, canonical, options_for(scene, canonical, own)))
+        normalised = Normalised.of(scene)
+        asked.append((scene, normalised, options_for(scene, normalised, own)))
     results = drive(asked)
     for result in results:
         if isinstance(result, ValueError):

@@ -1,8 +1,9 @@
 """Spectra, coherence, spread and quantiles of what is sampled of a run, in bounded memory.
 
 Samples are gathered and worked on in blocks of fixed length, so that the figures do not depend on the segments in
-which a run is computed. Long sticks and what lies between them have power spectra of their own (Welch's method: Hann
-windows of 20 ms, half overlapping). The autocorrelation comes from the power spectrum of zero-padded stretches.
+which a run is computed. Long sticks and what lies between them have power spectra of their own (Welch's method:
+Hann windows of 20 ms, half overlapping). The autocorrelation comes from the power spectrum of zero-padded
+stretches.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ BAND = (200.0, 10e3)
 LONG = 16384
 PADDED = 3 * LONG // 2
 BLOCK = 4 * LONG
-# Bins of the histograms: exponent and seven bits of the mantissa, from 2^-120 to 2^60, so that a quantile is known to
-# 0.4 %. N = 1, the commonest value of all, lies in the middle of one: rounding does not decide where it counts.
+# Bins of the histograms: exponent and seven bits of the mantissa, from 2^-120 to 2^60, so that a quantile is known
+# to 0.4 %. N = 1, the commonest value of all, lies in the middle of one: rounding does not decide where it counts.
 _SHIFT, _MIDDLE = 45, 1 << 44
 _LOWEST = (1023 - 120) << 7
 BINS = 180 << 7
@@ -70,7 +71,7 @@ class Correlation:
         self._rest = np.zeros(0)
 
     def add(self, samples: Array) -> None:
-        """Enter a stretch; what is left of it counts if it is half of LONG or more, or if there is nothing else."""
+        """Enter a stretch; its rest counts if it is half of LONG or more, or if there is nothing else."""
         for first in range(0, len(samples), LONG):
             piece = samples[first : first + LONG]
             if len(piece) >= LONG // 2:

@@ -1,8 +1,8 @@
 """What every method counts while it runs: first events, time in each contact state, forces, long sticks, energies.
 
 The counters of a run are a record with the fields below, part of the method's own record. Compiled methods call
-`count_step` in every step and `enter` where the contact state changes. They never read the counters for anything that
-decides the motion. All times are in seconds since the drive started, all weights are durations.
+`count_step` in every step and `enter` where the contact state changes. They never read the counters for anything
+that decides the motion. All times are in seconds since the drive started, all weights are durations.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.jit import Array, contracted, inlined
+from fivcore.jit import contracted, inlined
 
 # Contact states, as in a record's `state`.
 SEPARATION, STICK, SLIP = 0, 1, 2
@@ -20,8 +20,9 @@ SEPARATION, STICK, SLIP = 0, 1, 2
 SETTLING = 0.1
 
 # When something first happened, NaN where it has not: first slip, first separation, the stick that goes on (none
-# before first slip) and the long one before it; from when on statistics count, how long after the first slip that is (NaN: given beforehand),
-# and how long a long stick lasts at least (NaN: a fifth of the time to the first slip).
+# before first slip) and the long one before it; from when on statistics count, how long after the first slip that
+# is (NaN: given beforehand), and how long a long stick lasts at least (NaN: a fifth of the time to the first
+# slip).
 EVENTS = ("first_slip", "first_separation", "stick_start", "last_stick", "settled_from", "settling", "least_stick")
 # After settling: integral and maximum of N, maximum of |slip rate|, changes of state, time in each state ...
 SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_time", "slip_time")
@@ -90,8 +91,8 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
 def begin(record: Any, settle: float | None, settling: float, min_stick: float | None) -> Any:
     """Set the counters of a record (1,) to the start of a run, and return it.
 
-    Without `settle` everything counts until the first slip; from `settling` after it the counters begin anew. Without
-    `min_stick` a stick is long from a fifth of the time to the first slip on.
+    Without `settle` everything counts until the first slip; from `settling` after it the counters begin anew.
+    Without `min_stick` a stick is long from a fifth of the time to the first slip on.
     """
     for name in EVENTS:
         record[name] = np.nan

@@ -68,23 +68,23 @@ class SteadySliding:
     _reach: Array
     _slack: float
 
-    def readings(self, pace: float) -> Array:
-        """The seven readings in steady sliding at V = `pace`."""
+    def readings(self, speed: float) -> Array:
+        """The seven readings in steady sliding at V = `speed`."""
         # The slip rate and the trial of stick see the drive.
-        return np.asarray(self._rows @ self.state + self._constant @ [1.0, pace])
+        return np.asarray(self._rows @ self.state + self._constant @ [1.0, speed])
 
-    def start(self, pace: float) -> tuple[Array, Array, Array]:
+    def start(self, speed: float) -> tuple[Array, Array, Array]:
         """Copies of q and v before a kick, and the element's state after a step."""
         size = len(self.state) // 2
         return (
             self.state[:size].copy(),
             self.state[size:-1].copy(),
-            self.readings(pace)[[PENETRATION, CREEP]],
+            self.readings(speed)[[PENETRATION, CREEP]],
         )
 
-    def row(self, pace: float) -> tuple[float, ...]:
+    def row(self, speed: float) -> tuple[float, ...]:
         """What a record shows: velocity of B, N, T, slip rate and contact state."""
-        values = self.readings(pace)
+        values = self.readings(speed)
         force = float(values[NORMAL])
         return float(values[VELOCITY]), force, self._mu * force, float(values[SLIP_RATE]), float(SLIP)
 
@@ -94,7 +94,7 @@ class SteadySliding:
         parts = np.abs(self._into @ (x - self.state))
         return np.asarray(self._reach @ (parts + self._slack * parts.max()))
 
-    def is_permanent(self, q: Array, v: Array, u: Array, pace: float) -> bool:
+    def is_permanent(self, q: Array, v: Array, u: Array, speed: float) -> bool:
         """Whether slip never ends from here on, and never again differs noticeably from steady sliding.
 
         Parameters
@@ -103,13 +103,13 @@ class SteadySliding:
             Before a kick, in slip.
         u : ndarray, (2,)
             The element's state after the last step.
-        pace : float
+        speed : float
             Constant speed of the drive.
         """
         if not self.decays:
             return False
-        most, steady = self.bounds(np.concatenate([q, v, u[1:]])), self.readings(pace)
-        if most[NORMAL] > TOLERANCE or max(most[SLIP_RATE], most[VELOCITY]) > TOLERANCE * pace:
+        most, steady = self.bounds(np.concatenate([q, v, u[1:]])), self.readings(speed)
+        if most[NORMAL] > TOLERANCE or max(most[SLIP_RATE], most[VELOCITY]) > TOLERANCE * speed:
             return False
         # Contact opens where the penetration is below what is left of the element's last state.
         closed = steady[PENETRATION] - self._opening @ steady[[PENETRATION, CREEP]]
@@ -142,7 +142,7 @@ def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding
     rows, start, opening = _readings(model, mu, step)
     # In these units the energy is the sum of squares: eigenvectors are then as well conditioned as they can be.
     units = np.append(energy_units(model), np.sqrt(model.K[1, 1]))
-    matrix = units[:, None] * slip_matrix(model, model.kicks(step), mu, step, 0) / units
+    matrix = units[:, None] * slip_matrix(model, model.impulse(step), mu, step, 0) / units
     try:
         # A memory of u_T that is only rounding would spoil the eigenvectors' balance; E takes it in all the same.
         z, X = np.linalg.eig(np.where(np.abs(matrix) < 1e-15, 0.0, matrix))
@@ -175,11 +175,11 @@ def _readings(model: ReducedModel, mu: float, step: float) -> tuple[Array, Array
     A row stands for something affine: its factors on x, its value at x = 0, what a unit of V adds.
     """
     n, t, half = model.normal, model.tangential, 0.5 * step
-    missed, K, C, M = model.kicks(step)
+    defect, K, C, M = model.impulse(step)
     maps = regime_maps(K, C, M, mu, step)
     slip, separation, entry = maps.slip, maps.separation, maps.entering
     zero = np.zeros(len(n))
-    p = np.concatenate([-n, zero, [0.0, missed[0, 0] - float(n @ model.rest), 0.0]])
+    p = np.concatenate([-n, zero, [0.0, defect[0, 0] - float(n @ model.rest), 0.0]])
     u = np.concatenate([zero, zero, [1.0, 0.0, 0.0]])
     # The unit load's share of the kick comes first; the slip rate sees the drive.
     rate_N = np.concatenate([zero, n, [0.0, -M[0, 0], 0.0]])

@@ -1,15 +1,15 @@
 """Skipping the quiet part of a stick, whose motion is known in closed form.
 
-While the contact sticks and the clamp moves at constant speed, a step of `transient.fast_kernel` is an affine map of
-x = (q, v), the same whatever mu, V and F: x' = M x + b + c k in the k-th step, for the clamp loads the contact
-evenly. So x is a line in k plus a sum of the eigenvectors of M, each of which turns and shrinks by its eigenvalue z in
-a step. Everything that the step decides by is then known at any later step: N, T, and the gap that the element
-leaves open.
+While the contact sticks and the clamp moves at constant speed, a step of `transient.fast_kernel` is an affine map
+of x = (q, v), the same whatever mu, V and F: x' = M x + b + c k in the k-th step, for the clamp loads the contact
+evenly. So x is a line in k plus a sum of the eigenvectors of M, each of which turns and shrinks by its eigenvalue
+z in a step. Everything that the step decides by is then known at any later step: N, T, and the gap that the
+element leaves open.
 
 A skip looks at these readings where samples are due. Between two samples, m steps apart, no reading can be off the
-straight line between them by more than the sum over all eigenvectors of |amplitude| min(2, |m log z|^2 / 8). Where N,
-mu N - T, mu N + T and the closing of the gap stay above that bound, no step in between can end stick. A skip leaves
-behind what its steps would have left, but for rounding.
+straight line between them by more than the sum over all eigenvectors of |amplitude| min(2, |m log z|^2 / 8). Where
+N, mu N - T, mu N + T and the closing of the gap stay above that bound, no step in between can end stick. A skip
+leaves behind what its steps would have left, but for rounding.
 
 Damping and the dashpot lose a quadratic form of the amplitudes in each step. Summed over the steps of a skip it is
 the difference of another quadratic form between its two ends, from geometric series in the products of two
@@ -42,12 +42,12 @@ LOOKS = 64
 # reading can be off a straight line between two samples.
 (LOG, SUM, ON_N, ON_T, ON_B, ON_C, WAS_P, WAS_U) = range(0, 16, 2)
 BEND, OVER_VALUES = 16, 17
-# What depends on where a skip begins is linear in a = (penetration at rest, u_T with the modes at rest, 1, speed). Rows
-# over x = (q, v): the line's start for each part of a, its slope for a unit of speed, the gap shapes; for each
-# eigenvalue the real and imaginary parts of the way into its coordinate and back.
+# What depends on where a skip begins is linear in a = (penetration at rest, u_T with the modes at rest, 1, speed).
+# Rows over x = (q, v): the line's start for each part of a, its slope for a unit of speed, the gap shapes; for
+# each eigenvalue the real and imaginary parts of the way into its coordinate and back.
 LINE, SLOPE, SHAPES, INTO = 0, 4, 5, 6
-# Rows of 5: start of the lines of the readings N, T, velocity of B and closing, of penetration and u_T for each part
-# of a, and their slope for a unit of speed; then the quadratic form of what the line loses in a step.
+# Rows of 5: start of the lines of the readings N, T, velocity of B and closing, of penetration and u_T for each
+# part of a, and their slope for a unit of speed; then the quadratic form of what the line loses in a step.
 AFFINE_ROWS, LOST_BY_LINE = 10, 6
 # Rows of the workspace.
 (X, RE, IM, START_RE, START_IM, TURN_RE, TURN_IM) = range(7)
@@ -67,8 +67,8 @@ class SkipTables:
     packed : ndarray, (any,)
         One after another: `count` and `size`; z to the powers of the next LOOKS samples, real parts over all
         eigenvalues, then negative imaginary parts, (2 count, LOOKS); rows over the eigenvalues, (OVER_VALUES,
-        count); rows over x, (INTO + 4 count, 2 size); the quadratic form of what the eigenvectors lose, (2 count, 2
-        count); what they lose together with each part of the line, (4, 2 count); the lines, (AFFINE_ROWS, 5).
+        count); rows over x, (INTO + 4 count, 2 size); the quadratic form of what the eigenvectors lose, (2 count,
+        2 count); what they lose together with each part of the line, (4, 2 count); the lines, (AFFINE_ROWS, 5).
     """
 
     count: int

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import Array
-from fivcore.transient.drive import Canonical, displacement, slip_distance
+from fivcore.transient.drive import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES
 
@@ -21,7 +21,7 @@ PERIODIC_COHERENCE = 0.9
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the summary is made of, canonical, apart from the counters and the monitor."""
+    """What the summary is made of, normalised, apart from the counters and the monitor."""
 
     duration: float
     ramp: float
@@ -31,10 +31,10 @@ class Outcome:
     settled_early: bool
 
 
-def summarise(scene: Canonical, run: Any, monitor: Monitor, outcome: Outcome) -> dict[str, object]:
+def summarise(scene: Normalised, run: Any, monitor: Monitor, outcome: Outcome) -> dict[str, object]:
     """The figures of a run, in the units of its scene; NaN where there is no value.
 
-    What has a unit of speed or force is F times its canonical value, one multiplication: a copy of a scene has
+    What has a unit of speed or force is F times its normalised value, one multiplication: a copy of a scene has
     the same bits whether computed or scaled.
 
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
@@ -64,11 +64,13 @@ def summarise(scene: Canonical, run: Any, monitor: Monitor, outcome: Outcome) ->
     time = np.array([float(run[f"{state}_time"]) for state in ("stick", "slip", "separation")])
     total = float(time.sum()) if measured else 0.0
     measured = total > 0.0
-    share = dict(zip(("stick", "slip", "separation"), time / total if measured else np.full(3, np.nan), strict=True))
+    share = dict(
+        zip(("stick", "slip", "separation"), time / total if measured else np.full(3, np.nan), strict=True)
+    )
     slipped = not np.isnan(first_slip)
     open_stick = end - float(run["stick_start"]) if run["stick_start"] >= 0.0 else 0.0
     censored = int(slipped and open_stick >= run["least_stick"])
-    quiet = not monitor.rms > 1e-9 * scene.pace
+    quiet = not monitor.rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else monitor.moving.peak()
     period = monitor.rate / dominant
     coherence = float("nan") if np.isnan(dominant) else monitor.correlation.near(20.0 * period, 0.5 * period)
@@ -104,7 +106,8 @@ def summarise(scene: Canonical, run: Any, monitor: Monitor, outcome: Outcome) ->
     figures["regime"] = regime_of(
         slipped=slipped,
         measured=measured,
-        drive=float(displacement(np.array(end), scene.pace, outcome.ramp)) / max(slip_distance(scene), 1e-300),
+        drive=float(displacement(np.array(end), scene.speed_per_load, outcome.ramp))
+        / max(slip_distance(scene), 1e-300),
         slip_share=float(share["slip"]),
         steadiness=outcome.steadiness,
         stick_share=filled / (end - settled) if end > settled else 0.0,

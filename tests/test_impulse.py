@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fivcore import Rig, Scene, simulate
 from fivcore.beams.free_motion import propagator
-from fivcore.contact.impulse import SMALL, at_kicks, between_kicks
+from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.transient.published import ADDED_DAMPING
@@ -36,11 +36,11 @@ def sawtooth(omega, damping, step):
 def test_what_kicks_miss_is_what_a_sawtooth_lacks(phase, decay):
     omega, damping = phase / STEP, decay / STEP
     q, rate, midway = sawtooth(omega, damping, STEP)
-    missed, drift = (float(part[0]) for part in at_kicks(np.array([omega**2]), np.array([damping]), STEP))
+    missed, drift = (float(part[0]) for part in at_impulses(np.array([omega**2]), np.array([damping]), STEP))
     assert missed == pytest.approx(1.0 / omega**2 - q, rel=1e-8, abs=1e-12 / omega**2)
     assert drift == pytest.approx(rate, rel=1e-8, abs=1e-12 * STEP)
     if decay == 0.0:
-        assert float(between_kicks(np.array([omega**2]), STEP)[0]) == pytest.approx(
+        assert float(between_impulses(np.array([omega**2]), STEP)[0]) == pytest.approx(
             midway - 1.0 / omega**2, rel=1e-8
         )
 
@@ -48,7 +48,7 @@ def test_what_kicks_miss_is_what_a_sawtooth_lacks(phase, decay):
 @pytest.mark.parametrize("decay", [0.0, 0.01, 0.3])
 def test_slow_modes_miss_a_twelfth_and_the_series_joins(decay):
     omegas = np.array([0.0, 1e-6, 1.0 - 1e-9, 1.0 + 1e-9]) * SMALL / STEP
-    missed, drift = at_kicks(omegas**2, np.full(4, decay / STEP), STEP)
+    missed, drift = at_impulses(omegas**2, np.full(4, decay / STEP), STEP)
     assert missed == pytest.approx(STEP**2 / 12.0, rel=1e-4 + 0.02 * decay**2)
     assert missed[2] == pytest.approx(missed[3], rel=1e-5)
     assert drift[2] == pytest.approx(drift[3], rel=1e-5, abs=1e-14)
