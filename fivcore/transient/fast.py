@@ -28,7 +28,7 @@ from fivcore.transient.options import Options
 from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import ENERGIES, FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
-from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
+from fivcore.transient.stick_skip import SkipTables, joined, skip_tables, workspace_for
 
 # Samples are taken every so many steps, or at multiples of that.
 SAMPLED = 10
@@ -366,7 +366,7 @@ class FastRun:
         modes = aligned(self.blocks.size)
         modes[:] = self.blocks.ravel()
         none = np.empty((1, 6))
-        advance(np.zeros(1, dtype=np.int64), one, modes, none, none, none, none.ravel(), none)
+        advance(np.zeros(1, dtype=np.int64), one, modes, none, none, none, none, none)
         settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
         if settled > first:
             for name in SETTLED:
@@ -461,7 +461,7 @@ def _reserve(scenes: Any, name: str, every: str) -> int:
 def _joined(tables: tuple[SkipTables | None, ...]) -> tuple[Array, Array]:
     """The tables of several runs in one array, and where each begins; -1 for none."""
     own = dict.fromkeys(part for part in tables if part is not None)
-    sizes = np.cumsum([0, *(len(part.packed) for part in own)])
-    places = dict(zip(own, sizes[:-1].tolist(), strict=True))
-    packed = np.concatenate([part.packed for part in own]) if own else np.zeros(1)
+    ends = np.cumsum([0, *(len(part.packed) for part in own)])
+    places = dict(zip(own, ends[:-1].tolist(), strict=True))
+    packed = joined([part.packed for part in own]) if own else np.zeros((1, 1))
     return packed, np.array([-1 if part is None else places[part] for part in tables])

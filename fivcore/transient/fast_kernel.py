@@ -235,7 +235,12 @@ def advance(
             due = scene.next <= scene.now
             if due:
                 if scene.next_skip <= scene.now < scene.last:
-                    skip(scene, modes, samples, rows, tables, workspace)
+                    far = skip(scene, modes, samples, rows, tables, workspace)
+                    # A skip that ends where skips have to end goes on from there.
+                    if scene.now % (at.MAX_SKIP * scene.sample_every) == 0 and far:
+                        scene.next_skip = scene.now
+                    else:
+                        scene.next_skip = scene.now + (1 if far else 2) * at.MIN_SAMPLES * scene.sample_every
                 if scene.settle == scene.now:
                     clear(scene)
                 if scene.stopped != 0 or scene.now >= scene.last:

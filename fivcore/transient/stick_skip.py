@@ -18,6 +18,7 @@ eigenvalues. The energy balance does not enter.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -50,8 +51,8 @@ LINE, SLOPE, SHAPES, INTO = 0, 4, 5, 6
 # part of a, and their slope for a unit of speed; then the quadratic form of what the line loses in a step.
 AFFINE_ROWS, LOST_BY_LINE = 10, 6
 # Rows of the workspace.
-(X, RE, IM, START_RE, START_IM, TURN_RE, TURN_IM) = range(7)
-AMPLITUDES, READINGS, WORKSPACE_ROWS = 7, 11, 15
+(X, RE, IM, START_RE, START_IM, TURN_RE, TURN_IM, STARTS, SLOPES) = range(9)
+AMPLITUDES, READINGS, WORKSPACE_ROWS = 9, 13, 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +65,11 @@ class SkipTables:
         Eigenvalues, one of each conjugate pair.
     size : int
         Modes, with the empty places of the last block.
-    packed : ndarray, (any,)
-        One after another: `count` and `size`; z to the powers of the next LOOKS samples, real parts over all
-        eigenvalues, then negative imaginary parts, (2 count, LOOKS); rows over the eigenvalues, (OVER_VALUES,
-        count); rows over x, (INTO + 4 count, 2 size); the quadratic form of what the eigenvectors lose, (2 count,
-        2 count); what they lose together with each part of the line, (4, 2 count); the lines, (AFFINE_ROWS, 5).
+    packed : ndarray, (rows, any)
+        Rows one after another: `count` and `size`; z to the powers of the next LOOKS samples, real parts over all
+        eigenvalues, then negative imaginary parts, 2 count; rows over the eigenvalues, OVER_VALUES; rows over x,
+        INTO + 4 count; the quadratic form of what the eigenvectors lose, 2 count; what they lose together with each
+        part of the line, 4; the lines, AFFINE_ROWS.
     """
 
     count: int
@@ -166,8 +167,19 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     table[:, columns] = rows
     turns = np.cumprod(np.tile(z**sample_every, (LOOKS, 1)), axis=0).T
     crossed = np.column_stack([both.real, -both.imag])
-    parts = ([float(len(z)), float(room)], turns.real, -turns.imag, over, table, form, crossed, affine)
-    return SkipTables(len(z), room, np.concatenate([np.ravel(part) for part in parts]))
+    head = np.array([[float(len(z)), float(room)]])
+    parts = (head, turns.real, -turns.imag, over, table, form, crossed, affine)
+    return SkipTables(len(z), room, joined(parts))
+
+
+def joined(parts: Sequence[Array]) -> Array:
+    """Put the rows of several matrices below each other, those of the widest being filled."""
+    whole = np.zeros((sum(len(part) for part in parts), max(part.shape[1] for part in parts)))
+    row = 0
+    for part in parts:
+        whole[row : row + len(part), : part.shape[1]] = part
+        row += len(part)
+    return whole
 
 
 def workspace_for(tables: list[SkipTables]) -> Array:
@@ -193,18 +205,11 @@ def add_line(table: Any, p: float, u: float, speed: float, steps: float, sign: f
         x[j] += sign * (start + table[SLOPE, j] * speed * steps)
 
 
-@kernel
-def line_of(affine: Any, row: int, p: float, u: float, speed: float) -> Any:
-    """Start of the line of a reading, and its slope per step."""
-    start = affine[row, 0] * p + affine[row, 1] * u + affine[row, 2] + affine[row, 3] * speed
-    return start, affine[row, 4] * speed
-
-
 @reordered_call
-def readings_of(over: Any, re: Any, im: Any) -> Any:
+def readings_of(over: Any, re: Any, im: Any, count: int) -> Any:
     """N, T, velocity of B and closing of the gap by the eigenvectors."""
     N, T, B, C = 0.0, 0.0, 0.0, 0.0
-    for k in range(over.shape[1]):
+    for k in range(count):
         x, y = re[k], im[k]
         N += over[ON_N, k] * x - over[ON_N + 1, k] * y
         T += over[ON_T, k] * x - over[ON_T + 1, k] * y
@@ -214,9 +219,8 @@ def readings_of(over: Any, re: Any, im: Any) -> Any:
 
 
 @reordered_call
-def look_ahead(turns: Any, over: Any, re: Any, im: Any, amplitudes: Any, readings: Any) -> None:
+def look_ahead(turns: Any, over: Any, re: Any, im: Any, count: int, amplitudes: Any, readings: Any) -> None:
     """Fill in the four readings by the eigenvectors at the next LOOKS samples, (4, LOOKS)."""
-    count = over.shape[1]
     for r in range(4):
         row = ON_N + 2 * r
         for k in range(count):
@@ -231,10 +235,10 @@ def look_ahead(turns: Any, over: Any, re: Any, im: Any, amplitudes: Any, reading
 
 
 @reordered_call
-def bounds(over: Any, re: Any, im: Any, mu: float) -> Any:
+def bounds(over: Any, re: Any, im: Any, count: int, mu: float) -> Any:
     """By how much N, mu N - T, mu N + T and the closing can be off straight lines between two samples."""
     N, ahead, back, C = 0.0, 0.0, 0.0, 0.0
-    for k in range(over.shape[1]):
+    for k in range(count):
         size = over[BEND, k] * np.sqrt(re[k] * re[k] + im[k] * im[k])
         a, b, c, d = over[ON_N, k], over[ON_N + 1, k], over[ON_T, k], over[ON_T + 1, k]
         N += size * np.sqrt(a * a + b * b)
@@ -245,9 +249,9 @@ def bounds(over: Any, re: Any, im: Any, mu: float) -> Any:
 
 
 @reordered_call
-def turn(over: Any, steps: float, re: Any, im: Any, into_re: Any, into_im: Any) -> None:
+def turn(over: Any, count: int, steps: float, re: Any, im: Any, into_re: Any, into_im: Any) -> None:
     """Amplitudes some steps later."""
-    for k in range(over.shape[1]):
+    for k in range(count):
         size, angle = np.exp(over[LOG, k] * steps), over[LOG + 1, k] * steps
         c, s = size * np.cos(angle), size * np.sin(angle)
         x, y = re[k], im[k]
@@ -255,9 +259,8 @@ def turn(over: Any, steps: float, re: Any, im: Any, into_re: Any, into_im: Any) 
 
 
 @reordered_call
-def quadratic(form: Any, re: Any, im: Any) -> float:
+def quadratic(form: Any, re: Any, im: Any, count: int) -> float:
     """Value of the quadratic form of the losses."""
-    count = form.shape[0] // 2
     total = 0.0
     for j in range(2 * count):
         row, weight = 0.0, re[j] if j < count else im[j - count]
@@ -268,48 +271,35 @@ def quadratic(form: Any, re: Any, im: Any) -> float:
 
 
 @kernel
-def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, workspace: Any) -> None:
-    """Take a scene to the last sample before which stick cannot have ended, and say when to try again.
+def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, workspace: Any) -> bool:
+    """Take a scene to the last sample before which stick cannot have ended; whether that is any farther.
 
     Parameters are those of `transient.fast_kernel.advance`.
     """
+    every, now, sample = scene.sample_every, scene.now, scene.next_sample
     # No skip crosses a multiple of this, where segments begin and end: what a scene does is independent of them.
-    reach = at.MAX_SKIP * scene.sample_every
-    end = (scene.now // reach + 1) * reach
-    last = min(end, scene.last)
-    if scene.settle > scene.now:
+    reach = at.MAX_SKIP * every
+    last = min((now // reach + 1) * reach, scene.last)
+    if scene.settle > now:
         last = min(last, scene.settle)
-    far = _skip(scene, last, modes, samples, rows, tables, workspace)
-    if scene.now < end:
-        scene.next_skip = scene.now + (1 if far else 2) * at.MIN_SAMPLES * scene.sample_every
-    else:
-        scene.next_skip = scene.now
-
-
-@kernel
-def _skip(scene: Any, last: int, modes: Any, samples: Any, rows: Any, tables: Any, workspace: Any) -> bool:
-    """Skip no farther than step `last`; whether it got anywhere."""
-    place = scene.skip_at
-    count, size = int(tables[place]), int(tables[place + 1])
-    place += 2
-    turns = tables[place : place + 2 * count * LOOKS].reshape((2 * count, LOOKS))
-    place += 2 * count * LOOKS
-    over = tables[place : place + OVER_VALUES * count].reshape((OVER_VALUES, count))
-    place += OVER_VALUES * count
-    table = tables[place : place + (INTO + 4 * count) * 2 * size].reshape((INTO + 4 * count, 2 * size))
-    place += (INTO + 4 * count) * 2 * size
-    form = tables[place : place + 4 * count * count].reshape((2 * count, 2 * count))
-    place += 4 * count * count
-    both = tables[place : place + 8 * count].reshape((4, 2 * count))
-    place += 8 * count
-    affine = tables[place : place + 5 * AFFINE_ROWS].reshape((AFFINE_ROWS, 5))
+    t = (now + 0.5) * scene.step
+    if t < scene.ramp or sample + every > last:
+        return False
+    row = scene.skip_at
+    count, size = int(tables[row, 0]), int(tables[row, 1])
+    turns = tables[row + 1 : row + 1 + 2 * count]
+    row += 1 + 2 * count
+    over = tables[row : row + OVER_VALUES]
+    row += OVER_VALUES
+    table = tables[row : row + INTO + 4 * count]
+    row += INTO + 4 * count
+    form = tables[row : row + 2 * count]
+    row += 2 * count
+    both = tables[row : row + 4]
+    affine = tables[row + 4 : row + 4 + AFFINE_ROWS]
     step, speed = scene.step, scene.speed
     # A first slip that is waited for comes with a share of mu N.
     mu = min(scene.threshold, scene.mu)
-    every, now, sample = scene.sample_every, scene.now, scene.next_sample
-    t = (now + 0.5) * step
-    if t < scene.ramp or sample + every > last:
-        return False
     x, re, im = workspace[X], workspace[RE], workspace[IM]
     start_re, start_im = workspace[START_RE], workspace[START_IM]
     # Penetration and u_T with the modes at rest.
@@ -321,20 +311,22 @@ def _skip(scene: Any, last: int, modes: Any, samples: Any, rows: Any, tables: An
     for k in range(count):
         re[k] = dot(table[INTO + k], x, 2 * size)
         im[k] = dot(table[INTO + count + k], x, 2 * size)
-    N0, N1 = line_of(affine, 0, p, u, speed)
-    T0, T1 = line_of(affine, 1, p, u, speed)
-    B0, B1 = line_of(affine, 2, p, u, speed)
-    C0, C1 = line_of(affine, 3, p, u, speed)
-    N, T, B, C = readings_of(over, re, im)
-    if not _safe(bounds(over, re, im, mu), mu, N + N0, T + T0, C + C0):
+    starts, slopes = workspace[STARTS], workspace[SLOPES]
+    for k in range(6):
+        starts[k] = affine[k, 0] * p + affine[k, 1] * u + affine[k, 2] + affine[k, 3] * speed
+        slopes[k] = affine[k, 4] * speed
+    N0, T0, B0, C0 = starts[0], starts[1], starts[2], starts[3]
+    N1, T1, B1, C1 = slopes[0], slopes[1], slopes[2], slopes[3]
+    N, T, B, C = readings_of(over, re, im, count)
+    if not _safe(bounds(over, re, im, count, mu), mu, N + N0, T + T0, C + C0):
         return False
     for k in range(count):
         start_re[k], start_im[k] = re[k], im[k]
     largest, past = N + N0, float(sample - now)
     if past > 0.0:
-        turn(over, past, start_re, start_im, re, im)
-        N, T, B, C = readings_of(over, re, im)
-        if not _safe(bounds(over, re, im, mu), mu, N + N0 + N1 * past, T + T0 + T1 * past, C + C0 + C1 * past):
+        turn(over, count, past, start_re, start_im, re, im)
+        N, T, B, C = readings_of(over, re, im, count)
+        if not _safe(bounds(over, re, im, count, mu), mu, N + N0 + N1 * past, T + T0 + T1 * past, C + C0 + C1 * past):
             return False
     goal, written = sample, scene.samples_at + scene.samples
     readings = workspace[READINGS : READINGS + 4]
@@ -342,8 +334,8 @@ def _skip(scene: Any, last: int, modes: Any, samples: Any, rows: Any, tables: An
     quiet = True
     while quiet and goal + every <= last:
         # Amplitudes only shrink: what bounds them here does so at all samples to come.
-        off = bounds(over, re, im, mu)
-        look_ahead(turns, over, re, im, workspace[AMPLITUDES : AMPLITUDES + 4], readings)
+        off = bounds(over, re, im, count, mu)
+        look_ahead(turns, over, re, im, count, workspace[AMPLITUDES : AMPLITUDES + 4], readings)
         far = 0
         for m in range(LOOKS):
             past += every
@@ -365,7 +357,7 @@ def _skip(scene: Any, last: int, modes: Any, samples: Any, rows: Any, tables: An
     if steps == 0.0:
         return False
     scene.samples = written - scene.samples_at
-    scene.damped += quadratic(form, start_re, start_im) - quadratic(form, re, im)
+    scene.damped += quadratic(form, start_re, start_im, count) - quadratic(form, re, im, count)
     a, b = (p, u, 1.0, speed), (p, u, 1.0, speed)
     for i in range(4):
         for k in range(count):
@@ -380,9 +372,7 @@ def _skip(scene: Any, last: int, modes: Any, samples: Any, rows: Any, tables: An
         into, back = table[INTO + 2 * count + k], table[INTO + 3 * count + k]
         for j in range(2 * size):
             x[j] += re[k] * into[j] - im[k] * back[j]
-    P0, P1 = line_of(affine, 4, p, u, speed)
-    U0, U1 = line_of(affine, 5, p, u, speed)
-    scene.u_N, scene.u_T = P0 + P1 * (steps - 1.0), U0 + U1 * (steps - 1.0)
+    scene.u_N, scene.u_T = starts[4] + slopes[4] * (steps - 1.0), starts[5] + slopes[5] * (steps - 1.0)
     sum_N, sum_T = 0.0, 0.0
     for k in range(count):
         scene.u_N += over[WAS_P, k] * re[k] - over[WAS_P + 1, k] * im[k]
@@ -406,7 +396,7 @@ def _skip(scene: Any, last: int, modes: Any, samples: Any, rows: Any, tables: An
     scene.g_N, scene.g_T = dot(normal, x, size), dot(tangential, x, size)
     scene.v_N, scene.v_T = dot(normal, x[size:], size), dot(tangential, x[size:], size)
     if scene.next_row < goal:
-        _record(scene, over, start_re, start_im, re, im, workspace, rows, goal, N0, N1, T0, T1, B0, B1)
+        _record(scene, over, count, start_re, start_im, re, im, workspace, rows, goal)
     scene.now = scene.next_sample = goal
     return True
 
@@ -419,22 +409,24 @@ def _safe(off: Any, mu: float, N: float, T: float, C: float) -> bool:
 
 @kernel
 def _record(
-    scene: Any, over: Any, start_re: Any, start_im: Any, re: Any, im: Any, workspace: Any, rows: Any, goal: int,
-    N0: float, N1: float, T0: float, T1: float, B0: float, B1: float,
+    scene: Any, over: Any, count: int, start_re: Any, start_im: Any, re: Any, im: Any, workspace: Any, rows: Any,
+    goal: int,
 ) -> None:  # fmt: skip
     """Rows of the record between now and step `goal`; `re` and `im` are overwritten."""
-    count = over.shape[1]
+    starts, slopes = workspace[STARTS], workspace[SLOPES]
     by_re, by_im = workspace[TURN_RE], workspace[TURN_IM]
     for k in range(count):
         by_re[k], by_im[k] = 1.0, 0.0
-    turn(over, float(scene.row_every), by_re, by_im, by_re, by_im)
-    turn(over, float(scene.next_row - scene.now), start_re, start_im, re, im)
+    turn(over, count, float(scene.row_every), by_re, by_im, by_re, by_im)
+    turn(over, count, float(scene.next_row - scene.now), start_re, start_im, re, im)
     while scene.next_row < goal:
-        N, T, B, _ = readings_of(over, re, im)
+        N, T, B, _ = readings_of(over, re, im, count)
         past = float(scene.next_row - scene.now)
         place = scene.rows_at + scene.rows
         rows[place, 0] = (scene.next_row + 0.5) * scene.step
-        rows[place, 1], rows[place, 2], rows[place, 3] = B + B0 + B1 * past, N + N0 + N1 * past, T + T0 + T1 * past
+        rows[place, 1] = B + starts[2] + slopes[2] * past
+        rows[place, 2] = N + starts[0] + slopes[0] * past
+        rows[place, 3] = T + starts[1] + slopes[1] * past
         rows[place, 4], rows[place, 5] = 0.0, STICK
         scene.rows += 1
         scene.next_row += scene.row_every
