@@ -80,33 +80,38 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     band = checks.band(fmax)
     most = checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
 
-    stiffness, normal, tangential = contact_modes(rig, angle)
-    unit = 2.0 * np.pi * band
+    crossings = onset_crossings(rig, angle, band, most)
+    up = np.array([each[:2] for each in crossings if each[2]]).reshape(-1, 2)
+    down = np.array([each[:2] for each in crossings if not each[2]]).reshape(-1, 2)
+    return FlutterOnsets(up[:, 0], up[:, 1], down[:, 0], down[:, 1], rig, angle, band, most)
+
+
+def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[tuple[float, float, bool]]:
+    """Friction, frequency (Hz) and whether it is an onset, not a recovery, ascending in friction."""
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    unit = 2.0 * np.pi * fmax
     seen = normal != 0.0
     p, a = stiffness[seen] / unit**2, normal[seen] ** 2 / unit**2
     b = normal[seen] * tangential[seen] / unit**2
     d1, d2 = rig.d1 / unit, rig.d2 * unit
+    if not np.any(b):
+        return []
+    brackets = np.empty((64, 3))
+    count, judged = onset_kernels.isolate(p, a, b, d1, d2, mu_max, brackets)
+    if count > len(brackets):
+        brackets = np.empty((count, 3))
+        count, judged = onset_kernels.isolate(p, a, b, d1, d2, mu_max, brackets)
+    if judged == onset_kernels.MOST_INTERVALS:
+        raise ArithmeticError(
+            f"flutter_onsets: no friction up to mu_max = {mu_max:g} can be told apart at theta = {theta:g} "
+            f"below fmax = {fmax:g} Hz; choose a smaller band"
+        )
     crossings = []
-    if np.any(b):
-        brackets = np.empty((64, 3))
-        count, judged = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
-        if count > len(brackets):
-            brackets = np.empty((count, 3))
-            count, judged = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
-        if judged == onset_kernels.MOST_INTERVALS:
-            raise ArithmeticError(
-                f"flutter_onsets: no friction up to mu_max = {most:g} can be told apart at theta = {angle:g} "
-                f"below fmax = {band:g} Hz; choose a smaller band"
-            )
-        for low, high, pole in brackets[:count]:
-            system = (int(pole), p, a, b, d1, d2)
-            omega = brentq(onset_kernels.onset_function, low, high, args=system, xtol=1e-300, rtol=1e-14)
-            mu = onset_kernels.onset_friction(omega, *system)
-            if 0.0 < mu <= most:
-                # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
-                rises = onset_kernels.onset_function(high, *system) > 0.0
-                crossings.append((mu, omega * band, rises))
-    crossings.sort()
-    up = np.array([c[:2] for c in crossings if c[2]]).reshape(-1, 2)
-    down = np.array([c[:2] for c in crossings if not c[2]]).reshape(-1, 2)
-    return FlutterOnsets(up[:, 0], up[:, 1], down[:, 0], down[:, 1], rig, angle, band, most)
+    for low, high, pole in brackets[:count]:
+        system = (int(pole), p, a, b, d1, d2)
+        omega = brentq(onset_kernels.onset_function, low, high, args=system, xtol=1e-300, rtol=1e-14)
+        mu = onset_kernels.onset_friction(omega, *system)
+        if 0.0 < mu <= mu_max:
+            # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
+            crossings.append((mu, omega * fmax, onset_kernels.onset_function(high, *system) > 0.0))
+    return sorted(crossings)
