@@ -64,7 +64,9 @@ class Interval:
     def ended(self) -> tuple[list[Point], list[Point]]:
         """Points on the left and on the right without a counterpart."""
         linked = {id(point) for pair in self.pairs for point in pair}
-        left, right = ([each for each in side.points if id(each) not in linked] for side in (self.left, self.right))
+        left, right = (
+            [each for each in side.points if id(each) not in linked] for side in (self.left, self.right)
+        )
         return left, right
 
 

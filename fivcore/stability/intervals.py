@@ -32,6 +32,8 @@ HEADROOM = 4.0
 # Degrees: an interval so short holds a fold; a growing mode is known to end within one so short; and a mode is looked
 # for this far on either side of its onset.
 FOLD, END, BESIDE = 2e-8, 1e-11, 1e-8
+# Onset and recovery closer than this share of their frequency are rounding: so close to a fold they come in numbers.
+SAME = 1e-8
 # A mode with a smaller share of oscillation in |phi| ceases to oscillate at the end of its window.
 CEASED = 1e-4
 
@@ -161,7 +163,9 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     angles = checks.array("theta", theta, checks.theta_degrees)
     if angles.ndim != 1 or not len(angles) or np.any(np.diff(angles) <= 0.0):
         raise ValueError(f"theta of shape {angles.shape}: it must be a list of ascending angles, each once")
-    search = _Onsets(rig, checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction"))
+    search = _Onsets(
+        rig, checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    )
     curves = [curve for chain in search.branches(angles) for curve in search.curves(chain)]
     curves.sort(key=lambda curve: curve.lowest[2])
     onsets = tuple(curve for curve in curves if curve.rises)
@@ -266,8 +270,13 @@ class _Onsets:
         return self._sample(theta, MORE_BAND * self.fmax, MORE_FRICTION * self.mu_max)
 
     def _sample(self, theta: float, fmax: float, mu_max: float) -> Sample:
-        points = []
-        for mu, frequency, rises in onset_crossings(self.rig, theta, fmax, mu_max):
+        points: list[Point] = []
+        for frequency, mu, rises in sorted(
+            (f, mu, rises) for mu, f, rises in onset_crossings(self.rig, theta, fmax, mu_max)
+        ):
+            if points and points[-1].rises != rises and frequency - points[-1].frequency < SAME * frequency:
+                points.pop()
+                continue
             # A distance of 1 is a tenth of the frequency or a factor of e in friction.
             place = complex(10.0 * np.log(frequency), np.log(mu))
             points.append(Point(theta, mu, frequency, place, rises, mu > self.mu_max or frequency > self.fmax))
