@@ -1,9 +1,9 @@
 """Euler-Bernoulli beam elements with consistent mass, assembled to cantilevers in the beam's own frame.
 
-Node 0 is clamped; the s axis runs from it along the beam. Each node has an axial displacement u, a deflection w and a
-rotation phi = dw/ds. Axial and bending motion do not couple in this frame, so they are assembled as two families: a
-family's degrees of freedom are (u) or (w, phi), node after node. u is linear in an element, with an error of the
-frequencies of O(h^2); w is cubic (Hermite), with one of O(h^4).
+Node 0 is clamped; the s axis runs from it along the beam. Each node has an axial displacement u, a deflection w
+and a rotation phi = dw/ds. Axial and bending motion do not couple in this frame, so they are assembled as two
+families: a family's degrees of freedom are (u) or (w, phi), node after node. u is linear in an element, with an
+error of the frequencies of O(h^2); w is cubic (Hermite), with one of O(h^4).
 
 Besides K and M there is a square root of the flexibility, K^-1 = R R^T, in closed form: the deformations of the
 elements between a node and the clamp move it like a rigid body. Inverting K would lose digits in proportion to the

@@ -1,11 +1,11 @@
 """Modal bases of the two separate beams, and how the contact sees them.
 
-Two forces at one point are the only coupling between the beams. In the modes of the separate beams everything else is
-diagonal, so a beam is given by its squared angular frequencies and by how far each mode opens the gap (normal) and
-shifts it (tangential). All modes together are the finite-element model, exactly.
+Two forces at one point are the only coupling between the beams. In the modes of the separate beams everything else
+is diagonal, so a beam is given by its squared angular frequencies and by how far each mode opens the gap (normal)
+and shifts it (tangential). All modes together are the finite-element model, exactly.
 
-Signs: the gap g_N = y_C - y_D is open when positive, g_T = x_C - x_D. The normal force N >= 0 and the tangential force
-T act on P1 along +y and +x, and the opposite way on P2.
+Signs: the gap g_N = y_C - y_D is open when positive, g_T = x_C - x_D. The normal force N >= 0 and the tangential
+force T act on P1 along +y and +x, and the opposite way on P2.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Natural frequencies of the rig with both beams glued at the contact point (section 3.3 and Table 4 of the paper)."""
+"""Natural frequencies with both beams glued at the contact point (section 3.3 and Table 4 of the paper)."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 
     Notes
     -----
-    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick and Williams,
-    Q. J. Mech. Appl. Math. 24, 1971, 263-284).
+    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick
+    and Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284).
     """
     checks.instance("rig", rig, Rig)
     stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
     wanted = checks.count("count", count, len(stiffness) - 2)
-    # Two constraints raise the k-th eigenvalue, at most to the free one two places above. Each mode has a bracket of its
-    # own, so that its bits do not depend on the count.
+    # Two constraints raise the k-th eigenvalue, at most to the free one two places above. Each mode has a bracket
+    # of its own, so that its bits do not depend on the count.
     free = np.sort(stiffness)
     floor = free[free > 0.0][0] * 1e-24
     squares = np.empty(wanted)
@@ -57,8 +57,8 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     """Head mass that makes `frequency` the first natural frequency of the glued rig, kg.
 
-    The rig's own head mass plays no part. With h(omega) the receptance at A of the glued beams without a head, a head
-    mass M resonates with them where omega^2 M h = 1.
+    The rig's own head mass plays no part. With h(omega) the receptance at A of the glued beams without a head, a
+    head mass M resonates with them where omega^2 M h = 1.
 
     Parameters
     ----------
@@ -86,8 +86,8 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     )
     square = (2.0 * np.pi * target) ** 2
     first = _missing_mass(bare, angle, square)
-    # Where the head mass is many times the beam's, the free translation all but cancels in the receptance; a second
-    # step from the first answer then gives full accuracy.
+    # Where the head mass is many times the beam's, the free translation all but cancels in the receptance; a
+    # second step from the first answer then gives full accuracy.
     return first + _missing_mass(replace(bare, head_mass=first), angle, square)
 
 
@@ -105,7 +105,7 @@ def _missing_mass(rig: Rig, theta: float, square: float) -> float:
 
 @kernel
 def _below(square: float, stiffness: Array, normal: Array, tangential: Array) -> int:
-    """Number of glued eigenvalues below `square`: those of the separate beams less those that the contact raises."""
+    """Number of glued eigenvalues below `square`: the separate beams' less those that the contact raises."""
     below = 0
     nn, nt, tt = 0.0, 0.0, 0.0
     for i in range(len(stiffness)):

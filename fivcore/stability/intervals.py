@@ -1,15 +1,14 @@
 """Flutter over an interval of inclinations: curves of onsets, and windows in which a pair of modes is unstable.
 
-Both sample the certified functions at neighbouring angles (`flutter_onsets`, `sliding_modes`), link the samples to
-branches (`fivcore.stability.branches`) and refine ends and extremes by bracketed root finding. Onset and recovery
-meet in folds, where the square of their distance in frequency falls linearly to zero in theta.
+Both sample a certified function at neighbouring angles (`flutter_onsets`, `sliding_modes`), link the samples to
+branches (`fivcore.stability.branches`) and refine ends and extremes by bracketed root finding.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -18,23 +17,24 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.stability.branches import Interval, Point, Sample, Sampler, chains, extreme, link, nearest, root
+from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, extreme, link, root
 from fivcore.stability.onsets import onset_crossings
 from fivcore.stability.sliding import sliding_modes
 
 # Samples are at most so many degrees apart.
 SPACING = 0.5
-# Beyond the largest friction and the end of the band points are known as well, to bracket where a branch passes
-# them: up to these multiples.
+# Onsets are sampled up to these multiples of the largest friction and of the band, to bracket where branches pass
+# them.
 MORE_FRICTION, MORE_BAND = 2.0, 1.1
-# Windows look at onsets up to this many times their friction, for what dips to it between two angles.
+# Windows look at onsets up to this many times their friction, for branches that dip to it between two samples.
 HEADROOM = 4.0
-# Degrees: an interval so short holds a fold; a growing mode is known to end within one so short; and a mode is looked
-# for this far on either side of its onset.
-FOLD, END, BESIDE = 2e-8, 1e-11, 1e-8
-# Onset and recovery closer than this share of their frequency are rounding: so close to a fold they come in numbers.
+# Degrees: the interval in which a fold is known to lie, or a growing mode to end without an onset; and the
+# distance from an onset at which its growing mode is looked for.
+FOLD, END, BESIDE = 1e-9, 1e-11, 1e-8
+# Close to a fold rounding makes several zeros of one: onset and recovery closer than this share of their
+# frequency.
 SAME = 1e-8
-# A mode with a smaller share of oscillation in |phi| ceases to oscillate at the end of its window.
+# At the end of a window a mode with a smaller share of oscillation in |phi| ceases to oscillate.
 CEASED = 1e-4
 
 
@@ -49,8 +49,8 @@ class OnsetCurve:
     rises : bool
         True for onsets, where a growth rate rises through zero with mu; False for recoveries.
     ends : tuple of str
-        Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of the
-        other kind.
+        Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
+        the other kind.
     lowest : tuple of float
         Where mu is least: theta, mu and frequency.
     """
@@ -144,8 +144,8 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     Returns
     -------
     OnsetCurves
-        At the given angles the numbers of `flutter_onsets`. The branches pass through these, through further samples
-        where they are steep, and through their ends and lowest points.
+        At the given angles the numbers of `flutter_onsets`. The branches pass through these, through further
+        samples where they are steep, and through their ends and lowest points.
 
     Raises
     ------
@@ -163,13 +163,11 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     angles = checks.array("theta", theta, checks.theta_degrees)
     if angles.ndim != 1 or not len(angles) or np.any(np.diff(angles) <= 0.0):
         raise ValueError(f"theta of shape {angles.shape}: it must be a list of ascending angles, each once")
-    search = _Onsets(
-        rig, checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    )
-    curves = [curve for chain in search.branches(angles) for curve in search.curves(chain)]
+    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    search = _Onsets(rig, band, most)
+    curves = [curve for branch in search.branches(angles) for curve in search.curves(branch)]
     curves.sort(key=lambda curve: curve.lowest[2])
-    onsets = tuple(curve for curve in curves if curve.rises)
-    recoveries = tuple(curve for curve in curves if not curve.rises)
+    onsets, recoveries = (tuple(curve for curve in curves if curve.rises is kind) for kind in (True, False))
     return OnsetCurves(onsets, recoveries, angles, *_table(angles, onsets), *_table(angles, recoveries))
 
 
@@ -205,10 +203,10 @@ def unstable_windows(
 
     Notes
     -----
-    No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of them a window is
-    seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode that grows violently
-    enters the band and leaves it there without an onset. Growth without oscillation (divergence) makes no window;
-    `sliding_modes` at the theta in question has it.
+    No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of
+    them a window is seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode
+    that grows violently enters the band and leaves it there without an onset. Growth without oscillation
+    (divergence) makes no window; `sliding_modes` at the theta in question has it.
     """
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
@@ -217,29 +215,19 @@ def unstable_windows(
         "theta_max", theta_max, f"above theta_min = {first:g} and below 90 degrees", lambda x: first < x < 90.0
     )
     band = checks.band(fmax)
-    angles = np.array([first, last])
-    growing = partial(_growing, rig, friction, band)
+    angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
     onsets = _Onsets(rig, band, HEADROOM * friction).passing(angles, friction) if friction > 0.0 else []
-    stops: list[tuple[float, Point | None]] = [(theta, None) for theta in _dense(angles)]
-    stops += [(point.theta + side, point) for point in onsets for side in (-BESIDE, BESIDE)]
+    stops: list[tuple[float, Point | None]] = [(angle, None) for angle in _dense(angles)]
+    stops += [(onset.theta + side, onset) for onset in onsets for side in (-BESIDE, BESIDE)]
     stops = sorted((stop for stop in stops if first <= stop[0] <= last), key=lambda stop: stop[0])
-    intervals, ends = [], []
-    for (left, before), (right, after) in pairwise([(growing(theta), onset) for theta, onset in stops]):
+    pairs: Pairs = []
+    for (left, before), (right, after) in pairwise([(growing(angle), onset) for angle, onset in stops]):
         onset = before if before is after else None
-        for each in link(growing, left, right, END if onset is None else np.inf):
-            intervals.append(each)
-            ends += _ends(each, onset)
-    windows = chains(intervals, ends)
-    columns = {
-        "from": [_end(window[0], band) for window in windows],
-        "to": [_end(window[-1], band) for window in windows],
-        "peak": [_peak(growing, window) for window in windows],
-    }
-    order = sorted(range(len(windows)), key=lambda k: (columns["from"][k].frequency, columns["from"][k].theta))
-    begin, end, peak = (
-        np.array([(each[k].theta, each[k].frequency, each[k].level) for k in order]).reshape(-1, 3).T.copy()
-        for each in columns.values()
-    )
+        pairs += link(growing, left, right, END if onset is None else np.inf, partial(_window_ends, onset))
+    windows = [(_end(w[0], band), _end(w[-1], band), _peak(growing, w)) for w in chains(pairs)]
+    windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
+    table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
+    begin, end, peak = table.reshape(-1, 3, 3).transpose(1, 2, 0).copy()
     return UnstableWindows(
         theta_from=begin[0],
         theta_to=end[0],
@@ -255,121 +243,93 @@ def unstable_windows(
 
 @dataclass(frozen=True)
 class _Onsets:
-    """Samples and branches of onsets and recoveries of one rig, below `fmax` (Hz) and `mu_max`."""
+    """Samples and branches of onsets and recoveries of one rig, for a band (Hz) and a largest friction."""
 
     rig: Rig
     fmax: float
     mu_max: float
 
-    def within(self, theta: float) -> Sample:
-        """Onsets and recoveries within the limits, with the numbers of `flutter_onsets`."""
-        return self._sample(theta, self.fmax, self.mu_max)
-
-    def beyond(self, theta: float) -> Sample:
-        """Those within wider limits too."""
-        return self._sample(theta, MORE_BAND * self.fmax, MORE_FRICTION * self.mu_max)
-
-    def _sample(self, theta: float, fmax: float, mu_max: float) -> Sample:
+    def sample(self, theta: float, *, wider: bool = True) -> Sample:
+        """Onsets and recoveries within the limits, with the numbers of `flutter_onsets`, or within wider ones."""
+        limits = (MORE_BAND * self.fmax, MORE_FRICTION * self.mu_max) if wider else (self.fmax, self.mu_max)
         points: list[Point] = []
-        for frequency, mu, rises in sorted(
-            (f, mu, rises) for mu, f, rises in onset_crossings(self.rig, theta, fmax, mu_max)
-        ):
+        for mu, frequency, rises in sorted(onset_crossings(self.rig, theta, *limits), key=lambda each: each[1]):
             if points and points[-1].rises != rises and frequency - points[-1].frequency < SAME * frequency:
                 points.pop()
                 continue
             # A distance of 1 is a tenth of the frequency or a factor of e in friction.
             place = complex(10.0 * np.log(frequency), np.log(mu))
-            points.append(Point(theta, mu, frequency, place, rises, mu > self.mu_max or frequency > self.fmax))
-        return Sample(theta, points)
+            outside = mu > self.mu_max or frequency > self.fmax
+            points.append(Point(theta, mu, frequency, place, rises, outside))
+        return theta, points
 
     def branches(self, theta: Array) -> list[list[Point]]:
-        """Every branch through the onsets at ascending angles, with its folds and the extremes of its friction."""
-        samples = [self.within(angle) for angle in _dense(theta)]
-        intervals = [each for left, right in pairwise(samples) for each in link(self.beyond, left, right, FOLD)]
-        folds = [pair for each in intervals for pair in self._folds(each)]
-        found = chains(intervals or [Interval(samples[0], samples[0], [])], folds)
-        return [self._with_extremes(branch) for branch in found]
+        """Every branch at ascending angles, with its folds and the extremes of its friction."""
+        samples = [self.sample(angle, wider=False) for angle in _dense(theta)]
+        if len(samples) == 1:
+            return [[point] for point in samples[0][1]]
+        parts = (link(self.sample, left, right, FOLD, self._folds) for left, right in pairwise(samples))
+        return [self._with_extremes(branch) for branch in chains([pair for part in parts for pair in part])]
 
-    def _folds(self, interval: Interval) -> list[tuple[Point, Point]]:
-        """Pairs of an onset or a recovery without a counterpart and the fold in which the two meet."""
-        pairs: list[tuple[Point, Point]] = []
-        for ended, outwards in zip(interval.ended(), (1.0, -1.0), strict=True):
-            folded: set[int] = set()
-            for p in ended:
-                if p.may_end or id(p) in folded:
-                    continue
-                others = [each for each in ended if each.rises != p.rises and id(each) not in folded]
+    def _folds(self, before: list[Point], after: list[Point], theta: float) -> Pairs:
+        """Pairs of an onset or a recovery and the fold in which the two meet."""
+        pairs: Pairs = []
+        for ended in (before, after):
+            rest = sorted(ended, key=lambda point: point.outside)
+            while rest and not rest[0].outside:
+                p = rest.pop(0)
+                others = [point for point in rest if point.rises != p.rises]
                 if not others:
                     raise ArithmeticError(
-                        f"theta = {p.theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
+                        f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
                     )
-                q = nearest(others, p.place, rises=not p.rises)
-                folded |= {id(p), id(q)}
-                at = self._fold(p, q, 10.0 * outwards * FOLD)
-                pairs += [(each, replace(at, rises=each.rises))[:: int(outwards)] for each in (p, q)]
+                q = min(others, key=lambda point: abs(point.place - p.place))
+                rest.remove(q)
+                mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
+                for each in (p, q):
+                    fold = replace(each, theta=theta, level=mu, frequency=frequency, end="fold")
+                    pairs.append((each, fold) if ended is before else (fold, each))
         return pairs
 
-    def _fold(self, p: Point, q: Point, step: float) -> Point:
-        """Where p and q meet: the square of their distance falls linearly in theta, and their mean is smooth."""
-        inner = self.beyond(p.theta - step).points
-        a, b = (nearest(inner, each.place, rises=each.rises) for each in (p, q))
-        near, far = (p.frequency - q.frequency) ** 2, (a.frequency - b.frequency) ** 2
-        share = near / (far - near)
-
-        def at(one: float, other: float, before: float, after: float) -> float:
-            mean = 0.5 * (one + other)
-            return mean + share * (mean - 0.5 * (before + after))
-
-        mu = at(p.level, q.level, a.level, b.level)
-        frequency = at(p.frequency, q.frequency, a.frequency, b.frequency)
-        return replace(p, theta=p.theta + share * step, level=mu, frequency=frequency, may_end=True, end="fold")
-
     def _with_extremes(self, branch: list[Point]) -> list[Point]:
-        """A branch and, between its points, where friction is least or largest."""
-        found = [*branch]
+        """A branch with the points between its own at which friction is least or largest."""
+        found = {id(point): point for point in branch}
         for p, at, q in zip(branch, branch[1:], branch[2:], strict=False):
             if (at.level > p.level) == (at.level > q.level):
-                best = extreme(self.beyond, [p, at, q], -1.0 if at.level > p.level else 1.0)
-                found += [best] if best is not at else []
-        return sorted(found, key=lambda point: point.theta)
+                best = extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
+                found[id(best)] = best
+        return sorted(found.values(), key=lambda point: point.theta)
 
     def curves(self, branch: list[Point]) -> list[OnsetCurve]:
         """The parts of a branch within the limits."""
-        pieces: list[list[Point]] = [[]]
-        for before, point in pairwise([None, *branch]):
-            if before and (self._excess(before) > 0.0) != (self._excess(point) > 0.0):
-                edge = self._edge(before, point)
-                pieces[-1].append(edge)
-                pieces += [[]] if self._excess(point) > 0.0 else []
-            if self._excess(point) <= 0.0:
-                pieces[-1].append(point)
-        return [self._curve(piece) for piece in pieces if piece]
-
-    def _excess(self, point: Point) -> float:
-        return max(point.level / self.mu_max, point.frequency / self.fmax) - 1.0
+        edges = [self._edge(p, q) for p, q in pairwise(branch) if p.outside != q.outside]
+        points = sorted([*branch, *edges], key=lambda point: point.theta)
+        parts = [list(part) for outside, part in groupby(points, lambda point: point.outside) if not outside]
+        return [_curve(part) for part in parts]
 
     def _edge(self, p: Point, q: Point) -> Point:
         """Where a branch passes a limit."""
-        edge = root(self.beyond, p, q, self._excess)
+        edge = root(self.sample, p, q, lambda at: max(at.level / self.mu_max, at.frequency / self.fmax) - 1.0)
         if edge.level / self.mu_max > edge.frequency / self.fmax:
-            return replace(edge, level=self.mu_max, end="mu_max")
-        return replace(edge, frequency=self.fmax, end="fmax")
-
-    def _curve(self, piece: list[Point]) -> OnsetCurve:
-        theta, mu, frequency = np.array([(point.theta, point.level, point.frequency) for point in piece]).T.copy()
-        k = int(np.argmin(mu))
-        ends = (piece[0].end or "range", piece[-1].end or "range")
-        lowest = (float(theta[k]), float(mu[k]), float(frequency[k]))
-        return OnsetCurve(theta, mu, frequency, piece[0].rises, ends, lowest)
+            return replace(edge, level=self.mu_max, outside=False, end="mu_max")
+        return replace(edge, frequency=self.fmax, outside=False, end="fmax")
 
     def passing(self, theta: Array, mu: float) -> list[Point]:
         """Where branches pass a friction."""
         return [
-            root(self.beyond, p, q, lambda point: point.level - mu)
+            root(self.sample, p, q, lambda at: at.level - mu)
             for branch in self.branches(theta)
             for p, q in pairwise(branch)
             if (p.level > mu) != (q.level > mu)
         ]
+
+
+def _curve(points: list[Point]) -> OnsetCurve:
+    theta, mu, frequency = np.array([(each.theta, each.level, each.frequency) for each in points]).T.copy()
+    k = int(np.argmin(mu))
+    lowest = (float(theta[k]), float(mu[k]), float(frequency[k]))
+    ends = (points[0].end or "range", points[-1].end or "range")
+    return OnsetCurve(theta, mu, frequency, points[0].rises, ends, lowest)
 
 
 def _dense(theta: Array) -> list[float]:
@@ -390,34 +350,31 @@ def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> tuple[Array, Array]:
 def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
     """Modes that grow while they oscillate."""
     modes = sliding_modes(rig, theta, mu, fmax)
-    points = []
-    for growth, frequency in zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True):
-        if growth > 0.0 and frequency > 0.0:
-            place = complex(np.log(complex(growth, 2.0 * np.pi * frequency)))
-            points.append(Point(theta, growth, frequency, place))
-    return Sample(theta, points)
+    both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
+    phi = [
+        complex(growth, 2.0 * np.pi * frequency) for growth, frequency in both if growth > 0.0 and frequency > 0.0
+    ]
+    return theta, [Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi]
 
 
-def _ends(interval: Interval, onset: Point | None) -> list[tuple[Point, Point]]:
-    """Pairs of a growing mode without a counterpart and the end of its window: the onset, if one lies between."""
-    middle = 0.5 * (interval.left.theta + interval.right.theta)
-    pairs = []
-    for ended, way in zip(interval.ended(), (1, -1), strict=True):
-        for mode in ended:
-            end = replace(mode, theta=middle) if onset is None else replace(onset, level=0.0)
-            pairs.append((mode, end)[::way])
-    return pairs
+def _window_ends(onset: Point | None, before: list[Point], after: list[Point], theta: float) -> Pairs:
+    """Pairs of a growing mode and the end of its window: the onset, where one is known, else at `theta`."""
+
+    def end(mode: Point) -> Point:
+        return replace(mode, theta=theta) if onset is None else replace(onset, level=0.0)
+
+    return [(mode, end(mode)) for mode in before] + [(end(mode), mode) for mode in after]
 
 
 def _end(mode: Point, fmax: float) -> Point:
-    """The end of a window, its frequency that of the band where the mode goes on beyond it, or 0 where it diverges."""
+    """The end of a window, with the frequency `fmax` where the mode leaves the band and 0 where it diverges."""
     if 2.0 * np.pi * mode.frequency < CEASED * mode.level:
         return replace(mode, frequency=0.0)
     return replace(mode, frequency=fmax) if mode.frequency > (1.0 - 1e-9) * fmax else mode
 
 
 def _peak(growing: Sampler, window: list[Point]) -> Point:
-    """Where a mode grows fastest; its window's end rather than the last mode before it."""
+    """Where a mode grows fastest; the end of its window rather than the last mode before it."""
     k = max(range(len(window)), key=lambda k: window[k].level)
-    best = extreme(growing, window[max(k - 1, 0) : k + 2], -1.0)
-    return max([window[0], window[-1], best], key=lambda mode: mode.level)
+    best = extreme(growing, window[max(k - 1, 0) : k + 2], 1.0)
+    return max(window[0], window[-1], best, key=lambda mode: mode.level)

@@ -1,18 +1,18 @@
 """Flutter onsets: the friction at which steady sliding loses its stability, by isolated roots.
 
-On the imaginary axis, phi = i omega, the undamped eigenvalue is lambda = x - i y with y >= 0 the effect of damping, and
-mu = -A / B with A = h_NN(lambda), B = h_NT(lambda). An onset is a frequency at which this mu is real, and that is a zero
-of
+On the imaginary axis, phi = i omega, the undamped eigenvalue is lambda = x - i y with y >= 0 the effect of
+damping, and mu = -A / B with A = h_NN(lambda), B = h_NT(lambda). An onset is a frequency at which this mu is real,
+and that is a zero of
 
     W = A_i B_r - A_r B_i,        A = A_r - i y A_i,   B = B_r - i y B_i.
 
-Dividing the imaginary parts by y keeps W finite without damping, where A_i and B_i become derivatives and W = 0 says
-that mu(lambda) is stationary: two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the pole nearest to
-the interval, which changes no zero and removes the pole.
+Dividing the imaginary parts by y keeps W finite without damping, where A_i and B_i become derivatives and W = 0
+says that mu(lambda) is stationary: two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the pole
+nearest to the interval, which changes no zero and removes the pole.
 
-The search cannot miss a pair of zeros: it leaves an interval only when a bound on |W''| shows that W keeps its sign in
-it, when mu is shown to stay outside (0, mu_max], or when W is shown to be monotone. Kernels take omega in units of
-2 pi fmax, p in units of its square, d1 and d2 to match.
+The search cannot miss a pair of zeros: it leaves an interval only when a bound on |W''| shows that W keeps its
+sign in it, when mu is shown to stay outside (0, mu_max], or when W is shown to be monotone. Kernels take omega in
+units of 2 pi fmax, p in units of its square, d1 and d2 to match.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ MOST_INTERVALS = 100_000
 class FlutterOnsets:
     """Where growth rates pass through zero as mu rises, ascending in mu.
 
-    An eigenvalue that grows without crossing the imaginary axis within the band has no onset: a divergence that comes
-    in from beyond it, or a mode that enters the band while growing. No onset is therefore no proof of stability;
-    `sliding_modes` at the mu in question is.
+    An eigenvalue that grows without crossing the imaginary axis within the band has no onset: a divergence that
+    comes in from beyond it, or a mode that enters the band while growing. No onset is therefore no proof of
+    stability; `sliding_modes` at the mu in question is.
 
     Attributes
     ----------
@@ -87,9 +87,9 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
 
     Notes
     -----
-    Onsets are isolated first, then refined to rounding (Brent). Without damping an onset is where two real eigenvalues
-    meet, and a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart cancel and are not
-    reported.
+    Onsets are isolated first, then refined to rounding (Brent). Without damping an onset is where two
+    real eigenvalues meet, and a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart
+    cancel and are not reported.
     """
     checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
@@ -103,7 +103,7 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
 
 
 def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[tuple[float, float, bool]]:
-    """Onsets and recoveries, unchecked: friction, frequency (Hz) and whether it is an onset, ascending in friction."""
+    """Friction, frequency (Hz) and whether it is an onset, of each crossing, ascending; arguments unchecked."""
     stiffness, normal, tangential = contact_modes(rig, theta)
     unit = 2.0 * np.pi * fmax
     seen = normal != 0.0
@@ -134,7 +134,7 @@ def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[
 
 @kernel
 def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
-    """x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) at phi = i omega."""
+    """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) at phi = i omega."""
     scale = 1.0 / (1.0 + (d2 * omega) ** 2)
     return omega * omega * (1.0 - d1 * d2) * scale, omega * (d1 + d2 * omega * omega) * scale
 

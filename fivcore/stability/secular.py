@@ -1,7 +1,7 @@
 """The characteristic equation of steady sliding: one scalar equation that has every eigenvalue as a root.
 
-With the contact held closed and the friction force at its limit, T = mu N, the undamped eigenvalues lambda (squared
-angular frequencies; section 3.4 of the paper) of the coupled rig are the roots of
+With the contact held closed and the friction force at its limit, T = mu N, the undamped eigenvalues lambda
+(squared angular frequencies; section 3.4 of the paper) of the coupled rig are the roots of
 
     f(lambda) = h_NN + mu h_NT = sum_i (a_i + mu b_i) / (p_i - lambda) = 0,    a = n n,  b = n t,
 
@@ -9,8 +9,8 @@ where p, n, t are the squared frequencies and the normal and tangential gap shap
 Everything is scaled by the band: p and lambda are in units of (2 pi fmax)^2. Poles near the band are kept as they
 are; the many beyond it enter as a power series, the `tail`, exact to rounding in the band.
 
-The Ehrlich-Aberth iteration on P(lambda) = f(lambda) prod_i (p_i - lambda) finds all roots together and converges to
-each once (Aberth, Math. Comp. 27, 1973, 339-344). The argument principle counts them independently.
+The Ehrlich-Aberth iteration on P(lambda) = f(lambda) prod_i (p_i - lambda) finds all roots together and converges
+to each once (Aberth, Math. Comp. 27, 1973, 339-344). The argument principle counts them independently.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from fivcore.beams.modes import contact_modes, one_blas_thread
 from fivcore.jit import Array, Complex, kernel
 from fivcore.rig import Rig
 
-# Poles up to this many times the band (in frequency) are kept; the power series of the others then gains a factor of
-# 25 a term within the band and of 2.8 on the largest circle on which roots are counted.
+# Poles up to this many times the band (in frequency) are kept; the power series of the others then gains a factor
+# of 25 a term within the band and of 2.8 on the largest circle on which roots are counted.
 NEAR = 5.0
 TAIL_TERMS = 26
 # Eigenvalues up to this many times the band's lambda belong to a result, so that a mode may grow or decay at up to

@@ -1,9 +1,9 @@
 """Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
 
-V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F
-not at all. Proportional damping maps the undamped eigenvalue lambda to the pair phi with
-phi^2 + (d1 + d2 lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation
-(`fivcore.stability.secular`) whatever the damping.
+V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the
+load F not at all. Proportional damping maps the undamped eigenvalue lambda to the pair phi with phi^2 + (d1 + d2
+lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation (`fivcore.stability.secular`) whatever
+the damping.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class SlidingModes:
         Degrees and 1.
     fmax : float
         The band, Hz: modes above it are not listed, nor, unless damping is heavy, those that grow or decay at more
-        than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that depend on
-        mesh and basis; a result means something only with its band and damping.
+        than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that depend
+        on mesh and basis; a result means something only with its band and damping.
     rig : Rig
     """
 
@@ -161,7 +161,7 @@ def node_positions(rig: Rig, theta: float) -> Array:
 
 
 def _eigenvalues(rig: Rig, theta: float, mu: Array, fmax: float) -> tuple[Complex, Complex, NDArray[np.int64]]:
-    """Eigenvalues phi and lambda within the band and indices of hidden modes, (mu, modes), ascending in frequency."""
+    """Values of phi and lambda in the band and indices of hidden modes, (mu, modes), ascending in frequency."""
     problem = sliding_problem(rig, theta, fmax)
     roots = sliding_roots(problem, mu)
     n, k = roots.shape[1], len(problem.hidden)

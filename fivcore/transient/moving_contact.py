@@ -76,8 +76,8 @@ def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
     axial_row, bending_row = hermite(rig.p2, position)
     along, across, rotation = np.moveaxis(basis.shapes[1:], 0, 1)
     # Not matrix products: BLAS would round differently with the number of its threads.
-    deflection = np.einsum("i,in->n", bending_row[0::2], across) + np.einsum("i,in->n", bending_row[1::2], rotation)
-    return -deflection, -np.einsum("i,in->n", axial_row, along)
+    normal = np.einsum("i,in->n", bending_row[0::2], across) + np.einsum("i,in->n", bending_row[1::2], rotation)
+    return -normal, -np.einsum("i,in->n", axial_row, along)
 
 
 def moved_model(model: ReducedModel, scene: Canonical, position: float) -> ReducedModel:
