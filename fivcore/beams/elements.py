@@ -62,8 +62,7 @@ def bending(beam: Beam) -> Family:
     rows = [[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]
     m = beam.mass / n / 420.0 * np.array(rows, dtype=float) * np.outer(scale, scale)
     stiffness, mass = _assemble(k, n, 2), _assemble(m, n, 2)
-    # The flexibility of one clamped element at its tip is [[h3/3, h2/2], [h2/2, h]] / EI; its Cholesky factor has
-    # these three entries.
+    # Cholesky factor of the flexibility of one clamped element at its tip, [[h3/3, h2/2], [h2/2, h]] / EI.
     soft = 1.0 / np.sqrt(beam.bending_stiffness)
     deflection, coupled, turning = h * np.sqrt(h / 3.0), np.sqrt(0.75 * h), np.sqrt(h / 4.0)
     before = np.tri(n)

@@ -59,7 +59,7 @@ class Basis:
     shapes: Array
 
     def __post_init__(self) -> None:
-        for part in (self.stiffness, self.normal, self.tangential, self.nodes, self.shapes):
+        for part in vars(self).values():
             part.setflags(write=False)
 
     @property
@@ -88,8 +88,7 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
     shapes[1:, 2, :nb] = bending_vectors[1::2]
     s = np.linspace(0.0, beam.length, beam.elements + 1)
     nodes = np.stack([s - contact_position, np.zeros_like(s)], axis=1)
-    values = np.concatenate([bending_values, axial_values])
-    return Basis(values, _clean(normal), _clean(tangential), nodes, shapes)
+    return Basis(np.append(bending_values, axial_values), _clean(normal), _clean(tangential), nodes, shapes)
 
 
 @lru_cache(maxsize=16)
@@ -122,9 +121,8 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     shapes[:, 1, 1:] = axis[1] * u + transverse[1] * w - carried @ relative / total
     shapes[:, 2, 1:] = rotation
     s = np.linspace(beam.length, 0.0, beam.elements + 1)
-    nodes = -np.outer(s, axis)
-    values = np.concatenate([[0.0], values])
-    return Basis(values, _clean(shapes[-1, 1]), _clean(shapes[-1, 0]), nodes, shapes)
+    tip = _clean(shapes[-1, 1]), _clean(shapes[-1, 0])
+    return Basis(np.append(0.0, values), *tip, -np.outer(s, axis), shapes)
 
 
 def rig_bases(rig: Rig, theta: float) -> tuple[Basis, Basis]:
@@ -189,11 +187,8 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
 @one_blas_thread()
 def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Eigenvalues and modes of a beam clamped at one end: axial ones and bending ones."""
-    along, across = families(beam)
-    return (
-        natural_modes(along.stiffness, along.mass, along.flexibility_root),
-        natural_modes(across.stiffness, across.mass, across.flexibility_root),
-    )
+    along, across = (natural_modes(each.stiffness, each.mass, each.flexibility_root) for each in families(beam))
+    return along, across
 
 
 @lru_cache(maxsize=16)

@@ -1,4 +1,4 @@
-"""Linear stability: glued modes, complex modes of steady sliding, flutter onsets, and both over the inclination."""
+"""Linear stability: glued modes, complex modes of steady sliding, flutter onsets, curves and windows in theta."""
 
 from fivcore.stability.glued import glued_frequencies, tune_head_mass
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows

@@ -136,7 +136,7 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     groups = [np.nonzero(member == t)[0] for t in range(len(distinct))]
     parts = [_eigenvalues(rig, float(t), flat_mu[at], band) for t, at in zip(distinct, groups, strict=True)]
     full = (flat_mu.size, max((phi.shape[1] for phi, _, _ in parts), default=0))
-    all_phi, eigenvalue, hidden = np.full(full, MISSING), np.full(full, MISSING), np.full(full, -1)
+    all_phi, eigenvalue, hidden = np.full(full, MISSING), np.full(full, MISSING), np.full(full, -1, dtype=np.int64)
     for at, (phi, values, which) in zip(groups, parts, strict=True):
         modes = phi.shape[1]
         all_phi[at, :modes], eigenvalue[at, :modes], hidden[at, :modes] = phi, values, which
