@@ -23,16 +23,14 @@ from fivcore.stability.sliding import sliding_modes
 
 # Samples are at most so many degrees apart.
 SPACING = 0.5
-# Onsets are sampled up to these multiples of the largest friction and of the band, to bracket where branches pass
-# them.
+# Onsets are sampled up to these multiples of the largest friction and of the band, to bracket where branches end.
 MORE_FRICTION, MORE_BAND = 2.0, 1.1
 # Windows look at onsets up to this many times their friction, for branches that dip to it between two samples.
 HEADROOM = 4.0
 # Degrees: the interval in which a fold is known to lie, or a growing mode to end without an onset; and the
 # distance from an onset at which its growing mode is looked for.
 FOLD, END, BESIDE = 1e-9, 1e-11, 1e-8
-# Close to a fold rounding makes several zeros of one: onset and recovery closer than this share of their
-# frequency.
+# Onset and recovery closer than this share of their frequency are one zero and its rounding, close to a fold.
 SAME = 1e-8
 # At the end of a window a mode with a smaller share of oscillation in |phi| ceases to oscillate.
 CEASED = 1e-4
@@ -203,10 +201,10 @@ def unstable_windows(
 
     Notes
     -----
-    No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of
-    them a window is seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode
-    that grows violently enters the band and leaves it there without an onset. Growth without oscillation
-    (divergence) makes no window; `sliding_modes` at the theta in question has it.
+    No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of them a window
+    is seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode that grows
+    violently enters the band and leaves it there without an onset. Growth without oscillation (divergence) makes
+    no window; `sliding_modes` at the theta in question has it.
     """
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
@@ -227,18 +225,9 @@ def unstable_windows(
     windows = [(_end(w[0], band), _end(w[-1], band), _peak(growing, w)) for w in chains(pairs)]
     windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
     table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
-    begin, end, peak = table.reshape(-1, 3, 3).transpose(1, 2, 0).copy()
-    return UnstableWindows(
-        theta_from=begin[0],
-        theta_to=end[0],
-        frequency_from=begin[1],
-        frequency_to=end[1],
-        open_from=begin[0] == first,
-        open_to=end[0] == last,
-        peak_growth_rate=peak[2],
-        peak_theta=peak[0],
-        peak_frequency=peak[1],
-    )
+    theta, frequency, level = table.reshape(-1, 3, 3).transpose(2, 1, 0).copy()
+    ends = theta[0], theta[1], frequency[0], frequency[1], theta[0] == first, theta[1] == last
+    return UnstableWindows(*ends, peak_growth_rate=level[2], peak_theta=theta[2], peak_frequency=frequency[2])
 
 
 @dataclass(frozen=True)

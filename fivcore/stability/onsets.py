@@ -87,9 +87,9 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
 
     Notes
     -----
-    Onsets are isolated first, then refined to rounding (Brent). Without damping an onset is where two
-    real eigenvalues meet, and a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart
-    cancel and are not reported.
+    Onsets are isolated first, then refined to rounding (Brent). Without damping an onset is where two real
+    eigenvalues meet, and a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart cancel
+    and are not reported.
     """
     checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
