@@ -63,6 +63,13 @@ def test_the_papers_lowest_onset():
     assert flutter_onsets(Rig(), theta).mu.min() == pytest.approx(mu, rel=1e-12)
 
 
+@pytest.mark.parametrize("angles", [[2.58, 3.0, 4.0], [1.0, 2.0, 2.6], [2.5, 2.7]])
+def test_the_lowest_point_may_lie_beside_the_end_of_the_range(angles):
+    expected = min((curve.lowest for curve in PAPER.onsets), key=lambda lowest: lowest[1])
+    lowest = min((curve.lowest for curve in onset_curves(Rig(), angles).onsets), key=lambda lowest: lowest[1])
+    assert lowest == pytest.approx(expected, rel=1e-6)
+
+
 # Curves.
 
 RANGES = [(Rig(), 10e3), *((workshop_rig(seed, seed % 4 > 0), 6e3) for seed in (6, 9, 16, 48))]

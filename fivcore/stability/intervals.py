@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, extreme, link, root
+from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, extreme, link, locate, root
 from fivcore.stability.onsets import onset_crossings
 from fivcore.stability.sliding import sliding_modes
 
@@ -286,6 +286,14 @@ class _Onsets:
         for p, at, q in zip(branch, branch[1:], branch[2:], strict=False):
             if (at.level > p.level) == (at.level > q.level):
                 best = extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
+                found[id(best)] = best
+        for end, q in (branch[:2], branch[:-3:-1]) if len(branch) > 1 else ():
+            if end.end or end.outside:
+                continue
+            beside = locate(self.sample, end, q, end.theta + 1e-3 * (q.theta - end.theta))
+            if (beside.level > end.level) != (q.level > end.level):
+                near = sorted([end, q], key=lambda point: point.theta)
+                best = extreme(self.sample, near, 1.0 if beside.level > end.level else -1.0)
                 found[id(best)] = best
         return sorted(found.values(), key=lambda point: point.theta)
 
