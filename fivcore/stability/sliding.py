@@ -1,9 +1,9 @@
 """Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
 
 V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the
-load F not at all. Proportional damping maps the undamped eigenvalue lambda to the pair phi with phi^2 + (d1 + d2
-lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation (`fivcore.stability.secular`) whatever
-the damping.
+load F not at all. Proportional damping maps the undamped eigenvalue lambda to the pair phi with
+phi^2 + (d1 + d2 lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation
+(`fivcore.stability.secular`) whatever the damping.
 """
 
 from __future__ import annotations
@@ -129,10 +129,8 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
             f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
         ) from None
     angles, frictions = angles.copy(), frictions.copy()
-    lead = angles.shape
-    flat_theta, flat_mu = angles.ravel(), frictions.ravel()
-
-    distinct, member = np.unique(flat_theta, return_inverse=True)
+    flat_mu = frictions.ravel()
+    distinct, member = np.unique(angles.ravel(), return_inverse=True)
     groups = [np.nonzero(member == t)[0] for t in range(len(distinct))]
     parts = [_eigenvalues(rig, float(t), flat_mu[at], band) for t, at in zip(distinct, groups, strict=True)]
     full = (flat_mu.size, max((phi.shape[1] for phi, _, _ in parts), default=0))
@@ -140,17 +138,10 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     for at, (phi, values, which) in zip(groups, parts, strict=True):
         modes = phi.shape[1]
         all_phi[at, :modes], eigenvalue[at, :modes], hidden[at, :modes] = phi, values, which
-    shape = (*lead, full[1])
-    return SlidingModes(
-        (all_phi.imag / (2.0 * np.pi)).reshape(shape),
-        all_phi.real.copy().reshape(shape),
-        eigenvalue.reshape(shape),
-        angles,
-        frictions,
-        band,
-        rig,
-        hidden.reshape(shape),
-    )
+    shape = (*angles.shape, full[1])
+    all_phi, eigenvalue, hidden = (each.reshape(shape) for each in (all_phi, eigenvalue, hidden))
+    frequency = all_phi.imag / (2.0 * np.pi)
+    return SlidingModes(frequency, all_phi.real.copy(), eigenvalue, angles, frictions, band, rig, hidden)
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
