@@ -29,7 +29,7 @@ VARIABLES = {
     "unstable_modes": Variable("1", "number of growing mode pairs below 10 kHz", (), "int8"),
 }
 # How an end of a branch is told in a file.
-ENDS = ("range", "mu_max", "fmax", "fold", "mu_zero")
+ENDS = ("range", "mu_max", "fmax", "fold")
 
 
 def largest_growth(rig: Rig, theta: Any, mu: Any, fmax: float) -> tuple[Array, Array, Array]:

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from fivcore import Rig, flutter_onsets, glued_frequencies, sliding_modes
 from fivcore.beams import modes as bases
-from fivcore.stability import problem as sliding_problem
+from fivcore.stability import secular
 from tests import reference
 
 
@@ -38,7 +38,7 @@ def forget() -> None:
     """Drop every basis."""
     for cached in (bases.lower_basis, bases.upper_basis, bases.cantilever_modes, bases.families):
         cached.cache_clear()
-    sliding_problem.sliding_problem.cache_clear()
+    secular.sliding_problem.cache_clear()
 
 
 def dense(rig: Rig, theta: float, mu: float) -> None:

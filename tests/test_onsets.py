@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
 from fivcore.beams.modes import contact_modes
-from fivcore.stability import onset_kernels
+from fivcore.stability.onsets import isolate, onset_friction, onset_function
 from tests import reference
 from tests.rigs import workshop_rig
 
@@ -115,7 +115,7 @@ def test_heavy_damping_is_searched_quickly(d2):
     unit = 2.0 * np.pi * 10e3
     seen = normal != 0.0
     system = stiffness[seen] / unit**2, normal[seen] ** 2 / unit**2, (normal * tangential)[seen] / unit**2
-    _, judged = onset_kernels.isolate(*system, 50.0 / unit, d2 * unit, 1.0, np.empty((8, 3)))
+    _, judged = isolate(*system, 50.0 / unit, d2 * unit, 1.0, np.empty((8, 3)))
     assert judged < 5000
 
 
@@ -147,11 +147,11 @@ def test_two_degrees_of_freedom_coalesce_where_the_closed_form_says():
     assert np.all(values > 0.0)
     scale = 4.0
     brackets = np.empty((8, 3))
-    count, _ = onset_kernels.isolate(p / scale, a / scale, b / scale, 0.0, 0.0, 5.0, brackets)
+    count, _ = isolate(p / scale, a / scale, b / scale, 0.0, 0.0, 5.0, brackets)
     assert count == 1
     system = (int(brackets[0, 2]), p / scale, a / scale, b / scale, 0.0, 0.0)
-    omega = brentq(onset_kernels.onset_function, brackets[0, 0], brackets[0, 1], args=system, xtol=1e-15)
-    assert onset_kernels.onset_friction(omega, *system) == pytest.approx(expected, rel=1e-10)
+    omega = brentq(onset_function, brackets[0, 0], brackets[0, 1], args=system, xtol=1e-15)
+    assert onset_friction(omega, *system) == pytest.approx(expected, rel=1e-10)
     # The common eigenvalue is the mean of the diagonal.
     assert scale * omega**2 == pytest.approx(0.5 * (k11 + k22), rel=1e-10)
 

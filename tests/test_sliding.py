@@ -10,7 +10,6 @@ from fivcore import Beam, Rig, Scene, flutter_onsets, node_positions, sliding_mo
 from fivcore.beams import modes as bases
 from fivcore.beams.modes import rig_bases
 from fivcore.jit import kernel
-from fivcore.stability import problem as sliding_problem
 from fivcore.stability import secular, sliding
 from tests import reference
 from tests.rigs import angles, frictions, rigs, workshop_rig
@@ -237,10 +236,10 @@ def test_two_modes_of_one_frequency_keep_both_eigenvalues(monkeypatch):
     apart[p1_mode] *= 1.0 + 1e-9
     counts = []
     for values in (changed, apart):
-        monkeypatch.setattr(sliding_problem, "contact_modes", lambda *_, v=values: (v, normal, tangential))
-        sliding_problem.sliding_problem.cache_clear()
+        monkeypatch.setattr(secular, "contact_modes", lambda *_, v=values: (v, normal, tangential))
+        secular.sliding_problem.cache_clear()
         counts.append(sliding_modes(Rig(), 5.0, 0.1))
-    sliding_problem.sliding_problem.cache_clear()
+    secular.sliding_problem.cache_clear()
     np.testing.assert_allclose(counts[0].frequency, counts[1].frequency, rtol=1e-8)
 
 
@@ -261,17 +260,17 @@ def test_divergence_is_a_growing_mode_that_does_not_oscillate():
 
 
 def test_the_count_by_the_argument_principle_notices_a_missing_root():
-    problem = sliding_problem.sliding_problem(Rig(), 5.0, 10e3)
+    problem = secular.sliding_problem(Rig(), 5.0, 10e3)
     system = (problem.poles, problem.a, problem.b, problem.tail_a, problem.tail_b)
     roots, missed = np.empty((1, 8), dtype=complex), np.zeros(1, dtype=np.int64)
-    secular.sliding_roots(np.array([0.2]), *system, problem.guesses[:8], problem.radius, roots, missed)
+    secular.find_roots(np.array([0.2]), *system, problem.guesses[:8], problem.radius, roots, missed)
     assert missed[0] > 0
 
 
 def test_too_few_guesses_are_made_good(monkeypatch):
     """What friction brings in from outside the band is found from a dense solve."""
     expected = sliding_modes(Rig(), 6.5, [0.1, 0.4])
-    whole = sliding_problem.sliding_problem(Rig(), 6.5, 10e3)
+    whole = secular.sliding_problem(Rig(), 6.5, 10e3)
     from dataclasses import replace
 
     monkeypatch.setattr(sliding, "sliding_problem", lambda *_: replace(whole, guesses=whole.guesses[:3]))

@@ -1,12 +1,13 @@
 """Euler-Bernoulli beam elements with consistent mass, assembled to cantilevers in the beam's own frame.
 
-Node 0 is the held end; the s axis runs from it along the beam. Each node has an axial displacement u, a
-deflection w and a rotation phi = dw/ds. Axial and bending motion do not couple in this frame, so they are
-kept as two families from here on: a family's degrees of freedom are (u) or (w, phi) node after node.
+Node 0 is clamped; the s axis runs from it along the beam. Each node has an axial displacement u, a deflection w
+and a rotation phi = dw/ds. Axial and bending motion do not couple in this frame, so they are assembled as two
+families: a family's degrees of freedom are (u) or (w, phi), node after node. u is linear in an element, with an
+error of the frequencies of O(h^2); w is cubic (Hermite), with one of O(h^4).
 
-Besides K and M there is a square root of the flexibility, K^-1 = R R^T, written down rather than computed:
-a cantilever's nodes are carried rigidly by the deformations of the elements between them and the clamp.
-Inverting K would lose digits in proportion to the fourth power of the number of elements; R loses none.
+Besides K and M there is a square root of the flexibility, K^-1 = R R^T, in closed form: the deformations of the
+elements between a node and the clamp move it like a rigid body. Inverting K would lose digits in proportion to the
+fourth power of the number of elements; R loses none.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from fivcore.rig import Beam
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Matrices of one family (axial or bending) of a beam held at node 0.
+    """Matrices of one family (axial or bending) of a beam clamped at node 0, SI.
 
     Attributes
     ----------
@@ -30,8 +31,8 @@ class Family:
     flexibility_root : ndarray, (n, n)
         R with R R^T = stiffness^-1.
     carried : ndarray, (n,)
-        Mass times a unit translation of the whole beam, node 0 included: the inertia that a motion of the
-        held end throws on the free nodes.
+        Base excitation: minus the force on the free nodes for a unit acceleration of node 0, which is the mass
+        matrix times a unit translation of the whole beam; kg.
     """
 
     stiffness: Array
@@ -41,18 +42,18 @@ class Family:
 
 
 def axial(beam: Beam) -> Family:
-    """Axial family: linear displacement, error of the frequencies O(h^2)."""
+    """Axial family of a beam."""
     h = beam.length / beam.elements
     k = beam.axial_stiffness / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
     m = beam.mass / beam.elements / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
     stiffness, mass = _assemble(k, beam.elements, 1), _assemble(m, beam.elements, 1)
-    # A node moves by the sum of the elongations before it.
+    # A node moves by the sum of the elongations between it and the clamp.
     root = np.sqrt(h / beam.axial_stiffness) * np.tri(beam.elements)
     return Family(stiffness[1:, 1:], mass[1:, 1:], root, mass[1:].sum(axis=1))
 
 
 def bending(beam: Beam) -> Family:
-    """Bending family: cubic Hermite deflection, error of the frequencies O(h^4)."""
+    """Bending family of a beam."""
     n = beam.elements
     h = beam.length / n
     rows = [[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]
@@ -61,8 +62,7 @@ def bending(beam: Beam) -> Family:
     rows = [[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]
     m = beam.mass / n / 420.0 * np.array(rows, dtype=float) * np.outer(scale, scale)
     stiffness, mass = _assemble(k, n, 2), _assemble(m, n, 2)
-    # Tip deflection and rotation of one clamped element under unit loads: [[h3/3, h2/2], [h2/2, h]] / EI,
-    # whose Cholesky factor has these three entries.
+    # Cholesky factor of the flexibility of one clamped element at its tip, [[h3/3, h2/2], [h2/2, h]] / EI.
     soft = 1.0 / np.sqrt(beam.bending_stiffness)
     deflection, coupled, turning = h * np.sqrt(h / 3.0), np.sqrt(0.75 * h), np.sqrt(h / 4.0)
     before = np.tri(n)
@@ -76,14 +76,14 @@ def bending(beam: Beam) -> Family:
 
 
 def hermite(beam: Beam, position: float) -> tuple[Array, Array]:
-    """Rows that read the axial displacement and the deflection at `position` (m from node 0).
+    """Rows that read u and w at `position` (m from node 0) from the free nodes' degrees of freedom.
 
     Returns
     -------
     axial_row : ndarray, (N,)
-        Linear interpolation between the two neighbouring nodes.
+        Linear interpolation of u.
     bending_row : ndarray, (2 N,)
-        Cubic Hermite interpolation of the deflection.
+        Cubic Hermite interpolation of w.
     """
     h = beam.length / beam.elements
     # A point that rounding puts a hair beside a node belongs to the node.

@@ -1,4 +1,4 @@
-"""Exact motion of free damped modes over a step."""
+"""Exact motion of free damped modes, q'' + c q' + k q = 0, over a step, by their characteristic roots."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from fivcore.jit import Array
 
 
 def propagator(stiffness: Array, damping: Array, step: float) -> Array:
-    """Exact solution of q'' + c q' + k q = 0 over one step.
+    """Matrix of the exact solution of q'' + c q' + k q = 0 over one step.
 
     Parameters
     ----------
     stiffness, damping : ndarray, (n,)
         k in rad2/s2 and c in 1/s, of any size: oscillating, overdamped or free (k = 0).
     step : float
-        s.
+        Duration, s.
 
     Returns
     -------
@@ -24,7 +24,7 @@ def propagator(stiffness: Array, damping: Array, step: float) -> Array:
     """
     half = 0.5 * damping
     root = np.sqrt((half**2 - stiffness).astype(complex))
-    # cosh and sinh / root, damping inside the exponents so that nothing overflows.
+    # cosh and sinh / root of the step, with the damping inside the exponents so that nothing overflows.
     up, down = np.exp((root - half) * step), np.exp((-root - half) * step)
     cosine = (0.5 * (up + down)).real
     small = np.abs(root) * step < 1e-4

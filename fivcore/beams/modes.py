@@ -1,11 +1,11 @@
-"""Modal bases of the two separate beams, and what the contact sees of them.
+"""Modal bases of the two separate beams, and how the contact sees them.
 
-The contact is the only coupling between the beams: two forces at one point. In the modes of the separate
-beams everything else is diagonal, so a beam is known by its squared angular frequencies and by how far each
-mode opens the gap (normal) and shifts it (tangential). All modes together *are* the finite-element model.
+Two forces at one point are the only coupling between the beams. In the modes of the separate beams everything else
+is diagonal, so a beam is given by its squared angular frequencies and by how far each mode opens the gap (normal)
+and shifts it (tangential). All modes together are the finite-element model, exactly.
 
-Signs: the gap g_N = y_C - y_D is open when positive, g_T = x_C - x_D; the normal force N >= 0 and the
-tangential force T act on P1 along +y and +x, and the opposite way on P2.
+Signs: the gap g_N = y_C - y_D is open when positive, g_T = x_C - x_D. The normal force N >= 0 and the tangential
+force T act on P1 along +y and +x, and the opposite way on P2.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import cholesky, eigh, solve_triangular
+from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
 from threadpoolctl import ThreadpoolController
 
 from fivcore.beams.elements import Family, axial, bending, hermite
@@ -31,8 +30,8 @@ _blas_lock = threading.RLock()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread: how many it uses changes the last bits of what it computes."""
-    # The limit is the process's; under the lock nobody restores it while another still needs it.
+    """Hold BLAS to one thread, since the number of its threads changes the last bits of its results."""
+    # The limit holds for the whole process; under the lock nobody restores it while another still needs it.
     with _blas_lock, _blas.limit(limits=1):
         yield
 
@@ -48,9 +47,9 @@ class Basis:
     normal, tangential : ndarray, (n,)
         What a unit of each modal coordinate adds to g_N and to g_T, kg^-1/2.
     nodes : ndarray, (nodes, 2)
-        Undeformed positions x, y relative to the contact point, m, from the held end on.
+        Undeformed positions x, y relative to the contact point, m, from the support on.
     shapes : ndarray, (nodes, 3, n)
-        Displacement along x and y, and rotation, at the nodes, the held end included.
+        Displacement along x and y (kg^-1/2) and rotation (kg^-1/2 / m) at the nodes, the support's included.
     """
 
     stiffness: Array
@@ -60,24 +59,13 @@ class Basis:
     shapes: Array
 
     def __post_init__(self) -> None:
-        for part in (self.stiffness, self.normal, self.tangential, self.nodes, self.shapes):
+        for part in vars(self).values():
             part.setflags(write=False)
 
     @property
     def frequency(self) -> Array:
         """Natural frequencies, Hz."""
         return np.asarray(np.sqrt(self.stiffness) / (2.0 * np.pi))
-
-    def static_residual(self, kept: NDArray[np.bool_]) -> Array:
-        """Static flexibility of the modes that are not `kept`, (2, 2), m/N.
-
-        Row and column 0 belong to the normal, 1 to the tangential direction.
-        """
-        dropped = ~np.asarray(kept, dtype=bool)
-        if np.any(self.stiffness[dropped] == 0.0):
-            raise ValueError("kept drops a rigid mode, whose static flexibility is infinite; keep it")
-        shape = np.stack([self.normal[dropped], self.tangential[dropped]])
-        return np.asarray((shape / self.stiffness[dropped]) @ shape.T)
 
 
 @lru_cache(maxsize=16)
@@ -100,8 +88,7 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
     shapes[1:, 2, :nb] = bending_vectors[1::2]
     s = np.linspace(0.0, beam.length, beam.elements + 1)
     nodes = np.stack([s - contact_position, np.zeros_like(s)], axis=1)
-    values = np.concatenate([bending_values, axial_values])
-    return Basis(values, _clean(normal), _clean(tangential), nodes, shapes)
+    return Basis(np.append(bending_values, axial_values), _clean(normal), _clean(tangential), nodes, shapes)
 
 
 @lru_cache(maxsize=16)
@@ -109,9 +96,9 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
 def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
 
-    The motion is split into the support's, Y along y, and the beam's relative to it, v, a cantilever held
-    at A. Without contact nothing holds Y, so m_total Y + carried^T v = 0, and the elastic modes are those of
-    the cantilever with the mass matrix M - carried carried^T / m_total. theta enters only here.
+    The motion is split into the support's, Y along y, and the beam's relative to it, v, of a cantilever clamped at
+    A. Without contact nothing holds Y, so m_total Y + carried^T v = 0, and the elastic modes are those of the
+    cantilever with the mass matrix M - carried carried^T / m_total. theta enters only here.
     """
     along, across = families(beam)
     na, nb = len(along.carried), len(across.carried)
@@ -121,9 +108,9 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
 
     total = beam.mass + head_mass
     carried = np.concatenate([along.carried * axis[1], across.carried * transverse[1]])
-    mass = _diagonal_blocks(along.mass, across.mass) - np.outer(carried, carried) / total
-    stiffness = _diagonal_blocks(along.stiffness, across.stiffness)
-    root = _diagonal_blocks(along.flexibility_root, across.flexibility_root)
+    mass = block_diag(along.mass, across.mass) - np.outer(carried, carried) / total
+    stiffness = block_diag(along.stiffness, across.stiffness)
+    root = block_diag(along.flexibility_root, across.flexibility_root)
     values, relative = natural_modes(stiffness, mass, root)
 
     u, w, rotation = np.zeros((3, beam.elements + 1, na + nb))
@@ -134,17 +121,13 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     shapes[:, 1, 1:] = axis[1] * u + transverse[1] * w - carried @ relative / total
     shapes[:, 2, 1:] = rotation
     s = np.linspace(beam.length, 0.0, beam.elements + 1)
-    nodes = -np.outer(s, axis)
-    values = np.concatenate([[0.0], values])
-    return Basis(values, _clean(shapes[-1, 1]), _clean(shapes[-1, 0]), nodes, shapes)
+    tip = _clean(shapes[-1, 1]), _clean(shapes[-1, 0])
+    return Basis(np.append(0.0, values), *tip, -np.outer(s, axis), shapes)
 
 
 def rig_bases(rig: Rig, theta: float) -> tuple[Basis, Basis]:
-    """Bases of P1 and of P2; what exists already is not built again."""
-    return (
-        upper_basis(rig.p1, rig.head_mass, theta),
-        lower_basis(rig.p2, rig.contact_position),
-    )
+    """Bases of P1 and of P2, from the caches."""
+    return upper_basis(rig.p1, rig.head_mass, theta), lower_basis(rig.p2, rig.contact_position)
 
 
 def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
@@ -157,12 +140,23 @@ def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
     )
 
 
+def residual_flexibility(stiffness: Array, normal: Array, tangential: Array) -> Array:
+    """Static flexibility of the gap, (2, 2), m/N, in modes that a model leaves out, each argument (n,).
+
+    Row and column 0 belong to the normal, 1 to the tangential direction. A rigid mode is a `ValueError`.
+    """
+    if np.any(stiffness == 0.0):
+        raise ValueError("stiffness holds 0: the static flexibility of a rigid mode is infinite, so keep it")
+    shape = np.stack([normal, tangential])
+    return np.asarray((shape / stiffness) @ shape.T)
+
+
 def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tuple[Array, Array]:
     """Squared angular frequencies, ascending, and mass-normalised modes of an undamped beam.
 
-    One symmetric eigenproblem finds only its largest eigenvalues to full relative accuracy, and a beam's
-    squared frequencies span ten orders of magnitude. The lower half is therefore read from the flexibility
-    (eigenvalues 1/omega^2 of R^T M R), the upper half from the stiffness.
+    A symmetric eigenproblem gives only its largest eigenvalues to full relative accuracy, and a beam's squared
+    frequencies span ten orders of magnitude. The lower modes are therefore taken from the flexibility (eigenvalues
+    1/omega^2 of R^T M R), the upper ones from the stiffness.
 
     Parameters
     ----------
@@ -193,11 +187,8 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
 @one_blas_thread()
 def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Eigenvalues and modes of a beam clamped at one end: axial ones and bending ones."""
-    along, across = families(beam)
-    return (
-        natural_modes(along.stiffness, along.mass, along.flexibility_root),
-        natural_modes(across.stiffness, across.mass, across.flexibility_root),
-    )
+    along, across = (natural_modes(each.stiffness, each.mass, each.flexibility_root) for each in families(beam))
+    return along, across
 
 
 @lru_cache(maxsize=16)
@@ -209,10 +200,3 @@ def families(beam: Beam) -> tuple[Family, Family]:
 def _clean(row: Array) -> Array:
     """Set what is rounding beside the largest entry to zero: there is no coupling, not a tiny one."""
     return np.where(np.abs(row) > 1e-15 * np.abs(row).max(initial=0.0), row, 0.0)
-
-
-def _diagonal_blocks(first: Array, second: Array) -> Array:
-    n, m = len(first), len(second)
-    joined = np.zeros((n + m, n + m))
-    joined[:n, :n], joined[n:, n:] = first, second
-    return joined

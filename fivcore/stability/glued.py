@@ -1,4 +1,4 @@
-"""The rig at rest with both beams glued at the contact point (section 3.3 and Table 4 of the paper)."""
+"""Natural frequencies with both beams glued at the contact point (section 3.3 and Table 4 of the paper)."""
 
 from __future__ import annotations
 
@@ -28,15 +28,23 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     Returns
     -------
     ndarray, (count,)
-        Hz, ascending. The eigenvalues are those of the finite-element model with all its modes, to
-        rounding: they are bisected with the exact number of eigenvalues below a frequency (Wittrick and
-        Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284), which can miss none.
+        Hz, ascending: those of the finite-element model with all its modes, to rounding.
+
+    Raises
+    ------
+    ValueError
+        For an argument out of range.
+
+    Notes
+    -----
+    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick
+    and Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284).
     """
     checks.instance("rig", rig, Rig)
     stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
     wanted = checks.count("count", count, len(stiffness) - 2)
-    # Two constraints lift the k-th eigenvalue, by two places at the most. The bracket of a mode is its own, so
-    # that it has the same bits whatever the count.
+    # Two constraints raise the k-th eigenvalue, at most to the free one two places above. Each mode has a bracket
+    # of its own, so that its bits do not depend on the count.
     free = np.sort(stiffness)
     floor = free[free > 0.0][0] * 1e-24
     squares = np.empty(wanted)
@@ -49,9 +57,8 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     """Head mass that makes `frequency` the first natural frequency of the glued rig, kg.
 
-    The rig's own head mass plays no part. Seen from A, the glued beams without a head mass answer a unit
-    force with the receptance h(omega); the head mass resonates with them where omega^2 M h = 1, an explicit
-    formula.
+    The rig's own head mass plays no part. With h(omega) the receptance at A of the glued beams without a head, a
+    head mass M resonates with them where omega^2 M h = 1.
 
     Parameters
     ----------
@@ -79,13 +86,13 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     )
     square = (2.0 * np.pi * target) ** 2
     first = _missing_mass(bare, angle, square)
-    # Where the head mass is many times the beam's, the free translation all but cancels in the receptance;
-    # what is missing from the first answer is then found to full accuracy.
+    # Where the head mass is many times the beam's, the free translation all but cancels in the receptance; a
+    # second step from the first answer then gives full accuracy.
     return first + _missing_mass(replace(bare, head_mass=first), angle, square)
 
 
 def _missing_mass(rig: Rig, theta: float, square: float) -> float:
-    """What must be added to the head mass for `square` to become an eigenvalue of the glued rig, kg."""
+    """Mass (kg) to add to the head for `square` (rad2/s2) to become an eigenvalue of the glued rig."""
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, _ = rig_bases(rig, theta)
     head = np.zeros_like(stiffness)
@@ -98,7 +105,7 @@ def _missing_mass(rig: Rig, theta: float, square: float) -> float:
 
 @kernel
 def _below(square: float, stiffness: Array, normal: Array, tangential: Array) -> int:
-    """Glued eigenvalues below `square`: those of the separate beams less the contact's lifted ones."""
+    """Number of glued eigenvalues below `square`: the separate beams' less those that the contact raises."""
     below = 0
     nn, nt, tt = 0.0, 0.0, 0.0
     for i in range(len(stiffness)):

@@ -1,4 +1,19 @@
-"""Flutter onsets: the friction at which steady sliding loses its stability, by roots instead of scanning."""
+"""Flutter onsets: the friction at which steady sliding loses its stability, by isolated roots.
+
+On the imaginary axis, phi = i omega, the undamped eigenvalue is lambda = x - i y with y >= 0 the effect of
+damping, and mu = -A / B with A = h_NN(lambda), B = h_NT(lambda). An onset is a frequency at which this mu is real,
+and that is a zero of
+
+    W = A_i B_r - A_r B_i,        A = A_r - i y A_i,   B = B_r - i y B_i.
+
+Dividing the imaginary parts by y keeps W finite without damping, where A_i and B_i become derivatives and W = 0
+says that mu(lambda) is stationary: two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the pole
+nearest to the interval, which changes no zero and removes the pole.
+
+The search cannot miss a pair of zeros: it leaves an interval only when a bound on |W''| shows that W keeps its
+sign in it, when mu is shown to stay outside (0, mu_max], or when W is shown to be monotone. Kernels take omega in
+units of 2 pi fmax, p in units of its square, d1 and d2 to match.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +24,21 @@ from scipy.optimize import brentq
 
 from fivcore import checks
 from fivcore.beams.modes import contact_modes
-from fivcore.jit import Array
+from fivcore.jit import Array, kernel
 from fivcore.rig import Rig
-from fivcore.stability import onset_kernels
+
+# Intervals narrower than this (of the band) are not halved any more: two zeros so close count as one.
+NARROWEST = 1e-13
+# A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
+MOST_INTERVALS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class FlutterOnsets:
     """Where growth rates pass through zero as mu rises, ascending in mu.
 
-    What grows without ever crossing the imaginary axis within the band is not listed: a divergence that comes
-    in from beyond it, or a mode that enters the band while growing. No onset is therefore no proof of
+    An eigenvalue that grows without crossing the imaginary axis within the band has no onset: a divergence that
+    comes in from beyond it, or a mode that enters the band while growing. No onset is therefore no proof of
     stability; `sliding_modes` at the mu in question is.
 
     Attributes
@@ -29,7 +48,7 @@ class FlutterOnsets:
     recovery_mu, recovery_frequency : ndarray, (m,)
         Where one falls back through zero.
     rig, theta, fmax, mu_max
-        What was asked: the answer holds for this band and this damping.
+        The arguments: the answer holds for this band and this damping.
     """
 
     mu: Array
@@ -44,10 +63,6 @@ class FlutterOnsets:
 
 def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
     """All flutter onsets and recoveries of steady sliding (V > 0) in a band.
-
-    On the imaginary axis mu is an explicit function of the frequency; an onset is where it is real. All
-    such frequencies are first isolated, by a search that cannot pass over a pair of them
-    (`fivcore.stability.onset_kernels`), then refined to rounding.
 
     Parameters
     ----------
@@ -72,41 +87,191 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
 
     Notes
     -----
-    Without damping an onset is where two real eigenvalues meet, and a recovery where a pair parts again.
-    Two onsets less than 1e-13 of the band apart cancel and are not reported.
+    Onsets are isolated first, then refined to rounding (Brent). Without damping an onset is where two real
+    eigenvalues meet, and a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart cancel
+    and are not reported.
     """
     checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
     band = checks.band(fmax)
     most = checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    crossings = onset_crossings(rig, angle, band, most)
+    up, down = (
+        np.array([(mu, f) for mu, f, rises in crossings if rises is kind]).reshape(-1, 2) for kind in (True, False)
+    )
+    return FlutterOnsets(up[:, 0], up[:, 1], down[:, 0], down[:, 1], rig, angle, band, most)
 
-    stiffness, normal, tangential = contact_modes(rig, angle)
-    unit = 2.0 * np.pi * band
+
+def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[tuple[float, float, bool]]:
+    """Friction, frequency (Hz) and whether it is an onset, of each crossing, ascending; arguments unchecked."""
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    unit = 2.0 * np.pi * fmax
     seen = normal != 0.0
     p, a = stiffness[seen] / unit**2, normal[seen] ** 2 / unit**2
     b = normal[seen] * tangential[seen] / unit**2
     d1, d2 = rig.d1 / unit, rig.d2 * unit
+    if not np.any(b):
+        return []
+    count, brackets = 64, np.empty((0, 3))
+    while count > len(brackets):
+        brackets = np.empty((count, 3))
+        count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
+    if judged == MOST_INTERVALS:
+        raise ArithmeticError(
+            f"flutter_onsets: no friction up to mu_max = {mu_max:g} can be told apart at theta = {theta:g} "
+            f"below fmax = {fmax:g} Hz; choose a smaller band"
+        )
     crossings = []
-    if np.any(b):
-        brackets = np.empty((64, 3))
-        count, judged = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
-        if count > len(brackets):
-            brackets = np.empty((count, 3))
-            count, judged = onset_kernels.isolate(p, a, b, d1, d2, most, brackets)
-        if judged == onset_kernels.MOST_INTERVALS:
-            raise ArithmeticError(
-                f"flutter_onsets: no friction up to mu_max = {most:g} can be told apart at theta = {angle:g} "
-                f"below fmax = {band:g} Hz; choose a smaller band"
-            )
-        for low, high, pole in brackets[:count]:
-            system = (int(pole), p, a, b, d1, d2)
-            omega = brentq(onset_kernels.onset_function, low, high, args=system, xtol=1e-300, rtol=1e-14)
-            mu = onset_kernels.onset_friction(omega, *system)
-            if 0.0 < mu <= most:
-                # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
-                rises = onset_kernels.onset_function(high, *system) > 0.0
-                crossings.append((mu, omega * band, rises))
-    crossings.sort()
-    up = np.array([c[:2] for c in crossings if c[2]]).reshape(-1, 2)
-    down = np.array([c[:2] for c in crossings if not c[2]]).reshape(-1, 2)
-    return FlutterOnsets(up[:, 0], up[:, 1], down[:, 0], down[:, 1], rig, angle, band, most)
+    for low, high, pole in brackets[:count]:
+        system = (int(pole), p, a, b, d1, d2)
+        omega = brentq(onset_function, low, high, args=system, xtol=1e-300, rtol=1e-14)
+        mu = onset_friction(omega, *system)
+        if 0.0 < mu <= mu_max:
+            # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
+            crossings.append((mu, omega * fmax, bool(onset_function(high, *system) > 0.0)))
+    return sorted(crossings)
+
+
+@kernel
+def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
+    """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) at phi = i omega."""
+    scale = 1.0 / (1.0 + (d2 * omega) ** 2)
+    return omega * omega * (1.0 - d1 * d2) * scale, omega * (d1 + d2 * omega * omega) * scale
+
+
+@kernel
+def gap_parts(
+    omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float
+) -> tuple[float, float, float, float, float]:
+    """A_r, A_i, B_r, B_i and y at omega, with the pole p[n] taken out."""
+    x, y = axis_point(omega, d1, d2)
+    ar, ai, br, bi = a[n], 0.0, b[n], 0.0
+    for i in range(len(p)):
+        if i != n:
+            distance = p[i] - x
+            shift = p[n] - p[i]
+            if shift == 0.0:
+                ar += a[i]
+                br += b[i]
+                continue
+            square = distance * distance + y * y
+            imaginary = shift / square
+            # Not 1 + imaginary * distance, which cancels for a pole far above the band.
+            real = ((p[n] - x) * distance + y * y) / square
+            ar += a[i] * real
+            ai += a[i] * imaginary
+            br += b[i] * real
+            bi += b[i] * imaginary
+    return ar, ai, br, bi, y
+
+
+@kernel
+def onset_function(omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float) -> float:
+    """W, whose zeros are the onsets and recoveries."""
+    ar, ai, br, bi, _ = gap_parts(omega, n, p, a, b, d1, d2)
+    return ai * br - ar * bi
+
+
+@kernel
+def onset_friction(omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float) -> float:
+    """Real part of mu = -A / B."""
+    ar, ai, br, bi, y = gap_parts(omega, n, p, a, b, d1, d2)
+    return -(ar * br + y * y * ai * bi) / (br * br + y * y * bi * bi)
+
+
+@kernel
+def _nearest(omega: float, p: Array, d1: float, d2: float) -> int:
+    x, _ = axis_point(omega, d1, d2)
+    best = 0
+    for i in range(1, len(p)):
+        if abs(p[i] - x) < abs(p[best] - x):
+            best = i
+    return best
+
+
+@kernel
+def _judge(
+    low: float, high: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float
+) -> int:
+    """0 if no onset lies in (low, high), 1 if exactly one zero of W does, 2 if the interval must be halved."""
+    middle, width = 0.5 * (low + high), high - low
+    half = 0.5 * width
+    x, y = axis_point(middle, d1, d2)
+    # Bounds on the first and second derivative of lambda = n / q with respect to omega.
+    slope, size, q = 2.0 * high + d1, high * (high + d1), np.hypot(1.0, d2 * low)
+    l1 = (slope + size * d2 / q) / q
+    l2 = (2.0 + 2.0 * d2 * (slope + size * d2 / q) / q) / q
+    reach = l1 * half
+    ar, ai, br, bi, _ = gap_parts(middle, n, p, a, b, d1, d2)
+    # Bounds on first and second derivatives: of A and B whole (w), of the parts divided by y (i).
+    aw1, aw2, ai1, ai2 = 0.0, 0.0, 0.0, 0.0
+    bw1, bw2, bi1, bi2 = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(p)):
+        shift = abs(p[n] - p[i])
+        if shift == 0.0:
+            continue
+        clear = np.hypot(p[i] - x, y) - reach
+        if clear <= 0.0:
+            return 2
+        u = 1.0 / clear
+        first = shift * l1 * u * u
+        second = shift * (2.0 * l1 * l1 * u + l2) * u * u
+        first_i = 2.0 * first * u
+        second_i = shift * (6.0 * l1 * l1 * u + 2.0 * l2) * u * u * u
+        aa, bb = abs(a[i]), abs(b[i])
+        aw1 += aa * first
+        aw2 += aa * second
+        ai1 += aa * first_i
+        ai2 += aa * second_i
+        bw1 += bb * first
+        bw2 += bb * second
+        bi1 += bb * first_i
+        bi2 += bb * second_i
+
+    # An onset outside (0, mu_max] is not wanted.
+    size_a, size_b = np.hypot(ar, y * ai), np.hypot(br, y * bi)
+    if size_a - aw1 * half > mu_max * (size_b + bw1 * half):
+        return 0
+    product = ar * br + y * y * ai * bi
+    if product > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
+        return 0
+
+    most_ar, most_br = abs(ar) + aw1 * half, abs(br) + bw1 * half
+    most_ai, most_bi = abs(ai) + ai1 * half, abs(bi) + bi1 * half
+    curvature = ai2 * most_br + 2.0 * ai1 * bw1 + most_ai * bw2 + aw2 * most_bi + 2.0 * aw1 * bi1 + most_ar * bi2
+    w_low = onset_function(low, n, p, a, b, d1, d2)
+    w_high = onset_function(high, n, p, a, b, d1, d2)
+    if (w_low > 0.0) == (w_high > 0.0):
+        return 0 if min(abs(w_low), abs(w_high)) > 0.125 * curvature * width * width else 2
+    return 1 if abs(w_high - w_low) > curvature * width * width else 2
+
+
+@kernel
+def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
+    """Fill `brackets` (k, 3) with low, high and pole index of one zero of W each.
+
+    Returns the number of zeros (those beyond k are counted, not kept) and the number of intervals judged.
+    """
+    found, judged = 0, 0
+    width = 1.0 / 64.0
+    low = 0.0
+    while low < 1.0 and judged < MOST_INTERVALS:
+        high = min(low + width, 1.0)
+        n = _nearest(0.5 * (low + high), p, d1, d2)
+        verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)
+        judged += 1
+        if verdict == 2 and high - low > NARROWEST:
+            width = 0.5 * (high - low)
+            continue
+        if verdict != 0:
+            w_low = onset_function(low, n, p, a, b, d1, d2)
+            w_high = onset_function(high, n, p, a, b, d1, d2)
+            if (w_low > 0.0) != (w_high > 0.0):
+                if found < len(brackets):
+                    brackets[found, 0] = low
+                    brackets[found, 1] = high
+                    brackets[found, 2] = n
+                found += 1
+        low = high
+        width = 2.0 * width
+    return found, judged

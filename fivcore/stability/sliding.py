@@ -1,7 +1,7 @@
 """Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
 
-V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and
-the load F not at all. Proportional damping only maps the undamped eigenvalue lambda to the pair phi with
+V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the
+load F not at all. Proportional damping maps the undamped eigenvalue lambda to the pair phi with
 phi^2 + (d1 + d2 lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation
 (`fivcore.stability.secular`) whatever the damping.
 """
@@ -18,10 +18,9 @@ from fivcore import checks
 from fivcore.beams.modes import rig_bases
 from fivcore.jit import Array, Complex
 from fivcore.rig import Rig
-from fivcore.stability import secular
-from fivcore.stability.problem import MOST_REPORTED, sliding_problem, sliding_roots
+from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
 
-NOTHING = complex(np.nan, np.nan)
+MISSING = complex(np.nan, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +40,9 @@ class SlidingModes:
     theta, mu : ndarray, (...)
         Degrees and 1.
     fmax : float
-        The band, Hz: modes above it are not listed, nor, unless damping is heavy, what grows or decays at
-        more than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that
-        depend on mesh and basis; a result means something only with its band and damping.
+        The band, Hz: modes above it are not listed, nor, unless damping is heavy, those that grow or decay at more
+        than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that depend
+        on mesh and basis; a result means something only with its band and damping.
     rig : Rig
     """
 
@@ -75,11 +74,11 @@ class SlidingModes:
         """(..., modes, nodes, 3): displacement along x, along y, and rotation at the nodes.
 
         P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`).
-        Scaled so that the largest translation is 1. Computed when asked for.
+        Scaled so that the largest translation is 1; computed on access.
         """
         lead, modes = self.frequency.shape[:-1], self.frequency.shape[-1]
         nodes = self.rig.p1.elements + self.rig.p2.elements + 2
-        shapes = np.full((*lead, modes, nodes, 3), NOTHING)
+        shapes = np.full((*lead, modes, nodes, 3), MISSING)
         for index in np.ndindex(*lead, modes):
             if np.isfinite(self.frequency[index]):
                 theta, mu = float(self.theta[index[:-1]]), float(self.mu[index[:-1]])
@@ -130,39 +129,19 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
             f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
         ) from None
     angles, frictions = angles.copy(), frictions.copy()
-    lead = angles.shape
-    flat_theta, flat_mu = angles.ravel(), frictions.ravel()
-
-    found: list[tuple[NDArray[np.intp], Complex, Complex, NDArray[np.int64]]] = []
-    most = 0
-    distinct, member = np.unique(flat_theta, return_inverse=True)
-    for t, angle in enumerate(distinct):
-        points = np.nonzero(member == t)[0]
-        phi, eigenvalues, hidden = _eigenvalues(rig, float(angle), flat_mu[points], band)
-        found.append((points, phi, eigenvalues, hidden))
-        most = max(most, phi.shape[1])
-
-    frequency = np.full((flat_mu.size, most), np.nan)
-    growth = np.full_like(frequency, np.nan)
-    eigenvalue = np.full(frequency.shape, NOTHING)
-    which = np.full(frequency.shape, -1, dtype=np.int64)
-    for points, phi, eigenvalues, hidden in found:
+    flat_mu = frictions.ravel()
+    distinct, member = np.unique(angles.ravel(), return_inverse=True)
+    groups = [np.nonzero(member == t)[0] for t in range(len(distinct))]
+    parts = [_eigenvalues(rig, float(t), flat_mu[at], band) for t, at in zip(distinct, groups, strict=True)]
+    full = (flat_mu.size, max((phi.shape[1] for phi, _, _ in parts), default=0))
+    all_phi, eigenvalue, hidden = np.full(full, MISSING), np.full(full, MISSING), np.full(full, -1, dtype=np.int64)
+    for at, (phi, values, which) in zip(groups, parts, strict=True):
         modes = phi.shape[1]
-        frequency[points, :modes] = phi.imag / (2.0 * np.pi)
-        growth[points, :modes] = phi.real
-        eigenvalue[points, :modes] = eigenvalues
-        which[points, :modes] = hidden
-    full = (*lead, most)
-    return SlidingModes(
-        frequency.reshape(full),
-        growth.reshape(full),
-        eigenvalue.reshape(full),
-        angles,
-        frictions,
-        band,
-        rig,
-        which.reshape(full),
-    )
+        all_phi[at, :modes], eigenvalue[at, :modes], hidden[at, :modes] = phi, values, which
+    shape = (*angles.shape, full[1])
+    all_phi, eigenvalue, hidden = (each.reshape(shape) for each in (all_phi, eigenvalue, hidden))
+    frequency = all_phi.imag / (2.0 * np.pi)
+    return SlidingModes(frequency, all_phi.real.copy(), eigenvalue, angles, frictions, band, rig, hidden)
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
@@ -173,7 +152,7 @@ def node_positions(rig: Rig, theta: float) -> Array:
 
 
 def _eigenvalues(rig: Rig, theta: float, mu: Array, fmax: float) -> tuple[Complex, Complex, NDArray[np.int64]]:
-    """Phi and lambda within the band, (mu, modes), ascending in frequency; and the hidden modes' indices."""
+    """Values of phi and lambda in the band and indices of hidden modes, (mu, modes), ascending in frequency."""
     problem = sliding_problem(rig, theta, fmax)
     roots = sliding_roots(problem, mu)
     n, k = roots.shape[1], len(problem.hidden)
@@ -183,15 +162,15 @@ def _eigenvalues(rig: Rig, theta: float, mu: Array, fmax: float) -> tuple[Comple
     which = np.concatenate([np.full(n, -1), np.arange(k)])
 
     phi = np.empty_like(values)
-    secular.damp(values, rig.d1, rig.d2, phi)
+    damp(values, rig.d1, rig.d2, phi)
     outside = (phi.imag > 2.0 * np.pi * fmax) | (np.abs(values) > MOST_REPORTED * problem.unit)
     frequency = np.where(outside, np.inf, phi.imag)
     order = np.lexsort((phi.real, frequency), axis=-1)
     modes = int((~outside).sum(axis=1).max(initial=0))
     order = order[:, :modes]
     keep = np.take_along_axis(~outside, order, axis=1)
-    phi = np.where(keep, np.take_along_axis(phi, order, axis=1), NOTHING)
-    values = np.where(keep, np.take_along_axis(values, order, axis=1), NOTHING)
+    phi = np.where(keep, np.take_along_axis(phi, order, axis=1), MISSING)
+    values = np.where(keep, np.take_along_axis(values, order, axis=1), MISSING)
     return phi, values, np.where(keep, which[order], -1)
 
 
@@ -205,7 +184,7 @@ def _shape(rig: Rig, theta: float, mu: float, fmax: float, eigenvalue: Any, hidd
         if second >= 0:
             q[first], q[second] = problem.normal[second], -problem.normal[first]
     else:
-        # q_i = (n_i + mu t_i) N / (p_i - lambda), with N chosen so that the nearest pole does no harm.
+        # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
         force = problem.normal + mu * problem.tangential
         distance = problem.stiffness - eigenvalue
         nearest = int(np.argmin(np.where(force != 0.0, np.abs(distance), np.inf)))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fivcore.beams.elements import hermite
 from fivcore.beams.modes import lower_basis, rig_bases
 from fivcore.contact.reduced import ReducedModel, equilibrium, full_model
 from fivcore.jit import Array
@@ -72,15 +73,11 @@ class ContactMotion:
 def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
     """Gap shapes of P2's modes with D at `position`: normal and tangential, (modes of P2,)."""
     basis = lower_basis(rig.p2, rig.contact_position)
-    h = rig.p2.length / rig.p2.elements
-    element = min(int(position / h), rig.p2.elements - 1)
-    x = position / h - element
-    here, there = basis.shapes[element], basis.shapes[element + 1]
-    # Linear and cubic Hermite functions.
-    cubic = (1 - 3 * x**2 + 2 * x**3, h * (x - 2 * x**2 + x**3), 3 * x**2 - 2 * x**3, h * (x**3 - x**2))
-    nodal = (here[1], here[2], there[1], there[2])
-    normal = -np.sum([value * part for value, part in zip(cubic, nodal, strict=True)], axis=0)
-    return np.asarray(normal), np.asarray(-((1.0 - x) * here[0] + x * there[0]))
+    axial_row, bending_row = hermite(rig.p2, position)
+    along, across, rotation = np.moveaxis(basis.shapes[1:], 0, 1)
+    # Not matrix products: BLAS would round differently with the number of its threads.
+    normal = np.einsum("i,in->n", bending_row[0::2], across) + np.einsum("i,in->n", bending_row[1::2], rotation)
+    return -normal, -np.einsum("i,in->n", axial_row, along)
 
 
 def moved_model(model: ReducedModel, scene: Normalised, position: float) -> ReducedModel:

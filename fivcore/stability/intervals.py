@@ -1,0 +1,377 @@
+"""Flutter over an interval of inclinations: curves of onsets, and windows in which a pair of modes is unstable.
+
+Both sample a certified function at neighbouring angles (`flutter_onsets`, `sliding_modes`), link the samples to
+branches (`fivcore.stability.branches`) and refine ends and extremes by bracketed root finding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import groupby, pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore import checks
+from fivcore.jit import Array
+from fivcore.rig import Rig
+from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, extreme, link, locate, root
+from fivcore.stability.onsets import onset_crossings
+from fivcore.stability.sliding import sliding_modes
+
+# Samples are at most so many degrees apart.
+SPACING = 0.5
+# Onsets are sampled up to these multiples of the largest friction and of the band, to bracket where branches end.
+MORE_FRICTION, MORE_BAND = 2.0, 1.1
+# Windows look at onsets up to this many times their friction, for branches that dip to it between two samples.
+HEADROOM = 4.0
+# Degrees: the interval in which a fold is known to lie, or a growing mode to end without an onset; and the
+# distance from an onset at which its growing mode is looked for.
+FOLD, END, BESIDE = 1e-9, 1e-11, 1e-8
+# Onset and recovery closer than this share of their frequency are one zero and its rounding, close to a fold.
+SAME = 1e-8
+# At the end of a window a mode with a smaller share of oscillation in |phi| ceases to oscillate.
+CEASED = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class OnsetCurve:
+    """One branch of onsets or of recoveries; arrays are read-only.
+
+    Attributes
+    ----------
+    theta, mu, frequency : ndarray, (n,)
+        Degrees, ascending; 1; Hz.
+    rises : bool
+        True for onsets, where a growth rate rises through zero with mu; False for recoveries.
+    ends : tuple of str
+        Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
+        the other kind.
+    lowest : tuple of float
+        Where mu is least: theta, mu and frequency.
+    """
+
+    theta: Array
+    mu: Array
+    frequency: Array
+    rises: bool
+    ends: tuple[str, str]
+    lowest: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        for part in (self.theta, self.mu, self.frequency):
+            part.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class OnsetCurves:
+    """All branches over an interval of theta, and their values at given angles; arrays are read-only.
+
+    Attributes
+    ----------
+    onsets, recoveries : tuple of OnsetCurve
+        Ascending in frequency where mu is least.
+    theta : ndarray, (k,)
+        The given angles, degrees.
+    mu, frequency : ndarray, (k, onsets)
+        Friction and frequency (Hz) of the onsets there, NaN where a branch does not reach.
+    recovery_mu, recovery_frequency : ndarray, (k, recoveries)
+        Likewise of the recoveries.
+    """
+
+    onsets: tuple[OnsetCurve, ...]
+    recoveries: tuple[OnsetCurve, ...]
+    theta: Array
+    mu: Array
+    frequency: Array
+    recovery_mu: Array
+    recovery_frequency: Array
+
+    def __post_init__(self) -> None:
+        for part in (self.theta, self.mu, self.frequency, self.recovery_mu, self.recovery_frequency):
+            part.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class UnstableWindows:
+    """Intervals of theta in which a mode pair grows, ascending in frequency, then in theta; arrays are read-only.
+
+    Attributes
+    ----------
+    theta_from, theta_to : ndarray, (n,)
+        Ends, degrees.
+    frequency_from, frequency_to : ndarray, (n,)
+        Frequency of the growing mode there, Hz. At fmax it goes on growing beyond the band; at 0 it ceases to
+        oscillate and diverges.
+    open_from, open_to : ndarray of bool, (n,)
+        Whether the window goes on beyond what was asked.
+    peak_growth_rate, peak_theta, peak_frequency : ndarray, (n,)
+        Where the mode grows fastest: 1/s, degrees, Hz.
+    """
+
+    theta_from: Array
+    theta_to: Array
+    frequency_from: Array
+    frequency_to: Array
+    open_from: NDArray[np.bool_]
+    open_to: NDArray[np.bool_]
+    peak_growth_rate: Array
+    peak_theta: Array
+    peak_frequency: Array
+
+    def __post_init__(self) -> None:
+        for part in vars(self).values():
+            part.setflags(write=False)
+
+
+def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) -> OnsetCurves:
+    """Flutter onsets and recoveries of steady sliding (V > 0) as curves over theta.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : array_like, (k,)
+        Degrees, ascending. Where they are more than half a degree apart, onsets are sampled between them too.
+    fmax : float
+        Band, Hz.
+    mu_max : float
+        Largest friction of interest.
+
+    Returns
+    -------
+    OnsetCurves
+        At the given angles the numbers of `flutter_onsets`. The branches pass through these, through further
+        samples where they are steep, and through their ends and lowest points.
+
+    Raises
+    ------
+    ValueError
+        For an argument out of range.
+    ArithmeticError
+        If onsets cannot be isolated at an angle, or told apart between two.
+
+    Notes
+    -----
+    Not seen are branches with both ends between two neighbouring samples, and a branch that turns back and forth
+    between two of them passes for a smooth one. What grows without an onset has no curve (`FlutterOnsets`).
+    """
+    checks.instance("rig", rig, Rig)
+    angles = checks.array("theta", theta, checks.theta_degrees)
+    if angles.ndim != 1 or not len(angles) or np.any(np.diff(angles) <= 0.0):
+        raise ValueError(f"theta of shape {angles.shape}: it must be a list of ascending angles, each once")
+    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    search = _Onsets(rig, band, most)
+    curves = [curve for branch in search.branches(angles) for curve in search.curves(branch)]
+    curves.sort(key=lambda curve: curve.lowest[2])
+    onsets, recoveries = (tuple(curve for curve in curves if curve.rises is kind) for kind in (True, False))
+    return OnsetCurves(onsets, recoveries, angles, *_table(angles, onsets), *_table(angles, recoveries))
+
+
+def unstable_windows(
+    rig: Rig, mu: float, theta_min: float, theta_max: float, fmax: float = 10e3
+) -> UnstableWindows:
+    """Intervals of theta in which a pair of modes of steady sliding (V > 0) is unstable at one friction.
+
+    A window opens or closes where a branch of onsets or recoveries passes `mu` (`onset_curves`), and besides where
+    a growing mode enters or leaves the band, or begins or ceases to oscillate.
+
+    Parameters
+    ----------
+    rig : Rig
+    mu : float
+        Coefficient of friction.
+    theta_min, theta_max : float
+        Degrees.
+    fmax : float
+        Band, Hz.
+
+    Returns
+    -------
+    UnstableWindows
+        Ends by onset and recovery to rounding, others to 1e-11 degrees.
+
+    Raises
+    ------
+    ValueError
+        For an argument out of range.
+    ArithmeticError
+        If onsets cannot be told apart.
+
+    Notes
+    -----
+    No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of them a window
+    is seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode that grows
+    violently enters the band and leaves it there without an onset. Growth without oscillation (divergence) makes
+    no window; `sliding_modes` at the theta in question has it.
+    """
+    checks.instance("rig", rig, Rig)
+    friction = checks.friction(mu)
+    first = checks.number("theta_min", theta_min, "an angle between -90 and 90 degrees", lambda x: abs(x) < 90.0)
+    last = checks.number(
+        "theta_max", theta_max, f"above theta_min = {first:g} and below 90 degrees", lambda x: first < x < 90.0
+    )
+    band = checks.band(fmax)
+    angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
+    onsets = _Onsets(rig, band, HEADROOM * friction).passing(angles, friction) if friction > 0.0 else []
+    stops: list[tuple[float, Point | None]] = [(angle, None) for angle in _dense(angles)]
+    stops += [(onset.theta + side, onset) for onset in onsets for side in (-BESIDE, BESIDE)]
+    stops = sorted((stop for stop in stops if first <= stop[0] <= last), key=lambda stop: stop[0])
+    pairs: Pairs = []
+    for (left, before), (right, after) in pairwise([(growing(angle), onset) for angle, onset in stops]):
+        onset = before if before is after else None
+        pairs += link(growing, left, right, END if onset is None else np.inf, partial(_window_ends, onset))
+    windows = [(_end(w[0], band), _end(w[-1], band), _peak(growing, w)) for w in chains(pairs)]
+    windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
+    table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
+    theta, frequency, level = table.reshape(-1, 3, 3).transpose(2, 1, 0).copy()
+    ends = theta[0], theta[1], frequency[0], frequency[1], theta[0] == first, theta[1] == last
+    return UnstableWindows(*ends, peak_growth_rate=level[2], peak_theta=theta[2], peak_frequency=frequency[2])
+
+
+@dataclass(frozen=True)
+class _Onsets:
+    """Samples and branches of onsets and recoveries of one rig, for a band (Hz) and a largest friction."""
+
+    rig: Rig
+    fmax: float
+    mu_max: float
+
+    def sample(self, theta: float, *, wider: bool = True) -> Sample:
+        """Onsets and recoveries within the limits, with the numbers of `flutter_onsets`, or within wider ones."""
+        limits = (MORE_BAND * self.fmax, MORE_FRICTION * self.mu_max) if wider else (self.fmax, self.mu_max)
+        points: list[Point] = []
+        for mu, frequency, rises in sorted(onset_crossings(self.rig, theta, *limits), key=lambda each: each[1]):
+            if points and points[-1].rises != rises and frequency - points[-1].frequency < SAME * frequency:
+                points.pop()
+                continue
+            # A distance of 1 is a tenth of the frequency or a factor of e in friction.
+            place = complex(10.0 * np.log(frequency), np.log(mu))
+            outside = mu > self.mu_max or frequency > self.fmax
+            points.append(Point(theta, mu, frequency, place, rises, outside))
+        return theta, points
+
+    def branches(self, theta: Array) -> list[list[Point]]:
+        """Every branch at ascending angles, with its folds and the extremes of its friction."""
+        samples = [self.sample(angle, wider=False) for angle in _dense(theta)]
+        if len(samples) == 1:
+            return [[point] for point in samples[0][1]]
+        parts = (link(self.sample, left, right, FOLD, self._folds) for left, right in pairwise(samples))
+        return [self._with_extremes(branch) for branch in chains([pair for part in parts for pair in part])]
+
+    def _folds(self, before: list[Point], after: list[Point], theta: float) -> Pairs:
+        """Pairs of an onset or a recovery and the fold in which the two meet."""
+        pairs: Pairs = []
+        for ended in (before, after):
+            rest = sorted(ended, key=lambda point: point.outside)
+            while rest and not rest[0].outside:
+                p = rest.pop(0)
+                others = [point for point in rest if point.rises != p.rises]
+                if not others:
+                    raise ArithmeticError(
+                        f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
+                    )
+                q = min(others, key=lambda point: abs(point.place - p.place))
+                rest.remove(q)
+                mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
+                for each in (p, q):
+                    fold = replace(each, theta=theta, level=mu, frequency=frequency, end="fold")
+                    pairs.append((each, fold) if ended is before else (fold, each))
+        return pairs
+
+    def _with_extremes(self, branch: list[Point]) -> list[Point]:
+        """A branch with the points between its own at which friction is least or largest."""
+        found = {id(point): point for point in branch}
+        for p, at, q in zip(branch, branch[1:], branch[2:], strict=False):
+            if (at.level > p.level) == (at.level > q.level):
+                best = extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
+                found[id(best)] = best
+        for end, q in (branch[:2], branch[:-3:-1]) if len(branch) > 1 else ():
+            if end.end or end.outside:
+                continue
+            beside = locate(self.sample, end, q, end.theta + 1e-3 * (q.theta - end.theta))
+            if (beside.level > end.level) != (q.level > end.level):
+                near = sorted([end, q], key=lambda point: point.theta)
+                best = extreme(self.sample, near, 1.0 if beside.level > end.level else -1.0)
+                found[id(best)] = best
+        return sorted(found.values(), key=lambda point: point.theta)
+
+    def curves(self, branch: list[Point]) -> list[OnsetCurve]:
+        """The parts of a branch within the limits."""
+        edges = [self._edge(p, q) for p, q in pairwise(branch) if p.outside != q.outside]
+        points = sorted([*branch, *edges], key=lambda point: point.theta)
+        parts = [list(part) for outside, part in groupby(points, lambda point: point.outside) if not outside]
+        return [_curve(part) for part in parts]
+
+    def _edge(self, p: Point, q: Point) -> Point:
+        """Where a branch passes a limit."""
+        edge = root(self.sample, p, q, lambda at: max(at.level / self.mu_max, at.frequency / self.fmax) - 1.0)
+        if edge.level / self.mu_max > edge.frequency / self.fmax:
+            return replace(edge, level=self.mu_max, outside=False, end="mu_max")
+        return replace(edge, frequency=self.fmax, outside=False, end="fmax")
+
+    def passing(self, theta: Array, mu: float) -> list[Point]:
+        """Where branches pass a friction."""
+        return [
+            root(self.sample, p, q, lambda at: at.level - mu)
+            for branch in self.branches(theta)
+            for p, q in pairwise(branch)
+            if (p.level > mu) != (q.level > mu)
+        ]
+
+
+def _curve(points: list[Point]) -> OnsetCurve:
+    theta, mu, frequency = np.array([(each.theta, each.level, each.frequency) for each in points]).T.copy()
+    k = int(np.argmin(mu))
+    lowest = (float(theta[k]), float(mu[k]), float(frequency[k]))
+    ends = (points[0].end or "range", points[-1].end or "range")
+    return OnsetCurve(theta, mu, frequency, points[0].rises, ends, lowest)
+
+
+def _dense(theta: Array) -> list[float]:
+    """The given angles and, where they are far apart, others between them."""
+    parts = [np.linspace(a, b, int(np.ceil((b - a) / SPACING)) + 1)[:-1] for a, b in pairwise(theta)]
+    return [float(angle) for angle in np.concatenate([*parts, theta[-1:]])]
+
+
+def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> tuple[Array, Array]:
+    """Friction and frequency of each curve at the given angles, (theta, curve)."""
+    mu, frequency = np.full((2, len(theta), len(curves)), np.nan)
+    for k, curve in enumerate(curves):
+        _, given, own = np.intersect1d(theta, curve.theta, return_indices=True)
+        mu[given, k], frequency[given, k] = curve.mu[own], curve.frequency[own]
+    return mu, frequency
+
+
+def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
+    """Modes that grow while they oscillate."""
+    modes = sliding_modes(rig, theta, mu, fmax)
+    both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
+    phi = [
+        complex(growth, 2.0 * np.pi * frequency) for growth, frequency in both if growth > 0.0 and frequency > 0.0
+    ]
+    return theta, [Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi]
+
+
+def _window_ends(onset: Point | None, before: list[Point], after: list[Point], theta: float) -> Pairs:
+    """Pairs of a growing mode and the end of its window: the onset, where one is known, else at `theta`."""
+
+    def end(mode: Point) -> Point:
+        return replace(mode, theta=theta) if onset is None else replace(onset, level=0.0)
+
+    return [(mode, end(mode)) for mode in before] + [(end(mode), mode) for mode in after]
+
+
+def _end(mode: Point, fmax: float) -> Point:
+    """The end of a window, with the frequency `fmax` where the mode leaves the band and 0 where it diverges."""
+    if 2.0 * np.pi * mode.frequency < CEASED * mode.level:
+        return replace(mode, frequency=0.0)
+    return replace(mode, frequency=fmax) if mode.frequency > (1.0 - 1e-9) * fmax else mode
+
+
+def _peak(growing: Sampler, window: list[Point]) -> Point:
+    """Where a mode grows fastest; the end of its window rather than the last mode before it."""
+    k = max(range(len(window)), key=lambda k: window[k].level)
+    best = extreme(growing, window[max(k - 1, 0) : k + 2], 1.0)
+    return max(window[0], window[-1], best, key=lambda mode: mode.level)
