@@ -101,8 +101,8 @@ def test_the_motion_does_not_depend_on_the_stretches_it_is_taken_in(scene, monke
     """Bit for bit, long after the first burst; the sums of the figures are added stretch by stretch."""
     runs = []
     for short, long in ((0.04, 0.2), (0.0137, 0.0091), (0.5, 0.5)):
-        monkeypatch.setattr(fast, "SHORT_STRETCH", short)
-        monkeypatch.setattr(fast, "LONG_STRETCH", long)
+        monkeypatch.setattr(fast, "SHORT_SEGMENT", short)
+        monkeypatch.setattr(fast, "LONG_SEGMENT", long)
         runs.append(simulate(scene, 0.4, record=True, sample_rate=1e6, end_early=False))
     for run in runs[1:]:
         for name in SERIES:

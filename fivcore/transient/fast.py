@@ -361,8 +361,9 @@ class FastRun:
         one = self.record.copy()
         for name in (*SETTLED, *ENERGIES):
             one[name] = 0.0
-        one["last"], one["next_row"], one["settle"], one["modes_at"] = first + every, at.NEVER, 0, 0
-        one["next_sample"] = one["next_skip"] = one["next"] = at.NEVER
+        one["last"] = one["next"] = first + every
+        one["next_sample"] = one["next_skip"] = one["next_row"] = at.NEVER
+        one["settle"] = one["modes_at"] = 0
         modes = aligned(self.blocks.size)
         modes[:] = self.blocks.ravel()
         none = np.empty((1, 6))
