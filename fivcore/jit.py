@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
@@ -14,12 +17,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-# Entries of eight bytes on either side of an array: two lines of a cache.
-ROOM = 16
 # Of all that may be compiled.
 SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.rglob("*.py")))).hexdigest()[
     :16
 ]
+# Names of the folders in which compiled kernels are kept; seconds after which one of other sources is removed.
+PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -30,24 +33,43 @@ def kernel(function: Function) -> Function:
     """
     compiled = njit(nogil=True, error_model="numpy")(function)
     # Without a folder that may be written to, every process compiles anew.
-    with suppress(RuntimeError), _folder_of_these_sources():
+    with suppress(RuntimeError), _cache_of_these_sources():
         compiled.enable_caching()
     return cast(Function, compiled)
 
 
-@contextmanager
-def _folder_of_these_sources() -> Iterator[None]:
-    """Keep compiled code apart for each state of this package.
+def cache_folder(homes: Iterable[Path]) -> Path | None:
+    """A folder for what is compiled from these sources, in the first of some places that can be written to.
 
-    Numba looks only at the file of a kernel; what is inlined into it from others would stay as it was.
+    Numba looks only at the file of a kernel; what is inlined into it from others would stay as it was. Folders of
+    other sources are removed there once nobody has written to them for OLD.
     """
-    settings: Any = config
-    given = settings.CACHE_DIR
-    settings.CACHE_DIR = str(Path(given or Path(__file__).parent / "__pycache__") / SOURCES)
+    for home in homes:
+        folder = home / f"{PREFIX}{SOURCES}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if not os.access(folder, os.W_OK):
+            continue
+        for other in home.glob(f"{PREFIX}*"):
+            with suppress(OSError):
+                if other != folder and time.time() - other.stat().st_mtime > OLD:
+                    shutil.rmtree(other, ignore_errors=True)
+        return folder
+    return None
+
+
+@contextmanager
+def _cache_of_these_sources() -> Iterator[None]:
+    """Let Numba keep what it compiles in the folder of these sources; without one it must not keep anything."""
+    if FOLDER is None:
+        raise RuntimeError("no folder for compiled kernels can be written to")
+    given, _SETTINGS.CACHE_DIR = _SETTINGS.CACHE_DIR, str(FOLDER)
     try:
         yield
     finally:
-        settings.CACHE_DIR = given
+        _SETTINGS.CACHE_DIR = given
 
 
 def inlined(function: Function) -> Function:
@@ -77,13 +99,12 @@ def contracted(function: Function) -> Function:
     return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True, fastmath={"contract"})(function))
 
 
-def apart(values: NDArray[Any]) -> NDArray[Any]:
-    """A copy with room around it.
-
-    Small arrays lie side by side. Where two threads write into one line of the processor's cache, each waits for
-    the other at every step: a twentieth of the time.
-    """
-    room = np.zeros(len(values) + 2 * ROOM, values.dtype)
-    inside = room[ROOM : ROOM + len(values)]
-    inside[:] = values
-    return inside
+_SETTINGS: Any = config
+FOLDER = cache_folder(
+    [Path(_SETTINGS.CACHE_DIR)]
+    if _SETTINGS.CACHE_DIR
+    else [
+        Path(__file__).parent / "__pycache__",
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fiv",
+    ]
+)

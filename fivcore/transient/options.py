@@ -150,7 +150,7 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
 
 
 def per_scene(scenes: Sequence[Scene], given: dict[str, Any], own: frozenset[str]) -> list[dict[str, Any]]:
-    """Options of each scene: a list gives each its own for names in `own`, and else belongs to all.
+    """Options of each scene: a list gives each its own for names in `own`, else it is for all.
 
     Raises
     ------

@@ -66,7 +66,7 @@ class SkipTables:
     size : int
         Modes, with the empty places of the last block.
     packed : ndarray, (rows, any)
-        Rows one after another: `count` and `size`; z to the powers of the next LOOKS samples, real parts over all
+        Rows below each other: `count`, `size`; z to the powers of the next LOOKS samples, real parts over all
         eigenvalues, then negative imaginary parts, 2 count; rows over the eigenvalues, OVER_VALUES; rows over x,
         INTO + 4 count; the quadratic form of what the eigenvectors lose, 2 count; what they lose together with each
         part of the line, 4; the lines, AFFINE_ROWS.
@@ -326,7 +326,9 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, workspace
     if past > 0.0:
         turn(over, count, past, start_re, start_im, re, im)
         N, T, B, C = readings_of(over, re, im, count)
-        if not _safe(bounds(over, re, im, count, mu), mu, N + N0 + N1 * past, T + T0 + T1 * past, C + C0 + C1 * past):
+        if not _safe(
+            bounds(over, re, im, count, mu), mu, N + N0 + N1 * past, T + T0 + T1 * past, C + C0 + C1 * past
+        ):
             return False
     goal, written = sample, scene.samples_at + scene.samples
     readings = workspace[READINGS : READINGS + 4]
