@@ -441,7 +441,7 @@ def test_a_run_that_blows_up_says_so(method, monkeypatch):
     """Steps known to be unstable are refused beforehand; here a run is told that its energy has exploded."""
     kind = {"fast": "fast.FastRun", "exact": "exact.ExactRun", "paper": "published.PaperRun"}[method]
     energies = iter([1.0])
-    monkeypatch.setattr(f"fivcore.{kind}.stored_energy", lambda run: next(energies, 1e9))
+    monkeypatch.setattr(f"fivcore.transient.{kind}.stored_energy", lambda run: next(energies, 1e9))
     scene = paper_scene(5e-3)
     with pytest.raises(DivergenceError, match=r"blown up at t = .*; scene V = 0\.005 m/s") as caught:
         simulate(scene, 1e-3, method)

@@ -137,6 +137,8 @@ class FastRun:
         self._place(*_move(model, *self._begun, 0.5 * self.step))
         if contact == STICK:
             record["next_skip"] = 0
+        if self._ramp_ends == 0 and self._shift.any():
+            self._end_ramp(0, self._begun)
 
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
@@ -236,6 +238,7 @@ class FastRun:
                 threshold = self._share * self.scene.mu
             if motion is not None:
                 self._follow(motion, now, last)
+                record = self.record
             elif self.options.skip and now * self.step >= self.options.ramp:
                 self._tables = skip_tables(solver, every)
         if rows:

@@ -121,9 +121,9 @@ def options_for(scene: Scene, normalised: Normalised, given: dict[str, Any]) -> 
     if method == "paper" and optional["cutoff"] is not None:
         raise ValueError(f"cutoff = {optional['cutoff']:g}: the published scheme keeps all modes; leave it out")
     return Options(
-        duration=duration, method=method, ramp=ramp, initial=initial, contact_motion=motion, termination=termination,
-        record=record, sample_rate=sample_rate, sample_times=times, end_early=given["end_early"],
-        skip=given["leap"], **optional, **law,
+        duration=duration, method=method, ramp=ramp, initial=initial, contact_motion=motion,
+        termination=termination, record=record, sample_rate=sample_rate, sample_times=times,
+        end_early=given["end_early"], skip=given["leap"], **optional, **law,
     )  # fmt: skip
 
 
@@ -150,7 +150,7 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
 
 
 def per_scene(scenes: Sequence[Scene], given: dict[str, Any], own: frozenset[str]) -> list[dict[str, Any]]:
-    """Options of each scene: a list gives each its own for names in `own`, else it is for all.
+    """Options of each scene: a list gives each its own for names in `own`.
 
     Raises
     ------

@@ -68,8 +68,8 @@ class SkipTables:
     packed : ndarray, (rows, any)
         Rows below each other: `count`, `size`; z to the powers of the next LOOKS samples, real parts over all
         eigenvalues, then negative imaginary parts, 2 count; rows over the eigenvalues, OVER_VALUES; rows over x,
-        INTO + 4 count; the quadratic form of what the eigenvectors lose, 2 count; what they lose together with each
-        part of the line, 4; the lines, AFFINE_ROWS.
+        INTO + 4 count; the quadratic form of what the eigenvectors lose, 2 count; what they lose together with
+        each part of the line, 4; the lines, AFFINE_ROWS.
     """
 
     count: int
