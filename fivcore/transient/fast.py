@@ -362,7 +362,8 @@ class FastRun:
         for name in (*SETTLED, *ENERGIES):
             one[name] = 0.0
         one["last"], one["next_row"], one["settle"], one["modes_at"] = first + every, at.NEVER, 0, 0
-        one["next_sample"] = one["next_skip"] = one["next"] = at.NEVER
+        one["next_sample"] = one["next_skip"] = at.NEVER
+        one["next"] = one["last"]
         modes = aligned(self.blocks.size)
         modes[:] = self.blocks.ravel()
         none = np.empty((1, 6))
