@@ -234,10 +234,13 @@ def advance(
             scene = scenes[turn[g]]
             due = scene.next <= scene.now
             if due:
-                if scene.next_skip <= scene.now < scene.last:
-                    skip(scene, modes, samples, rows, tables, workspace)
                 if scene.settle == scene.now:
                     clear(scene)
+                # One skip after another, as where a segment ends between them.
+                while scene.next_skip <= scene.now < scene.last:
+                    skip(scene, modes, samples, rows, tables, workspace)
+                    if scene.settle == scene.now:
+                        clear(scene)
                 if scene.stopped != 0 or scene.now >= scene.last:
                     if waiting < len(order):
                         turn[g] = order[waiting]
