@@ -9,10 +9,12 @@ from scipy.linalg import eigh
 from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.beams.free_motion import propagator
 from fivcore.contact.reduced import ReducedModel, full_model
-from fivcore.transient.bench import Stretch, fulfil
-from fivcore.transient.fast_solver import Solver
-from fivcore.transient.lane_rows import SAMPLED
-from fivcore.transient.statistics import DAMPED, FRICTION, IMPACT, TERMINATION, WORK, Tally
+from fivcore.transient import fast_scene as at
+from fivcore.transient.fast import SAMPLED, aligned
+from fivcore.transient.fast_kernel import advance
+from fivcore.transient.fast_solver import Solver, put, take
+from fivcore.transient.segment import count_in
+from fivcore.transient.statistics import ENERGIES, begin
 from tests.test_published import stepped
 from tests.transient_reference import SEPARATION, SLIP, STICK
 
@@ -38,15 +40,25 @@ class Small:
             k, c + none, normal, tangential, none, none.copy(), rest, kept, np.array(K), np.array(C)
         )
         self.solver = Solver(self.model, mu, step)
-        self.mu, self.V, self.step, self.done = mu, V, step, 0
-        # Impulses come in the middle of a step.
-        self.x, self.v = self._moved(q - rest, v, 0.5 * step)
+        self.mu, self.V, self.step = mu, V, step
         u = np.array(u)
         if self.model.K.any() and contact != SEPARATION:
-            # The same force of the element that kicks need.
-            u = np.linalg.solve(self.solver.K, self.model.K @ u)
-        self.contact = np.array([*u, u[1] + tangential @ (q - rest) + self.solver.at_rest[1]])
-        self.tally = Tally().start(contact, 0.0, 0.0, 1.0)
+            # The same force of the element that impulses need.
+            u = np.linalg.solve(self.solver.impulse.stiffness, self.model.K @ u)
+        self.record = record = begin(self.solver.record.copy(), 0.0, 0.0, 1.0)
+        record["contact"], record["speed"], record["threshold"] = contact, V, np.inf
+        record["u_N"], record["u_T"] = u
+        record["anchor"] = u[1] + tangential @ (q - rest) + self.solver.at_rest[1]
+        record["p_rest"], record["T_rest"] = self.solver.at_rest
+        # Impulses come in the middle of a step.
+        x, v = self._moved(q - rest, v, 0.5 * step)
+        blocks = self.solver.blocks.copy()
+        put(blocks, at.Q, x)
+        put(blocks, at.V, v)
+        self.modes = aligned(blocks.size)
+        self.modes[:] = blocks.ravel()
+        record["g_N"], record["g_T"] = normal @ x, tangential @ x
+        record["v_N"], record["v_T"] = normal @ v, tangential @ v
         self.first = self.energy()
 
     def _moved(self, x, v, time):
@@ -55,39 +67,47 @@ class Small:
 
     def run(self, steps):
         """Go on; returns a record of each step: t, -, N, T, slip velocity, state."""
-        model, solver = self.model, self.solver
-        gaps = [shape @ part for part in (self.x, self.v) for shape in (model.normal, model.tangential)]
-        stretch = Stretch(
-            solver, self.x, self.v, self.contact, np.array([*gaps, *solver.at_rest, 0.0]), self.tally,
-            first=self.done, last=self.done + steps, pace=self.V, ramp=0.0, hearing=SAMPLED, recording=1,
-        )  # fmt: skip
-        fulfil(stretch)
-        self.done += steps
-        return stretch.rows
+        record, now = self.record, int(self.record["now"][0])
+        last = now + steps
+        record["last"], record["next"], record["next_row"], record["row_every"] = last, now, now, 1
+        record["sample_every"], record["next_sample"] = SAMPLED, -(-now // SAMPLED) * SAMPLED
+        record["samples"] = record["rows"] = record["sticks"] = 0
+        record["stick_room"] = steps
+        rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), 3))
+        none = np.zeros((1, 1))
+        order = np.zeros(1, dtype=np.int64)
+        advance(order, record, self.modes, samples, rows, np.empty((steps, 2)), none.ravel(), none)
+        assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
+        return rows
 
     def follow(self, duration, every):
         """Time and displacements every so many steps, and the record of all."""
         times, places, rows = [], [], []
         for _ in range(int(duration / self.step / every)):
             rows.append(self.run(every))
-            times.append(self.done * self.step)
+            times.append(int(self.record["now"][0]) * self.step)
             places.append(self.q)
         return np.array(times), np.array(places), np.concatenate(rows)
 
+    def _state(self):
+        """Displacements about rest and velocities at the start of the step."""
+        blocks, count = self.modes.reshape(self.solver.blocks.shape), len(self.model.rest)
+        return self._moved(take(blocks, at.Q, count), take(blocks, at.V, count), -0.5 * self.step)
+
     @property
     def q(self):
-        return self._moved(self.x, self.v, -0.5 * self.step)[0] + self.model.rest
+        return self._state()[0] + self.model.rest
 
     def energy(self):
         """Of modes, load and element."""
-        model, u = self.model, self.contact[:2]
-        x, v = self._moved(self.x, self.v, -0.5 * self.step)
-        return 0.5 * np.sum(v**2 + model.stiffness * x**2) + model.normal @ x + 0.5 * u @ self.solver.K @ u
+        model, u = self.model, np.array([self.record["u_N"][0], self.record["u_T"][0]])
+        (x, v), K = self._state(), self.solver.impulse.stiffness
+        return 0.5 * np.sum(v**2 + model.stiffness * x**2) + model.normal @ x + 0.5 * u @ K @ u
 
     def imbalance(self):
         """Work in less what is stored, damped, rubbed, and lost in termination and impacts."""
-        sums = self.tally.sums
-        return sums[WORK] + self.first - self.energy() - sums[[DAMPED, FRICTION, TERMINATION, IMPACT]].sum()
+        work, *lost = (float(self.record[name][0]) for name in ENERGIES)
+        return work + self.first - self.energy() - sum(lost)
 
 
 # Coulomb friction and the belt: a block of unit mass on a unit spring, mu N = 1.
@@ -402,7 +422,7 @@ def couple(step):
 def test_energy_balances_at_every_instant(case, steps, error, falls):
     """Work in = stored + damped + friction + termination, relative to the energy at the start.
 
-    Exact under constant forces, else first order in the step: between two kicks the element's state is half a
+    Exact under constant forces, else first order in the step: between two impulses the element's state is half a
     step old, catches and impacts fall anywhere within a step, and modal damping is sampled.
     """
     worst = []

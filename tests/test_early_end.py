@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, State, simulate, sliding_modes
-from fivcore.contact.reduced import full_model, reduced_model
+from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import step_matrices
-from fivcore.transient import fast
-from fivcore.transient import steady as settled
-from fivcore.transient.bench import Stretch, fulfil
+from fivcore.transient import fast, steady
+from fivcore.transient import fast_scene as at
 from fivcore.transient.drive import Normalised
-from fivcore.transient.fast import ANCHOR, U_T, FastRun
-from fivcore.transient.statistics import SLIP, Tally
+from fivcore.transient.fast import FastRun
+from fivcore.transient.fast_solver import take
+from fivcore.transient.options import Options
+from fivcore.transient.statistics import SLIP
 from fivcore.transient.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
 from tests.rigs import workshop_rig
 
@@ -146,16 +147,16 @@ def test_the_switch_is_a_bool():
 
 def begin_in_steady_sliding(monkeypatch, nudge):
     """Runs begin at the fixed point itself, to the last bit, but for a little of one mode."""
-    begin = FastRun._begin
+    begin = FastRun._start
 
     def placed(run, initial):
         begin(run, initial)
-        steady = steady_sliding(run.model, run.scene.mu, run.step)
-        q, v, run._contact[:2] = steady.start(run.scene.speed_per_load)
+        sliding = steady_sliding(run.model, run.scene.mu, run.step)
+        q, v, (run.record["u_N"], run.record["u_T"]) = sliding.start(run.scene.speed_per_load)
         v[1] += nudge * run.scene.speed_per_load
         run._place(q, v)
 
-    monkeypatch.setattr(FastRun, "_begin", placed)
+    monkeypatch.setattr(FastRun, "_start", placed)
     nothing = np.zeros(len(full_model(Rig(), 5.0).stiffness))
     return {"initial": State(nothing, nothing, SLIP), "ramp": 0.0, "cutoff": FEW}
 
@@ -185,8 +186,8 @@ def test_a_decaying_one_is_ended_at_once(nudge, monkeypatch):
     full, ended = both(Scene(5e-3, 5.0, 0.10, 9.0), 0.2, record=True, **given)
     assert ended.summary["settled_early"]
     stretched(full.summary, ended.summary, 5e-3)
-    steady = full.normal_force[full.time > 0.054]
-    assert np.any(steady != ended.normal_force[ended.time > 0.054])
+    every = full.normal_force[full.time > 0.054]
+    assert np.any(every != ended.normal_force[ended.time > 0.054])
     assert np.all(ended.normal_force[ended.time > 0.054] == ended.normal_force[-1])
 
 
@@ -195,31 +196,39 @@ def test_a_decaying_one_is_ended_at_once(nudge, monkeypatch):
 
 def run_in_slip(scene, cutoff=None):
     """A run whose drive is at its speed, and its steady sliding."""
-    canonical = Normalised.of(scene)
-    tally = Tally().start(SLIP, 0.0, 0.1, None)
-    run = FastRun(
-        canonical, ramp=0.0, cutoff=cutoff, termination="absorbing", step=None, initial=None, tally=tally,
-        sample_rate=1e9,
-    )  # fmt: skip
-    tally.flags[0] = SLIP
-    return run, steady_sliding(run.model, scene.mu, run.step), canonical.speed_per_load
+    normalised = Normalised.of(scene)
+    cutoff = default_cutoff(scene.rig) if cutoff is None else cutoff
+    options = Options(
+        1.0, ramp=0.0, settle=0.0, cutoff=cutoff, record=("velocity_B",), sample_rate=1e9, end_early=False
+    )
+    run = FastRun(normalised, options)
+    return run, steady_sliding(run.model, scene.mu, run.step), normalised.speed_per_load
 
 
 def recorded(run, last):
     """Rows of the steps from 80 to `last`."""
     rows = []
-    for each in run._advance(80, last):
-        if isinstance(each, Stretch):
-            fulfil(each)
-        else:
-            rows.append(each)
+    run.record["now"], run.steps = 80, last
+    while not run.done:
+        FastRun.advance([run])
+        rows += [segment.rows for segment in run.segments]
     return np.concatenate(rows)
 
 
-def put(run, x, steady, pace):
-    size = len(run._q)
+def put(run, x, sliding, speed):
+    size = len(run.model.rest)
     run._place(x[:size], x[size:-1])
-    run._contact[:] = steady.readings(pace)[PENETRATION], x[-1], 0.0
+    run.record["contact"] = SLIP
+    run.record["u_N"], run.record["u_T"], run.record["anchor"] = sliding.readings(speed)[PENETRATION], x[-1], 0.0
+
+
+def modes_of(run):
+    """Displacements and velocities before an impulse."""
+    return tuple(take(run.blocks, row, len(run.model.rest)) for row in (at.Q, at.V))
+
+
+def element_of(run):
+    return np.array([run.record["u_N"][0], run.record["u_T"][0]])
 
 
 READ = [NORMAL, SLIP_RATE, VELOCITY]
@@ -228,51 +237,51 @@ MAPS = [(STABLE, None), (Scene(5e-3, 5.0, 0.2, 9.0), None), (Scene(0.1, 40.0, 0.
 
 @pytest.mark.parametrize(("scene", "cutoff"), MAPS)
 def test_the_kernels_step_in_slip_is_the_map(scene, cutoff):
-    run, steady, pace = run_in_slip(scene, cutoff)
+    run, sliding, speed = run_in_slip(scene, cutoff)
     matrix = step_matrices(run.model, scene.mu, run.step)[1]
     rng = np.random.default_rng(0)
     for scale in (0.0, 1e-7):
-        away = scale * rng.standard_normal(len(steady.state)) * steady.state
-        put(run, steady.state + away, steady, pace)
+        away = scale * rng.standard_normal(len(sliding.state)) * sliding.state
+        put(run, sliding.state + away, sliding, speed)
         rows_seen = recorded(run, 81)
-        after = np.concatenate([run._q, run._v, run._contact[[U_T]]])
-        expected = steady.state + matrix @ away
-        size = len(run._q)
+        after = np.concatenate([*modes_of(run), element_of(run)[1:]])
+        expected = sliding.state + matrix @ away
+        size = len(run.model.rest)
         for part in (slice(0, size), slice(size, 2 * size), slice(-1, None)):
             assert after[part] == pytest.approx(expected[part], rel=1e-9, abs=1e-11 * np.abs(after[part]).max())
-        rows = steady._rows @ away + steady.readings(pace)
+        rows = sliding._rows @ away + sliding.readings(speed)
         seen = rows_seen[0, [2, 4, 1]]
-        assert seen == pytest.approx(rows[READ], rel=1e-9, abs=1e-9 * pace)
+        assert seen == pytest.approx(rows[READ], rel=1e-9, abs=1e-9 * speed)
         assert rows_seen[0, 5] == SLIP
-    assert run._contact[ANCHOR] == 0.0
+    assert run.record["anchor"] == 0.0
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("V", [1e-3, 0.3])
 def test_what_the_bound_allows_never_ends_slip(seed, V, monkeypatch):
     """The largest deviation of a kind for which the proof holds; slow scenes end by sticking, fast ones by N."""
-    run, steady, pace = run_in_slip(replace(STABLE, V=V))
-    monkeypatch.setattr(settled, "TOLERANCE", np.inf)
+    run, sliding, speed = run_in_slip(replace(STABLE, V=V))
+    monkeypatch.setattr(steady, "TOLERANCE", np.inf)
     rng = np.random.default_rng(seed)
-    size = len(run._q)
-    kind = rng.standard_normal(len(steady.state))
+    size = len(run.model.rest)
+    kind = rng.standard_normal(len(sliding.state))
     kind[:size] /= 1e4
     kind[-1] = 0.0
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)
-        put(run, steady.state + middle * kind, steady, pace)
-        good = steady.for_good(run._q, run._v, run._contact[:2], pace)
+        put(run, sliding.state + middle * kind, sliding, speed)
+        good = sliding.is_permanent(*modes_of(run), element_of(run), speed)
         low, high = (middle, high) if good else (low, middle)
     assert low > 0.0
-    bounds = steady.bounds(steady.state + low * kind)[READ]
-    put(run, steady.state + low * kind, steady, pace)
+    bounds = sliding.bounds(sliding.state + low * kind)[READ]
+    put(run, sliding.state + low * kind, sliding, speed)
     seen = recorded(run, 20_080)
     assert np.all(seen[:, 5] == SLIP)
-    away = np.abs(seen[:, [2, 4, 1]] - steady.readings(pace)[READ]).max(axis=0)
+    away = np.abs(seen[:, [2, 4, 1]] - sliding.readings(speed)[READ]).max(axis=0)
     assert np.all(away <= bounds)
     assert np.all(away > 0.03 * bounds)
-    put(run, steady.state + 50.0 * low * kind, steady, pace)
+    put(run, sliding.state + 50.0 * low * kind, sliding, speed)
     assert np.any(recorded(run, 20_080)[:, 5] != SLIP)
 
 
@@ -280,8 +289,8 @@ def test_what_the_bound_allows_never_ends_slip(seed, V, monkeypatch):
 def test_the_proofs_spectrum_is_that_of_sliding_stability(theta, mu):
     modes = sliding_modes(Rig(), theta, mu)
     model = reduced_model(Rig(), theta)
-    steady = steady_sliding(model, mu, model.default_step)
-    found = steady.eigenvalues
+    sliding = steady_sliding(model, mu, model.default_step)
+    found = sliding.eigenvalues
     expected = modes.growth_rate + 2j * np.pi * modes.frequency
     nearest = found[np.abs(found[:, None] - expected).argmin(axis=0)]
     assert nearest.imag == pytest.approx(expected.imag, rel=2e-3)
@@ -292,8 +301,8 @@ def test_the_proofs_spectrum_is_that_of_sliding_stability(theta, mu):
     assert nearest == pytest.approx(limit, rel=1e-5, abs=0.2)
     assert np.array_equal(nearest.real > 0.0, modes.unstable)
     if modes.unstable.any():
-        assert not steady.decays
-    assert steady.decays == bool(np.all(found.real < 0.0))
+        assert not sliding.decays
+    assert sliding.decays == bool(np.all(found.real < 0.0))
 
 
 def test_the_pair_of_the_paper_grows_in_the_proof_as_in_the_analysis():

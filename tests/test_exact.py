@@ -9,24 +9,14 @@ import pytest
 from fivcore import ContactError, DivergenceError, Rig, Scene, simulate
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.transient import exact_kernels, exact_regimes
-from fivcore.transient.bench import Stretch, fulfil
+from fivcore.transient import fast_scene as at
 from fivcore.transient.drive import Normalised, State, displacement, slip_distance
 from fivcore.transient.exact import DWELL, HELD, ExactRun, states_at
 from fivcore.transient.exact_kernels import DRAG, PULL, Q_R, V_R, A, P, S, prescribed, search
 from fivcore.transient.fast import FastRun
-from fivcore.transient.statistics import (
-    DAMPED,
-    FIRST_SEPARATION,
-    FIRST_SLIP,
-    FRICTION,
-    IMPACT,
-    SUM_N,
-    SWITCHES,
-    TERMINATION,
-    TIME_IN,
-    WORK,
-    Tally,
-)
+from fivcore.transient.fast_solver import take
+from fivcore.transient.options import Options
+from fivcore.transient.statistics import ENERGIES
 from tests.rigs import workshop_rig
 
 RAMP, CUTOFF = 1e-3, 75e3
@@ -35,20 +25,28 @@ SCENE = Normalised.of(Scene(0.02, 5.0, 0.2, 9.0))
 LONG = np.longdouble
 
 
-def exact_run(scene: Normalised = SCENE, kind: type[ExactRun] = ExactRun, **options):
-    given = {"ramp": RAMP, "cutoff": CUTOFF, "step": None, "initial": None, "sample_rate": None} | options
-    return kind(scene, termination="absorbing", tally=Tally().start(1, 0.0, 0.0, None), **given)
+def exact_run(scene: Normalised = SCENE, kind: type[ExactRun] = ExactRun, duration: float = 1.0, **given):
+    """A run that counts from its start."""
+    usual = {"ramp": RAMP, "cutoff": CUTOFF, "settle": 0.0}
+    return kind(scene, Options(duration, "exact", **usual | given))
 
 
-def run_for(run: ExactRun, duration: float) -> ExactRun:
-    for _ in run.chunks(round(duration / run.step)):
+def run_for(run: ExactRun) -> ExactRun:
+    """Take a run to its end."""
+    while not run.done:
+        ExactRun.advance([run])
         assert run.calm(1e-150)
     return run
 
 
+def counted(run: ExactRun, *names: str) -> np.ndarray:
+    """Counters of a run."""
+    return np.array([float(run.record[name][0]) for name in names])
+
+
 def energy_residual(run: ExactRun) -> float:
-    sums = run.tally.sums
-    parts = np.array([sums[WORK], run.released_energy(), *-sums[[DAMPED, FRICTION, TERMINATION, IMPACT]]])
+    work, *lost = counted(run, *ENERGIES)
+    parts = np.array([work, run.released_energy(), *(-part for part in lost)])
     return float(abs(parts.sum()) / np.abs(parts).sum())
 
 
@@ -171,8 +169,8 @@ class Reference:
 @pytest.mark.parametrize("cutoff", [40e3, 75e3])
 def test_trajectories_up_to_the_first_separation(cutoff):
     model = reduced_model(SCENE.rig, SCENE.theta, cutoff)
-    run = run_for(exact_run(cutoff=cutoff), 0.012)
-    slip, separation = run.tally.moments[[FIRST_SLIP, FIRST_SEPARATION]]
+    run = run_for(exact_run(duration=0.012, cutoff=cutoff))
+    slip, separation = counted(run, "first_slip", "first_separation")
     assert slip < separation < 0.012
     reference = Reference(model, SCENE, RAMP, 1e-7)
     times = np.concatenate([[0.5e-3, 2e-3, 7e-3], np.linspace(slip, separation, 7)[1:-1], [separation - 1e-9]])
@@ -198,8 +196,8 @@ def test_first_slip_of_a_small_rig_to_thirty_digits():
     assert model.K.any()
     near = Normalised.of(Scene(1.0, 4.0, 0.3, 1.0, rig))
     scene = Normalised.of(Scene(0.1 * slip_distance(near) / RAMP, 4.0, 0.3, 1.0, rig))
-    run = run_for(exact_run(scene, cutoff=10e3), 10e-3)
-    found = float(run.tally.moments[FIRST_SLIP])
+    run = run_for(exact_run(scene, duration=10e-3, cutoff=10e3))
+    (found,) = counted(run, "first_slip").tolist()
     assert found > RAMP
     with mpmath.workdps(40):
         n = len(model.stiffness)
@@ -239,14 +237,14 @@ def test_first_slip_of_a_small_rig_to_thirty_digits():
 
 
 def test_energy_and_mean_force_over_many_events():
-    run = run_for(exact_run(), 0.06)
-    sums = run.tally.sums
-    assert sums[SWITCHES] > 1000
+    run = run_for(exact_run(duration=0.06))
+    switches, impact, work, sum_N = counted(run, "switches", "impact", "work", "sum_N")
+    assert switches > 1000
     assert energy_residual(run) < 1e-12
-    assert run.held < 0.01 * sums[SWITCHES]
+    assert run.held < 0.01 * switches
     # Nothing is lost in deciding between regimes.
-    assert abs(sums[IMPACT]) < 1e-9 * sums[WORK]
-    mean = sums[SUM_N] / sums[TIME_IN : TIME_IN + 3].sum()
+    assert abs(impact) < 1e-9 * work
+    mean = sum_N / counted(run, "separation_time", "stick_time", "slip_time").sum()
     assert mean == pytest.approx(1.0, abs=0.02)
 
 
@@ -255,8 +253,8 @@ def test_energy_of_other_rigs(seed):
     rig, theta, mu = workshop_rig(seed, seed % 2 > 0), 3.0 * seed - 12.0, 0.3
     distance = slip_distance(Normalised.of(Scene(1.0, theta, mu, 1.0, rig)))
     scene = Normalised.of(Scene(1e3 * distance, theta, mu, 1.0, rig))
-    run = run_for(exact_run(scene, ramp=0.0 if seed < 6 else RAMP, cutoff=30e3), 0.01)
-    assert run.tally.sums[SWITCHES] > 1
+    run = run_for(exact_run(scene, duration=0.01, ramp=0.0 if seed < 6 else RAMP, cutoff=30e3))
+    assert run.record["switches"] > 1
     assert energy_residual(run) < 1e-10
 
 
@@ -293,9 +291,9 @@ class Watched(ExactRun):
 
 
 def test_events_are_where_their_function_vanishes():
-    run = exact_run(kind=Watched)
+    run = exact_run(kind=Watched, duration=0.03)
     run.distances, run.least = [], 0.0
-    run_for(run, 0.03)
+    run_for(run)
     assert len(run.distances) > 500
     # A gap or a margin that is touched rather than crossed has no slope to divide by.
     assert np.quantile(run.distances, 0.99) < 1e-14
@@ -371,10 +369,10 @@ class Landing(ExactRun):
     def _decide(self, t, y, was, landed=False):
         n = len(self.model.stiffness)
         closing = self._shape @ y[n : 2 * n] - [0.0, self._clamp_velocity(t)]
-        before = self.tally.sums[IMPACT]
+        before = float(self.record["impact"][0])
         super()._decide(t, y, was, landed)
         if landed:
-            self.landings.append((t, closing, self.tally.sums[IMPACT] - before))
+            self.landings.append((t, closing, float(self.record["impact"][0]) - before))
 
 
 def test_touch_down_on_the_dashpot():
@@ -385,9 +383,9 @@ def test_touch_down_on_the_dashpot():
     q, v = np.zeros((2, len(full.stiffness)))
     rigid = full.stiffness == 0.0
     q[rigid], v[rigid] = 1e-9 / full.normal[rigid], -1e-2 / full.normal[rigid]
-    run = exact_run(scene, initial=State(q, v, 0), kind=Landing, step=1e-8)
+    run = exact_run(scene, initial=State(q, v, 0), kind=Landing, duration=2e-7, step=1e-8)
     run.landings = []
-    run_for(run, 2e-7)
+    run_for(run)
     ((t, closing, lost),) = run.landings
     C, r = run.model.C, run._regime
     jump = -(C[0, 0] - C[0, 1] ** 2 / C[1, 1]) * closing[0]
@@ -400,13 +398,13 @@ def test_touch_down_on_the_dashpot():
 
 def fast_state(step: float, time: float, termination: str = "absorbing") -> np.ndarray:
     """Displacements of fast in the middle of the step that contains `time`, which is such a middle."""
-    tally = Tally().start(1, 0.0, 0.0, None)
-    options = {"ramp": RAMP, "cutoff": CUTOFF, "termination": termination, "step": step, "initial": None}
-    run = FastRun(SCENE, tally=tally, sample_rate=None, **options)
-    for each in run.chunks(round(time / step - 0.5)):
-        if isinstance(each, Stretch):
-            fulfil(each)
-    return run._q + run._shift
+    steps = round(time / step - 0.5)
+    options = Options(steps * step, ramp=RAMP, cutoff=CUTOFF, termination=termination, step=step)
+    run = FastRun(SCENE, options)
+    assert run.steps == steps
+    while not run.done:
+        FastRun.advance([run])
+    return take(run.blocks, at.Q, len(run.model.rest)) + run._shift
 
 
 @pytest.mark.parametrize(("near", "most"), [(0.0085, 2e-8), (0.0100, 1e-5)])
@@ -438,12 +436,19 @@ def test_fast_converges_with_order_two_without_the_absorbing_element(termination
     assert np.all(errors[:-1] / errors[1:] > 8.0), errors
 
 
-def test_sampled_rows_and_chunks():
-    """Rows are the exact motion in the middle of each sampled step, and chunks join without a seam."""
-    run = exact_run(sample_rate=100e3, step=1e-6)
-    recorded = [each for each in run.chunks(50_000) if isinstance(each, np.ndarray)]
-    assert len(recorded) == 2
-    rows = np.concatenate(recorded)
+def test_sampled_rows_and_segments():
+    """Rows are the exact motion in the middle of each sampled step, and segments join without a seam."""
+    run, segments = exact_run(duration=0.05, record=("velocity_B",), step=1e-6), []
+    while not run.done:
+        ExactRun.advance([run])
+        segments += run.segments
+    assert len(segments) == 2
+    rows, samples = (np.concatenate([getattr(each, name) for each in segments]) for name in ("rows", "samples"))
+    # Samples every 20 microseconds are those of the rows that are there.
+    t = np.concatenate([each.t for each in segments])
+    assert len(t) == 2500
+    np.testing.assert_allclose(t, rows[::2, 0], rtol=1e-12)
+    np.testing.assert_array_equal(samples, rows[::2][:, [1, 4, 2]])
     assert len(rows) == 5000
     np.testing.assert_allclose(np.diff(rows[:, 0]), 1e-5, rtol=1e-6)
     first = rows[rows[:, 0] < 0.0105]
@@ -460,9 +465,9 @@ def test_sampled_rows_and_chunks():
 
 def test_a_clamp_that_starts_at_once():
     """Without a ramp the stuck contact is dragged along from the first instant."""
-    run = run_for(exact_run(ramp=0.0), 0.01)
+    run = run_for(exact_run(duration=0.01, ramp=0.0))
     assert energy_residual(run) < 1e-10
-    assert run.tally.sums[SWITCHES] > 0
+    assert run.record["switches"] > 0
 
 
 @pytest.mark.parametrize("contact", [0, 1, 2])
@@ -472,7 +477,7 @@ def test_any_start_keeps_its_energy_balance(contact):
     rng = np.random.default_rng(contact)
     moved = full.rest + 1e-8 * rng.normal(size=len(full.rest)) / np.sqrt(1.0 + full.stiffness / 1e8)
     initial = State(moved, 1e-4 * rng.normal(size=len(moved)), contact)
-    run = run_for(exact_run(initial=initial), 0.005)
+    run = run_for(exact_run(duration=0.005, initial=initial))
     assert energy_residual(run) < 1e-10
 
 
@@ -508,8 +513,8 @@ def test_without_an_absorbing_element_it_refuses_and_what_it_advises_works(scene
 
 def until_separation(duration=0.012):
     """Times, states and energy residual of the paper's rig, and when the contact slips and separates first."""
-    run = run_for(exact_run(), duration)
-    events = run.tally.moments[[FIRST_SLIP, FIRST_SEPARATION]].copy()
+    run = run_for(exact_run(duration=duration))
+    events = counted(run, "first_slip", "first_separation")
     states = states_at(SCENE, events[1] * np.array([0.1, 0.3, 0.6, 0.9, 0.99]), ramp=RAMP, cutoff=CUTOFF)
     return states, events, energy_residual(run), run.model.stiffness
 
@@ -541,8 +546,8 @@ def test_distance_driven_until_the_first_slip():
     """Slow drives slip where statics says."""
     rig = Rig()
     scene = Normalised.of(Scene(1e-3, 5.0, 0.2, 9.0, rig))
-    run = run_for(exact_run(scene), 0.16)
-    slip = run.tally.moments[FIRST_SLIP]
+    run = run_for(exact_run(scene, duration=0.16))
+    (slip,) = counted(run, "first_slip")
     driven = displacement(np.array(slip), scene.speed_per_load, RAMP)
     assert driven == pytest.approx(slip_distance(scene), rel=0.02)
 

@@ -1,4 +1,4 @@
-"""What a lasting force looks like in kicks, and what making up for it brings."""
+"""What a lasting force looks like in impulses, and what making up for it brings."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ STEP = 2e-6
 
 
 def sawtooth(omega, damping, step):
-    """Of a unit force in kicks: deflection and mean velocity at a kick, and deflection midway to the next."""
+    """Of a unit force in impulses: deflection and mean velocity at one, and deflection midway to the next."""
     a, b, c, d = propagator(np.array([omega**2]), np.array([damping]), step)[:, 0]
     flow = np.array([[a, b], [c, d]], dtype=np.longdouble)
     # x = flow (x + kick), by hand: there is no solver in this precision.
@@ -33,11 +33,11 @@ def sawtooth(omega, damping, step):
 
 @given(st.floats(0.05, 2.5), st.floats(0.0, 1.0))
 @settings(max_examples=60, deadline=None)
-def test_what_kicks_miss_is_what_a_sawtooth_lacks(phase, decay):
+def test_what_impulses_miss_is_what_a_sawtooth_lacks(phase, decay):
     omega, damping = phase / STEP, decay / STEP
     q, rate, midway = sawtooth(omega, damping, STEP)
-    missed, drift = (float(part[0]) for part in at_impulses(np.array([omega**2]), np.array([damping]), STEP))
-    assert missed == pytest.approx(1.0 / omega**2 - q, rel=1e-8, abs=1e-12 / omega**2)
+    defect, drift = (float(part[0]) for part in at_impulses(np.array([omega**2]), np.array([damping]), STEP))
+    assert defect == pytest.approx(1.0 / omega**2 - q, rel=1e-8, abs=1e-12 / omega**2)
     assert drift == pytest.approx(rate, rel=1e-8, abs=1e-12 * STEP)
     if decay == 0.0:
         assert float(between_impulses(np.array([omega**2]), STEP)[0]) == pytest.approx(
@@ -48,17 +48,17 @@ def test_what_kicks_miss_is_what_a_sawtooth_lacks(phase, decay):
 @pytest.mark.parametrize("decay", [0.0, 0.01, 0.3])
 def test_slow_modes_miss_a_twelfth_and_the_series_joins(decay):
     omegas = np.array([0.0, 1e-6, 1.0 - 1e-9, 1.0 + 1e-9]) * SMALL / STEP
-    missed, drift = at_impulses(omegas**2, np.full(4, decay / STEP), STEP)
-    assert missed == pytest.approx(STEP**2 / 12.0, rel=1e-4 + 0.02 * decay**2)
-    assert missed[2] == pytest.approx(missed[3], rel=1e-5)
+    defect, drift = at_impulses(omegas**2, np.full(4, decay / STEP), STEP)
+    assert defect == pytest.approx(STEP**2 / 12.0, rel=1e-4 + 0.02 * decay**2)
+    assert defect[2] == pytest.approx(defect[3], rel=1e-5)
     assert drift[2] == pytest.approx(drift[3], rel=1e-5, abs=1e-14)
     assert drift == pytest.approx(decay * STEP / 12.0, rel=1e-4 + 0.02 * decay**2, abs=1e-14)
 
 
 def without(model, mu, step):
-    """Eigenvalues of slip in kicks that are taken for a lasting force, 1/s."""
+    """Eigenvalues of slip in impulses that are taken for a lasting force, 1/s."""
     half = 0.5 * step * model.W
-    _, slip, *_ = regime_maps(model.K, model.C, half, mu, step)
+    slip = regime_maps(model.K, model.C, half, mu, step).slip
     n, t, size = model.normal, model.tangential, len(model.normal)
     inputs = np.zeros((3, 2 * size + 1))
     inputs[0, :size], inputs[1, -1], inputs[2, size:-1] = -n, 1.0, n
@@ -71,7 +71,7 @@ def without(model, mu, step):
 
 
 def test_growth_near_the_onset_is_right_in_steps_of_two_microseconds():
-    """At mu = 0.11 a mode at 55 kHz decays by 69 1/s; kicks taken for a lasting force let it grow."""
+    """At mu = 0.11 a mode at 55 kHz decays by 69 1/s; impulses taken for a lasting force let it grow."""
     model, mu = reduced_model(Rig(), 5.0), 0.11
     finest = steady_sliding(model, mu, 0.02e-6).eigenvalues
     near = finest[np.abs(finest.imag / (2.0 * np.pi) - 55.3e3) < 2e3]

@@ -9,9 +9,11 @@ from fivcore import Rig, Scene, State, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
 from fivcore.transient.drive import Normalised
+from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
-from fivcore.transient.published_kernel import advance
-from fivcore.transient.statistics import Tally
+from fivcore.transient.published_kernel import SCENE, advance
+from fivcore.transient.segment import count_in
+from fivcore.transient.statistics import begin
 from tests.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
 
 COARSE = Rig(replace(P1, elements=6), replace(P2, elements=10), contact_position=0.083)
@@ -23,7 +25,7 @@ CASES = {
 }
 
 
-def lively(rig: Rig, theta: float, mu: float, F: float, pace: float, contact: int) -> State:
+def lively(rig: Rig, theta: float, mu: float, F: float, speed: float, contact: int) -> State:
     """Modes below 60 kHz moving at random, from where such a contact is in equilibrium.
 
     Separated: P1 is lifted and falls. Stuck: the surfaces at rest. Slipping: bent by
@@ -33,7 +35,7 @@ def lively(rig: Rig, theta: float, mu: float, F: float, pace: float, contact: in
     rng = np.random.default_rng(contact)
     q = F * model.rest
     low = model.stiffness < (2.0 * np.pi * 60e3) ** 2
-    v = np.sqrt(1e-3) * pace * rng.standard_normal(len(q)) * low
+    v = np.sqrt(1e-3) * speed * rng.standard_normal(len(q)) * low
     if contact == SEPARATION:
         q[0] += 2e-7 / model.normal[0]
         v[0] -= 0.3 / model.normal[0]
@@ -45,15 +47,15 @@ def lively(rig: Rig, theta: float, mu: float, F: float, pace: float, contact: in
         q[1:] += bent
         q[0] -= model.normal[1:] @ bent / model.normal[0]
         tip = model.tangential * low
-        v -= 2.0 * pace * tip / (tip @ tip)
+        v -= 2.0 * speed * tip / (tip @ tip)
         v[0] -= (model.normal @ v) / model.normal[0]
     return State(q, v, contact)
 
 
 def run_both(case, contact, steps=5000):
     """The scheme in modal and in nodal coordinates from one state, a record of every step each."""
-    rig, theta, mu, F, pace, dt = CASES[case]
-    start = lively(rig, theta, mu, F, pace, contact)
+    rig, theta, mu, F, speed, dt = CASES[case]
+    start = lively(rig, theta, mu, F, speed, contact)
     scene = Scene(2e-3, theta, mu, F, rig)
     run = simulate(
         scene, steps * dt, "paper", ramp=2e-5, initial=start, step=dt, record=True, sample_rate=1.0 / dt
@@ -107,10 +109,11 @@ def test_modes_move_as_the_finite_elements_do(case, contact):
 def displaced(scene: Scene, start: State, dt: float, steps: int) -> np.ndarray:
     """Modal displacements after some steps, per newton of load."""
     initial = State(start.displacement / scene.F, start.velocity / scene.F, start.contact)
-    tally = Tally().start(start.contact, None, 0.1, None)
-    run = PaperRun(Normalised.of(scene), ramp=2e-5, step=dt, initial=initial, tally=tally, sample_rate=None)
-    for _ in run.chunks(steps):
-        pass
+    options = Options(steps * dt, "paper", ramp=2e-5, initial=initial, step=dt)
+    run = PaperRun(Normalised.of(scene), options)
+    assert run.steps == steps
+    while not run.done:
+        PaperRun.advance([run])
     return run._q
 
 
@@ -242,15 +245,15 @@ def stepped(
     vs = v if held else v + dt * (1.0 - b) * (f - k * q - c * v)
     a = (f - k * q - c * vs) * inverse
     reach = q + dt * (vs + b * dt * a) + 0.5 * dt**2 * a
-    contact, gaps = np.array([tangential @ q, last_T]), np.array([normal @ reach, tangential @ reach])
-    tally = Tally().start(SLIP, 0.0, 0.0, 1.0)
-    rows = np.empty((steps, 6))
-    advance(
-        modes=(k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0)), f=f, W=W, mu=mu,
-        scheme=(dt, b, dt / tau), drive=(V, 0.0), slide=(np.zeros(0), np.zeros(0)), first=0, last=steps,
-        q=q, vs=vs, a=a, reach=reach, contact=contact, gaps=gaps, tally=tally.arrays, sticks=np.empty((steps, 2)),
-        heard=np.empty((steps, 2)), hearing=steps, rows=rows, recording=1,
-    )  # fmt: skip
+    record = begin(np.zeros(1, SCENE), 0.0, 0.0, 1.0)
+    record["dt"], record["b"], record["r"], record["mu"], record["speed"] = dt, b, dt / tau, mu, V
+    record["W_NN"], record["W_NT"], record["W_TT"] = W
+    record["gap_N"], record["gap_T"] = normal @ reach, tangential @ reach
+    record["last_gT"], record["last_T"], record["contact"] = tangential @ q, last_T, SLIP
+    record["sample_every"], record["row_every"], record["stick_room"] = steps, 1, steps
+    rows, samples, still = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3)), np.zeros(0)
+    modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
+    advance(record, steps, modes, f, (still, still), q, vs, a, reach, samples, rows, np.empty((steps, 2)))
     return rows, q
 
 

@@ -5,23 +5,8 @@ import pytest
 
 from fivcore import Rig, Scene
 from fivcore.transient.drive import Normalised, displacement, slip_distance
-from fivcore.transient.spectra import Correlation, Listener, Welch
-from fivcore.transient.statistics import (
-    BINS,
-    DAMPED,
-    FRICTION,
-    SEPARATION,
-    SETTLED_FROM,
-    SLIP,
-    STICK,
-    STICKS,
-    WORK,
-    Tally,
-    follow,
-    measure,
-    quantile,
-    spread,
-)
+from fivcore.transient.spectra import BLOCK, Correlation, Histogram, Monitor, Welch
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
 from fivcore.transient.summary import Outcome, regime_of, summarise
 
 RATE = 50e3
@@ -29,40 +14,51 @@ SCENE = Normalised.of(Scene(2e-3, 5.0, 0.2, 9.0))
 
 
 def run(states, forces=None, speeds=None, step=1e-4, settle=None, min_stick=None, settling=0.0):
-    """Count a made sequence of contact states."""
-    tally = Tally().start(int(states[0]), settle, settling, min_stick)
-    flags, moments, sums, hist, fast, word, bits = tally.arrays
-    sticks = np.empty((len(states), 2))
+    """Count a made sequence of contact states; the counters, and the long sticks."""
+    record = begin(np.zeros(1, FIELDS).view(np.recarray), settle, settling, min_stick)
+    record["stick_room"] = len(states)
+    counted, was, sticks = record[0], int(states[0]), np.empty((len(states), 2))
     for i, state in enumerate(states):
-        t = (i + 0.5) * step
-        follow(flags, moments, sums, hist, fast, sticks, t, int(state))
-        if t >= moments[SETTLED_FROM]:
+        t, settled_from = (i + 0.5) * step, counted.settled_from
+        if state != was and plainly(enter, counted, was, int(state), t):
+            sticks[counted.sticks_at + counted.sticks - 1] = counted.last_stick, t
+        was = state
+        if t < counted.settled_from or counted.settled_from != settled_from:
+            plainly(clear, counted)
+        if t >= counted.settled_from:
             N = 1.0 if forces is None else forces[i]
             speed = 0.0 if speeds is None else speeds[i]
-            plainly(measure, sums, int(state), N, speed, step)
-            plainly(spread, hist, fast, word, bits, N, speed, step)
-    return tally, sticks[: flags[STICKS]].copy()
+            plainly(count_step, counted, int(state), N, speed, step)
+    return counted, sticks[: counted.sticks].copy()
 
 
 def plainly(function, *given):
     """Run what is made to be put into a kernel as what it is written as."""
-    function.py_func(*given) if hasattr(function, "py_func") else function(*given)
+    return function.py_func(*given) if hasattr(function, "py_func") else function(*given)
 
 
 def outcome(duration, sticks=None, steadiness=0.0, released=0.0):
     return Outcome(duration, 1e-3, np.zeros((0, 2)) if sticks is None else sticks, steadiness, released, False)
 
 
+NONE = np.zeros((0, 2))
+
+
 def silent():
-    listener = Listener(RATE)
-    listener.close()
-    return listener
+    monitor = Monitor(RATE)
+    monitor.close(NONE)
+    return monitor
+
+
+def shown(monitor, t, velocity, settled_from=0.0):
+    """Show samples to a monitor, with N = 1 and no slip."""
+    monitor.add(t, velocity, np.ones(len(t)), np.zeros(len(t)), settled_from)
 
 
 def test_fractions_are_shares_of_the_time_after_the_first_slip_and_settling():
     states = [STICK] * 1000 + [SLIP] * 100 + [STICK] * 300 + [SEPARATION] * 100
-    tally, sticks = run(states, settling=0.01)
-    figures = summarise(SCENE, tally, silent(), outcome(0.15, sticks))
+    counted, sticks = run(states, settling=0.01)
+    figures = summarise(SCENE, counted, silent(), outcome(0.15, sticks))
     assert figures["first_slip_time"] == pytest.approx(0.10005)
     assert figures["stick_fraction"] == pytest.approx(0.75, abs=1e-3)
     assert figures["separation_fraction"] == pytest.approx(0.25, abs=1e-3)
@@ -71,8 +67,8 @@ def test_fractions_are_shares_of_the_time_after_the_first_slip_and_settling():
 
 
 def test_a_run_that_never_slips_counts_from_its_start():
-    tally, _ = run([STICK] * 100)
-    figures = summarise(SCENE, tally, silent(), outcome(0.01))
+    counted, _ = run([STICK] * 100)
+    figures = summarise(SCENE, counted, silent(), outcome(0.01))
     assert figures["stick_fraction"] == 1.0
     assert np.isnan(figures["first_slip_time"])
     assert np.isnan(figures["first_separation_time"])
@@ -83,35 +79,62 @@ def test_a_run_that_never_slips_counts_from_its_start():
 def test_long_sticks_are_a_fifth_of_the_first_and_the_last_may_be_censored():
     first = [STICK] * 1000 + [SLIP] * 10
     states = first + [STICK] * 300 + [SLIP] * 10 + [STICK] * 100 + [SLIP] * 10 + [STICK] * 250
-    tally, sticks = run(states)
-    figures = summarise(SCENE, tally, silent(), outcome(len(states) * 1e-4, sticks))
+    counted, sticks = run(states)
+    figures = summarise(SCENE, counted, silent(), outcome(len(states) * 1e-4, sticks))
     assert figures["stick_times"] == pytest.approx([0.03])
     assert figures["stick_starts"] == pytest.approx([0.10105], abs=1e-4)
     assert figures["censored_sticks"] == 1
-    tally, sticks = run(states, min_stick=0.005)
-    figures = summarise(SCENE, tally, silent(), outcome(len(states) * 1e-4, sticks))
+    counted, sticks = run(states, min_stick=0.005)
+    figures = summarise(SCENE, counted, silent(), outcome(len(states) * 1e-4, sticks))
     assert figures["stick_times"] == pytest.approx([0.03, 0.01])
+
+
+def test_what_comes_before_settling_counts_for_nothing():
+    """Largest force and slip speed, mean force and changes of state are those after it."""
+    states = [STICK] * 10 + [SLIP] * 10 + [STICK] * 10 + [SLIP] * 20 + [SEPARATION] * 20
+    forces = np.r_[np.full(25, 7.0), np.full(25, 3.0), np.zeros(20)]
+    speeds = np.r_[np.full(25, 4.0), np.full(45, 2.0)]
+    counted, sticks = run(states, forces, speeds, settle=20e-4, min_stick=1e-9)
+    figures = summarise(SCENE, counted, silent(), outcome(70e-4, sticks))
+    assert figures["max_normal_force"] == pytest.approx(7.0 * 9.0)
+    counted, sticks = run(states, forces, speeds, settling=14.5e-4, min_stick=1e-9)
+    figures = summarise(SCENE, counted, silent(), outcome(70e-4, sticks))
+    assert figures["max_normal_force"] == pytest.approx(3.0 * 9.0)
+    assert figures["max_slip_speed"] == pytest.approx(2.0 * 9.0)
+    assert figures["mean_normal_force"] == pytest.approx(9.0 * 3.0 * 25.0 / 45.0)
+    assert figures["switches_per_second"] == pytest.approx(2.0 / 45e-4)
+    assert figures["stick_times"] == pytest.approx([10e-4])
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 3e3])
 def test_quantiles_of_a_known_distribution(scale):
     rng = np.random.default_rng(1)
     values = scale * rng.exponential(size=200_000)
-    tally = Tally()
-    _, _, _, hist, fast, word, bits = tally.arrays
-    for value in values:
-        plainly(spread, hist, fast, word, bits, value, 0.5 * value, 1e-6)
+    forces, speeds = Histogram(), Histogram()
+    for piece in np.array_split(values, 7):
+        forces.add(piece)
+        speeds.add(0.5 * piece, 1e-6)
     for share in (0.5, 0.9, 0.999):
         exact = np.quantile(values, share)
-        assert quantile(tally.forces, share) == pytest.approx(exact, rel=4e-3)
-        assert quantile(tally.speeds, share) == pytest.approx(0.5 * exact, rel=4e-3)
+        assert forces.quantile(share) == pytest.approx(exact, rel=4e-3)
+        assert speeds.quantile(share) == pytest.approx(0.5 * exact, rel=4e-3)
 
 
 def test_quantile_of_nothing_and_of_zeros():
-    assert np.isnan(quantile(np.zeros(BINS), 0.5))
-    only_zero = np.zeros(BINS)
-    only_zero[0] = 3.0
-    assert quantile(only_zero, 0.999) == 0.0
+    histogram = Histogram()
+    assert np.isnan(histogram.quantile(0.5))
+    histogram.add(np.zeros(0))
+    assert np.isnan(histogram.quantile(0.5))
+    histogram.add(np.zeros(3))
+    assert histogram.quantile(0.999) == 0.0
+
+
+def test_a_quantile_weighs_what_it_is_told():
+    histogram = Histogram()
+    histogram.add(np.array([1.0]), 9980.0)
+    histogram.add(np.array([5.0]), 20.0)
+    assert histogram.quantile(0.99) == pytest.approx(1.0, rel=4e-3)
+    assert histogram.quantile(0.999) == pytest.approx(5.0, rel=4e-3)
 
 
 @pytest.mark.parametrize("frequency", [233.0, 1234.5, 2612.0, 6624.4, 9871.0])
@@ -119,9 +142,7 @@ def test_the_dominant_frequency_of_a_noisy_sine(frequency):
     t = np.arange(40_000) / RATE
     signal = np.sin(2 * np.pi * frequency * t) + 0.5 * np.random.default_rng(2).normal(size=len(t))
     welch = Welch(RATE)
-    for piece in np.array_split(signal, 13):
-        welch.add(piece)
-    welch.close()
+    welch.add(signal)
     assert welch.peak() == pytest.approx(frequency, abs=3.0)
 
 
@@ -129,7 +150,6 @@ def test_a_peak_below_200_hz_or_above_10_khz_does_not_count():
     t = np.arange(20_000) / RATE
     welch = Welch(RATE)
     welch.add(10 * np.sin(2 * np.pi * 60 * t) + np.sin(2 * np.pi * 3000 * t) + 5 * np.sin(2 * np.pi * 15e3 * t))
-    welch.close()
     assert welch.peak() == pytest.approx(3000.0, abs=3.0)
 
 
@@ -137,36 +157,85 @@ def test_sticks_and_what_lies_between_them_have_spectra_of_their_own():
     t = np.arange(50_000) / RATE
     within = (t > 0.3) & (t < 0.6)
     signal = np.where(within, 0.1 * np.sin(2 * np.pi * 2055 * t), np.sin(2 * np.pi * 2612 * t))
-    listener = Listener(RATE)
+    monitor = Monitor(RATE)
     for k, piece in enumerate(np.array_split(np.arange(len(t)), 10)):
         running = 0.3 < t[piece[-1]] < 0.6
-        sticks = np.array([[0.3, np.inf]]) if running else np.array([[0.3, 0.6]]) if k >= 3 else np.zeros((0, 2))
-        listener.hear(t[piece], signal[piece], sticks, np.inf, 0.0)
-    listener.close()
-    assert listener.moving.peak() == pytest.approx(2612.0, abs=3.0)
-    assert listener.stuck.peak() == pytest.approx(2055.0, abs=3.0)
+        sticks = np.array([[0.3, np.inf]]) if running else np.array([[0.3, 0.6]]) if k >= 3 else NONE
+        shown(monitor, t[piece], signal[piece])
+        monitor.process(sticks, np.inf)
+    monitor.close(sticks)
+    assert monitor.moving.peak() == pytest.approx(2612.0, abs=3.0)
+    assert monitor.stuck.peak() == pytest.approx(2055.0, abs=3.0)
     moving = np.sqrt(0.7 * 0.5 + 0.3 * 0.005)
-    assert listener.rms == pytest.approx(moving, rel=1e-3)
+    assert monitor.rms == pytest.approx(moving, rel=1e-3)
 
 
 def test_what_is_not_known_to_be_a_long_stick_waits():
-    t = np.arange(4096) / RATE
+    t = np.arange(2 * BLOCK) / RATE
     signal = np.sin(2 * np.pi * 2055 * t)
-    listener = Listener(RATE)
-    listener.hear(t[:2048], signal[:2048], np.zeros((0, 2)), t[1024], 0.0)
-    assert listener.stuck.power.sum() == 0.0
-    listener.hear(t[2048:], signal[2048:], np.array([[t[1024], np.inf]]), np.inf, 0.0)
-    listener.close()
-    assert listener.stuck.peak() == pytest.approx(2055.0, abs=5.0)
+    monitor = Monitor(RATE)
+    shown(monitor, t[: BLOCK + 2048], signal[: BLOCK + 2048])
+    monitor.process(NONE, t[1024])
+    assert monitor.stuck.power.sum() == monitor.moving.power.sum() == 0.0
+    stick = np.array([[t[1024], np.inf]])
+    monitor.process(stick, np.inf)
+    assert monitor.stuck.power.sum() > 0.0
+    shown(monitor, t[BLOCK + 2048 :], signal[BLOCK + 2048 :])
+    monitor.close(stick)
+    assert monitor.stuck.peak() == pytest.approx(2055.0, abs=5.0)
+    assert monitor.moving.power.sum() < 0.03 * monitor.stuck.power.sum()
+
+
+def test_figures_of_samples_do_not_depend_on_the_segments_they_come_in():
+    rng = np.random.default_rng(5)
+    t = np.arange(2 * BLOCK + 12_345) / RATE
+    signal, forces, speeds = rng.normal(size=len(t)), rng.exponential(size=len(t)), rng.normal(size=len(t))
+    sticks, found = np.array([[0.1, 0.4], [1.2, 1.5], [1.9, 2.4]]), []
+    for pieces in (1, 7, 301):
+        monitor = Monitor(RATE)
+        for piece in np.array_split(np.arange(len(t)), pieces):
+            monitor.add(t[piece], signal[piece], forces[piece], speeds[piece], 0.05)
+            ended = sticks[sticks[:, 1] < t[piece[-1]]]
+            begun = sticks[len(ended) : len(ended) + 1]
+            monitor.process(ended, begun[0, 0] if len(begun) and begun[0, 0] < t[piece[-1]] else np.inf)
+        monitor.close(sticks)
+        found.append(monitor)
+    one, *others = found
+    for other in others:
+        assert other.rms == one.rms
+        assert np.array_equal(other.moving.power, one.moving.power)
+        assert np.array_equal(other.stuck.power, one.stuck.power)
+        assert other.correlation.near(400.0, 10.0) == one.correlation.near(400.0, 10.0)
+        assert other.forces.quantile(0.999) == one.forces.quantile(0.999)
+        assert other.speeds.quantile(0.999) == one.speeds.quantile(0.999)
 
 
 def test_settling_begins_everything_anew():
-    listener = Listener(RATE)
+    monitor = Monitor(RATE)
     t = np.arange(2000) / RATE
-    listener.hear(t, np.full(2000, 7.0), np.zeros((0, 2)), np.inf, 0.0)
-    listener.hear(t + 0.04, np.tile([1.0, -1.0], 1000), np.zeros((0, 2)), np.inf, 0.04)
-    listener.close()
-    assert listener.rms == pytest.approx(1.0)
+    shown(monitor, t, np.full(2000, 7.0))
+    shown(monitor, t + 0.04, np.tile([1.0, -1.0], 1000), 0.04)
+    monitor.close(NONE)
+    assert monitor.rms == pytest.approx(1.0)
+    assert monitor.forces.counts.sum() == monitor.speeds.counts.sum() == 2000
+
+
+def test_what_is_repeated_counts_as_often_as_told():
+    """A run filled in to its end has the figures of one whose samples are all there."""
+    rng = np.random.default_rng(6)
+    t = np.arange(60_000) / RATE
+    velocity, forces = np.full(len(t), 0.5), np.full(len(t), 2.0)
+    velocity[:1000], forces[:1000] = rng.normal(size=1000), rng.exponential(size=1000)
+    whole, filled = Monitor(RATE), Monitor(RATE)
+    whole.add(t, velocity, forces, 0.1 * forces, 0.01)
+    filled.add(t[:2000], velocity[:2000], forces[:2000], 0.1 * forces[:2000], 0.01)
+    filled.repeat(t[1999], 0.5, 2.0, 0.2, 58_000)
+    for monitor in (whole, filled):
+        monitor.close(NONE)
+    assert filled.rms == pytest.approx(whole.rms, rel=1e-12)
+    for share in (0.5, 0.999):
+        assert filled.forces.quantile(share) == whole.forces.quantile(share)
+        assert filled.speeds.quantile(share) == whole.speeds.quantile(share)
 
 
 @pytest.mark.parametrize("decay", [0.0, 40.0])
@@ -184,9 +253,8 @@ def test_coherence_of_a_sine_is_one_and_of_filtered_noise_its_decay(decay):
     else:
         signal = np.sin(2 * np.pi * frequency * t)
     correlation = Correlation()
-    for piece in np.array_split(signal, 17):
-        correlation.add(piece)
-    correlation.close()
+    for first in range(0, n, BLOCK):
+        correlation.add(signal[first : first + BLOCK])
     period = RATE / frequency
     expected = np.exp(-decay * 20.0 / frequency)
     assert correlation.near(20 * period, 0.5 * period) == pytest.approx(expected, abs=0.01 if not decay else 0.08)
@@ -195,16 +263,15 @@ def test_coherence_of_a_sine_is_one_and_of_filtered_noise_its_decay(decay):
 def test_a_record_too_short_for_twenty_periods_has_no_coherence():
     correlation = Correlation()
     correlation.add(np.sin(np.arange(300.0)))
-    correlation.close()
     assert np.isnan(correlation.near(400.0, 10.0))
 
 
 def test_the_energy_residual_is_what_does_not_add_up():
-    tally, _ = run([STICK] * 10)
-    tally.sums[[WORK, DAMPED, FRICTION]] = 5.0, 1.0, 2.0
-    figures = summarise(SCENE, tally, silent(), outcome(1e-3, released=-2.0))
+    counted, _ = run([STICK] * 10)
+    counted.work, counted.damped, counted.friction = 5.0, 1.0, 2.0
+    figures = summarise(SCENE, counted, silent(), outcome(1e-3, released=-2.0))
     assert figures["energy_residual"] == 0.0
-    figures = summarise(SCENE, tally, silent(), outcome(1e-3, released=-1.0))
+    figures = summarise(SCENE, counted, silent(), outcome(1e-3, released=-1.0))
     assert figures["energy_residual"] == pytest.approx(1.0 / 9.0)
 
 

@@ -85,6 +85,8 @@ class FastRun:
         # Where a phase of the onset ends, in its own steps (0: there is none), and whether contact has opened in
         # it.
         self._onset_ends, self._opened = 0, False
+        # Where a segment ends; a record may cut it into several.
+        self._until = 0
         self.segments: Iterable[Segment] = ()
         self.record = begin(np.zeros(1, at.SCENE), options.settle, SETTLING, options.min_stick)
         self._tables: SkipTables | None = None
@@ -227,19 +229,20 @@ class FastRun:
             last = self._onset_ends if self._opened else min(now + length, self._onset_ends)
         else:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
-            # Where no skip crosses, so that recording changes nothing.
-            reach = at.MAX_SKIP * every
-            last = min((now // reach + (1 if now % reach else max(length // reach, 1))) * reach, self.steps)
-            if motion is not None:
-                last = min(now + max(int(STRETCH / (abs(motion.speed) * self.step)), 1), self.steps)
-            if now < ramp_ends:
-                last = min(last, ramp_ends)
-            elif self._fine is not None:
+            if now >= self._until:
+                # Where no skip crosses, so that recording changes nothing.
+                reach = at.MAX_SKIP * every
+                last = min((now // reach + (1 if now % reach else max(length // reach, 1))) * reach, self.steps)
+                if motion is not None:
+                    last = min(now + max(int(STRETCH / (abs(motion.speed) * self.step)), 1), self.steps)
+                self._until = min(last, ramp_ends) if now < ramp_ends else last
+                if motion is not None:
+                    self._follow(motion, now, self._until)
+                    record, solver = self.record, self._solver
+            last = self._until
+            if now >= ramp_ends and self._fine is not None:
                 threshold = self._share * self.scene.mu
-            if motion is not None:
-                self._follow(motion, now, last)
-                record = self.record
-            elif self.options.skip and now * self.step >= self.options.ramp:
+            if motion is None and self.options.skip and now * self.step >= self.options.ramp:
                 self._tables = skip_tables(solver, every)
         if rows:
             piece = at.MAX_SKIP * every * max(MOST_ROWS * rows // (at.MAX_SKIP * every), 1)
@@ -271,11 +274,15 @@ class FastRun:
             return
         if now == self._ramp_ends and self._shift.any():
             self._end_ramp(now, _move(self.model, self._row(at.Q), self._row(at.V), -0.5 * self.step))
+        if stopped:
+            self._until = now
         if self._fine is not None and stopped:
             fine, self._fine = self._fine, None
             if not opened:
                 self._enter_onset(fine)
                 return
+        elif now < self._until:
+            return
         elif now > self._ramp_ends and self.steps - now > round(self._length / self.step):
             steady = self._settled(segment)
             if steady is not None:
@@ -340,7 +347,8 @@ class FastRun:
 
     def _unrest(self, segment: Segment) -> float:
         """By how much the slip rate varied at the end of a segment; infinite where the contact does not slide."""
-        recent = segment.slip_rate[3 * len(segment.slip_rate) // 4 :]
+        # As many whatever the segment's length: a record cuts segments into several.
+        recent = segment.slip_rate[-at.MAX_SKIP // 4 :]
         slides = self.record["contact"][0] == SLIP and len(recent) > 1
         return float(np.ptp(recent)) if slides else np.inf
 

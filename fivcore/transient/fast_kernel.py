@@ -234,15 +234,16 @@ def advance(
             scene = scenes[turn[g]]
             due = scene.next <= scene.now
             if due:
-                if scene.next_skip <= scene.now < scene.last:
-                    far = skip(scene, modes, samples, rows, tables, workspace)
-                    # A skip that ends where skips have to end goes on from there.
-                    if scene.now % (at.MAX_SKIP * scene.sample_every) == 0 and far:
-                        scene.next_skip = scene.now
-                    else:
-                        scene.next_skip = scene.now + (1 if far else 2) * at.MIN_SAMPLES * scene.sample_every
                 if scene.settle == scene.now:
                     clear(scene)
+                # One skip after another, as where a segment ends between them.
+                while scene.next_skip <= scene.now < scene.last:
+                    far = skip(scene, modes, samples, rows, tables, workspace)
+                    scene.next_skip = scene.now
+                    if not far or scene.now % (at.MAX_SKIP * scene.sample_every) != 0:
+                        scene.next_skip += (1 if far else 2) * at.MIN_SAMPLES * scene.sample_every
+                    if scene.settle == scene.now:
+                        clear(scene)
                 if scene.stopped != 0 or scene.now >= scene.last:
                     if waiting < len(order):
                         turn[g] = order[waiting]

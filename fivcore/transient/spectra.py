@@ -80,9 +80,11 @@ class Correlation:
                 self._rest = piece.copy()
 
     def repeat(self, count: int) -> None:
-        """Enter `count` samples of one value: only their number counts."""
+        """Enter a stretch of `count` samples of one value: only their number counts."""
         if count >= LONG:
             self._lengths[LONG] += count // LONG
+        if count % LONG >= LONG // 2:
+            self._lengths[count % LONG] += 1
 
     def _enter(self, piece: Array) -> None:
         spectrum = np.fft.rfft(piece - piece.mean(), PADDED)
@@ -176,12 +178,36 @@ class Monitor:
 
     def repeat(self, t: float, velocity: float, force: float, slip_rate: float, count: int) -> None:
         """Take `count` more samples like the last one, at `t`, outside of long sticks."""
-        count -= max(int(np.ceil((self._settled_from - t) * self.rate)) - 1, 0)
-        if count > 0:
-            self._merge(count, velocity, 0.0)
-            self.correlation.repeat(count)
-            self.forces.add(np.array([force]), count)
-            self.speeds.add(np.abs([slip_rate]), count)
+        settled = count - self._unsettled(t, count)
+        if settled > 0:
+            self.forces.add(np.array([force]), settled)
+            self.speeds.add(np.abs([slip_rate]), settled)
+        # The block that has begun, whole blocks of which only their number counts, and the one that is left.
+        begun = min(-self._count_held % BLOCK, count)
+        whole = (count - begun) // BLOCK
+        self._hold(t, velocity, 0, begun)
+        for k in range(whole):
+            first = begun + k * BLOCK
+            inside = BLOCK - self._unsettled(t + first / self.rate, BLOCK)
+            if inside == BLOCK:
+                self._merge((whole - k) * BLOCK, velocity, 0.0)
+                self.correlation.repeat((whole - k) * BLOCK)
+                break
+            if inside > 0:
+                self._merge(inside, velocity, 0.0)
+                self.correlation.repeat(inside)
+        self._hold(t, velocity, begun + whole * BLOCK, count)
+
+    def _unsettled(self, t: float, count: int) -> int:
+        """How many of the `count` samples after time t come before statistics begin."""
+        return int(np.clip(np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1, 0, count))
+
+    def _hold(self, t: float, velocity: float, first: int, last: int) -> None:
+        """Hold samples number `first` to `last` after time t, all of one value."""
+        if last > first:
+            times = t + np.arange(first + 1, last + 1) / self.rate
+            self._held.append((times, np.full(last - first, velocity)))
+            self._count_held += last - first
 
     def process(self, sticks: Array, known_until: float) -> None:
         """Work on whole blocks of samples.
