@@ -192,11 +192,10 @@ def test_what_a_skip_uses_is_the_map_of_a_step_in_stick(scene):
     tables = skip_tables(solver, 16)
     count, room, packed = tables.count, tables.size, tables.packed
     assert room == solver.size
-    assert packed[:2].tolist() == [count, room]
-    ends = 2 + np.cumsum([2 * count * LOOKS, OVER_VALUES * count, (INTO + 4 * count) * 2 * room])
-    turns, over, table = (packed[a:b] for a, b in zip([2, *ends[:2]], ends, strict=True))
-    table = table.reshape(-1, 2 * room)[:, np.r_[:size, room : room + size]]
-    log = over.reshape(-1, count)[LOG : LOG + 2]
+    assert packed[0, :2].tolist() == [count, room]
+    turns, over, table, _ = np.split(packed[1:], np.cumsum([2 * count, OVER_VALUES, INTO + 4 * count]))
+    turns, over, table = turns[:, :LOOKS], over[:, :count], table[:, np.r_[:size, room : room + size]]
+    log = over[LOG : LOG + 2]
     ahead = np.exp(np.outer(log[0] + 1j * log[1], 16.0 * np.arange(1, LOOKS + 1)))
     assert np.abs(turns.reshape(2, count, LOOKS) - [ahead.real, -ahead.imag]).max() < 1e-11
     table = table[INTO:].reshape(4, count, 2 * size)

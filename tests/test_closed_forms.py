@@ -76,7 +76,7 @@ class Small:
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), 3))
         none = np.zeros((1, 1))
         order = np.zeros(1, dtype=np.int64)
-        advance(order, record, self.modes, samples, rows, np.empty((steps, 2)), none.ravel(), none)
+        advance(order, record, self.modes, samples, rows, np.empty((steps, 2)), none, none)
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 

@@ -372,9 +372,9 @@ class FastRun:
         one = self.record.copy()
         for name in (*SETTLED, *ENERGIES):
             one[name] = 0.0
-        one["last"] = one["next"] = first + every
-        one["next_sample"] = one["next_skip"] = one["next_row"] = at.NEVER
-        one["settle"] = one["modes_at"] = 0
+        one["last"], one["next_skip"], one["next_row"] = first + every, at.NEVER, at.NEVER
+        one["next"] = one["next_sample"] = -(-first // every) * every
+        one["settle"] = one["modes_at"] = one["samples"] = one["samples_at"] = 0
         modes = aligned(self.blocks.size)
         modes[:] = self.blocks.ravel()
         none = np.empty((1, 6))
