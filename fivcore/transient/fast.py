@@ -371,8 +371,9 @@ class FastRun:
         for name in (*SETTLED, *ENERGIES):
             one[name] = 0.0
         one["last"], one["next_row"], one["settle"], one["modes_at"] = first + every, at.NEVER, 0, 0
-        one["next_sample"] = one["next_skip"] = at.NEVER
-        one["next"] = one["last"]
+        # Damping is counted where a sample is taken.
+        one["next_sample"] = one["next"] = first
+        one["next_skip"], one["threshold"], one["samples_at"], one["samples"] = at.NEVER, np.inf, 0, 0
         modes = aligned(self.blocks.size)
         modes[:] = self.blocks.ravel()
         none = np.empty((1, 6))
