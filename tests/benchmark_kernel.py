@@ -1,63 +1,69 @@
 """What bounds the steps of `method="fast"`: `python -m tests.benchmark_kernel`.
 
-The peak is what fused multiply-adds that need nothing but registers reach on one core, in this run. Beside it: the
-modes alone, which is what a step would cost if contact, counting and listening were free; and whole steps, scenes
-side by side. It prints a table of the README.
+The peak is what multiply-adds that need nothing but registers reach on one core, in this run. Beside it: the modes
+alone, which is what a step would cost if contact, counting and samples were free; and whole steps, of scenes side
+by side and of one alone. Then what compiling costs where nothing has been compiled yet. It prints a table of the
+README.
 """
 
 from __future__ import annotations
 
+import os
+import resource
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fivcore import Rig, Scene, simulate_many
 from fivcore.contact.reduced import reduced_model
-from fivcore.jit import kernel
-from fivcore.transient import lane_rows as rows
-from fivcore.transient.bench import GROUPS
+from fivcore.jit import kernel, reordered_call
+from fivcore.transient import fast_scene as at
+from fivcore.transient.driver import AT_ONCE
+from fivcore.transient.fast import aligned
+from fivcore.transient.fast_kernel import kick_and_drift
 from fivcore.transient.fast_solver import frozen_solver
-from fivcore.transient.lane_modes import kick_and_move
-from fivcore.transient.lanes import WIDTH, aligned, each, fma, load, store
 from tests.benchmark_stability import machine
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
-# Of a mode that is felt in both directions, and in one: multiply-adds, multiplications, loads, stores.
-BOTH, ONE = (8, 2, 8, 2), (5, 2, 7, 2)
+# Of a mode in a step: multiply-adds and multiplications, as `kick_and_drift` has them.
+FUSED, PLAIN = 8, 2
+# Numbers that are worked on at once: as many as fill the registers of most processors and wait for nothing.
+WIDE = 64
+FIRST = "from fivcore import Scene, simulate; simulate(Scene(5e-3, 5.0, 0.2, 9.0), 0.1)"
 
 
-@kernel
-def _multiply_add(table: int, count: int) -> None:
-    a, b = load(table, 0), load(table, 1)
-    c0, c1, c2, c3, c4, c5, c6, c7 = a, a, a, a, a, a, a, a
-    d0, d1, d2, d3, d4, d5, d6, d7 = b, b, b, b, b, b, b, b
+@reordered_call
+def _multiply_add(values: Any, a: float, b: float, count: int) -> None:
+    x = np.empty(WIDE)
+    for j in range(WIDE):
+        x[j] = values[j]
     for _ in range(count):
-        c0, c1, c2, c3 = fma(c0, a, b), fma(c1, a, b), fma(c2, a, b), fma(c3, a, b)
-        c4, c5, c6, c7 = fma(c4, a, b), fma(c5, a, b), fma(c6, a, b), fma(c7, a, b)
-        d0, d1, d2, d3 = fma(d0, a, b), fma(d1, a, b), fma(d2, a, b), fma(d3, a, b)
-        d4, d5, d6, d7 = fma(d4, a, b), fma(d5, a, b), fma(d6, a, b), fma(d7, a, b)
-    c = (c0 + c1) + (c2 + c3) + (c4 + c5) + (c6 + c7)
-    store(table, 2, c + (d0 + d1) + (d2 + d3) + (d4 + d5) + (d6 + d7))
+        for j in range(WIDE):
+            x[j] = x[j] * a + b
+    for j in range(WIDE):
+        values[j] = x[j]
 
 
 @kernel
-def _modes_alone(
-    both: int, normal: int, tangential: int, modes: int, q: int, v: int, out: int, steps: int
-) -> None:
-    size = both + normal + tangential
-    height = rows.BOTH * both + rows.ONE * (normal + tangential)
+def _modes_alone(blocks: Any, size: int, steps: int) -> float:
+    first, left, total = np.uint64(0), np.uint64(size), 0.0
+    whole, room = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
     for _ in range(steps):
-        for group in range(GROUPS):
-            gN, gT, vN, vT = kick_and_move(
-                (both, normal, tangential), modes, group * height, q, v, group * size, each(1e-9), each(1e-9)
-            )
-            store(out, group, gN + gT + vN + vT)
+        for k in range((size + at.BLOCK - 1) // at.BLOCK):
+            count = min(left - np.uint64(k) * whole, whole)
+            gN, gT, vN, vT = kick_and_drift(blocks, first + np.uint64(k) * room, count, 1e-9, 1e-9)
+            total += gN + gT + vN + vT
+    return total
 
 
-def shortest(run: Callable[[], None], repeat: int = 15) -> float:
+def shortest(run: Callable[[], Any], repeat: int = 15) -> float:
     """Seconds, of the fastest of some runs: what disturbs only adds."""
     times = []
     run()
@@ -70,27 +76,22 @@ def shortest(run: Callable[[], None], repeat: int = 15) -> float:
 
 def peak() -> float:
     """Floating-point operations per second that registers alone allow."""
-    table, count = aligned(3), 200_000
-    table[0], table[1] = 0.5, 1.0
-    taken = shortest(lambda: _multiply_add(table.ctypes.data, count))
-    return 16 * WIDTH * 2 * count / taken
+    values, count = np.ones(WIDE), 200_000
+    return 2 * WIDE * count / shortest(lambda: _multiply_add(values, 0.5, 1.0, count))
 
 
 def modes_alone() -> float:
     """Seconds per scene and step."""
     model = reduced_model(Rig(), SCENE.theta)
-    solver = frozen_solver(model, SCENE.mu, model.default_step)
-    size = sum(solver.sizes)
-    modes = aligned(GROUPS * len(solver.coefficients))
-    modes[:] = np.tile(solver.coefficients, GROUPS)[:, None]
-    q, v, out, steps = aligned(GROUPS * size), aligned(GROUPS * size), aligned(GROUPS), 20_000
-    places = [part.ctypes.data for part in (modes, q, v, out)]
-    return shortest(lambda: _modes_alone(*solver.sizes, *places, steps)) / (steps * GROUPS * WIDTH)
+    solver, steps = frozen_solver(model, SCENE.mu, model.default_step), 100_000
+    blocks = aligned(solver.blocks.size)
+    blocks[:] = solver.blocks.ravel()
+    return shortest(lambda: _modes_alone(blocks, solver.size, steps)) / steps
 
 
-def whole() -> float:
+def whole(count: int) -> float:
     """Seconds per scene and step of a sweep, all that Python does included; every step taken."""
-    duration, count = 2.0, 2 * GROUPS * WIDTH
+    duration = 2.0
     steps = duration / reduced_model(Rig(), SCENE.theta).default_step
     times = []
     for _ in range(5):
@@ -100,32 +101,46 @@ def whole() -> float:
     return statistics.median(times)
 
 
+def first_compile(repeat: int = 3) -> tuple[float, float]:
+    """Processor seconds of a fresh process to a first result: with nothing compiled, and with everything."""
+    cold, warm = [], []
+    for _ in range(repeat):
+        with tempfile.TemporaryDirectory() as folder:
+            for times in (cold, warm):
+                before = resource.getrusage(resource.RUSAGE_CHILDREN)
+                subprocess.run(
+                    [sys.executable, "-c", FIRST], check=True, env=os.environ | {"NUMBA_CACHE_DIR": folder}
+                )
+                after = resource.getrusage(resource.RUSAGE_CHILDREN)
+                times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return statistics.median(cold), statistics.median(warm)
+
+
 def main() -> None:
     """Print the table."""
     with threadpool_limits(1):
         print(machine())
         model = reduced_model(Rig(), SCENE.theta)
-        both, normal, tangential = frozen_solver(model, SCENE.mu, model.default_step).sizes
-        fused, plain, loads, stores = (
-            both * of_both + (normal + tangential) * of_one for of_both, of_one in zip(BOTH, ONE, strict=True)
-        )
-        operations = 2 * fused + plain
-        most = peak()
-        print(
-            f"\nPeak of one core: {most / 1e9:.1f} Gflop/s. Modes felt in both directions, along the normal, along"
-        )
-        print(
-            f"the tangent: {both}, {normal}, {tangential}. A step of {WIDTH} scenes has, for their modes, {fused}"
-        )
-        print(f"multiply-adds and {plain} multiplications, {loads} loads and {stores} stores of a register.\n")
+        size = frozen_solver(model, SCENE.mu, model.default_step).size
+        operations, most = size * (2 * FUSED + PLAIN), peak()
+        print(f"\nPeak of one core: {most / 1e9:.1f} Gflop/s. A step of a scene has, for {size} places of modes,")
+        print(f"{FUSED * size} multiply-adds and {PLAIN * size} multiplications.\n")
         print("| | ns a scene and step | flops counted | Gflop/s | of the peak |")
         print("| --- | --- | --- | --- | --- |")
-        for name, taken in (("modes alone", modes_alone()), ("whole steps", whole())):
+        rows = {
+            "modes alone": modes_alone(),
+            f"whole steps, {AT_ONCE} scenes": whole(AT_ONCE),
+            "whole steps, one scene": whole(1),
+        }
+        for name, taken in rows.items():
             rate = operations / taken
             print(
-                f"| {name} | {1e9 * taken:.2f} | {operations} | {rate / 1e9:.1f} | {100.0 * rate / most:.0f} % |"
+                f"| {name} | {1e9 * taken:.1f} | {operations} | {rate / 1e9:.1f} | {100.0 * rate / most:.0f} % |"
             )
         print("\nCounted are the modes' operations only.")
+        cold, warm = first_compile()
+        print(f"A first result takes {cold:.1f} s of the processor where nothing has been compiled yet,", end=" ")
+        print(f"and {warm:.1f} s later")
 
 
 if __name__ == "__main__":

@@ -42,8 +42,8 @@ def methods(repeat: int = 5, count: int = 2 * BATCH_MULTIPLE) -> None:
     print(
         f"\nA simulated second by `paper` (of 0.3 s), and by `fast` (of 3 s): {count} scenes side by side, every"
     )
-    print("step taken and with leaps, and one alone.\n")
-    print("| V, mm/s | `paper`, s | us a step | every step, ms | ns a step | leaps, ms | alone, ms | ratio |")
+    print("step taken and with skips, and one alone.\n")
+    print("| V, mm/s | `paper`, s | us a step | every step, ms | ns a step | skips, ms | alone, ms | ratio |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     step = reduced_model(Rig(), 5.0).default_step
     for V in SPEEDS:
@@ -51,17 +51,17 @@ def methods(repeat: int = 5, count: int = 2 * BATCH_MULTIPLE) -> None:
         # A long run of `fast`, so that its onset and the first stick weigh what they do in a study.
         seconds(scene, 0.01, "paper")
         together(scene, 0.1, count)
-        columns: dict[str, list[float]] = {name: [] for name in ("paper", "all", "leaps", "alone", "ratio")}
+        columns: dict[str, list[float]] = {name: [] for name in ("paper", "all", "skips", "alone", "ratio")}
         for _ in range(repeat):
             columns["paper"].append(seconds(scene, 0.3, "paper") / 0.3)
             columns["all"].append(together(scene, 3.0, count, leap=False) / 3.0)
-            columns["leaps"].append(together(scene, 3.0, count) / 3.0)
+            columns["skips"].append(together(scene, 3.0, count) / 3.0)
             columns["alone"].append(seconds(scene, 3.0, "fast") / 3.0)
-            columns["ratio"].append(columns["paper"][-1] / columns["leaps"][-1])
-        paper, every, leaps, alone, ratio = (statistics.median(each) for each in columns.values())
+            columns["ratio"].append(columns["paper"][-1] / columns["skips"][-1])
+        paper, every, skips, alone, ratio = (statistics.median(each) for each in columns.values())
         print(
             f"| {V * 1e3:g} | {paper:.1f} | {paper * STEP * 1e6:.3f} | {every * 1e3:.2f}"
-            f" | {every * step * 1e9:.1f} | {leaps * 1e3:.2f} | {alone * 1e3:.1f} | {ratio:.0f} |"
+            f" | {every * step * 1e9:.1f} | {skips * 1e3:.2f} | {alone * 1e3:.1f} | {ratio:.0f} |"
         )
 
 

@@ -372,9 +372,10 @@ class FastRun:
         one = self.record.copy()
         for name in (*SETTLED, *ENERGIES):
             one[name] = 0.0
-        one["last"], one["next_skip"], one["next_row"] = first + every, at.NEVER, at.NEVER
-        one["next"] = one["next_sample"] = -(-first // every) * every
-        one["settle"] = one["modes_at"] = one["samples"] = one["samples_at"] = 0
+        one["last"], one["next_row"], one["settle"], one["modes_at"] = first + every, at.NEVER, 0, 0
+        # Damping is counted where a sample is taken.
+        one["next_sample"] = one["next"] = -(-first // every) * every
+        one["next_skip"], one["threshold"], one["samples_at"], one["samples"] = at.NEVER, np.inf, 0, 0
         modes = aligned(self.blocks.size)
         modes[:] = self.blocks.ravel()
         none = np.empty((1, 6))

@@ -83,7 +83,7 @@ def simulate(
         of B has less than 1e-7 V left; `summary["settled_early"]` tells. False: take every step.
     leap : bool
         For "fast" with a frozen contact point: leap over the quiet part of long sticks, which is known in closed
-        form (`transient.leaps`), instead of stepping through it. What moves differs by rounding, until chaos makes
+        form (`transient.stick_skip`), instead of stepping through it. What moves differs by rounding, until chaos makes
         more of it; in a leap the normal force enters its quantiles and maximum every 20 microseconds. False: take
         every step.
     relaxation_time : float, optional
