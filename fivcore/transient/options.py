@@ -122,8 +122,8 @@ def options_for(scene: Scene, normalised: Normalised, given: dict[str, Any]) -> 
         raise ValueError(f"cutoff = {optional['cutoff']:g}: the published scheme keeps all modes; leave it out")
     return Options(
         duration=duration, method=method, ramp=ramp, initial=initial, contact_motion=motion,
-        termination=termination, record=record, sample_rate=sample_rate, sample_times=times, end_early=given["end_early"],
-        skip=given["leap"], **optional, **law,
+        termination=termination, record=record, sample_rate=sample_rate, sample_times=times,
+        end_early=given["end_early"], skip=given["leap"], **optional, **law,
     )  # fmt: skip
 
 
