@@ -82,10 +82,9 @@ def simulate(
         some 1e-9 of their size, line and coherence by more where statistics begin so late that the velocity
         of B has less than 1e-7 V left; `summary["settled_early"]` tells. False: take every step.
     leap : bool
-        For "fast" with a frozen contact point: leap over the quiet part of long sticks, which is known in closed
-        form (`transient.stick_skip`), instead of stepping through it. What moves differs by rounding, until chaos makes
-        more of it; in a leap the normal force enters its quantiles and maximum every 20 microseconds. False: take
-        every step.
+        For "fast" with a frozen contact point: skip the quiet part of long sticks, which is known in closed form
+        (`transient.stick_skip`), instead of stepping through it. What moves differs by rounding, until chaos makes
+        more of it; in a skip the normal force enters its maximum every 20 microseconds. False: take every step.
     relaxation_time : float, optional
         tau of the absorbing termination, s. Default: derived from the rig (`fivcore.contact.reduced`).
     cross_terms : bool
