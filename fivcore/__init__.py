@@ -19,10 +19,7 @@ from fivcore.stability import (
     tune_head_mass,
     unstable_windows,
 )
-from fivcore.transient.critical import critical_mu
-from fivcore.transient.drive import State
-from fivcore.transient.driver import Transient
-from fivcore.transient.simulate import simulate, simulate_many
+from fivcore.transient import State, Transient, critical_mu, simulate, simulate_many
 
 __all__ = [
     "Beam",

@@ -125,19 +125,7 @@ def _rigid_maps(M: Array, mu: float) -> RegimeMaps:
 
 def _slip(K: Array, C: Array, M: Array, m: float, step: float) -> Array:
     """N and the new u_T for T = m N; rows on (p, u_T, v_N)."""
-    if C.any():
-        # u_T' = rate u_T + on_p p + on_v v with v the mean rate of g_N.
-        divisor = C[1, 1] - m * C[0, 1]
-        rate = (m * K[0, 1] - K[1, 1]) / divisor
-        on_p, on_v = (m * K[0, 0] - K[1, 0]) / divisor, (C[1, 0] - m * C[0, 0]) / divisor
-        relaxed = np.expm1(rate * step)
-        # Means over the step of u_T' and of u_T, rows on (p, u_T, v).
-        mean_rate = relaxed / (rate * step) * np.array([on_p, rate, on_v])
-        mean = (mean_rate - np.array([on_p, 0.0, on_v])) / rate
-    else:
-        mean_rate = np.zeros(3)
-        mean = np.array([(m * K[0, 0] - K[1, 0]) / (K[1, 1] - m * K[0, 1]), 0.0, 0.0])
-    normal = np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate
+    normal, mean, mean_rate = _slipping(K, C, m, step)
     # v = v_N + (M_NN + m M_NT) N, solved for N.
     inertia = M[0, 0] + m * M[0, 1]
     force = normal / (1.0 - inertia * normal[2])
@@ -146,6 +134,21 @@ def _slip(K: Array, C: Array, M: Array, m: float, step: float) -> Array:
     through = np.array([0.0, 0.0, 1.0]) + inertia * force
     end = step * (np.array([mean_rate[0], mean_rate[1], 0.0]) + mean_rate[2] * through)
     return np.stack([force, end + np.array([0.0, 1.0, 0.0])])
+
+
+def _slipping(K: Array, C: Array, m: float, step: float) -> tuple[Array, Array, Array]:
+    """N, and means over the step of u_T and of its rate, for T = m N; rows on (p, u_T, v), v the mean rate of g_N."""
+    if C.any():
+        # u_T' = rate u_T + on_p p + on_v v.
+        divisor = C[1, 1] - m * C[0, 1]
+        rate = (m * K[0, 1] - K[1, 1]) / divisor
+        on_p, on_v = (m * K[0, 0] - K[1, 0]) / divisor, (C[1, 0] - m * C[0, 0]) / divisor
+        mean_rate = np.expm1(rate * step) / (rate * step) * np.array([on_p, rate, on_v])
+        mean = (mean_rate - np.array([on_p, 0.0, on_v])) / rate
+    else:
+        mean_rate = np.zeros(3)
+        mean = np.array([(m * K[0, 0] - K[1, 0]) / (K[1, 1] - m * K[0, 1]), 0.0, 0.0])
+    return np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate, mean, mean_rate
 
 
 def slip_divisors(K: Array, C: Array, M: Array, mu: float, step: float) -> Array:
@@ -158,12 +161,5 @@ def slip_divisors(K: Array, C: Array, M: Array, mu: float, step: float) -> Array
     law = [1.0 - s * mu * matrix[0, 1] / matrix[1, 1] for s in (1.0, -1.0)]
     if not C.any() or step == 0.0 or min(law) <= 0.0:
         return np.array([*law, 1.0, 1.0])
-    own = []
-    for m in (mu, -mu):
-        divisor = C[1, 1] - m * C[0, 1]
-        rate = (m * K[0, 1] - K[1, 1]) / divisor
-        on_v = (C[1, 0] - m * C[0, 0]) / divisor
-        mean_rate = np.expm1(rate * step) / (rate * step) * on_v
-        slope = -C[0, 0] + K[0, 1] * (mean_rate - on_v) / rate + C[0, 1] * mean_rate
-        own.append(1.0 - (M[0, 0] + m * M[0, 1]) * slope)
+    own = [1.0 - (M[0, 0] + m * M[0, 1]) * _slipping(K, C, m, step)[0][2] for m in (mu, -mu)]
     return np.array([*law, *own])

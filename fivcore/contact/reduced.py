@@ -29,7 +29,7 @@ from scipy.optimize import brentq
 
 from fivcore.beams.elements import axial
 from fivcore.beams.free_motion import propagator
-from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
+from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
 from fivcore.contact.impulse import Impulse, corrected
 from fivcore.jit import Array, kernel
 from fivcore.rig import Rig
@@ -90,6 +90,10 @@ class ReducedModel:
         shape = np.stack([self.normal, self.tangential])
         return np.asarray(shape @ shape.T)
 
+    def residual(self, kept: NDArray[np.bool_]) -> Array:
+        """Static flexibility of the gap in the modes that are not `kept`, (2, 2), m/N."""
+        return residual_flexibility(self.stiffness[~kept], self.normal[~kept], self.tangential[~kept])
+
     def impulse(self, step: float) -> Impulse:
         """What the impulses of `fast` see of it, and what the element makes up for."""
         shapes = np.stack([self.normal, self.tangential])
@@ -127,14 +131,13 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
-    inertia, point_b, load = np.zeros((3, len(stiffness)))
+    inertia, point_b = np.zeros((2, len(stiffness)))
     inertia[n1:] = -axial(rig.p2).carried @ lower.shapes[1:, 0]
     place = (1.0 - rig.point_b) * rig.p1.elements
     node = min(int(place), rig.p1.elements - 1)
     ends = upper.shapes[node : node + 2, 0]
     point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
-    load[:n1] = -upper.shapes[0, 1]
-    rest = equilibrium(stiffness, normal, load, 0.0)
+    rest = equilibrium(stiffness, normal, unit_load(rig, theta), 0.0)
     kept = np.ones(len(stiffness), dtype=bool)
     damping = rig.d1 + rig.d2 * stiffness
     return ReducedModel(
@@ -149,6 +152,12 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
         np.zeros((2, 2)),
         np.zeros((2, 2)),
     )
+
+
+def unit_load(rig: Rig, theta: float) -> Array:
+    """Modal forces of a unit load on A, of all modes of both beams."""
+    upper, lower = rig_bases(rig, theta)
+    return np.concatenate([-upper.shapes[0, 1], np.zeros(len(lower.stiffness))])
 
 
 def default_cutoff(rig: Rig) -> float:
@@ -180,8 +189,7 @@ def reduced_model(
         raise ValueError(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
         )
-    shape = np.stack([full.normal[~kept], full.tangential[~kept]])
-    flexibility = np.asarray((shape / full.stiffness[~kept]) @ shape.T)
+    flexibility = full.residual(kept)
     if not cross_terms:
         flexibility = np.diag(np.diag(flexibility))
     # One or two modes left over are no element; with them the finite elements are complete.
@@ -192,10 +200,7 @@ def reduced_model(
     K = np.zeros((2, 2)) if without else np.asarray(np.linalg.inv(flexibility))
     stiffness, damping = full.stiffness[kept], full.damping[kept]
     normal, tangential = full.normal[kept], full.tangential[kept]
-    upper, _ = rig_bases(rig, theta)
-    load = np.zeros(len(full.stiffness))
-    load[: len(upper.stiffness)] = -upper.shapes[0, 1]
-    rest = equilibrium(stiffness, normal, load[kept], flexibility[0, 0])
+    rest = equilibrium(stiffness, normal, unit_load(rig, theta)[kept], flexibility[0, 0])
     tau = _tau(rig, cutoff, relaxation_time) if termination == "absorbing" else 0.0
     inertia, point_b = full.inertia[kept], full.point_b[kept]
     return ReducedModel(
@@ -230,7 +235,7 @@ def relaxation_time(rig: Rig, cutoff: float) -> float:
     stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
     if kept.all():
         return 0.0
-    flexibility = float(np.sum(full.normal[~kept] ** 2 / full.stiffness[~kept]))
+    flexibility = float(full.residual(kept)[0, 0])
     # Where none of the dropped modes moves along the normal of an upright P1 there is nothing to ring against.
     if flexibility == 0.0:
         return 0.0

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fivcore.beams.elements import hermite
-from fivcore.beams.modes import lower_basis, rig_bases
-from fivcore.contact.reduced import ReducedModel, equilibrium, full_model
+from fivcore.beams.modes import lower_basis, residual_flexibility, rig_bases
+from fivcore.contact.reduced import ReducedModel, equilibrium, full_model, unit_load
 from fivcore.jit import Array
 from fivcore.rig import Rig
 from fivcore.transient.drive import Normalised, displacement
@@ -90,11 +90,9 @@ def moved_model(model: ReducedModel, scene: Normalised, position: float) -> Redu
     kept = model.kept
     K, C, flexibility = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2))
     if model.K.any():
-        shape = np.stack([normal[~kept], tangential[~kept]])
-        flexibility = np.asarray((shape / full.stiffness[~kept]) @ shape.T)
+        flexibility = residual_flexibility(full.stiffness[~kept], normal[~kept], tangential[~kept])
         K = np.asarray(np.linalg.inv(flexibility))
         C = np.asarray(model.C[0, 0] / model.K[0, 0] * K)
-    load = np.zeros(len(full.stiffness))
-    load[:n1] = -upper.shapes[0, 1]
+    load = unit_load(scene.rig, scene.theta)
     rest = equilibrium(model.stiffness, normal[kept], load[kept], float(flexibility[0, 0]))
     return replace(model, normal=normal[kept], tangential=tangential[kept], rest=rest, K=K, C=C)
