@@ -137,7 +137,7 @@ def _slip(K: Array, C: Array, M: Array, m: float, step: float) -> Array:
 
 
 def _slipping(K: Array, C: Array, m: float, step: float) -> tuple[Array, Array, Array]:
-    """N, and means over the step of u_T and of its rate, for T = m N; rows on (p, u_T, v), v the mean rate of g_N."""
+    """N, and means over the step of u_T and its rate, for T = m N; rows on (p, u_T, v), v the mean rate of g_N."""
     if C.any():
         # u_T' = rate u_T + on_p p + on_v v.
         divisor = C[1, 1] - m * C[0, 1]
