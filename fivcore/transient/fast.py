@@ -34,7 +34,7 @@ from fivcore.transient.stick_skip import SkipTables, joined, skip_tables, worksp
 SAMPLED = 10
 # Segments, s: where motion may be settling, for that is looked for after each, and elsewhere. Of several threads
 # only one at a time can do what is done between two segments.
-SHORT_SEGMENT, LONG_SEGMENT = 0.04, 1.0
+SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
 MOST_STEPS = 1_000_000
 # Rows of a record are handed over when there are about so many: of all runs under way they would fill the memory.
 MOST_ROWS = 10_000

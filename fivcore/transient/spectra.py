@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+from scipy.fft import irfft, rfft
 
 from fivcore.jit import Array
 
@@ -44,7 +45,7 @@ class Welch:
         else:
             return
         pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * window
-        spectrum = np.fft.rfft(pieces, WINDOW, axis=1)
+        spectrum = rfft(pieces, WINDOW, axis=1)
         self.power += (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
 
     def peak(self) -> float:
@@ -72,12 +73,14 @@ class Correlation:
 
     def add(self, samples: Array) -> None:
         """Enter a stretch; its rest counts if it is half of LONG or more, or if there is nothing else."""
-        for first in range(0, len(samples), LONG):
-            piece = samples[first : first + LONG]
-            if len(piece) >= LONG // 2:
-                self._enter(piece)
-            elif len(piece) > len(self._rest):
-                self._rest = piece.copy()
+        whole = len(samples) // LONG
+        if whole:
+            self._enter(samples[: whole * LONG].reshape(whole, LONG))
+        rest = samples[whole * LONG :]
+        if len(rest) >= LONG // 2:
+            self._enter(rest[None])
+        elif len(rest) > len(self._rest):
+            self._rest = rest.copy()
 
     def repeat(self, count: int) -> None:
         """Enter a stretch of `count` samples of one value: only their number counts."""
@@ -86,21 +89,22 @@ class Correlation:
         if count % LONG >= LONG // 2:
             self._lengths[count % LONG] += 1
 
-    def _enter(self, piece: Array) -> None:
-        spectrum = np.fft.rfft(piece - piece.mean(), PADDED)
-        self._power += spectrum.real**2 + spectrum.imag**2
-        self._lengths[len(piece)] += 1
+    def _enter(self, pieces: Array) -> None:
+        """Enter stretches of one length, (k, length)."""
+        spectrum = rfft(pieces - pieces.mean(axis=1, keepdims=True), PADDED, axis=1)
+        self._power += (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+        self._lengths[pieces.shape[1]] += len(pieces)
 
     def near(self, lag: float, around: float) -> float:
         """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
         if not self._lengths and len(self._rest) > 1:
-            self._enter(self._rest)
+            self._enter(self._rest[None])
         if not self._lengths or lag + around >= 0.5 * max(self._lengths):
             return float("nan")
         lags = np.arange(int(lag - around), int(lag + around) + 2)
         pairs = sum(number * np.maximum(length - lags, 0) for length, number in self._lengths.items())
         samples = sum(number * length for length, number in self._lengths.items())
-        product = np.fft.irfft(self._power, PADDED)
+        product = irfft(self._power, PADDED)
         if product[0] <= 0.0:
             return float("nan")
         return float(np.max(product[lags] / pairs) / (product[0] / samples))
