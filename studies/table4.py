@@ -50,7 +50,8 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     def tuned(position: float) -> Rig:
         rig = Rig(contact_position=position)
         try:
-            return replace(rig, head_mass=tune_head_mass(rig, theta, first))
+            # What is beyond twelve digits is the machine's, and a result belongs to none.
+            return replace(rig, head_mass=float(f"{tune_head_mass(rig, theta, first):.12g}"))
         except ValueError as problem:
             raise ValueError(str(problem).replace("frequency", "first_frequency", 1)) from None
 
@@ -154,7 +155,8 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def _number(value: float, digits: int) -> str:
-    return "-" if np.isnan(value) else f"{value:.{digits}f}"
+    # Zero has no sign, whatever rounding has left of it.
+    return "-" if np.isnan(value) else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 STUDY = Study(

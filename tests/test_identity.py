@@ -307,7 +307,7 @@ def test_the_project_itself(tmp_path):
         before = sources(fig7.histories)
         print(json.dumps([fig7.__file__, before,
             changed("studies/fig7.py", "draw"), changed("studies/fig7.py", "findings"),
-            changed("fivcore/transient/fast_kernel.py", "work"), changed("studies/fig7.py", "histories")]))
+            changed("fivcore/transient/fast_kernel.py", "advance"), changed("studies/fig7.py", "histories")]))
         """,
         tmp_path,
     )
