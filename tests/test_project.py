@@ -132,7 +132,7 @@ def test_both_commands_stand_on_the_readmes_first_screen():
     assert any(".venv/bin/python -m pytest" in line for line in first)
 
 
-# Results that are of the code before this one, for they take an hour of a machine that does nothing else.
+# Results that are of the code before this one, for they take long and want a machine that does nothing else.
 OWED = {"accuracy"}
 
 
