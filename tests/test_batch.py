@@ -19,7 +19,7 @@ from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_kernel import GROUP, advance
 from fivcore.transient.fast_solver import frozen_solver
-from fivcore.transient.stick_skip import INTO, LOG, LOOKS, OVER_VALUES, skip_tables
+from fivcore.transient.stick_skip import COLUMNS, LINES, LOGARITHM, LOOKS, LOSSES, MODULI, VALUE_ROWS, skip_tables
 
 SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)
@@ -192,16 +192,25 @@ def test_what_a_skip_uses_is_the_map_of_a_step_in_stick(scene):
     tables = skip_tables(solver, 16)
     count, room, packed = tables.count, tables.size, tables.packed
     assert room == solver.size
-    assert packed[0, :2].tolist() == [count, room]
-    turns, over, table, _ = np.split(packed[1:], np.cumsum([2 * count, OVER_VALUES, INTO + 4 * count]))
-    turns, over, table = turns[:, :LOOKS], over[:, :count], table[:, np.r_[:size, room : room + size]]
-    log = over[LOG : LOG + 2]
-    ahead = np.exp(np.outer(log[0] + 1j * log[1], 16.0 * np.arange(1, LOOKS + 1)))
-    assert np.abs(turns.reshape(2, count, LOOKS) - [ahead.real, -ahead.imag]).max() < 1e-11
-    table = table[INTO:].reshape(4, count, 2 * size)
-    into, back = table[0] + 1j * table[1], table[2] + 1j * table[3]
+    assert packed[:2].tolist() == [count, 2 * room]
+    shapes = [(VALUE_ROWS, 2 * count), (MODULI, count), (2 * count, LOOKS), (2 * count, 2 * count)]
+    shapes += [(LINES + LOSSES, COLUMNS), (2 * count, 2 * room), (2 * count, 2 * room)]
+    ends = np.cumsum([2] + [rows * columns for rows, columns in shapes])
+    values, _, powers, _, _, into, back = (
+        packed[first:][: rows * columns].reshape(rows, columns)
+        for first, (rows, columns) in zip(ends, shapes, strict=False)
+    )
+    # Empty places have z = 1 and no part in anything.
+    log = values[LOGARITHM, :count] - 1j * values[LOGARITHM, count:]
+    ahead = np.exp(np.outer(log, 16.0 * np.arange(LOOKS))) * (
+        np.arange(count)[:, None] < np.flatnonzero(log)[-1] + 1
+    )
+    assert np.abs(powers.reshape(2, count, LOOKS) - [ahead.real, -ahead.imag]).max() < 1e-11
+    own = np.r_[:size, room : room + size]
+    into, back = into[:, own].reshape(2, count, -1), back[:, own].reshape(2, count, -1)
+    into, back = into[0] + 1j * into[1], back[0] - 1j * back[1]
     units = np.r_[np.sqrt(np.maximum(model.stiffness, 1e4)), np.ones(size)]
-    step = (back.T * np.exp(log[0] + 1j * log[1]) @ into).real
+    step = (back.T * np.exp(log) @ into).real
     expected = step_matrices(model, scene.mu, solver.step)[0]
     assert np.abs(units[:, None] * (step - expected) / units).max() < 1e-9
     assert np.abs(units[:, None] * ((back.T @ into).real - np.eye(2 * size)) / units).max() < 1e-9

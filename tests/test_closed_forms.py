@@ -74,9 +74,8 @@ class Small:
         record["samples"] = record["rows"] = record["sticks"] = 0
         record["stick_room"] = steps
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), 3))
-        none = np.zeros((1, 1))
         order = np.zeros(1, dtype=np.int64)
-        advance(order, record, self.modes, samples, rows, np.empty((steps, 2)), none, none)
+        advance(order, record, self.modes, samples, rows, np.empty((steps, 2)))
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 

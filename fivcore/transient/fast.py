@@ -28,7 +28,7 @@ from fivcore.transient.options import Options
 from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import ENERGIES, FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
-from fivcore.transient.stick_skip import SkipTables, joined, skip_tables, workspace_for
+from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
 
 # Samples are taken every so many steps, or at multiples of that.
 SAMPLED = 10
@@ -203,7 +203,13 @@ class FastRun:
         scenes["sticks_at"] = np.cumsum(scenes["stick_room"]) - scenes["stick_room"]
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))
         workspace = workspace_for([run._tables for run in runs if run._tables is not None])
-        advance(np.arange(len(runs)), scenes, modes, samples, rows, sticks, packed, workspace)
+        order = np.arange(len(runs))
+        while len(order):
+            advance(order, scenes, modes, samples, rows, sticks)
+            waiting = (scenes["next_skip"] <= scenes["now"]) & (scenes["now"] < scenes["last"])
+            order = np.flatnonzero(waiting & (scenes["stopped"] == 0))
+            if len(order):
+                skip(order, scenes, modes, samples, rows, packed, workspace)
         for k, run in enumerate(runs):
             scene, own_modes = scenes[k], int(scenes["modes_at"][k])
             run.blocks = modes[own_modes : own_modes + run.blocks.size].reshape(run.blocks.shape).copy()
@@ -252,8 +258,10 @@ class FastRun:
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
         if self._tables is None:
             record["next_skip"] = at.NEVER
-        elif record["contact"] == STICK and record["next_skip"] == at.NEVER:
-            record["next_skip"] = now
+        elif record["contact"] == STICK:
+            # Where a sample is due.
+            due = int(record["next_skip"][0])
+            record["next_skip"] = max(due if due < at.NEVER else 0, int(record["next_sample"][0]))
         record["until_open"] = bool(self._onset_ends) and not self._opened
         record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0
         step = solver.step
@@ -379,7 +387,7 @@ class FastRun:
         modes = aligned(self.blocks.size)
         modes[:] = self.blocks.ravel()
         none = np.empty((1, 6))
-        advance(np.zeros(1, dtype=np.int64), one, modes, none, none, none, none, none)
+        advance(np.zeros(1, dtype=np.int64), one, modes, none, none, none)
         settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
         if settled > first:
             for name in SETTLED:
@@ -476,5 +484,5 @@ def _joined(tables: tuple[SkipTables | None, ...]) -> tuple[Array, Array]:
     own = dict.fromkeys(part for part in tables if part is not None)
     ends = np.cumsum([0, *(len(part.packed) for part in own)])
     places = dict(zip(own, ends[:-1].tolist(), strict=True))
-    packed = joined([part.packed for part in own]) if own else np.zeros((1, 1))
+    packed = np.concatenate([np.zeros(0), *(part.packed for part in own)])
     return packed, np.array([-1 if part is None else places[part] for part in tables])

@@ -22,7 +22,6 @@ import numpy as np
 from fivcore.jit import contracted, inlined, kernel, reordered
 from fivcore.transient import fast_scene as at
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, count_step, enter
-from fivcore.transient.stick_skip import skip
 
 # Scenes that are worked on in turns.
 GROUP = 2
@@ -205,10 +204,8 @@ def plan(scene: Any) -> None:
 
 
 @kernel
-def advance(
-    order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, tables: Any, workspace: Any
-) -> None:
-    """Take every scene to the end of its segment.
+def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> None:
+    """Take every scene to the end of its segment or to where a skip is to be tried.
 
     Parameters
     ----------
@@ -220,8 +217,6 @@ def advance(
     samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
         Where a scene says: velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state;
         begin and end of long sticks.
-    tables, workspace : ndarray
-        Of `transient.stick_skip.skip`.
     """
     turn = np.empty(GROUP, dtype=np.int64)
     count, waiting = 0, 0
@@ -236,15 +231,7 @@ def advance(
             if due:
                 if scene.settle == scene.now:
                     clear(scene)
-                # One skip after another, as where a segment ends between them.
-                while scene.next_skip <= scene.now < scene.last:
-                    far = skip(scene, modes, samples, rows, tables, workspace)
-                    scene.next_skip = scene.now
-                    if not far or scene.now % (at.MAX_SKIP * scene.sample_every) != 0:
-                        scene.next_skip += (1 if far else 2) * at.MIN_SAMPLES * scene.sample_every
-                    if scene.settle == scene.now:
-                        clear(scene)
-                if scene.stopped != 0 or scene.now >= scene.last:
+                if scene.stopped != 0 or scene.now >= min(scene.last, scene.next_skip):
                     if waiting < len(order):
                         turn[g] = order[waiting]
                         waiting += 1
