@@ -531,6 +531,21 @@ def test_the_line_wanders_with_the_contact_point_and_the_mean_force_does_not(V):
         assert summary["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
 
 
+@pytest.mark.parametrize(
+    ("V", "theta", "place", "direction", "duration", "bound"),
+    [
+        (1.0, 5.0, 0.14, 1, 0.0104, 0.01),
+        (1.0, -5.0, 0.14, 1, 0.0104, 1e-4),
+        (1.0, 5.0, 0.012, -1, 0.0103, 1e-3),
+        (0.1, 5.0, 0.07, -1, 0.05, 5e-3),
+    ],
+)
+def test_energy_is_kept_while_the_contact_point_moves(V, theta, place, direction, duration, bound):
+    """Over a tenth of P2's length, through vibration and through steady sliding."""
+    scene = Scene(V, theta, 0.2, 9.0, Rig(contact_position=place))
+    assert simulate(scene, duration, contact_motion=direction).summary["energy_residual"] < bound
+
+
 @pytest.mark.parametrize(("direction", "end", "room"), [(-1, "clamp", 0.08 - 0.15 / 90), (1, "free end", 0.07)])
 def test_a_run_that_would_leave_the_beam_is_refused_beforehand(direction, end, room):
     longest = room / 5e-3 + 0.5e-3
