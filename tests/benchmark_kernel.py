@@ -27,12 +27,12 @@ from fivcore.jit import kernel, reordered_call
 from fivcore.transient import fast_scene as at
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import aligned
-from fivcore.transient.fast_kernel import kick_and_drift
+from fivcore.transient.fast_kernel import apply_impulse
 from fivcore.transient.fast_solver import frozen_solver
 from tests.benchmark_stability import machine
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
-# Of a mode in a step: multiply-adds and multiplications, as `kick_and_drift` has them.
+# Of a mode in a step: multiply-adds and multiplications, as `apply_impulse` has them.
 FUSED, PLAIN = 8, 2
 # Numbers that are worked on at once: as many as fill the registers of most processors and wait for nothing.
 WIDE = 64
@@ -58,7 +58,7 @@ def _modes_alone(blocks: Any, size: int, steps: int) -> float:
     for _ in range(steps):
         for k in range((size + at.BLOCK - 1) // at.BLOCK):
             count = min(left - np.uint64(k) * whole, whole)
-            gN, gT, vN, vT = kick_and_drift(blocks, first + np.uint64(k) * room, count, 1e-9, 1e-9)
+            gN, gT, vN, vT = apply_impulse(blocks, first + np.uint64(k) * room, count, 1e-9, 1e-9)
             total += gN + gT + vN + vT
     return total
 

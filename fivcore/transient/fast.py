@@ -237,8 +237,8 @@ class FastRun:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
             if now >= self._until:
                 # Where no skip crosses, so that recording changes nothing.
-                reach = at.MAX_SKIP * every
-                last = min((now // reach + (1 if now % reach else max(length // reach, 1))) * reach, self.steps)
+                grid = at.MAX_SKIP * every
+                last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
                 if motion is not None:
                     last = min(now + max(int(STRETCH / (abs(motion.speed) * self.step)), 1), self.steps)
                 self._until = min(last, ramp_ends) if now < ramp_ends else last
@@ -295,7 +295,7 @@ class FastRun:
             steady = self._settled(segment)
             if steady is not None:
                 self.segments = chain([segment], self._fill(steady))
-        self._length = SHORT_SEGMENT if self._unrest(segment) < self.scene.speed_per_load else LONG_SEGMENT
+        self._length = SHORT_SEGMENT if self._slip_variation(segment) < self.scene.speed_per_load else LONG_SEGMENT
 
     # The ramp.
 
@@ -353,7 +353,7 @@ class FastRun:
 
     # The end.
 
-    def _unrest(self, segment: Segment) -> float:
+    def _slip_variation(self, segment: Segment) -> float:
         """By how much the slip rate varied at the end of a segment; infinite where the contact does not slide."""
         # As many whatever the segment's length: a record cuts segments into several.
         recent = segment.slip_rate[-at.MAX_SKIP // 4 :]
@@ -363,7 +363,7 @@ class FastRun:
     def _settled(self, segment: Segment) -> SteadySliding | None:
         """Steady sliding, if nothing else can follow a segment; a proof is tried only where it looks so."""
         speed = self.scene.speed_per_load
-        if not (self._may_settle and self._unrest(segment) <= NEAR * speed):
+        if not (self._may_settle and self._slip_variation(segment) <= NEAR * speed):
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
         self._may_settle = steady is not None and steady.decays
@@ -435,7 +435,7 @@ class FastRun:
         record = self.record
         record["u_N"], record["u_T"] = u
         record["rest_slide_N"], record["rest_slide_T"] = normal @ model.rest, tangential @ model.rest
-        record["creep"] = (normal @ (q - model.rest) + record["rest_slide_N"]) / self.step
+        record["moving_rate"] = (normal @ (q - model.rest) + record["rest_slide_N"]) / self.step
 
     # Energy.
 

@@ -34,7 +34,7 @@ _BLOCK, _BLOCK_SIZE = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
 
 
 @reordered
-def kick_and_drift(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> Any:
+def apply_impulse(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> Any:
     """Give a block of modes an impulse, move it freely over a step; what it adds to g_N, g_T and their rates."""
     gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
     for j in range(first, first + count):
@@ -141,7 +141,7 @@ def apply_contact(scene: Any) -> Any:
     else:
         drive, X = scene.speed, scene.speed * (t - 0.5 * scene.ramp)
     # The unit load's share of the impulse comes first.
-    vN = scene.v_N - (scene.M_NN - scene.creep)
+    vN = scene.v_N - (scene.M_NN - scene.moving_rate)
     vT = scene.v_T - (scene.M_NT + drive)
     gT = scene.g_T + (scene.T_rest - X)
     p = scene.p_rest - scene.g_N
@@ -169,7 +169,7 @@ def apply_contact(scene: Any) -> Any:
             scene.impact -= step * (N * meanN + (T * meanT if contact == STICK else 0.0))
         else:
             slip_rate += rateT
-    scene.work += step * (T * drive - N * scene.creep)
+    scene.work += step * (T * drive - N * scene.moving_rate)
     scene.friction -= step * (T * slip_rate)
     count_step(scene, contact, N, abs(slip_rate), step)
     scene.contact = contact
@@ -271,10 +271,10 @@ def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks
                     scene.rows += 1
                     scene.next_row += scene.row_every
                 plan(scene)
-            gN, gT, vN, vT = kick_and_drift(modes, first, min(left, _BLOCK), impulse_N, impulse_T)
+            gN, gT, vN, vT = apply_impulse(modes, first, min(left, _BLOCK), impulse_N, impulse_T)
             for k in range(1, scene.blocks):
                 size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
-                a, b, c, d = kick_and_drift(modes, first + np.uint64(k) * _BLOCK_SIZE, size, impulse_N, impulse_T)
+                a, b, c, d = apply_impulse(modes, first + np.uint64(k) * _BLOCK_SIZE, size, impulse_N, impulse_T)
                 gN, gT, vN, vT = gN + a, gT + b, vN + c, vT + d
             if scene.moving != 0:
                 byN, byT = 0.0, 0.0
@@ -287,7 +287,7 @@ def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks
                 scene.anchor += byT + scene.rest_slide_T
                 scene.p_rest -= scene.rest_slide_N
                 scene.T_rest += scene.rest_slide_T
-                scene.creep = (byN + scene.rest_slide_N) * scene.per_step
+                scene.moving_rate = (byN + scene.rest_slide_N) * scene.per_step
             scene.g_N, scene.g_T, scene.v_N, scene.v_T = gN, gT, vN, vT
             scene.now += 1
             g += 1

@@ -39,7 +39,7 @@ _LAW = [
 _STATE = [
     # Gaps and their rates by the modes before the impulse, penetration and g_T at rest, the latter with the
     # inertia of the base, the rate of g_N by the motion of the contact point.
-    *("g_N", "g_T", "v_N", "v_T", "p_rest", "T_rest", "creep"),
+    *("g_N", "g_T", "v_N", "v_T", "p_rest", "T_rest", "moving_rate"),
     # The element's state, and g_T + u_T when stick began.
     *("u_N", "u_T", "anchor"),
 ]

@@ -46,8 +46,8 @@ def _sizes(*numbers: int) -> Any:
 
 # Samples that are evaluated together.
 (LOOKS,) = _sizes(64)
-# The readings N, velocity of B, T and closing. Bounds of N, T and the closing: between samples off a straight line,
-# and at any time off the line.
+# The readings N, velocity of B, T and closing. Bounds of N, T and the closing: off a straight line between two
+# samples, and off the line at any time.
 READINGS, MODULI, ONE = _sizes(4, 6, 1)
 # Rows over the eigenvalues: the readings; penetration and u_T one step earlier; what N and T sum up to over all
 # steps to come and the loss together with each of (p, u, 1, V); log z.
