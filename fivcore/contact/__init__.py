@@ -10,7 +10,7 @@ from fivcore.contact.reduced import (
     reduced_model,
     relaxation_time,
 )
-from fivcore.contact.step_map import largest_stable_step, slip_matrix, stable, stick_map
+from fivcore.contact.step_map import largest_stable_step, slip_map, stable, stick_map
 from fivcore.contact.uniqueness import check_unique, critical_mu_of
 
 __all__ = [
@@ -27,7 +27,7 @@ __all__ = [
     "reduced_model",
     "regime_maps",
     "relaxation_time",
-    "slip_matrix",
+    "slip_map",
     "stable",
     "stick_map",
 ]
