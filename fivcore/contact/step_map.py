@@ -4,9 +4,9 @@ The contact has four inputs, s = S x + s0: penetration, u_T and the rates of the
 L s: N, T and in slip u_T after the step (`fivcore.contact.law`). The impulse of N and T changes v, then the modes
 move freely. Stability of the step, the stick skip and the steady-state certificate share S, L and the matrix of x.
 
-A step that is too long has an eigenvalue near -1 and beyond it, for the motion changes its sign from step to step;
-the argument of true flutter is far from pi. In slip the element is seen through friction, and its stiffness may
-exceed what `ReducedModel.largest_step` knows.
+A step that is too long has an eigenvalue near -1 and beyond it: the motion changes its sign in every step, while
+flutter turns by far less than pi. In slip the element, seen through friction, may be stiffer than
+`ReducedModel.largest_step` knows.
 """
 
 from __future__ import annotations
@@ -36,13 +36,10 @@ class StepMap(NamedTuple):
         What a unit of N and of T adds to x within the step.
     force : ndarray, (2, m)
         N and T from x.
-    seen : ndarray, (4, m)
-        S: penetration, u_T and the rates of the gaps before the impulse from x.
-    law : ndarray, (2, 4) in stick, (3, 4) in slip
-        L: N, T and in slip u_T after the step from the four inputs.
+    seen, law : ndarray, (4, m), (2 or 3, 4)
+        S and L.
     units : ndarray, (m,)
-        The sum of squares of units * x is an energy: in these units eigenvectors are as well conditioned as they
-        can be.
+        The sum of squares of units * x is an energy, which makes eigenvectors as well conditioned as they can be.
     """
 
     matrix: Array
@@ -77,12 +74,12 @@ def _step_map(model: ReducedModel, step: float, seen: Array, law: Array, unit: A
     omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.contact_frequency**2))
     a, b, c, d = (np.diag(row) for row in propagator(model.stiffness, model.damping, step))
     flow = block_diag(np.block([[a, b], [c, d]]), np.eye(len(unit)))
-    output, kick, through = law @ seen, np.zeros((total, 2)), np.eye(total)
-    kick[size : 2 * size] = step * np.stack([model.normal, model.tangential], axis=1)
-    through += kick @ output[:2]
-    through[2 * size :] = output[2:]
+    output, impulse, jump = law @ seen, np.zeros((total, 2)), np.eye(total)
+    impulse[size : 2 * size] = step * np.stack([model.normal, model.tangential], axis=1)
+    jump += impulse @ output[:2]
+    jump[2 * size :] = output[2:]
     units = np.concatenate([omega, np.ones(size), unit])
-    return StepMap(flow @ through, flow @ kick, output[:2], seen, law, units)
+    return StepMap(flow @ jump, flow @ impulse, output[:2], seen, law, units)
 
 
 def eigenvectors(step_map: StepMap) -> tuple[Complex, Complex, Complex, float]:

@@ -10,9 +10,8 @@ Where rho + e < 1, the largest |y_j| never grows, and no |y_j| exceeds its prese
 times the largest. A reading R x then stays within sum_j |R X|_j times that bound of its steady value. Where this
 is less than what would end slip, slip never ends. M has all kept modes, at any frequency.
 
-Rounding (1e-16 a step; at most 1 / `LEAST_DECAY` steps add up) is far below `TOLERANCE`, and that is nine decades
-below what ends slip. With the paper's rig at V / F below some 1e-5 m/s/N it exceeds the tolerance of speeds; such
-a run takes every step.
+Rounding (1e-16 a step, over at most 1 / `LEAST_DECAY` steps) is far below what ends slip and is left out. With the
+paper's rig at V / F below some 1e-5 m/s/N it exceeds `TOLERANCE` V, and such a run takes every step.
 """
 
 from __future__ import annotations
@@ -82,16 +81,9 @@ class SteadySliding:
         return np.asarray(self._weights @ (parts + self._error * parts.max()))
 
     def is_permanent(self, q: Array, v: Array, u: Array, speed: float) -> bool:
-        """Whether slip never ends and stays within `TOLERANCE` of steady sliding.
+        """Whether slip never ends from here on and stays within `TOLERANCE` of steady sliding at V = `speed`.
 
-        Parameters
-        ----------
-        q, v : ndarray, (n,)
-            Before an impulse, in slip.
-        u : ndarray, (2,)
-            The element's state after the last step.
-        speed : float
-            Constant speed of the drive.
+        q and v, (n,), are those before an impulse in slip, u, (2,), is the element's state after the last step.
         """
         if not self.decays:
             return False
@@ -100,12 +92,10 @@ class SteadySliding:
             return False
         # Contact opens where the penetration falls below the u_N that relaxes from the last step's element state.
         last = [max(bound[PENETRATION], abs(u[0] - steady[PENETRATION])), bound[ELEMENT]]
-        closed = steady[PENETRATION] - self._relaxing @ steady[[PENETRATION, ELEMENT]]
-        positive = [NORMAL, STICK, EXCESS]
-        return bool(
-            bound[PENETRATION] + np.abs(self._relaxing) @ last < closed
-            and np.all(bound[positive] < steady[positive])
-        )
+        bound[PENETRATION] += np.abs(self._relaxing) @ last
+        steady[PENETRATION] -= self._relaxing @ steady[[PENETRATION, ELEMENT]]
+        positive = [NORMAL, PENETRATION, STICK, EXCESS]
+        return bool(np.all(bound[positive] < steady[positive]))
 
 
 @lru_cache(maxsize=64)
@@ -113,14 +103,8 @@ class SteadySliding:
 def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding | None:
     """Build the map of slip with T = mu N, its fixed point and its spectrum; some milliseconds.
 
-    The spectrum is that of `fivcore.sliding_modes` for the kept modes, with the element's damping. A mode above
-    the band of `sliding_modes` may grow where none within it does.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        With an element: without one only rounding holds the gap of a lasting contact.
-    mu, step : float
+    The spectrum is that of `fivcore.sliding_modes` for the kept modes (in and above its band), with the element's
+    damping. The model has an element: without one only rounding holds the gap of a lasting contact.
 
     Returns
     -------
