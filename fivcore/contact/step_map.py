@@ -1,9 +1,11 @@
-"""One step of `fast` as a linear map: what stability, the skip and the proof of steady sliding share.
+"""One step of `fast` as an affine map of x, the state before the impulse: (q, v) in stick, (q, v, u_T) in slip.
 
-In stick a step from impulse to impulse is an affine map of x = (q, v), in slip either way one of (q, v, u_T). Here
-are their matrices. Their eigenvalues tell whether a step is stable: steps that are too long show as an eigenvalue
-near -1 and beyond it, for the motion changes sign from step to step, while true flutter has arguments far from pi.
-In slip the contact's stiffness is that of the element seen through friction, which may exceed what
+The contact has four inputs, s = S x + s0: penetration, u_T and the rates of the two gaps. Its law answers with
+L s: N, T and in slip u_T after the step (`fivcore.contact.law`). The impulse of N and T changes v, then the modes
+move freely. Stability of the step, the stick skip and the steady-state certificate share S, L and the matrix of x.
+
+A step that is too long has an eigenvalue near -1 and beyond it: the motion changes its sign in every step, while
+flutter turns by far less than pi. In slip the element, seen through friction, may be stiffer than
 `ReducedModel.largest_step` knows.
 """
 
@@ -12,85 +14,90 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fivcore.beams.free_motion import propagator
 from fivcore.contact.impulse import Impulse
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel
-from fivcore.jit import Array
+from fivcore.jit import Array, Complex
 
 # Arguments beyond this share of pi are the step's, not the motion's.
 ALTERNATING = 0.9
 
 
-class StickMap(NamedTuple):
-    """A step in stick as a map of x = (q, v) before the impulse.
+class StepMap(NamedTuple):
+    """A step in one regime, as a map of x with m components.
 
     Attributes
     ----------
-    matrix : ndarray, (2n, 2n)
-    impulse : ndarray, (2n, 2)
+    matrix : ndarray, (m, m)
+    impulse : ndarray, (m, 2)
         What a unit of N and of T adds to x within the step.
-    force : ndarray, (2, 2n)
+    force : ndarray, (2, m)
         N and T from x.
-    seen : ndarray, (4, 2n)
-        Penetration, u_T and the rates of the gaps before the impulse from x.
-    units : ndarray, (2n,)
-        In units of these, x squared is an energy: eigenvectors are then as well conditioned as they can be.
+    seen, law : ndarray, (4, m), (2 or 3, 4)
+        S and L.
+    units : ndarray, (m,)
+        The sum of squares of units * x is an energy, which makes eigenvectors as well conditioned as they can be.
     """
 
     matrix: Array
     impulse: Array
     force: Array
     seen: Array
+    law: Array
     units: Array
 
 
-def stick_map(model: ReducedModel, impulse: Impulse, step: float) -> StickMap:
-    """The map of a step in stick."""
-    n, t, size = model.normal, model.tangential, len(model.normal)
-    zero = np.zeros(size)
+def stick_map(model: ReducedModel, impulse: Impulse, step: float) -> StepMap:
+    """Map of a step in stick, where u_T follows g_T."""
+    n, t, zero = model.normal, model.tangential, np.zeros(len(model.normal))
     seen = np.stack([np.r_[-n, zero], np.r_[-t, zero], np.r_[zero, n], np.r_[zero, t]])
-    stick = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, 0.0, step).stick
-    flow = free_flow(model, step)
-    kick = step * np.concatenate([np.zeros((size, 2)), np.stack([n, t], axis=1)])
-    force = stick @ seen
-    return StickMap(flow @ (np.eye(2 * size) + kick @ force), flow @ kick, force, seen, energy_units(model))
+    law = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, 0.0, step).stick
+    return _step_map(model, step, seen, law, np.zeros(0))
 
 
-def slip_matrix(model: ReducedModel, impulse: Impulse, mu: float, step: float, way: int) -> Array:
-    """Matrix of a step in slip with T = mu N (`way` = 0) or T = -mu N (1) on (q, v, u_T), (2n + 1, 2n + 1)."""
-    n, t, size = model.normal, model.tangential, len(model.normal)
-    law = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step).slip[way]
-    inputs = np.zeros((3, 2 * size + 1))
-    inputs[0, :size], inputs[1, -1], inputs[2, size:-1] = -n, 1.0, n
-    kick = np.eye(2 * size + 1)
-    kick[size:-1] += step * np.outer(n + (-mu if way else mu) * t, law[0] @ inputs)
-    kick[-1] = law[1] @ inputs
-    whole = np.eye(2 * size + 1)
-    whole[:-1, :-1] = free_flow(model, step)
-    return np.asarray(whole @ kick)
+def slip_map(model: ReducedModel, impulse: Impulse, mu: float, step: float, way: int) -> StepMap:
+    """Map of a step in slip with T = mu N (`way` = 0) or T = -mu N (1)."""
+    n, t, zero = model.normal, model.tangential, np.zeros(len(model.normal))
+    seen = np.stack([np.r_[-n, zero, 0.0], np.r_[zero, zero, 1.0], np.r_[zero, n, 0.0], np.r_[zero, t, 0.0]])
+    force, u_T = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step).slip[way]
+    law = np.column_stack([np.stack([force, (-mu if way else mu) * force, u_T]), np.zeros(3)])
+    return _step_map(model, step, seen, law, np.sqrt(model.K[1:, 1]))
 
 
-def free_flow(model: ReducedModel, step: float) -> Array:
-    """Matrix of the free motion over a step on (q, v), (2n, 2n)."""
-    a, b, c, d = (np.diag(row) for row in propagator(model.stiffness, model.damping, step))
-    return np.block([[a, b], [c, d]])
-
-
-def energy_units(model: ReducedModel) -> Array:
-    """Frequencies (the contact's for the free mode) and ones: x times them squared is an energy, (2n,)."""
+def _step_map(model: ReducedModel, step: float, seen: Array, law: Array, unit: Array) -> StepMap:
+    """Close the loop of contact and modes; `unit` is that of u_T where u_T is part of x, and empty elsewhere."""
+    size, total = len(model.normal), seen.shape[1]
+    # Without a stiffness of its own the free mode has the contact's.
     omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.contact_frequency**2))
-    return np.concatenate([omega, np.ones(len(omega))])
+    a, b, c, d = (np.diag(row) for row in propagator(model.stiffness, model.damping, step))
+    flow = block_diag(np.block([[a, b], [c, d]]), np.eye(len(unit)))
+    output, impulse, jump = law @ seen, np.zeros((total, 2)), np.eye(total)
+    impulse[size : 2 * size] = step * np.stack([model.normal, model.tangential], axis=1)
+    jump += impulse @ output[:2]
+    jump[2 * size :] = output[2:]
+    units = np.concatenate([omega, np.ones(size), unit])
+    return StepMap(flow @ jump, flow @ impulse, output[:2], seen, law, units)
+
+
+def eigenvectors(step_map: StepMap) -> tuple[Complex, Complex, Complex, float]:
+    """Eigenvalues z and eigenvectors X of the matrix M, X^-1, and the maximum norm of X^-1 (M X - X diag(z))."""
+    matrix = step_map.units[:, None] * step_map.matrix / step_map.units
+    # Entries that are only rounding would spoil the eigenvectors' balance; the norm includes what they do.
+    z, X = np.linalg.eig(np.where(np.abs(matrix) < 1e-15, 0.0, matrix))
+    inverse = np.linalg.inv(X)
+    error = float(np.abs(inverse @ (matrix @ X - X * z)).sum(axis=1).max())
+    X, inverse = X / step_map.units[:, None], inverse * step_map.units
+    return z.astype(complex), X.astype(complex), inverse.astype(complex), error
 
 
 def step_matrices(model: ReducedModel, mu: float, step: float) -> list[Array]:
-    """One step from impulse to impulse in stick and in slip either way, on (q, v) and in slip u_T."""
+    """Matrices of a step in stick, in slip with T = mu N and in slip with T = -mu N."""
     impulse = model.impulse(step)
-    return [
-        stick_map(model, impulse, step).matrix,
-        *(slip_matrix(model, impulse, mu, step, way) for way in (0, 1)),
-    ]
+    slip = (slip_map(model, impulse, mu, step, way).matrix for way in (0, 1))
+    return [stick_map(model, impulse, step).matrix, *slip]
 
 
 def stable(model: ReducedModel, mu: float, step: float) -> bool:

@@ -1,9 +1,9 @@
-"""A contact point that moves along P2 (`contact_motion`), while P2 slides under P1's tip.
+"""A contact point D that moves along P2 while P2 slides under P1's tip (`contact_motion`).
 
-D then moves by X(t) towards P2's clamp or away from it. Gap shapes, residual flexibility and static
-equilibrium follow it, the shapes in every step (linearly within stretches of STRETCH), the others once a
-stretch; the gap's rate gains the rate of the motion times the slope of P2's deflection. This breaks the
-homogeneity in (V, F): how far D moves depends on V itself.
+D moves by X(t) towards P2's clamp or away from it. The gap shapes follow it in every step, linearly within a
+segment of length `STRETCH`; the residual flexibility and the static equilibrium follow once a segment. The gap's
+rate gains the rate of this motion times the slope of P2's deflection. The motion is not homogeneous in (V, F), for
+the distance that D moves depends on V itself.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from fivcore.jit import Array
 from fivcore.rig import Rig
 from fivcore.transient.drive import Normalised, displacement
 
-# Length of a stretch along P2, m.
+# Length of a segment along P2, m.
 STRETCH = 5e-6
 
 
 @dataclass(frozen=True)
 class ContactMotion:
-    """Where the contact point is.
+    """Position of the contact point in time.
 
     Attributes
     ----------
     scene : Normalised
     ramp : float
+        Of the drive, s.
     direction : int
         -1: towards P2's clamp, +1: away from it.
     """
@@ -41,7 +42,7 @@ class ContactMotion:
 
     @property
     def speed(self) -> float:
-        """Of D along P2 after the ramp, m/s, signed."""
+        """Velocity of D along P2 after the ramp, away from the clamp, m/s."""
         return self.direction * self.scene.speed_per_load * self.scene.load
 
     def position(self, t: float) -> float:
@@ -50,7 +51,7 @@ class ContactMotion:
         return self.scene.rig.contact_position + self.direction * moved
 
     def check(self, duration: float) -> None:
-        """Refuse a run that would leave the beam."""
+        """Raise ValueError where D would leave P2 within `duration`, s, or has no room to move."""
         beam, start = self.scene.rig.p2, self.scene.rig.contact_position
         # The element next to the clamp hardly moves: contact there is contact with the wall.
         room = start - beam.length / beam.elements if self.direction < 0 else beam.length - start
@@ -71,7 +72,7 @@ class ContactMotion:
 
 
 def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
-    """Gap shapes of P2's modes with D at `position`: normal and tangential, (modes of P2,)."""
+    """Normal and tangential gap shapes of P2's modes, (modes of P2,), with D at `position`, m from the clamp."""
     basis = lower_basis(rig.p2, rig.contact_position)
     axial_row, bending_row = hermite(rig.p2, position)
     along, across, rotation = np.moveaxis(basis.shapes[1:], 0, 1)
@@ -81,18 +82,14 @@ def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
 
 
 def moved_model(model: ReducedModel, scene: Normalised, position: float) -> ReducedModel:
-    """The model with D elsewhere; tau stays."""
-    full = full_model(scene.rig, scene.theta)
-    upper, _ = rig_bases(scene.rig, scene.theta)
-    n1 = len(upper.stiffness)
-    normal, tangential = full.normal.copy(), full.tangential.copy()
-    normal[n1:], tangential[n1:] = shapes_at(scene.rig, position)
-    kept = model.kept
-    K, C, flexibility = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2))
-    if model.K.any():
-        flexibility = residual_flexibility(full.stiffness[~kept], normal[~kept], tangential[~kept])
-        K = np.asarray(np.linalg.inv(flexibility))
+    """Return the model with D at `position`, m from P2's clamp; its modes and tau stay."""
+    kept, K, C, flexibility = model.kept, model.K, model.C, 0.0
+    full, n1 = full_model(scene.rig, scene.theta), len(rig_bases(scene.rig, scene.theta)[0].stiffness)
+    normal, tangential = shapes_at(scene.rig, position)
+    normal, tangential = np.append(full.normal[:n1], normal), np.append(full.tangential[:n1], tangential)
+    if K.any():
+        residual = residual_flexibility(full.stiffness[~kept], normal[~kept], tangential[~kept])
+        K, flexibility = np.asarray(np.linalg.inv(residual)), float(residual[0, 0])
         C = np.asarray(model.C[0, 0] / model.K[0, 0] * K)
-    load = unit_load(scene.rig, scene.theta)
-    rest = equilibrium(model.stiffness, normal[kept], load[kept], float(flexibility[0, 0]))
+    rest = equilibrium(model.stiffness, normal[kept], unit_load(scene.rig, scene.theta)[kept], flexibility)
     return replace(model, normal=normal[kept], tangential=tangential[kept], rest=rest, K=K, C=C)

@@ -1,12 +1,12 @@
-"""The finer model of the onset, and a run's state handed over to it and back.
+"""A finer model for the onset of vibration, and the transfer of a run's state to it and back.
 
-The first separation is reached by a growth that lives partly above the cut-off (with the paper's rig at 54 and 96
-kHz), and the burst that follows begins with what has grown there. Unless a cut-off is given, the few milliseconds
-from just before the first slip to just after the first separation are therefore taken with HIGHER times the
-cut-off, 1 / FINER of the step and the damping that the published scheme adds there of itself.
+The first separation follows a growth that lives partly above the cut-off (with the paper's rig at 54 and 96 kHz),
+and the first burst begins with what has grown there. Unless a cut-off is given, the run therefore uses a finer
+model from `LEAD` before the first slip to `AFTER` after the first separation: `HIGHER` times the cut-off,
+1 / `FINER` of the step and the damping that the published scheme adds of itself.
 
-States are those at the start of a step, midway between two impulses, where a lasting force deflects the modes
-further than it does without impulses; coordinates are deviations from the equilibrium under the unit load.
+A state is that at the start of a step, midway between two impulses, where a lasting force deflects the modes
+further than without impulses. Coordinates are deviations from the equilibrium under the unit load.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from fivcore.transient.drive import Normalised
 from fivcore.transient.fast_solver import Solver, frozen_solver
 from fivcore.transient.published import ADDED_DAMPING
 
-# How much finer the steps are, and how far the cut-off is raised.
+# Ratio of the steps, and of the cut-offs.
 FINER, HIGHER = 5, 5.0
-# For how long before the first slip, so that what the change of model stirs up dies away, for how long to the
-# first separation at most, and after it, s.
+# Time before the first slip in which what the change of model excites dies away; longest time to the first
+# separation; time after it, s.
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
-# With more material damping than that, s, nothing grows above the cut-off.
+# Above this material damping d2, s, nothing grows above the cut-off.
 MOST_DAMPING = 1e-7
 
 
 def finer_solver(scene: Normalised, step: float, termination: str, cross_terms: bool) -> Solver | None:
-    """More modes, and `FINER` steps for one; None where that is no use or would have no unique contact force."""
-    # With much damping nothing grows up there; with every mode kept the element is no spring to start from.
+    """Build the finer solver; None where damping, the element or uniqueness of the contact force rule it out."""
     if scene.rig.d2 > MOST_DAMPING:
         return None
     rig = replace(scene.rig, d2=scene.rig.d2 + ADDED_DAMPING)
     model = reduced_model(rig, scene.theta, HIGHER * default_cutoff(rig), termination, None, cross_terms)
+    # With every mode kept there is no element whose state `prolong` could find.
     if not model.K.any() or step / FINER > model.largest_step:
         return None
     try:
@@ -47,9 +47,9 @@ def finer_solver(scene: Normalised, step: float, termination: str, cross_terms: 
 
 
 def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
-    """Displacements, velocities and the element's state with more modes.
+    """Transfer displacements, velocities and the element's state to the model with more modes.
 
-    What was not kept follows the contact force statically, and so does what still is not.
+    The added modes and the new element follow the contact force statically.
     """
     model = many.model
     common = few.model.kept[model.kept]
@@ -67,12 +67,12 @@ def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Ar
 
 
 def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: bool) -> tuple[Array, Array, Array]:
-    """The same with fewer modes: what is no longer kept stays at the contact as the element's state."""
+    """Transfer them to the model with fewer modes; the element's state takes over the gap of the lost modes."""
     model = many.model
     common = few.model.kept[model.kept]
     force = many.impulse.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
     lost = np.stack([model.normal[~common], model.tangential[~common]]) @ (still + model.rest)[~common]
-    # What impulses miss of the modes' flexibility is the element's, with many modes as with few.
+    # Each element includes the compliance defect of its own step (`fivcore.contact.impulse`).
     defect = (few.impulse.defect - many.impulse.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect
