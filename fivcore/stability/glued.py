@@ -37,8 +37,8 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 
     Notes
     -----
-    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick and Williams,
-    Q. J. Mech. Appl. Math. 24, 1971, 263-284).
+    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick and
+    Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284).
     """
     checks.instance("rig", rig, Rig)
     stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))

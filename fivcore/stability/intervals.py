@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, extreme, link, locate, root
+from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, closest, extreme, link, locate, root
 from fivcore.stability.onsets import onset_crossings
 from fivcore.stability.sliding import sliding_modes
 
@@ -215,14 +215,11 @@ def unstable_windows(
     band = checks.band(fmax)
     angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
     onsets = _Onsets(rig, band, HEADROOM * friction).passing(angles, friction) if friction > 0.0 else []
-    stops: list[tuple[float, Point | None]] = [(angle, None) for angle in _dense(angles)]
-    stops += [(onset.theta + side, onset) for onset in onsets for side in (-BESIDE, BESIDE)]
-    stops = sorted((stop for stop in stops if first <= stop[0] <= last), key=lambda stop: stop[0])
-    pairs: Pairs = []
-    for (left, before), (right, after) in pairwise([(growing(angle), onset) for angle, onset in stops]):
-        onset = before if before is after else None
-        pairs += link(growing, left, right, END if onset is None else np.inf, partial(_window_ends, onset))
-    windows = [(_end(w[0], band), _end(w[-1], band), _peak(growing, w)) for w in chains(pairs)]
+    stops = _dense(angles) + [theta + side for theta in onsets for side in (-BESIDE, BESIDE)]
+    samples = [growing(theta) for theta in sorted(set(stops)) if first <= theta <= last]
+    parts = (link(growing, left, right, END, _window_ends) for left, right in pairwise(samples))
+    branches = chains([pair for part in parts for pair in part])
+    windows = [(_end(branch[0], band), _end(branch[-1], band), _peak(growing, branch)) for branch in branches]
     windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
     table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
     theta, frequency, level = table.reshape(-1, 3, 3).transpose(2, 1, 0).copy()
@@ -257,52 +254,32 @@ class _Onsets:
         samples = [self.sample(angle, wider=False) for angle in _dense(theta)]
         if len(samples) == 1:
             return [[point] for point in samples[0][1]]
-        parts = (link(self.sample, left, right, FOLD, self._folds) for left, right in pairwise(samples))
+        parts = (link(self.sample, left, right, FOLD, _folds) for left, right in pairwise(samples))
         return [self._with_extremes(branch) for branch in chains([pair for part in parts for pair in part])]
-
-    def _folds(self, before: list[Point], after: list[Point], theta: float) -> Pairs:
-        """Pairs of an onset or a recovery and the fold in which the two meet."""
-        pairs: Pairs = []
-        for ended in (before, after):
-            rest = sorted(ended, key=lambda point: point.outside)
-            while rest and not rest[0].outside:
-                p = rest.pop(0)
-                others = [point for point in rest if point.rises != p.rises]
-                if not others:
-                    raise ArithmeticError(
-                        f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
-                    )
-                q = min(others, key=lambda point: abs(point.place - p.place))
-                rest.remove(q)
-                mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
-                for each in (p, q):
-                    fold = replace(each, theta=theta, level=mu, frequency=frequency, end="fold")
-                    pairs.append((each, fold) if ended is before else (fold, each))
-        return pairs
 
     def _with_extremes(self, branch: list[Point]) -> list[Point]:
         """A branch with the points between its own at which friction is least or largest."""
-        found = {id(point): point for point in branch}
-        for p, at, q in zip(branch, branch[1:], branch[2:], strict=False):
+        found = {point.theta: point for point in branch}
+        # The slope at an end of the range tells whether there is an extreme before the next point.
+        beside = [
+            locate(self.sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
+            for pair, end in ((branch[:2], branch[0]), (branch[-2:], branch[-1]))
+            if not (end.end or end.outside)
+        ]
+        points = sorted([*branch, *beside], key=lambda point: point.theta)
+        for p, at, q in zip(points, points[1:], points[2:], strict=False):
             if (at.level > p.level) == (at.level > q.level):
                 best = extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
-                found[id(best)] = best
-        for end, q in (branch[:2], branch[:-3:-1]) if len(branch) > 1 else ():
-            if end.end or end.outside:
-                continue
-            beside = locate(self.sample, end, q, end.theta + 1e-3 * (q.theta - end.theta))
-            if (beside.level > end.level) != (q.level > end.level):
-                near = sorted([end, q], key=lambda point: point.theta)
-                best = extreme(self.sample, near, 1.0 if beside.level > end.level else -1.0)
-                found[id(best)] = best
+                found[best.theta] = best
         return sorted(found.values(), key=lambda point: point.theta)
 
     def curves(self, branch: list[Point]) -> list[OnsetCurve]:
         """The parts of a branch within the limits."""
         edges = [self._edge(p, q) for p, q in pairwise(branch) if p.outside != q.outside]
         points = sorted([*branch, *edges], key=lambda point: point.theta)
-        parts = [list(part) for outside, part in groupby(points, lambda point: point.outside) if not outside]
-        return [_curve(part) for part in parts]
+        return [
+            _curve(list(part)) for outside, part in groupby(points, lambda point: point.outside) if not outside
+        ]
 
     def _edge(self, p: Point, q: Point) -> Point:
         """Where a branch passes a limit."""
@@ -311,14 +288,33 @@ class _Onsets:
             return replace(edge, level=self.mu_max, outside=False, end="mu_max")
         return replace(edge, frequency=self.fmax, outside=False, end="fmax")
 
-    def passing(self, theta: Array, mu: float) -> list[Point]:
-        """Where branches pass a friction."""
+    def passing(self, theta: Array, mu: float) -> list[float]:
+        """Angles at which branches pass a friction."""
         return [
-            root(self.sample, p, q, lambda at: at.level - mu)
+            root(self.sample, p, q, lambda at: at.level - mu).theta
             for branch in self.branches(theta)
             for p, q in pairwise(branch)
             if (p.level > mu) != (q.level > mu)
         ]
+
+
+def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
+    """Pairs of an onset or a recovery and the fold in which the two meet."""
+    pairs: Pairs = []
+    for ended in (before, after):
+        for p in (point for point in ended if not point.outside):
+            alike, others = (
+                [point for point in ended if (point.rises == p.rises) is same] for same in (True, False)
+            )
+            q = closest(p, others)
+            if q is None or closest(q, alike) is not p:
+                raise ArithmeticError(
+                    f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
+                )
+            mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
+            fold = replace(p, theta=theta, level=mu, frequency=frequency, end="fold")
+            pairs.append((p, fold) if ended is before else (fold, p))
+    return pairs
 
 
 def _curve(points: list[Point]) -> OnsetCurve:
@@ -347,20 +343,18 @@ def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> tuple[Array, Array]:
 def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
     """Modes that grow while they oscillate."""
     modes = sliding_modes(rig, theta, mu, fmax)
-    both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
-    phi = [
-        complex(growth, 2.0 * np.pi * frequency) for growth, frequency in both if growth > 0.0 and frequency > 0.0
+    phi = modes.growth_rate + 2j * np.pi * modes.frequency
+    phi = phi[(phi.real > 0.0) & (phi.imag > 0.0)]
+    return theta, [
+        Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi.tolist()
     ]
-    return theta, [Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi]
 
 
-def _window_ends(onset: Point | None, before: list[Point], after: list[Point], theta: float) -> Pairs:
-    """Pairs of a growing mode and the end of its window: the onset, where one is known, else at `theta`."""
-
-    def end(mode: Point) -> Point:
-        return replace(mode, theta=theta) if onset is None else replace(onset, level=0.0)
-
-    return [(mode, end(mode)) for mode in before] + [(end(mode), mode) for mode in after]
+def _window_ends(before: list[Point], after: list[Point], theta: float) -> Pairs:
+    """Pairs of a growing mode and the end of its window."""
+    return [(mode, replace(mode, theta=theta)) for mode in before] + [
+        (replace(mode, theta=theta), mode) for mode in after
+    ]
 
 
 def _end(mode: Point, fmax: float) -> Point:

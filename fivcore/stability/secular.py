@@ -40,31 +40,18 @@ EPS = 2.220446049250313e-16
 
 @dataclass(frozen=True, eq=False)
 class SlidingProblem:
-    """The sliding problem of one rig, theta and band, ready for any mu.
+    """The sliding problem of one rig, theta and band, ready for any mu; `unit` is the unit of every lambda."""
 
-    Attributes
-    ----------
-    unit : float
-        The band's lambda, (2 pi fmax)^2 unless damping is heavy, rad2/s2; the unit of all below.
-    poles : ndarray, (n,)
-        Poles near the band.
-    residues : ndarray, (2, n)
-        Their residues: a without friction, b for each unit of mu.
-    tail : ndarray, (2, TAIL_TERMS)
-        Power series of the far poles, likewise.
-    guesses : ndarray, (guesses,)
-        Where the search for roots starts: from the roots without friction.
-    hidden : ndarray, (k,)
-        Eigenvalues that the contact does not feel.
-    hidden_modes : list of tuple
-        For each, the numbers and amplitudes of the separate beams' modes it consists of.
-    """
-
+    # The band's lambda, (2 pi fmax)^2 unless damping is heavy, rad2/s2.
     unit: float
+    # Poles near the band, (n,); their residues a without friction and b for each unit of mu, (2, n).
     poles: Array
     residues: Array
+    # Power series of the far poles, likewise, (2, TAIL_TERMS).
     tail: Array
+    # Where the search for roots starts: from the roots without friction.
     guesses: Complex
+    # Eigenvalues that the contact does not feel, (k,); the beams' modes each consists of, and their amplitudes.
     hidden: Array
     hidden_modes: list[tuple[list[int], list[float]]]
 
@@ -129,14 +116,14 @@ def sliding_roots(problem: SlidingProblem, mu: Array) -> Complex:
 
 def _roots(problem: SlidingProblem, mu: float) -> Complex:
     c, tail = (each[0] + mu * each[1] for each in (problem.residues, problem.tail))
-    more = 0
+    roots, more = problem.guesses.copy(), 0
     for _ in range(MOST_TRIALS):
-        # More roots may have come into the circle than there are guesses (large mu, on few rigs).
-        roots = np.append(problem.guesses, RADIUS * np.exp(2j * np.pi * (np.arange(more) + 0.3) / max(more, 1)))
-        missed = find_roots(roots, problem.poles, c, tail)
-        if not missed:
+        missing = find_roots(roots, problem.poles, c, tail)
+        if not missing:
             return roots
-        more += min(abs(missed), 2 * len(problem.poles))
+        # More roots have come into the circle than there are guesses (large mu, on few rigs).
+        more += min(abs(missing), 2 * len(problem.poles))
+        roots = np.append(problem.guesses, RADIUS * np.exp(2j * np.pi * (np.arange(more) + 0.3) / more))
     raise ArithmeticError(
         f"mu = {mu!r}: some eigenvalues could not be found with this rig and theta; another mu or fmax near it "
         "will do"
@@ -286,11 +273,10 @@ def damp(values: Complex, d1: float, d2: float, phi: Complex) -> None:
         root = np.sqrt(half * half - values[j])
         if half.real * root.real + half.imag * root.imag < 0.0:
             root = -root
-        large, small = -half - root, root - half
+        large, chosen = -half - root, root - half
         # The difference cancels when damping is heavy; the product of both roots is lambda.
-        if abs(small) < 0.5 * abs(large):
-            small = values[j] / large
-        chosen = small
-        if large.imag > small.imag or (large.imag == small.imag and large.real > small.real):
+        if abs(chosen) < 0.5 * abs(large):
+            chosen = values[j] / large
+        if large.imag > chosen.imag or (large.imag == chosen.imag and large.real > chosen.real):
             chosen = large
         phi[j] = complex(chosen.real, chosen.imag + 0.0)
