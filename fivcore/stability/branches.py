@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -46,8 +47,20 @@ Sampler = Callable[[float], Sample]
 Ending = Callable[[list[Point], list[Point], float], Pairs]
 
 
-def link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending: Ending) -> Pairs:
-    """Pairs of neighbours on each branch between two samples, from intervals down to `shortest` degrees."""
+def follow(sampler: Sampler, samples: list[Sample], shortest: float, ending: Ending) -> list[list[Point]]:
+    """Branches through ascending samples, each ascending in theta, from intervals down to `shortest` degrees."""
+    pairs = [pair for left, right in pairwise(samples) for pair in _link(sampler, left, right, shortest, ending)]
+    following = {id(first): second for first, second in pairs}
+    followers = {id(second) for _, second in pairs}
+    branches = [[first] for first, _ in pairs if id(first) not in followers]
+    for branch in branches:
+        while id(branch[-1]) in following:
+            branch.append(following[id(branch[-1])])
+    return branches
+
+
+def _link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending: Ending) -> Pairs:
+    """Pairs of neighbours on each branch between two samples."""
     pairs, clear = _counterparts(left[1], right[1])
     linked = {id(point) for pair in pairs for point in pair}
     before, after = ([point for point in points if id(point) not in linked] for _, points in (left, right))
@@ -55,7 +68,7 @@ def link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending:
     if right[0] - left[0] <= shortest or (clear and all(point.outside for point in before + after)):
         return pairs + ending(before, after, middle)
     between = sampler(middle)
-    return link(sampler, left, between, shortest, ending) + link(sampler, between, right, shortest, ending)
+    return _link(sampler, left, between, shortest, ending) + _link(sampler, between, right, shortest, ending)
 
 
 def _counterparts(left: list[Point], right: list[Point]) -> tuple[Pairs, bool]:
@@ -78,17 +91,6 @@ def _counterparts(left: list[Point], right: list[Point]) -> tuple[Pairs, bool]:
 def closest(p: Point, points: list[Point]) -> Point | None:
     """The nearest to p of some points, if there are any."""
     return min(points, key=lambda point: abs(point.place - p.place), default=None)
-
-
-def chains(pairs: Pairs) -> list[list[Point]]:
-    """Points joined along their pairs, each chain ascending in theta."""
-    following = {id(first): second for first, second in pairs}
-    followers = {id(second) for _, second in pairs}
-    found = [[first] for first, _ in pairs if id(first) not in followers]
-    for chain in found:
-        while id(chain[-1]) in following:
-            chain.append(following[id(chain[-1])])
-    return found
 
 
 def locate(sampler: Sampler, near: list[Point], theta: float) -> Point:

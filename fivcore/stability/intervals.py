@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, closest, extreme, link, locate, root
+from fivcore.stability.branches import Pairs, Point, Sample, Sampler, closest, extreme, follow, locate, root
 from fivcore.stability.onsets import onset_crossings
-from fivcore.stability.sliding import sliding_modes
+from fivcore.stability.sliding import ReadOnlyArrays, sliding_modes
 
 # Samples are at most so many degrees apart.
 SPACING = 0.5
@@ -37,7 +37,7 @@ CEASED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class OnsetCurve:
+class OnsetCurve(ReadOnlyArrays):
     """One branch of onsets or of recoveries; arrays are read-only.
 
     Attributes
@@ -45,7 +45,7 @@ class OnsetCurve:
     theta, mu, frequency : ndarray, (n,)
         Degrees, ascending; 1; Hz.
     rises : bool
-        True for onsets, where a growth rate rises through zero with mu; False for recoveries.
+        True for onsets, False for recoveries.
     ends : tuple of str
         Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
         the other kind.
@@ -60,13 +60,9 @@ class OnsetCurve:
     ends: tuple[str, str]
     lowest: tuple[float, float, float]
 
-    def __post_init__(self) -> None:
-        for part in (self.theta, self.mu, self.frequency):
-            part.setflags(write=False)
-
 
 @dataclass(frozen=True, eq=False)
-class OnsetCurves:
+class OnsetCurves(ReadOnlyArrays):
     """All branches over an interval of theta, and their values at given angles; arrays are read-only.
 
     Attributes
@@ -75,10 +71,8 @@ class OnsetCurves:
         Ascending in frequency where mu is least.
     theta : ndarray, (k,)
         The given angles, degrees.
-    mu, frequency : ndarray, (k, onsets)
-        Friction and frequency (Hz) of the onsets there, NaN where a branch does not reach.
-    recovery_mu, recovery_frequency : ndarray, (k, recoveries)
-        Likewise of the recoveries.
+    mu, frequency, recovery_mu, recovery_frequency : ndarray, (k, onsets) or (k, recoveries)
+        Friction and frequency (Hz) of each branch there, NaN where it does not reach.
     """
 
     onsets: tuple[OnsetCurve, ...]
@@ -89,13 +83,9 @@ class OnsetCurves:
     recovery_mu: Array
     recovery_frequency: Array
 
-    def __post_init__(self) -> None:
-        for part in (self.theta, self.mu, self.frequency, self.recovery_mu, self.recovery_frequency):
-            part.setflags(write=False)
-
 
 @dataclass(frozen=True, eq=False)
-class UnstableWindows:
+class UnstableWindows(ReadOnlyArrays):
     """Intervals of theta in which a mode pair grows, ascending in frequency, then in theta; arrays are read-only.
 
     Attributes
@@ -121,10 +111,6 @@ class UnstableWindows:
     peak_theta: Array
     peak_frequency: Array
 
-    def __post_init__(self) -> None:
-        for part in vars(self).values():
-            part.setflags(write=False)
-
 
 def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) -> OnsetCurves:
     """Flutter onsets and recoveries of steady sliding (V > 0) as curves over theta.
@@ -134,10 +120,8 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     rig : Rig
     theta : array_like, (k,)
         Degrees, ascending. Where they are more than half a degree apart, onsets are sampled between them too.
-    fmax : float
-        Band, Hz.
-    mu_max : float
-        Largest friction of interest.
+    fmax, mu_max : float
+        Band, Hz; largest friction of interest.
 
     Returns
     -------
@@ -154,8 +138,7 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
 
     Notes
     -----
-    Not seen are branches with both ends between two neighbouring samples, and a branch that turns back and forth
-    between two of them passes for a smooth one. What grows without an onset has no curve (`FlutterOnsets`).
+    A branch with both ends between two neighbouring samples is not seen, nor one that turns back and forth there.
     """
     checks.instance("rig", rig, Rig)
     angles = checks.array("theta", theta, checks.theta_degrees)
@@ -174,8 +157,8 @@ def unstable_windows(
 ) -> UnstableWindows:
     """Intervals of theta in which a pair of modes of steady sliding (V > 0) is unstable at one friction.
 
-    A window opens or closes where a branch of onsets or recoveries passes `mu` (`onset_curves`), and besides where
-    a growing mode enters or leaves the band, or begins or ceases to oscillate.
+    A window opens or closes where a branch of onsets or recoveries passes `mu` (`onset_curves`), where a growing
+    mode enters or leaves the band, and where it begins or ceases to oscillate; divergence makes no window.
 
     Parameters
     ----------
@@ -190,7 +173,7 @@ def unstable_windows(
     Returns
     -------
     UnstableWindows
-        Ends by onset and recovery to rounding, others to 1e-11 degrees.
+        Ends to 1e-11 degrees.
 
     Raises
     ------
@@ -203,8 +186,7 @@ def unstable_windows(
     -----
     No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of them a window
     is seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode that grows
-    violently enters the band and leaves it there without an onset. Growth without oscillation (divergence) makes
-    no window; `sliding_modes` at the theta in question has it.
+    violently enters the band and leaves it there without an onset.
     """
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
@@ -217,8 +199,7 @@ def unstable_windows(
     onsets = _Onsets(rig, band, HEADROOM * friction).passing(angles, friction) if friction > 0.0 else []
     stops = _dense(angles) + [theta + side for theta in onsets for side in (-BESIDE, BESIDE)]
     samples = [growing(theta) for theta in sorted(set(stops)) if first <= theta <= last]
-    parts = (link(growing, left, right, END, _window_ends) for left, right in pairwise(samples))
-    branches = chains([pair for part in parts for pair in part])
+    branches = follow(growing, samples, END, _window_ends)
     windows = [(_end(branch[0], band), _end(branch[-1], band), _peak(growing, branch)) for branch in branches]
     windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
     table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
@@ -254,8 +235,7 @@ class _Onsets:
         samples = [self.sample(angle, wider=False) for angle in _dense(theta)]
         if len(samples) == 1:
             return [[point] for point in samples[0][1]]
-        parts = (link(self.sample, left, right, FOLD, _folds) for left, right in pairwise(samples))
-        return [self._with_extremes(branch) for branch in chains([pair for part in parts for pair in part])]
+        return [self._with_extremes(branch) for branch in follow(self.sample, samples, FOLD, _folds)]
 
     def _with_extremes(self, branch: list[Point]) -> list[Point]:
         """A branch with the points between its own at which friction is least or largest."""

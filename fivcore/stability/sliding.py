@@ -25,8 +25,17 @@ MODE = np.dtype([("phi", complex), ("eigenvalue", complex), ("hidden", np.int64)
 MISSING = np.array((complex(np.nan, np.nan), complex(np.nan, np.nan), -1), dtype=MODE)
 
 
+class ReadOnlyArrays:
+    """Base of results: every array in them is read-only."""
+
+    def __post_init__(self) -> None:
+        for part in vars(self).values():
+            if isinstance(part, np.ndarray):
+                part.setflags(write=False)
+
+
 @dataclass(frozen=True, eq=False)
-class SlidingModes:
+class SlidingModes(ReadOnlyArrays):
     """Modes of steady sliding within a band, ascending in frequency; missing ones are NaN.
 
     The leading dimensions, written `...`, are those of theta and mu broadcast; the last is the mode.
@@ -56,10 +65,6 @@ class SlidingModes:
     fmax: float
     rig: Rig
     _hidden: NDArray[np.int64]
-
-    def __post_init__(self) -> None:
-        for part in (self.frequency, self.growth_rate, self.eigenvalue, self.theta, self.mu, self._hidden):
-            part.setflags(write=False)
 
     @property
     def unstable(self) -> NDArray[np.bool_]:
