@@ -7,12 +7,10 @@ and that is a zero of
     W = A_i B_r - A_r B_i,        A = A_r - i y A_i,   B = B_r - i y B_i.
 
 Dividing the imaginary parts by y keeps W finite without damping, where A_i and B_i become derivatives and W = 0
-says that mu(lambda) is stationary: two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the pole
-nearest to the interval, which changes no zero and removes the pole.
-
-The search cannot miss a pair of zeros: it leaves an interval only when a bound on |W''| shows that W keeps its
-sign in it, when mu is shown to stay outside (0, mu_max], or when W is shown to be monotone. Kernels take omega in
-units of 2 pi fmax, p in units of its square, d1 and d2 to match.
+says that two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the nearest pole, which removes it
+and changes no zero. No pair of zeros is missed: an interval is left only when a bound on |W''| shows that W keeps
+its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max]. Kernels take omega in units of
+2 pi fmax, p in units of its square, d1 and d2 to match.
 """
 
 from __future__ import annotations
@@ -48,18 +46,12 @@ class FlutterOnsets:
         Friction and frequency (Hz) at which a growth rate rises through zero.
     recovery_mu, recovery_frequency : ndarray, (m,)
         Where one falls back through zero.
-    rig, theta, fmax, mu_max
-        The arguments: the answer holds for this band and this damping.
     """
 
     mu: Array
     frequency: Array
     recovery_mu: Array
     recovery_frequency: Array
-    rig: Rig
-    theta: float
-    fmax: float
-    mu_max: float
 
 
 def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
@@ -70,10 +62,8 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     rig : Rig
     theta : float
         Degrees.
-    fmax : float
-        Band, Hz.
-    mu_max : float
-        Largest friction of interest.
+    fmax, mu_max : float
+        Band, Hz; largest friction of interest.
 
     Returns
     -------
@@ -88,19 +78,15 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
 
     Notes
     -----
-    Onsets are isolated first, then refined to rounding (Brent). Without damping an onset is where two real
-    eigenvalues meet, and a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart cancel
-    and are not reported.
+    Onsets are isolated, then refined to rounding (Brent). Without damping an onset is where two real eigenvalues
+    meet, a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart are not reported.
     """
     checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
-    band = checks.band(fmax)
-    most = checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    crossings = onset_crossings(rig, angle, band, most)
-    up, down = (
-        np.array([(mu, f) for mu, f, rises in crossings if rises is kind]).reshape(-1, 2) for kind in (True, False)
-    )
-    return FlutterOnsets(up[:, 0], up[:, 1], down[:, 0], down[:, 1], rig, angle, band, most)
+    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    crossings = np.array(onset_crossings(rig, angle, band, most)).reshape(-1, 3)
+    mu, frequency, rises = crossings[:, 0], crossings[:, 1], crossings[:, 2] == 1.0
+    return FlutterOnsets(mu[rises], frequency[rises], mu[~rises], frequency[~rises])
 
 
 def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[tuple[float, float, bool]]:
@@ -139,10 +125,10 @@ def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
 
 
 @kernel
-def gap_parts(
+def receptances(
     omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float
-) -> tuple[float, float, float, float, float]:
-    """A_r, A_i, B_r, B_i and y at omega, with the pole p[n] taken out."""
+) -> tuple[complex, complex]:
+    """A_r + i A_i and B_r + i B_i at omega, with the pole p[n] taken out."""
     x, y = axis_point(omega, d1, d2)
     ar, ai, br, bi = 0.0, 0.0, 0.0, 0.0
     for i in range(len(p)):
@@ -157,21 +143,22 @@ def gap_parts(
         ai += a[i] * imaginary
         br += b[i] * real
         bi += b[i] * imaginary
-    return ar, ai, br, bi, y
+    return complex(ar, ai), complex(br, bi)
 
 
 @kernel
 def onset_function(omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float) -> float:
     """W, whose zeros are the onsets and recoveries."""
-    ar, ai, br, bi, _ = gap_parts(omega, n, p, a, b, d1, d2)
-    return ai * br - ar * bi
+    ra, rb = receptances(omega, n, p, a, b, d1, d2)
+    return ra.imag * rb.real - ra.real * rb.imag
 
 
 @kernel
 def onset_friction(omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float) -> float:
     """Real part of mu = -A / B."""
-    ar, ai, br, bi, y = gap_parts(omega, n, p, a, b, d1, d2)
-    return -(ar * br + y * y * ai * bi) / (br * br + y * y * bi * bi)
+    ra, rb = receptances(omega, n, p, a, b, d1, d2)
+    y = axis_point(omega, d1, d2)[1]
+    return -(complex(ra.real, y * ra.imag) / complex(rb.real, y * rb.imag)).real
 
 
 @kernel
@@ -209,16 +196,17 @@ def _judge(
     bw1, bw2, bi1, bi2 = l1 * b2, 2.0 * l1 * l1 * b3 + l2 * b2, 2.0 * l1 * b3, 6.0 * l1 * l1 * b4 + 2.0 * l2 * b3
 
     # An onset outside (0, mu_max] is not wanted.
-    ar, ai, br, bi, _ = gap_parts(middle, n, p, a, b, d1, d2)
-    size_a, size_b = np.hypot(ar, y * ai), np.hypot(br, y * bi)
+    ra, rb = receptances(middle, n, p, a, b, d1, d2)
+    size_a, size_b = np.hypot(ra.real, y * ra.imag), np.hypot(rb.real, y * rb.imag)
+    product = ra.real * rb.real + y * y * ra.imag * rb.imag
     if size_a - aw1 * half > mu_max * (size_b + bw1 * half):
         return 0
-    if ar * br + y * y * ai * bi > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
+    if product > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
         return 0
 
-    most_ar, most_br = abs(ar) + aw1 * half, abs(br) + bw1 * half
-    most_ai, most_bi = abs(ai) + ai1 * half, abs(bi) + bi1 * half
-    curvature = ai2 * most_br + 2.0 * ai1 * bw1 + most_ai * bw2 + aw2 * most_bi + 2.0 * aw1 * bi1 + most_ar * bi2
+    ar, br = abs(ra.real) + aw1 * half, abs(rb.real) + bw1 * half
+    ai, bi = abs(ra.imag) + ai1 * half, abs(rb.imag) + bi1 * half
+    curvature = ai2 * br + 2.0 * ai1 * bw1 + ai * bw2 + aw2 * bi + 2.0 * aw1 * bi1 + ar * bi2
     bound = curvature * width * width
     w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
     if (w_low > 0.0) == (w_high > 0.0):
