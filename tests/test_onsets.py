@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
 from fivcore.beams.modes import contact_modes
-from fivcore.stability.onsets import isolate, onset_friction, onset_function
+from fivcore.stability.onsets import MOST_INTERVALS, isolate, onset_friction, onset_function
 from tests import reference
 from tests.rigs import workshop_rig
 
@@ -115,7 +115,7 @@ def test_heavy_damping_is_searched_quickly(d2):
     unit = 2.0 * np.pi * 10e3
     seen = normal != 0.0
     system = stiffness[seen] / unit**2, normal[seen] ** 2 / unit**2, (normal * tangential)[seen] / unit**2
-    _, judged = isolate(*system, 50.0 / unit, d2 * unit, 1.0, np.empty((8, 3)))
+    _, judged = isolate(*system, 50.0 / unit, d2 * unit, 1.0, np.empty((MOST_INTERVALS, 3)))
     assert judged < 5000
 
 
@@ -146,7 +146,7 @@ def test_two_degrees_of_freedom_coalesce_where_the_closed_form_says():
     b = np.append(-vectors[1] * vectors[0], 0.0)
     assert np.all(values > 0.0)
     scale = 4.0
-    brackets = np.empty((8, 3))
+    brackets = np.empty((MOST_INTERVALS, 3))
     count, _ = isolate(p / scale, a / scale, b / scale, 0.0, 0.0, 5.0, brackets)
     assert count == 1
     system = (int(brackets[0, 2]), p / scale, a / scale, b / scale, 0.0, 0.0)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -23,28 +24,19 @@ NARROW = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """An onset, a recovery or a growing mode at one angle.
-
-    Attributes
-    ----------
-    theta, level, frequency : float
-        Degrees; friction of an onset or growth rate (1/s) of a mode; Hz.
-    place : complex
-        Coordinates in which the distance of points is measured.
-    rises : bool
-        False for a recovery; only points of one kind are linked.
-    outside : bool
-        Beyond the limits of interest, where a branch may end for no known reason.
-    end : str
-        Why a branch ends here, if it does.
-    """
+    """An onset, a recovery or a growing mode at one angle, in degrees."""
 
     theta: float
+    # Friction of an onset or growth rate (1/s) of a mode; Hz.
     level: float
     frequency: float
+    # Coordinates in which the distance of points is measured.
     place: complex
+    # False for a recovery; only points of one kind are linked.
     rises: bool = True
+    # Beyond the limits of interest, where a branch may end for no known reason.
     outside: bool = False
+    # Why a branch ends here, if it does.
     end: str = ""
 
 
@@ -55,78 +47,74 @@ Sampler = Callable[[float], Sample]
 Ending = Callable[[list[Point], list[Point], float], Pairs]
 
 
-def link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending: Ending) -> Pairs:
-    """Pairs of neighbours on each branch between two samples, from intervals down to `shortest` degrees."""
+def follow(sampler: Sampler, samples: list[Sample], shortest: float, ending: Ending) -> list[list[Point]]:
+    """Branches through ascending samples, each ascending in theta, from intervals down to `shortest` degrees."""
+    pairs = [pair for left, right in pairwise(samples) for pair in _link(sampler, left, right, shortest, ending)]
+    following = {id(first): second for first, second in pairs}
+    followers = {id(second) for _, second in pairs}
+    branches = [[first] for first, _ in pairs if id(first) not in followers]
+    for branch in branches:
+        while id(branch[-1]) in following:
+            branch.append(following[id(branch[-1])])
+    return branches
+
+
+def _link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending: Ending) -> Pairs:
+    """Pairs of neighbours on each branch between two samples."""
     pairs, clear = _counterparts(left[1], right[1])
-    middle = 0.5 * (left[0] + right[0])
-    if not clear and right[0] - left[0] > shortest:
-        between = sampler(middle)
-        return link(sampler, left, between, shortest, ending) + link(sampler, between, right, shortest, ending)
     linked = {id(point) for pair in pairs for point in pair}
     before, after = ([point for point in points if id(point) not in linked] for _, points in (left, right))
-    return pairs + ending(before, after, middle)
+    middle = 0.5 * (left[0] + right[0])
+    if right[0] - left[0] <= shortest or (clear and all(point.outside for point in before + after)):
+        return pairs + ending(before, after, middle)
+    between = sampler(middle)
+    return _link(sampler, left, between, shortest, ending) + _link(sampler, between, right, shortest, ending)
 
 
 def _counterparts(left: list[Point], right: list[Point]) -> tuple[Pairs, bool]:
-    """Pairs of mutually nearest points, and whether all are clear and no point inside the limits is left out."""
-    n, points = len(left), left + right
-    place, kind = np.array([each.place for each in points]), np.array([each.rises for each in points])
-    apart = np.abs(place[:, None] - place)
-    np.fill_diagonal(apart, np.inf)
-    across = np.where(kind[:n, None] == kind[n:], apart[:n, n:], np.inf)
-    pairs: Pairs = []
-    free, clear = [each.outside for each in points], True
-    for i in range(n if across.size else 0):
-        j = int(np.argmin(across[i]))
-        if across[i, j] > FAR or np.argmin(across[:, j]) != i:
+    """Pairs of mutually nearest points, and whether all are clear."""
+    pairs, all_clear = [], True
+    for p in left:
+        q = closest(p, [point for point in right if point.rises == p.rises])
+        if q is None or closest(q, [point for point in left if point.rises == p.rises]) is not p:
             continue
-        rivals = np.delete(apart[[i, n + j]], [i, n + j], axis=1)
-        sure = bool(across[i, j] <= CLEAR * rivals.min(initial=np.inf))
-        if sure or not (free[i] and free[n + j]):
-            pairs.append((points[i], points[n + j]))
-            free[i] = free[n + j] = True
-            clear = clear and sure
-    return pairs, clear and all(free)
+        distance = abs(p.place - q.place)
+        rivals = [point.place for point in left + right if point is not p and point is not q]
+        rival = min((min(abs(place - p.place), abs(place - q.place)) for place in rivals), default=np.inf)
+        clear = distance <= CLEAR * rival
+        if distance <= FAR and (clear or not (p.outside and q.outside)):
+            pairs.append((p, q))
+            all_clear = all_clear and clear
+    return pairs, all_clear
 
 
-def chains(pairs: Pairs) -> list[list[Point]]:
-    """Points joined along their pairs, each chain ascending in theta."""
-    following = {id(first): second for first, second in pairs}
-    followers = {id(second) for _, second in pairs}
-    found = [[first] for first, _ in pairs if id(first) not in followers]
-    for chain in found:
-        while id(chain[-1]) in following:
-            chain.append(following[id(chain[-1])])
-    return found
+def closest(p: Point, points: list[Point]) -> Point | None:
+    """The nearest to p of some points, if there are any."""
+    return min(points, key=lambda point: abs(point.place - p.place), default=None)
 
 
-def locate(sampler: Sampler, p: Point, q: Point, theta: float) -> Point:
-    """The point at `theta` of the branch that passes through the neighbours p and q."""
-    for known in (p, q):
-        if theta == known.theta:
-            return known
-    place = p.place + (theta - p.theta) / (q.theta - p.theta) * (q.place - p.place)
-    points = [each for each in sampler(theta)[1] if each.rises == p.rises]
+def locate(sampler: Sampler, near: list[Point], theta: float) -> Point:
+    """The point at `theta` of the branch that passes through some neighbours, ascending in theta."""
+    place = np.interp(theta, [point.theta for point in near], [point.place for point in near])
+    known = [point for point in near if point.theta == theta]
+    points = known or [point for point in sampler(theta)[1] if point.rises == near[0].rises]
     if not points:
         raise ArithmeticError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
-    return min(points, key=lambda each: abs(each.place - place))
+    return min(points, key=lambda point: abs(point.place - place))
 
 
 def root(sampler: Sampler, p: Point, q: Point, function: Callable[[Point], float]) -> Point:
     """The point between neighbours where `function`, of opposite sign at them, is zero."""
-    theta = brentq(lambda at: function(locate(sampler, p, q, at)), p.theta, q.theta, xtol=1e-14)
-    return locate(sampler, p, q, theta)
+    theta = brentq(lambda x: function(locate(sampler, [p, q], x)), p.theta, q.theta, xtol=1e-14)
+    return locate(sampler, [p, q], theta)
 
 
 def extreme(sampler: Sampler, near: list[Point], sign: float) -> Point:
     """Where the level is largest (`sign` = 1) or least (-1) between the first and the last of neighbours."""
-
-    def at(theta: float) -> Point:
-        k = min(int(np.searchsorted([each.theta for each in near[1:]], theta)), len(near) - 2)
-        return locate(sampler, near[k], near[k + 1], theta)
-
-    best, ends = max(near, key=lambda each: sign * each.level), (near[0].theta, near[-1].theta)
+    best, ends = max(near, key=lambda point: sign * point.level), (near[0].theta, near[-1].theta)
     if ends[1] - ends[0] < NARROW:
         return best
-    found = minimize_scalar(lambda x: -sign * at(x).level, bounds=ends, method="bounded", options={"xatol": 1e-8})
-    return max(best, at(float(found.x)), key=lambda each: sign * each.level)
+    found = minimize_scalar(
+        lambda x: -sign * locate(sampler, near, x).level, bounds=ends, method="bounded", options={"xatol": 1e-8}
+    )
+    return max(best, locate(sampler, near, float(found.x)), key=lambda point: sign * point.level)

@@ -37,8 +37,8 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 
     Notes
     -----
-    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick
-    and Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284).
+    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick and
+    Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284).
     """
     checks.instance("rig", rig, Rig)
     stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
@@ -47,10 +47,10 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     # of its own, so that its bits do not depend on the count.
     free = np.sort(stiffness)
     floor = free[free > 0.0][0] * 1e-24
-    squares = np.empty(wanted)
-    for k in range(wanted):
-        low = max(free[k] * (1.0 - 1e-9), floor)
-        squares[k] = _bisect(k, low, free[k + 2] * (1.0 + 1e-9), stiffness, normal, tangential)
+    squares = [
+        _bisect(k, max(free[k] * (1.0 - 1e-9), floor), free[k + 2] * (1.0 + 1e-9), stiffness, normal, tangential)
+        for k in range(wanted)
+    ]
     return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
 
 
@@ -106,18 +106,15 @@ def _missing_mass(rig: Rig, theta: float, square: float) -> float:
 @kernel
 def _below(square: float, stiffness: Array, normal: Array, tangential: Array) -> int:
     """Number of glued eigenvalues below `square`: the separate beams' less those that the contact raises."""
-    below = 0
-    nn, nt, tt = 0.0, 0.0, 0.0
+    below, nn, nt, tt = 0, 0.0, 0.0, 0.0
     for i in range(len(stiffness)):
         distance = stiffness[i] - square
-        if distance < 0.0:
-            below += 1
+        below += distance < 0.0
         soft = 1.0 / distance
         nn += normal[i] * normal[i] * soft
         nt += normal[i] * tangential[i] * soft
         tt += tangential[i] * tangential[i] * soft
-    determinant = nn * tt - nt * nt
-    if determinant < 0.0:
+    if nn * tt - nt * nt < 0.0:
         return below - 1
     return below - 2 if nn + tt < 0.0 else below
 
@@ -125,17 +122,11 @@ def _below(square: float, stiffness: Array, normal: Array, tangential: Array) ->
 @kernel
 def _bisect(k: int, low: float, high: float, stiffness: Array, normal: Array, tangential: Array) -> float:
     """The smallest square with more than k glued eigenvalues below it, to rounding."""
-    while high > 4.0 * low:
-        middle = np.sqrt(low * high)
+    middle = 0.5 * (low + high)
+    while low < middle < high:
         if _below(middle, stiffness, normal, tangential) > k:
             high = middle
         else:
             low = middle
-    while True:
         middle = 0.5 * (low + high)
-        if middle <= low or middle >= high:
-            return middle
-        if _below(middle, stiffness, normal, tangential) > k:
-            high = middle
-        else:
-            low = middle
+    return middle

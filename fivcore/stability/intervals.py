@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.stability.branches import Pairs, Point, Sample, Sampler, chains, extreme, link, locate, root
+from fivcore.stability.branches import Pairs, Point, Sample, Sampler, closest, extreme, follow, locate, root
 from fivcore.stability.onsets import onset_crossings
-from fivcore.stability.sliding import sliding_modes
+from fivcore.stability.sliding import ReadOnlyArrays, sliding_modes
 
 # Samples are at most so many degrees apart.
 SPACING = 0.5
@@ -37,7 +37,7 @@ CEASED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class OnsetCurve:
+class OnsetCurve(ReadOnlyArrays):
     """One branch of onsets or of recoveries; arrays are read-only.
 
     Attributes
@@ -45,7 +45,7 @@ class OnsetCurve:
     theta, mu, frequency : ndarray, (n,)
         Degrees, ascending; 1; Hz.
     rises : bool
-        True for onsets, where a growth rate rises through zero with mu; False for recoveries.
+        True for onsets, False for recoveries.
     ends : tuple of str
         Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
         the other kind.
@@ -60,13 +60,9 @@ class OnsetCurve:
     ends: tuple[str, str]
     lowest: tuple[float, float, float]
 
-    def __post_init__(self) -> None:
-        for part in (self.theta, self.mu, self.frequency):
-            part.setflags(write=False)
-
 
 @dataclass(frozen=True, eq=False)
-class OnsetCurves:
+class OnsetCurves(ReadOnlyArrays):
     """All branches over an interval of theta, and their values at given angles; arrays are read-only.
 
     Attributes
@@ -75,10 +71,8 @@ class OnsetCurves:
         Ascending in frequency where mu is least.
     theta : ndarray, (k,)
         The given angles, degrees.
-    mu, frequency : ndarray, (k, onsets)
-        Friction and frequency (Hz) of the onsets there, NaN where a branch does not reach.
-    recovery_mu, recovery_frequency : ndarray, (k, recoveries)
-        Likewise of the recoveries.
+    mu, frequency, recovery_mu, recovery_frequency : ndarray, (k, onsets) or (k, recoveries)
+        Friction and frequency (Hz) of each branch there, NaN where it does not reach.
     """
 
     onsets: tuple[OnsetCurve, ...]
@@ -89,13 +83,9 @@ class OnsetCurves:
     recovery_mu: Array
     recovery_frequency: Array
 
-    def __post_init__(self) -> None:
-        for part in (self.theta, self.mu, self.frequency, self.recovery_mu, self.recovery_frequency):
-            part.setflags(write=False)
-
 
 @dataclass(frozen=True, eq=False)
-class UnstableWindows:
+class UnstableWindows(ReadOnlyArrays):
     """Intervals of theta in which a mode pair grows, ascending in frequency, then in theta; arrays are read-only.
 
     Attributes
@@ -121,10 +111,6 @@ class UnstableWindows:
     peak_theta: Array
     peak_frequency: Array
 
-    def __post_init__(self) -> None:
-        for part in vars(self).values():
-            part.setflags(write=False)
-
 
 def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) -> OnsetCurves:
     """Flutter onsets and recoveries of steady sliding (V > 0) as curves over theta.
@@ -134,10 +120,8 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     rig : Rig
     theta : array_like, (k,)
         Degrees, ascending. Where they are more than half a degree apart, onsets are sampled between them too.
-    fmax : float
-        Band, Hz.
-    mu_max : float
-        Largest friction of interest.
+    fmax, mu_max : float
+        Band, Hz; largest friction of interest.
 
     Returns
     -------
@@ -154,8 +138,7 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
 
     Notes
     -----
-    Not seen are branches with both ends between two neighbouring samples, and a branch that turns back and forth
-    between two of them passes for a smooth one. What grows without an onset has no curve (`FlutterOnsets`).
+    A branch with both ends between two neighbouring samples is not seen, nor one that turns back and forth there.
     """
     checks.instance("rig", rig, Rig)
     angles = checks.array("theta", theta, checks.theta_degrees)
@@ -174,8 +157,8 @@ def unstable_windows(
 ) -> UnstableWindows:
     """Intervals of theta in which a pair of modes of steady sliding (V > 0) is unstable at one friction.
 
-    A window opens or closes where a branch of onsets or recoveries passes `mu` (`onset_curves`), and besides where
-    a growing mode enters or leaves the band, or begins or ceases to oscillate.
+    A window opens or closes where a branch of onsets or recoveries passes `mu` (`onset_curves`), where a growing
+    mode enters or leaves the band, and where it begins or ceases to oscillate; divergence makes no window.
 
     Parameters
     ----------
@@ -190,7 +173,7 @@ def unstable_windows(
     Returns
     -------
     UnstableWindows
-        Ends by onset and recovery to rounding, others to 1e-11 degrees.
+        Ends to 1e-11 degrees.
 
     Raises
     ------
@@ -203,8 +186,7 @@ def unstable_windows(
     -----
     No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of them a window
     is seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode that grows
-    violently enters the band and leaves it there without an onset. Growth without oscillation (divergence) makes
-    no window; `sliding_modes` at the theta in question has it.
+    violently enters the band and leaves it there without an onset.
     """
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
@@ -215,14 +197,10 @@ def unstable_windows(
     band = checks.band(fmax)
     angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
     onsets = _Onsets(rig, band, HEADROOM * friction).passing(angles, friction) if friction > 0.0 else []
-    stops: list[tuple[float, Point | None]] = [(angle, None) for angle in _dense(angles)]
-    stops += [(onset.theta + side, onset) for onset in onsets for side in (-BESIDE, BESIDE)]
-    stops = sorted((stop for stop in stops if first <= stop[0] <= last), key=lambda stop: stop[0])
-    pairs: Pairs = []
-    for (left, before), (right, after) in pairwise([(growing(angle), onset) for angle, onset in stops]):
-        onset = before if before is after else None
-        pairs += link(growing, left, right, END if onset is None else np.inf, partial(_window_ends, onset))
-    windows = [(_end(w[0], band), _end(w[-1], band), _peak(growing, w)) for w in chains(pairs)]
+    stops = _dense(angles) + [theta + side for theta in onsets for side in (-BESIDE, BESIDE)]
+    samples = [growing(theta) for theta in sorted(set(stops)) if first <= theta <= last]
+    branches = follow(growing, samples, END, _window_ends)
+    windows = [(_end(branch[0], band), _end(branch[-1], band), _peak(growing, branch)) for branch in branches]
     windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
     table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
     theta, frequency, level = table.reshape(-1, 3, 3).transpose(2, 1, 0).copy()
@@ -257,52 +235,31 @@ class _Onsets:
         samples = [self.sample(angle, wider=False) for angle in _dense(theta)]
         if len(samples) == 1:
             return [[point] for point in samples[0][1]]
-        parts = (link(self.sample, left, right, FOLD, self._folds) for left, right in pairwise(samples))
-        return [self._with_extremes(branch) for branch in chains([pair for part in parts for pair in part])]
-
-    def _folds(self, before: list[Point], after: list[Point], theta: float) -> Pairs:
-        """Pairs of an onset or a recovery and the fold in which the two meet."""
-        pairs: Pairs = []
-        for ended in (before, after):
-            rest = sorted(ended, key=lambda point: point.outside)
-            while rest and not rest[0].outside:
-                p = rest.pop(0)
-                others = [point for point in rest if point.rises != p.rises]
-                if not others:
-                    raise ArithmeticError(
-                        f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
-                    )
-                q = min(others, key=lambda point: abs(point.place - p.place))
-                rest.remove(q)
-                mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
-                for each in (p, q):
-                    fold = replace(each, theta=theta, level=mu, frequency=frequency, end="fold")
-                    pairs.append((each, fold) if ended is before else (fold, each))
-        return pairs
+        return [self._with_extremes(branch) for branch in follow(self.sample, samples, FOLD, _folds)]
 
     def _with_extremes(self, branch: list[Point]) -> list[Point]:
         """A branch with the points between its own at which friction is least or largest."""
-        found = {id(point): point for point in branch}
-        for p, at, q in zip(branch, branch[1:], branch[2:], strict=False):
+        found = {point.theta: point for point in branch}
+        # The slope at an end of the range tells whether there is an extreme before the next point.
+        beside = [
+            locate(self.sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
+            for pair, end in ((branch[:2], branch[0]), (branch[-2:], branch[-1]))
+            if not (end.end or end.outside)
+        ]
+        points = sorted([*branch, *beside], key=lambda point: point.theta)
+        for p, at, q in zip(points, points[1:], points[2:], strict=False):
             if (at.level > p.level) == (at.level > q.level):
                 best = extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
-                found[id(best)] = best
-        for end, q in (branch[:2], branch[:-3:-1]) if len(branch) > 1 else ():
-            if end.end or end.outside:
-                continue
-            beside = locate(self.sample, end, q, end.theta + 1e-3 * (q.theta - end.theta))
-            if (beside.level > end.level) != (q.level > end.level):
-                near = sorted([end, q], key=lambda point: point.theta)
-                best = extreme(self.sample, near, 1.0 if beside.level > end.level else -1.0)
-                found[id(best)] = best
+                found[best.theta] = best
         return sorted(found.values(), key=lambda point: point.theta)
 
     def curves(self, branch: list[Point]) -> list[OnsetCurve]:
         """The parts of a branch within the limits."""
         edges = [self._edge(p, q) for p, q in pairwise(branch) if p.outside != q.outside]
         points = sorted([*branch, *edges], key=lambda point: point.theta)
-        parts = [list(part) for outside, part in groupby(points, lambda point: point.outside) if not outside]
-        return [_curve(part) for part in parts]
+        return [
+            _curve(list(part)) for outside, part in groupby(points, lambda point: point.outside) if not outside
+        ]
 
     def _edge(self, p: Point, q: Point) -> Point:
         """Where a branch passes a limit."""
@@ -311,14 +268,33 @@ class _Onsets:
             return replace(edge, level=self.mu_max, outside=False, end="mu_max")
         return replace(edge, frequency=self.fmax, outside=False, end="fmax")
 
-    def passing(self, theta: Array, mu: float) -> list[Point]:
-        """Where branches pass a friction."""
+    def passing(self, theta: Array, mu: float) -> list[float]:
+        """Angles at which branches pass a friction."""
         return [
-            root(self.sample, p, q, lambda at: at.level - mu)
+            root(self.sample, p, q, lambda at: at.level - mu).theta
             for branch in self.branches(theta)
             for p, q in pairwise(branch)
             if (p.level > mu) != (q.level > mu)
         ]
+
+
+def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
+    """Pairs of an onset or a recovery and the fold in which the two meet."""
+    pairs: Pairs = []
+    for ended in (before, after):
+        for p in (point for point in ended if not point.outside):
+            alike, others = (
+                [point for point in ended if (point.rises == p.rises) is same] for same in (True, False)
+            )
+            q = closest(p, others)
+            if q is None or closest(q, alike) is not p:
+                raise ArithmeticError(
+                    f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
+                )
+            mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
+            fold = replace(p, theta=theta, level=mu, frequency=frequency, end="fold")
+            pairs.append((p, fold) if ended is before else (fold, p))
+    return pairs
 
 
 def _curve(points: list[Point]) -> OnsetCurve:
@@ -347,20 +323,18 @@ def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> tuple[Array, Array]:
 def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
     """Modes that grow while they oscillate."""
     modes = sliding_modes(rig, theta, mu, fmax)
-    both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
-    phi = [
-        complex(growth, 2.0 * np.pi * frequency) for growth, frequency in both if growth > 0.0 and frequency > 0.0
+    phi = modes.growth_rate + 2j * np.pi * modes.frequency
+    phi = phi[(phi.real > 0.0) & (phi.imag > 0.0)]
+    return theta, [
+        Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi.tolist()
     ]
-    return theta, [Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi]
 
 
-def _window_ends(onset: Point | None, before: list[Point], after: list[Point], theta: float) -> Pairs:
-    """Pairs of a growing mode and the end of its window: the onset, where one is known, else at `theta`."""
-
-    def end(mode: Point) -> Point:
-        return replace(mode, theta=theta) if onset is None else replace(onset, level=0.0)
-
-    return [(mode, end(mode)) for mode in before] + [(end(mode), mode) for mode in after]
+def _window_ends(before: list[Point], after: list[Point], theta: float) -> Pairs:
+    """Pairs of a growing mode and the end of its window."""
+    return [(mode, replace(mode, theta=theta)) for mode in before] + [
+        (replace(mode, theta=theta), mode) for mode in after
+    ]
 
 
 def _end(mode: Point, fmax: float) -> Point:

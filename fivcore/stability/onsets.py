@@ -7,12 +7,10 @@ and that is a zero of
     W = A_i B_r - A_r B_i,        A = A_r - i y A_i,   B = B_r - i y B_i.
 
 Dividing the imaginary parts by y keeps W finite without damping, where A_i and B_i become derivatives and W = 0
-says that mu(lambda) is stationary: two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the pole
-nearest to the interval, which changes no zero and removes the pole.
-
-The search cannot miss a pair of zeros: it leaves an interval only when a bound on |W''| shows that W keeps its
-sign in it, when mu is shown to stay outside (0, mu_max], or when W is shown to be monotone. Kernels take omega in
-units of 2 pi fmax, p in units of its square, d1 and d2 to match.
+says that two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the nearest pole, which removes it
+and changes no zero. No pair of zeros is missed: an interval is left only when a bound on |W''| shows that W keeps
+its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max]. Kernels take omega in units of
+2 pi fmax, p in units of its square, d1 and d2 to match.
 """
 
 from __future__ import annotations
@@ -26,6 +24,7 @@ from fivcore import checks
 from fivcore.beams.modes import contact_modes
 from fivcore.jit import Array, kernel
 from fivcore.rig import Rig
+from fivcore.stability.secular import nearest_pole
 
 # Intervals narrower than this (of the band) are not halved any more: two zeros so close count as one.
 NARROWEST = 1e-13
@@ -47,18 +46,12 @@ class FlutterOnsets:
         Friction and frequency (Hz) at which a growth rate rises through zero.
     recovery_mu, recovery_frequency : ndarray, (m,)
         Where one falls back through zero.
-    rig, theta, fmax, mu_max
-        The arguments: the answer holds for this band and this damping.
     """
 
     mu: Array
     frequency: Array
     recovery_mu: Array
     recovery_frequency: Array
-    rig: Rig
-    theta: float
-    fmax: float
-    mu_max: float
 
 
 def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
@@ -69,10 +62,8 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     rig : Rig
     theta : float
         Degrees.
-    fmax : float
-        Band, Hz.
-    mu_max : float
-        Largest friction of interest.
+    fmax, mu_max : float
+        Band, Hz; largest friction of interest.
 
     Returns
     -------
@@ -87,19 +78,15 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
 
     Notes
     -----
-    Onsets are isolated first, then refined to rounding (Brent). Without damping an onset is where two real
-    eigenvalues meet, and a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart cancel
-    and are not reported.
+    Onsets are isolated, then refined to rounding (Brent). Without damping an onset is where two real eigenvalues
+    meet, a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart are not reported.
     """
     checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
-    band = checks.band(fmax)
-    most = checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    crossings = onset_crossings(rig, angle, band, most)
-    up, down = (
-        np.array([(mu, f) for mu, f, rises in crossings if rises is kind]).reshape(-1, 2) for kind in (True, False)
-    )
-    return FlutterOnsets(up[:, 0], up[:, 1], down[:, 0], down[:, 1], rig, angle, band, most)
+    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    crossings = np.array(onset_crossings(rig, angle, band, most)).reshape(-1, 3)
+    mu, frequency, rises = crossings[:, 0], crossings[:, 1], crossings[:, 2] == 1.0
+    return FlutterOnsets(mu[rises], frequency[rises], mu[~rises], frequency[~rises])
 
 
 def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[tuple[float, float, bool]]:
@@ -107,15 +94,13 @@ def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[
     stiffness, normal, tangential = contact_modes(rig, theta)
     unit = 2.0 * np.pi * fmax
     seen = normal != 0.0
-    p, a = stiffness[seen] / unit**2, normal[seen] ** 2 / unit**2
-    b = normal[seen] * tangential[seen] / unit**2
+    p = stiffness[seen] / unit**2
+    a, b = normal[seen] ** 2 / unit**2, normal[seen] * tangential[seen] / unit**2
     d1, d2 = rig.d1 / unit, rig.d2 * unit
     if not np.any(b):
         return []
-    count, brackets = 64, np.empty((0, 3))
-    while count > len(brackets):
-        brackets = np.empty((count, 3))
-        count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
+    brackets = np.empty((MOST_INTERVALS, 3))
+    count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
     if judged == MOST_INTERVALS:
         raise ArithmeticError(
             f"flutter_onsets: no friction up to mu_max = {mu_max:g} can be told apart at theta = {theta:g} "
@@ -134,59 +119,46 @@ def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[
 
 @kernel
 def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
-    """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) at phi = i omega."""
+    """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) = x - i y at phi = i omega."""
     scale = 1.0 / (1.0 + (d2 * omega) ** 2)
     return omega * omega * (1.0 - d1 * d2) * scale, omega * (d1 + d2 * omega * omega) * scale
 
 
 @kernel
-def gap_parts(
+def receptances(
     omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float
-) -> tuple[float, float, float, float, float]:
-    """A_r, A_i, B_r, B_i and y at omega, with the pole p[n] taken out."""
+) -> tuple[complex, complex]:
+    """A_r + i A_i and B_r + i B_i at omega, with the pole p[n] taken out."""
     x, y = axis_point(omega, d1, d2)
-    ar, ai, br, bi = a[n], 0.0, b[n], 0.0
+    ar, ai, br, bi = 0.0, 0.0, 0.0, 0.0
     for i in range(len(p)):
-        if i != n:
-            distance = p[i] - x
-            shift = p[n] - p[i]
-            if shift == 0.0:
-                ar += a[i]
-                br += b[i]
-                continue
+        shift, distance = p[n] - p[i], p[i] - x
+        real, imaginary = 1.0, 0.0
+        if shift != 0.0:
             square = distance * distance + y * y
             imaginary = shift / square
             # Not 1 + imaginary * distance, which cancels for a pole far above the band.
             real = ((p[n] - x) * distance + y * y) / square
-            ar += a[i] * real
-            ai += a[i] * imaginary
-            br += b[i] * real
-            bi += b[i] * imaginary
-    return ar, ai, br, bi, y
+        ar += a[i] * real
+        ai += a[i] * imaginary
+        br += b[i] * real
+        bi += b[i] * imaginary
+    return complex(ar, ai), complex(br, bi)
 
 
 @kernel
 def onset_function(omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float) -> float:
     """W, whose zeros are the onsets and recoveries."""
-    ar, ai, br, bi, _ = gap_parts(omega, n, p, a, b, d1, d2)
-    return ai * br - ar * bi
+    ra, rb = receptances(omega, n, p, a, b, d1, d2)
+    return ra.imag * rb.real - ra.real * rb.imag
 
 
 @kernel
 def onset_friction(omega: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float) -> float:
     """Real part of mu = -A / B."""
-    ar, ai, br, bi, y = gap_parts(omega, n, p, a, b, d1, d2)
-    return -(ar * br + y * y * ai * bi) / (br * br + y * y * bi * bi)
-
-
-@kernel
-def _nearest(omega: float, p: Array, d1: float, d2: float) -> int:
-    x, _ = axis_point(omega, d1, d2)
-    best = 0
-    for i in range(1, len(p)):
-        if abs(p[i] - x) < abs(p[best] - x):
-            best = i
-    return best
+    ra, rb = receptances(omega, n, p, a, b, d1, d2)
+    y = axis_point(omega, d1, d2)[1]
+    return -(complex(ra.real, y * ra.imag) / complex(rb.real, y * rb.imag)).real
 
 
 @kernel
@@ -198,80 +170,69 @@ def _judge(
     half = 0.5 * width
     x, y = axis_point(middle, d1, d2)
     # Bounds on the first and second derivative of lambda = n / q with respect to omega.
-    slope, size, q = 2.0 * high + d1, high * (high + d1), np.hypot(1.0, d2 * low)
-    l1 = (slope + size * d2 / q) / q
-    l2 = (2.0 + 2.0 * d2 * (slope + size * d2 / q) / q) / q
-    reach = l1 * half
-    ar, ai, br, bi, _ = gap_parts(middle, n, p, a, b, d1, d2)
-    # Bounds on first and second derivatives: of A and B whole (w), of the parts divided by y (i).
-    aw1, aw2, ai1, ai2 = 0.0, 0.0, 0.0, 0.0
-    bw1, bw2, bi1, bi2 = 0.0, 0.0, 0.0, 0.0
+    q = np.hypot(1.0, d2 * low)
+    l1 = (2.0 * high + d1 + high * (high + d1) * d2 / q) / q
+    l2 = (2.0 + 2.0 * d2 * l1) / q
+    # Sums over |p_n - p_i| u^k, weighted with |a_i| and |b_i|, where 1 / u is the least |p_i - lambda|.
+    a2, a3, a4, b2, b3, b4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(p)):
         shift = abs(p[n] - p[i])
         if shift == 0.0:
             continue
-        clear = np.hypot(p[i] - x, y) - reach
+        clear = np.hypot(p[i] - x, y) - l1 * half
         if clear <= 0.0:
             return 2
         u = 1.0 / clear
-        first = shift * l1 * u * u
-        second = shift * (2.0 * l1 * l1 * u + l2) * u * u
-        first_i = 2.0 * first * u
-        second_i = shift * (6.0 * l1 * l1 * u + 2.0 * l2) * u * u * u
-        aa, bb = abs(a[i]), abs(b[i])
-        aw1 += aa * first
-        aw2 += aa * second
-        ai1 += aa * first_i
-        ai2 += aa * second_i
-        bw1 += bb * first
-        bw2 += bb * second
-        bi1 += bb * first_i
-        bi2 += bb * second_i
+        share = abs(a[i]) * shift * u * u
+        a2 += share
+        a3 += share * u
+        a4 += share * u * u
+        share = abs(b[i]) * shift * u * u
+        b2 += share
+        b3 += share * u
+        b4 += share * u * u
+    # Bounds on first and second derivatives: of A and B whole (w), of the parts divided by y (i).
+    aw1, aw2, ai1, ai2 = l1 * a2, 2.0 * l1 * l1 * a3 + l2 * a2, 2.0 * l1 * a3, 6.0 * l1 * l1 * a4 + 2.0 * l2 * a3
+    bw1, bw2, bi1, bi2 = l1 * b2, 2.0 * l1 * l1 * b3 + l2 * b2, 2.0 * l1 * b3, 6.0 * l1 * l1 * b4 + 2.0 * l2 * b3
 
     # An onset outside (0, mu_max] is not wanted.
-    size_a, size_b = np.hypot(ar, y * ai), np.hypot(br, y * bi)
+    ra, rb = receptances(middle, n, p, a, b, d1, d2)
+    size_a, size_b = np.hypot(ra.real, y * ra.imag), np.hypot(rb.real, y * rb.imag)
+    product = ra.real * rb.real + y * y * ra.imag * rb.imag
     if size_a - aw1 * half > mu_max * (size_b + bw1 * half):
         return 0
-    product = ar * br + y * y * ai * bi
     if product > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
         return 0
 
-    most_ar, most_br = abs(ar) + aw1 * half, abs(br) + bw1 * half
-    most_ai, most_bi = abs(ai) + ai1 * half, abs(bi) + bi1 * half
-    curvature = ai2 * most_br + 2.0 * ai1 * bw1 + most_ai * bw2 + aw2 * most_bi + 2.0 * aw1 * bi1 + most_ar * bi2
-    w_low = onset_function(low, n, p, a, b, d1, d2)
-    w_high = onset_function(high, n, p, a, b, d1, d2)
+    ar, br = abs(ra.real) + aw1 * half, abs(rb.real) + bw1 * half
+    ai, bi = abs(ra.imag) + ai1 * half, abs(rb.imag) + bi1 * half
+    curvature = ai2 * br + 2.0 * ai1 * bw1 + ai * bw2 + aw2 * bi + 2.0 * aw1 * bi1 + ar * bi2
+    bound = curvature * width * width
+    w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
     if (w_low > 0.0) == (w_high > 0.0):
-        return 0 if min(abs(w_low), abs(w_high)) > 0.125 * curvature * width * width else 2
-    return 1 if abs(w_high - w_low) > curvature * width * width else 2
+        return 0 if min(abs(w_low), abs(w_high)) > 0.125 * bound else 2
+    return 1 if abs(w_high - w_low) > bound else 2
 
 
 @kernel
 def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
-    """Fill `brackets` (k, 3) with low, high and pole index of one zero of W each.
+    """Fill `brackets` (MOST_INTERVALS, 3) with low, high and pole index of one zero of W each.
 
-    Returns the number of zeros (those beyond k are counted, not kept) and the number of intervals judged.
+    Returns the number of zeros and the number of intervals judged.
     """
-    found, judged = 0, 0
-    width = 1.0 / 64.0
-    low = 0.0
+    found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
     while low < 1.0 and judged < MOST_INTERVALS:
         high = min(low + width, 1.0)
-        n = _nearest(0.5 * (low + high), p, d1, d2)
+        n = nearest_pole(axis_point(0.5 * (low + high), d1, d2)[0], p)
         verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)
         judged += 1
         if verdict == 2 and high - low > NARROWEST:
             width = 0.5 * (high - low)
             continue
         if verdict != 0:
-            w_low = onset_function(low, n, p, a, b, d1, d2)
-            w_high = onset_function(high, n, p, a, b, d1, d2)
+            w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
             if (w_low > 0.0) != (w_high > 0.0):
-                if found < len(brackets):
-                    brackets[found, 0] = low
-                    brackets[found, 1] = high
-                    brackets[found, 2] = n
+                brackets[found, 0], brackets[found, 1], brackets[found, 2] = low, high, n
                 found += 1
-        low = high
-        width = 2.0 * width
+        low, width = high, 2.0 * width
     return found, judged

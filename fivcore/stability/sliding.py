@@ -15,16 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import checks
-from fivcore.beams.modes import rig_bases
+from fivcore.beams.modes import contact_modes, rig_bases
 from fivcore.jit import Array, Complex
 from fivcore.rig import Rig
 from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
 
-MISSING = complex(np.nan, np.nan)
+# One mode: phi and lambda, and which of the hidden modes it is, or -1.
+MODE = np.dtype([("phi", complex), ("eigenvalue", complex), ("hidden", np.int64)])
+MISSING = np.array((complex(np.nan, np.nan), complex(np.nan, np.nan), -1), dtype=MODE)
+
+
+class ReadOnlyArrays:
+    """Base of results: every array in them is read-only."""
+
+    def __post_init__(self) -> None:
+        for part in vars(self).values():
+            if isinstance(part, np.ndarray):
+                part.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
-class SlidingModes:
+class SlidingModes(ReadOnlyArrays):
     """Modes of steady sliding within a band, ascending in frequency; missing ones are NaN.
 
     The leading dimensions, written `...`, are those of theta and mu broadcast; the last is the mode.
@@ -55,10 +66,6 @@ class SlidingModes:
     rig: Rig
     _hidden: NDArray[np.int64]
 
-    def __post_init__(self) -> None:
-        for part in (self.frequency, self.growth_rate, self.eigenvalue, self.theta, self.mu, self._hidden):
-            part.setflags(write=False)
-
     @property
     def unstable(self) -> NDArray[np.bool_]:
         """(..., modes): whether the mode grows."""
@@ -78,7 +85,7 @@ class SlidingModes:
         """
         lead, modes = self.frequency.shape[:-1], self.frequency.shape[-1]
         nodes = self.rig.p1.elements + self.rig.p2.elements + 2
-        shapes = np.full((*lead, modes, nodes, 3), MISSING)
+        shapes = np.full((*lead, modes, nodes, 3), complex(np.nan, np.nan))
         for index in np.ndindex(*lead, modes):
             if np.isfinite(self.frequency[index]):
                 theta, mu = float(self.theta[index[:-1]]), float(self.mu[index[:-1]])
@@ -129,19 +136,16 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
             f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
         ) from None
     angles, frictions = angles.copy(), frictions.copy()
-    flat_mu = frictions.ravel()
-    distinct, member = np.unique(angles.ravel(), return_inverse=True)
-    groups = [np.nonzero(member == t)[0] for t in range(len(distinct))]
-    parts = [_eigenvalues(rig, float(t), flat_mu[at], band) for t, at in zip(distinct, groups, strict=True)]
-    full = (flat_mu.size, max((phi.shape[1] for phi, _, _ in parts), default=0))
-    all_phi, eigenvalue, hidden = np.full(full, MISSING), np.full(full, MISSING), np.full(full, -1, dtype=np.int64)
-    for at, (phi, values, which) in zip(groups, parts, strict=True):
-        modes = phi.shape[1]
-        all_phi[at, :modes], eigenvalue[at, :modes], hidden[at, :modes] = phi, values, which
-    shape = (*angles.shape, full[1])
-    all_phi, eigenvalue, hidden = (each.reshape(shape) for each in (all_phi, eigenvalue, hidden))
-    frequency = all_phi.imag / (2.0 * np.pi)
-    return SlidingModes(frequency, all_phi.real.copy(), eigenvalue, angles, frictions, band, rig, hidden)
+    distinct, member = np.unique(angles, return_inverse=True)
+    groups = [np.nonzero(member.ravel() == t)[0] for t in range(len(distinct))]
+    parts = [_modes(rig, float(t), frictions.flat[at], band) for t, at in zip(distinct, groups, strict=True)]
+    found = np.full((frictions.size, max((part.shape[1] for part in parts), default=0)), MISSING)
+    for at, part in zip(groups, parts, strict=True):
+        found[at, : part.shape[1]] = part
+    found = found.reshape(*angles.shape, found.shape[1])
+    frequency, growth_rate = found["phi"].imag / (2.0 * np.pi), found["phi"].real.copy()
+    eigenvalue, hidden = found["eigenvalue"].copy(), found["hidden"].copy()
+    return SlidingModes(frequency, growth_rate, eigenvalue, angles, frictions, band, rig, hidden)
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
@@ -151,42 +155,36 @@ def node_positions(rig: Rig, theta: float) -> Array:
     return np.concatenate([upper.nodes, lower.nodes])
 
 
-def _eigenvalues(rig: Rig, theta: float, mu: Array, fmax: float) -> tuple[Complex, Complex, NDArray[np.int64]]:
-    """Values of phi and lambda in the band and indices of hidden modes, (mu, modes), ascending in frequency."""
+def _modes(rig: Rig, theta: float, mu: Array, fmax: float) -> NDArray[np.void]:
+    """Modes in the band, (mu, modes), ascending in frequency."""
     problem = sliding_problem(rig, theta, fmax)
     roots = sliding_roots(problem, mu)
     n, k = roots.shape[1], len(problem.hidden)
-    values = np.empty((len(mu), n + k), dtype=complex)
+    found = np.full((len(mu), n + k), MISSING)
+    found["hidden"][:, n:] = np.arange(k)
+    values = np.empty(found.shape, dtype=complex)
     values[:, :n], values[:, n:] = roots, problem.hidden
     values *= problem.unit
-    which = np.concatenate([np.full(n, -1), np.arange(k)])
-
     phi = np.empty_like(values)
-    damp(values, rig.d1, rig.d2, phi)
-    outside = (phi.imag > 2.0 * np.pi * fmax) | (np.abs(values) > MOST_REPORTED * problem.unit)
-    frequency = np.where(outside, np.inf, phi.imag)
-    order = np.lexsort((phi.real, frequency), axis=-1)
-    modes = int((~outside).sum(axis=1).max(initial=0))
-    order = order[:, :modes]
-    keep = np.take_along_axis(~outside, order, axis=1)
-    phi = np.where(keep, np.take_along_axis(phi, order, axis=1), MISSING)
-    values = np.where(keep, np.take_along_axis(values, order, axis=1), MISSING)
-    return phi, values, np.where(keep, which[order], -1)
+    damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
+    found["phi"], found["eigenvalue"] = phi, values
+    found[(phi.imag > 2.0 * np.pi * fmax) | (np.abs(values) > MOST_REPORTED * problem.unit)] = MISSING
+    # NaN sorts last.
+    order = np.lexsort((found["phi"].real, found["phi"].imag), axis=-1)
+    modes = int(np.isfinite(found["phi"]).sum(axis=1).max(initial=0))
+    return np.take_along_axis(found, order[:, :modes], axis=1)
 
 
 def _shape(rig: Rig, theta: float, mu: float, fmax: float, eigenvalue: Any, hidden: int) -> Complex:
     upper, lower = rig_bases(rig, theta)
-    problem = sliding_problem(rig, theta, fmax)
-    q = np.zeros(len(problem.stiffness), dtype=complex)
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    q = np.zeros(len(stiffness), dtype=complex)
     if hidden >= 0:
-        first, second = problem.hidden_modes[hidden]
-        q[first] = 1.0
-        if second >= 0:
-            q[first], q[second] = problem.normal[second], -problem.normal[first]
+        which, amplitudes = sliding_problem(rig, theta, fmax).hidden_modes[hidden]
+        q[which] = amplitudes
     else:
         # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
-        force = problem.normal + mu * problem.tangential
-        distance = problem.stiffness - eigenvalue
+        force, distance = normal + mu * tangential, stiffness - eigenvalue
         nearest = int(np.argmin(np.where(force != 0.0, np.abs(distance), np.inf)))
         others = np.arange(len(q)) != nearest
         q[nearest] = force[nearest]
