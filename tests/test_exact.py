@@ -484,7 +484,6 @@ def test_any_start_keeps_its_energy_balance(contact):
 def test_graze_on_the_tip_of_the_cone_is_held():
     """mu = 0: stick has no room at all, and what is found at once is acted on a dwell later."""
     run = exact_run(Normalised.of(Scene(0.02, 5.0, 0.0, 9.0)))
-    run.start(1.0)
     assert (run._event, run._stop) == (HELD, DWELL)
     assert run.held == 1
 

@@ -1,6 +1,7 @@
 """The published scheme: against finite elements stepped plainly, its limit of stability, its friction law."""
 
 from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 import pytest
@@ -173,6 +174,14 @@ def test_mean_normal_force_is_the_load_on_a_coarse_mesh():
     assert run.summary["mean_normal_force"] == pytest.approx(9.0, rel=0.01)
 
 
+def spectral_radius(k: float, c: float, dt: float, b: float) -> float:
+    """Spectral radius of one free step on (q, v, a) of a mode."""
+    q, star = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, dt * (1.0 - b)])
+    a = -(k * q + c * star) / (1.0 + b * dt * c)
+    v = star + b * dt * a
+    return float(np.abs(np.linalg.eigvals(np.stack([q + dt * v + 0.5 * dt**2 * a, v, a]))).max())
+
+
 @pytest.mark.parametrize(
     ("b", "damped", "limit"),
     [(0.8, False, 1.750e-8), (0.8, True, 2.165e-8), (0.5, False, 2.214e-8), (0.5, True, 2.214e-8)],
@@ -190,6 +199,9 @@ def test_the_largest_stable_step(b, damped, limit):
     zeta = float(damping[np.argmax(model.stiffness)]) / (2.0 * omega)
     lever = zeta * (b - 0.5)
     assert omega * found == pytest.approx((lever + np.sqrt(b / 2.0 + lever**2)) / (b / 2.0), rel=1e-5)
+    # No mode grows just below the limit, and the fastest one does just above it.
+    assert max(map(spectral_radius, model.stiffness, damping, repeat(0.9999 * found), repeat(b))) < 1.0 + 1e-9
+    assert max(map(spectral_radius, model.stiffness, damping, repeat(1.0001 * found), repeat(b))) > 1.0 + 1e-5
 
 
 def test_a_step_beyond_the_limit_is_refused():

@@ -1,18 +1,18 @@
 """`method="exact"`: the reduced model with the absorbing element, integrated from event to event.
 
-The model is that of `fivcore.contact.law`. In each regime (separation, stick, slip with T = mu N or T = -mu N) it
-is linear and propagated by its eigenvalues (`fivcore.transient.exact_regimes`). The regime ends where one of its
-margins falls to zero, found by a certified search (`fivcore.transient.exact_kernels`). So the method has neither
-order nor time step: `step` is the grid on whose midpoints statistics and series are read. Its error is rounding,
-some 1e-13 of the motion until the first slip; then the flutter amplifies it, to 1e-10 at the first separation.
+In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear
+and propagated by its eigenvalues (`fivcore.transient.exact_regimes`). A regime ends at the first zero of one of
+its margins, found by a certified search (`fivcore.transient.exact_kernels`). So the method has neither order nor
+time step: `step` is the grid on whose midpoints statistics and series are read. Its error is rounding, some 1e-13
+of the motion until the first slip, which flutter then amplifies to 1e-10 at the first separation.
 
 The forces are continuous at every event but touch-down, where the dashpot lets N jump. A margin that vanishes at
 an event therefore departs from zero with its first derivative (the slip rate after stick, the distance to the edge
 of the cone after slip) or its second (the gap where N falls to zero, or after a touch-down without closing speed).
 
 An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
-DWELL and then decided from the state alone. Its motion stays linear and its energy balance exact; what the
-decision changes in the element's displacement, if gap or cone were overstepped meanwhile, is booked as impact.
+DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
+gap or cone were overstepped meanwhile, the decision changes the element's displacement, booked as impact.
 """
 
 from __future__ import annotations
@@ -71,35 +71,35 @@ class ExactRun:
         )
         _require_element(self.model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff)
         check_unique(self.model, scene.mu, None)
+        model, rate = self.model, options.sampling_rate
         self.step = STEP if options.step is None else options.step
         self.steps = max(round(options.duration / self.step), 1)
-        rate = options.sampling_rate
-        self._sample_every = max(round(INTERVAL / self.step), 1)
-        self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
-        self.rate = 1.0 / (self._sample_every * self.step)
+        every = max(round(INTERVAL / self.step), 1)
+        self.rate = 1.0 / (every * self.step)
         self.record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
+        self.record["sample_every"] = every
+        self.record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
         self.segments: list[Segment] = []
-        self._taken = 0
-        self._shape = np.stack([self.model.normal, self.model.tangential])
-        self._regimes = regimes(self.model, scene.mu)
+        self._shape = np.stack([model.normal, model.tangential])
+        self._regimes = regimes(model, scene.mu)
         eigenvalues = np.concatenate([regime.eigenvalues for regime in self._regimes])
         self._finest = 0.25 / float(np.abs(eigenvalues).max())
         self._longest = 2.5 / float(np.abs(eigenvalues.imag).max())
-        self.held = 0
         if float(eigenvalues.real.max()) * DWELL > MOST_GROWTH:
             raise ContactError(
-                f"{not_unique(scene.mu, critical_mu_of(self.model, None))}, and so close to it slip grows by more"
+                f"{not_unique(scene.mu, critical_mu_of(model, None))}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
             )
-        stored = np.sum(self.model.stiffness * self.model.rest**2)
-        self._size = float(stored + scene.speed_per_load**2 * np.sum(self.model.inertia**2))
+        stored = np.sum(model.stiffness * model.rest**2)
+        self._size = float(stored + scene.speed_per_load**2 * np.sum(model.inertia**2))
+        self._taken, self._now, self.held = 0, 0.0, 0
+        self._sticks = np.empty((0, 2))
         self._begin(options.initial)
 
     def _begin(self, initial: State | None) -> None:
-        """Set the full state (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`."""
+        """Enter the first regime in the full state (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`."""
         model, n = self.model, len(self.model.stiffness)
-        self._initial = STICK if initial is None else initial.contact
-        self.record["contact"] = self._initial
+        contact = STICK if initial is None else initial.contact
         y = np.zeros(2 * n + 2)
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
@@ -110,14 +110,9 @@ class ExactRun:
             y[2 * n :] = dropped @ initial.displacement - np.linalg.solve(model.K, [1.0, 0.0])
         if self.ramp == 0.0:
             y[n : 2 * n] += model.inertia * self.scene.speed_per_load
-        self._y, self._started = y, False
+        self.record["contact"] = contact
         self._first_energy = self._energy_of(y)
-        self._now, self._end, self._sticks = 0.0, np.inf, np.zeros((0, 2))
-
-    def start(self, end: float) -> None:
-        """Find the first regime; the run is to end at `end`."""
-        self._end, self._started = end, True
-        self._decide(0.0, self._y, self._initial)
+        self._decide(0.0, y, contact)
 
     @property
     def done(self) -> bool:
@@ -131,14 +126,14 @@ class ExactRun:
 
     @staticmethod
     def advance(runs: Sequence[ExactRun]) -> None:
-        """Take every run to the end of its next segment and leave in `segments` what it did there."""
+        """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
         for run in runs:
             run._advance()
 
     def _advance(self) -> None:
         record, step, first = self.record, self.step, self._taken
+        every, row_every = int(record["sample_every"][0]), int(record["row_every"][0])
         last = min(first + max(round(SEGMENT / step), 1), self.steps)
-        every, row_every = self._sample_every, self._row_every
         samples = np.empty((count_in(first, last, every), 3))
         rows = np.empty((count_in(first, last, row_every), 6))
         # A step may hold more than one event.
@@ -146,27 +141,21 @@ class ExactRun:
         self._sticks = np.empty((room, 2))
         record["samples"] = record["rows"] = record["sticks"] = 0
         record["stick_room"] = room
-        if not self._started:
-            self.start(self.steps * step)
         self._pass_through(first, last, samples, rows)
         self._taken = last
         begun = -(-first // every)
-        t = np.asarray((np.arange(begun, begun + len(samples)) * every + 0.5) * step, dtype=np.float64)
-        ended = self._sticks[: int(record["sticks"][0])].copy()
-        self.segments = [Segment(t, samples, ended, rows)]
+        t = np.asarray((np.arange(begun, begun + len(samples)) * every + 0.5) * step)
+        self.segments = [Segment(t, samples, self._sticks[: int(record["sticks"][0])].copy(), rows)]
 
-    def _pass_through(self, first: int, target: int, samples: Array, rows: Array) -> None:
-        """Go on from step `first` to the end of step `target` - 1, through as many regimes as it takes."""
-        model, i, goal = self.model, first, target * self.step
+    def _pass_through(self, i: int, target: int, samples: Array, rows: Array) -> None:
+        """Go on from step `i` to the end of step `target` - 1, through as many regimes as it takes."""
+        model, step, goal = self.model, self.step, target * self.step
         while True:
-            end = min(self._stop, goal)
-            until = min(max(int(np.ceil(end / self.step - 0.5)), i), target) if end < goal else target
-            r = self._regime
+            r, end, until = self._regime, goal, target
+            if self._stop < goal:
+                end, until = self._stop, min(max(int(np.ceil(self._stop / step - 0.5)), i), target)
             motion = (r.eigenvalues, self._amplitudes, *r.outputs, self._start)
-            sample(
-                motion, self._origin, self.step, i, until, self.record, samples, self._sample_every, rows,
-                self._row_every,
-            )  # fmt: skip
+            sample(motion, self._origin, step, i, until, self.record, samples, rows)
             integrate(
                 motion, self._now - self._origin, end - self._origin, self._finest, self._longest,
                 model.damping, model.inertia, model.C, self.record,
@@ -179,41 +168,36 @@ class ExactRun:
     def _enter(self, t: float, which: int, y: Array, orders: tuple[int, int, int] = (0, 0, 0)) -> None:
         """Begin a regime at time `t` in the full state `y` and find its end; `orders` are those of its margins."""
         model, r, n = self.model, self._regimes[which], len(self.model.stiffness)
-        ramping = t < self.ramp
-        acceleration = self.scene.speed_per_load / self.ramp if ramping else 0.0
+        end, acceleration = self.steps * self.step, 0.0
+        if t < self.ramp:
+            end, acceleration = min(self.ramp, end), self.scene.speed_per_load / self.ramp
         start = np.array([0.0, self._clamp_velocity(t), acceleration, 1.0, 0.0, 0.0, 0.0, 0.0])
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
         elif which == SEPARATION:
             j = int(np.argmin(model.stiffness))
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
-        self._which, self._regime, self._origin = which, r, t
-        self._amplitudes, self._start = r.amplitudes[0] @ y + r.amplitudes[1] @ start[:6], start
-        entered = self._state_at(t)
-        self._check_rounding(t, y, entered)
-        self.record["impact"] += self._energy_of(y) - self._energy_of(entered)
-        switch(self.record, min(which, 2), t, self._sticks)
-        boundary = min(self.ramp, self._end) if ramping else self._end
-        length, self._event = search(
-            r.eigenvalues, np.ascontiguousarray(r.margins[0] * self._amplitudes), r.margins[1], start,
-            np.array(orders, dtype=np.int64), max(boundary - t, 0.0),
-        )  # fmt: skip
-        self._stop = boundary if self._event == BOUNDARY else t + length
-        if self._event != BOUNDARY and length < DWELL:
-            self._stop, self._event = t + DWELL, HELD
-            self.held += 1
-
-    def _check_rounding(self, t: float, given: Array, entered: Array) -> None:
-        """Refuse to go on where the eigenbasis does not return the state that it was given."""
-        # Of a mode slower than all others by many orders of magnitude the response to the drive is so large that
-        # the digits of the motion are lost in it.
-        n = len(self.model.stiffness)
-        error = (entered - given)[: 2 * n]
-        size = np.sum(error[n:] ** 2) + np.sum(self.model.stiffness * error[:n] ** 2)
-        if size > LOST**2 * max(self._size, 2.0 * abs(self._energy_of(given))):
+        self._which, self._regime, self._origin, self._start = which, r, t, start
+        self._amplitudes = r.amplitudes[0] @ y + r.amplitudes[1] @ start[:6]
+        entered, energy = self._state_at(t), self._energy_of(y)
+        # A mode slower than all others by many orders of magnitude responds to the drive with a displacement so
+        # large that the digits of the motion are lost in it.
+        error = entered - y
+        lost = np.sum(error[n : 2 * n] ** 2) + np.sum(model.stiffness * error[:n] ** 2)
+        if lost > LOST**2 * max(self._size, 2.0 * abs(energy)):
             raise DivergenceError(
                 f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it"
             )
+        self.record["impact"] += energy - self._energy_of(entered)
+        switch(self.record, min(which, 2), t, self._sticks)
+        margins = r.margins[0] * self._amplitudes
+        length, self._event = search(
+            r.eigenvalues, margins, r.margins[1], start, np.array(orders), max(end - t, 0.0)
+        )
+        self._stop = end if self._event == BOUNDARY else t + length
+        if self._event != BOUNDARY and length < DWELL:
+            self._stop, self._event = t + DWELL, HELD
+            self.held += 1
 
     def _next_regime(self) -> None:
         """Enter the regime that follows the event at the end of the present one; in contact event 0 is N = 0."""
@@ -231,27 +215,24 @@ class ExactRun:
             self._enter(t, STICK, y, (0, 1, 0) if which == SLIP_UP else (0, 0, 1))
 
     def _decide(self, t: float, y: Array, was: int, landed: bool = False) -> None:
-        """Enter the regime that the state alone demands; `landed`: the gap has just closed."""
-        gap = self.model.normal @ y[: len(self.model.stiffness)] + y[-2]
-        if was == SEPARATION and gap > 0.0 and not landed:
+        """Enter the regime that the state alone demands (`fivcore.contact.law`); `landed`: the gap has closed."""
+        K, C, mu, n = self.model.K, self.model.C, self.scene.mu, len(self.model.stiffness)
+        g_N = self.model.normal @ y[:n]
+        if was == SEPARATION and g_N + y[-2] > 0.0 and not landed:
             self._enter(t, SEPARATION, y)
             return
-        which = self._contact_regime(t, y)
-        # The gap begins at zero; after a touch-down, which then had no closing speed, so does its rate.
-        opening = 2 if was == SEPARATION else 1
-        self._enter(t, which, y, (opening if which == SEPARATION else 0, 0, 0))
-
-    def _contact_regime(self, t: float, y: Array) -> int:
-        """The regime of surfaces in touch, from the force that sticking needs; unique (`fivcore.contact.law`)."""
-        K, C, n = self.model.K, self.model.C, len(self.model.stiffness)
-        u = np.array([-self.model.normal @ y[:n], y[-1]])
+        # The force that sticking needs.
         rates = np.array([0.0, self._clamp_velocity(t)]) - self._shape @ y[n : 2 * n]
-        N, T = K @ u + C @ rates + [1.0, 0.0]
-        if N > 0.0 and abs(T) <= self.scene.mu * N:
-            return STICK
-        which, m = (SLIP_UP, self.scene.mu) if T > 0.0 else (SLIP_DOWN, -self.scene.mu)
+        N, T = K @ np.array([-g_N, y[-1]]) + C @ rates + [1.0, 0.0]
+        which, m = (SLIP_UP, mu) if T > 0.0 else (SLIP_DOWN, -mu)
+        if N > 0.0 and abs(T) <= mu * N:
+            self._enter(t, STICK, y)
         # Slip changes (N, T) by C times the change of u_T', until T = m N.
-        return which if N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) > 0.0 else SEPARATION
+        elif N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) > 0.0:
+            self._enter(t, which, y)
+        else:
+            # The gap begins at zero; after a touch-down, which then had no closing speed, so does its rate.
+            self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
 
     def _clamp_velocity(self, t: float) -> float:
         return self.scene.speed_per_load * t / self.ramp if t < self.ramp else self.scene.speed_per_load
@@ -275,7 +256,7 @@ class ExactRun:
 
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the element and the load, normalised."""
-        return self._energy_of(self._state_at(self._now) if self._started else self._y)
+        return self._energy_of(self._state_at(self._now))
 
     def released_energy(self) -> float:
         """Decrease of the stored energy since the start, normalised."""
@@ -309,7 +290,6 @@ def states_at(
     Returns modal displacements as deviations from `ReducedModel.rest`, then modal velocities, those of P2 relative
     to its clamp, (m, 2n); normalised (F = 1).
     """
-    options = Options(float(times[-1]) + DWELL, "exact", ramp=ramp, cutoff=cutoff, initial=initial)
-    run = ExactRun(scene, options)
-    run.start(options.duration)
+    end = float(times[-1]) + DWELL
+    run = ExactRun(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
     return np.stack([run.state_at(float(t))[:-2] for t in times])

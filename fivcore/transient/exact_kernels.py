@@ -19,8 +19,6 @@ pass a near miss or converge to the first zero, from before it and with second o
 A function that vanishes at s = 0 together with its derivatives below `order` is bounded by its derivative of that
 order, g > 0, and a bound B on the next one: f >= s^order / order! (g - B s / (order + 1)). Thus it is positive up
 to (order + 1) g / B, and the search begins at half of that. Where g <= 0 the zero is at s = 0.
-
-`integrate` uses Gauss-Legendre quadrature with eight points, of order 16.
 """
 
 from __future__ import annotations
@@ -32,20 +30,16 @@ import numpy as np
 from fivcore.jit import inlined, kernel
 from fivcore.transient.statistics import FIELDS, clear, count_step, enter
 
-# What is counted of a scene, its contact state, and numbers of samples and rows of the record.
-SCENE = np.dtype([*FIELDS, *((name, "i8") for name in ("contact", "samples", "rows"))])
-
-
+# Statistics of a scene, its contact state, intervals and numbers of samples and rows of the record.
+_WHOLE = ("contact", "sample_every", "row_every", "samples", "rows")
+SCENE = np.dtype([*FIELDS, *((name, "i8") for name in _WHOLE)])
 # Slots of `start`; the first six are those of d.
 S, P, A, ONE, Q_R, V_R, PULL, DRAG = range(8)
 # The signals that follow the modal velocities in a regime's outputs.
 N_, T_, SPEED, RATE_N, RATE_T, V_B = range(6)
 SIGNALS = 6
-# A zero is located when the next step towards it is shorter than this, s.
-LOCATED = 1e-14
-# Longest step of the search, s.
-AHEAD = 1e-4
-
+# A zero is located when the next step towards it is shorter than this; longest step of the search, s.
+LOCATED, AHEAD = 1e-14, 1e-4
 # Gauss-Legendre nodes and weights. Over 2.5 / omega of the fastest oscillation the relative error is 3e-12. They
 # are literals because the last bits of computed ones depend on the machine.
 _NODES = np.array([0.18343464249564978, 0.525532409916329, 0.7966664774136267, 0.9602898564975362])
@@ -60,8 +54,8 @@ def prescribed(start: Any, s: float) -> tuple[float, float, float, float, float,
     drag, rate, pull = start[DRAG], start[V_R], start[PULL]
     z = drag * s
     if z < 1e-2:
-        first = s * (1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0)))))
-        second = 0.5 * s * s * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0))))
+        series = 1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0)))
+        first, second = s * (1.0 - z / 2.0 * series), 0.5 * s * s * series
     else:
         first = -np.expm1(-z) / drag
         second = (s - first) / drag
@@ -79,6 +73,13 @@ def _forced_part(b: Any, d: Any, start: Any) -> tuple[float, float, float]:
     return value, slope, abs(b[S] * d[A]) + (abs(b[Q_R]) + abs(b[V_R]) * start[DRAG]) * abs(pull)
 
 
+@inlined
+def _wave(eigenvalue: Any, s: float) -> Any:
+    """Return exp(eigenvalue s) and its modulus."""
+    size, angle = np.exp(eigenvalue.real * s), eigenvalue.imag * s
+    return complex(size * np.cos(angle), size * np.sin(angle)), size
+
+
 @kernel
 def search(
     eigenvalues: Any, amplitudes: Any, forced: Any, start: Any, orders: Any, end: float
@@ -88,7 +89,7 @@ def search(
     An entry of `orders` (k,) is 0 where the function begins positive, or 1 or 2 where so many of its derivatives,
     the value counted, vanish at s = 0. Returns the time, s, and the function's index, or `end` and -1.
     """
-    m, count = len(eigenvalues), len(amplitudes)
+    m, count, drag = len(eigenvalues), len(amplitudes), start[DRAG]
     # A step never spans more than a factor of e of growth, beyond which the bound is too loose to be of use.
     ahead = min(end, AHEAD, 1.0 / max(eigenvalues.real.max(), 1.0 / AHEAD))
     growth, sizes, waves = np.empty(m), np.empty(m), np.empty(m, dtype=np.complex128)
@@ -97,8 +98,6 @@ def search(
         growth[k] = max(1.0, np.exp(eigenvalues[k].real * ahead))
         for i in range(count):
             curvature[i, k] = abs(amplitudes[i, k]) * abs(eigenvalues[k]) ** 2 * growth[k]
-    drag = start[DRAG]
-    pull = start[PULL] - drag * start[V_R]
     for i in range(count):
         order, b = orders[i], forced[i]
         if order == 0:
@@ -108,21 +107,18 @@ def search(
             rise += (amplitudes[i, k] * eigenvalues[k] ** order).real
             bound += abs(amplitudes[i, k]) * abs(eigenvalues[k]) ** (order + 1) * growth[k]
         _, slope, bend = _forced_part(b, start, start)
-        if order == 1:
-            rise += slope
-            bound += bend
-        else:
-            rise += b[S] * start[A] + (b[Q_R] * pull - b[V_R] * drag * pull)
-            bound += (abs(b[Q_R]) + abs(b[V_R]) * drag) * abs(pull) * drag
+        if order == 2:
+            pull = start[PULL] - drag * start[V_R]
+            slope = b[S] * start[A] + (b[Q_R] * pull - b[V_R] * drag * pull)
+            bend = (abs(b[Q_R]) + abs(b[V_R]) * drag) * abs(pull) * drag
+        rise, bound = rise + slope, bound + bend
         if not rise > 0.0:
             return 0.0, i
         until[i] = min(0.5 * (order + 1) * rise / bound, ahead) if bound > 0.0 else ahead
     s = until.min()
     while s < end:
         for k in range(m):
-            sizes[k] = np.exp(eigenvalues[k].real * s)
-            angle = eigenvalues[k].imag * s
-            waves[k] = complex(sizes[k] * np.cos(angle), sizes[k] * np.sin(angle))
+            waves[k], sizes[k] = _wave(eigenvalues[k], s)
         d = prescribed(start, s)
         for i in range(count):
             if until[i] > s:
@@ -150,16 +146,13 @@ def _outputs(motion: Any, s: float, low: int, out: Any) -> None:
     """Write the outputs from number `low` on, at s, into `out`."""
     eigenvalues, amplitudes, real, imaginary, forced, start = motion
     d = prescribed(start, s)
-    total = out.shape[0]
-    for j in range(low, total):
+    for j in range(low, out.shape[0]):
         out[j] = forced[S, j] * d[S] + forced[P, j] * d[P] + forced[A, j] * d[A] + forced[ONE, j]
         out[j] += forced[Q_R, j] * d[Q_R] + forced[V_R, j] * d[V_R]
     for k in range(eigenvalues.shape[0]):
-        size = np.exp(eigenvalues[k].real * s)
-        angle = eigenvalues[k].imag * s
-        wave = amplitudes[k] * complex(size * np.cos(angle), size * np.sin(angle))
+        wave = amplitudes[k] * _wave(eigenvalues[k], s)[0]
         x, y = wave.real, wave.imag
-        for j in range(low, total):
+        for j in range(low, out.shape[0]):
             out[j] += real[k, j] * x - imaginary[k, j] * y
 
 
@@ -170,11 +163,11 @@ def integrate(
 ) -> None:  # fmt: skip
     """Add work and dissipation between two times since the regime was entered, s, to the record `scenes` (1,).
 
-    `motion` holds eigenvalues (m,), amplitudes (m,), real and imaginary part of the outputs (m, n + 6), their
-    forced part (6, n + 6), and `start`. An interval of the quadrature is at most `longest`, and at most `finest`
-    longer than the time since the regime was entered, which resolves what decays fast while it lasts.
+    Gauss-Legendre quadrature of order 16. An interval is at most `longest`, and at most `finest` longer than the
+    time since the regime was entered, which resolves fast decay while it lasts. `motion` holds eigenvalues (m,),
+    amplitudes (m,), `Regime.outputs` and `start`.
     """
-    n, start = damping.shape[0], motion[5]
+    n, start, scene = damping.shape[0], motion[5], scenes[0]
     out = np.empty(n + SIGNALS)
     s = first
     while s < last:
@@ -182,23 +175,23 @@ def integrate(
         work, damped, friction, termination = 0.0, 0.0, 0.0, 0.0
         for g in range(POINTS.shape[0]):
             at = s + 0.5 * h * (1.0 + POINTS[g])
-            _outputs(motion, at, 0, out)
             weight = 0.5 * h * WEIGHTS[g]
+            _outputs(motion, at, 0, out)
             modal_loss, inertial = 0.0, 0.0
             for j in range(n):
                 modal_loss += damping[j] * out[j] * out[j]
                 inertial += inertia[j] * out[j]
-            T, rate_N, rate_T = out[n + T_], out[n + RATE_N], out[n + RATE_T]
+            T, N_rate, T_rate = out[n + T_], out[n + RATE_N], out[n + RATE_T]
             work += weight * (T * (start[P] + at * start[A]) + inertial * start[A])
             damped += weight * modal_loss
             friction -= weight * T * out[n + SPEED]
             termination += weight * (
-                C[0, 0] * rate_N * rate_N + 2.0 * C[0, 1] * rate_N * rate_T + C[1, 1] * rate_T * rate_T
+                C[0, 0] * N_rate * N_rate + 2.0 * C[0, 1] * N_rate * T_rate + C[1, 1] * T_rate * T_rate
             )
-        scenes[0].work += work
-        scenes[0].damped += damped
-        scenes[0].friction += friction
-        scenes[0].termination += termination
+        scene.work += work
+        scene.damped += damped
+        scene.friction += friction
+        scene.termination += termination
         if h == last - s:
             break
         s += h
@@ -219,22 +212,20 @@ def switch(scenes: Any, contact: int, t: float, sticks: Any) -> None:
 
 @kernel
 def sample(
-    motion: Any, origin: float, step: float, first: int, last: int, scenes: Any, samples: Any, sample_every: int,
-    rows: Any, row_every: int,
-) -> None:  # fmt: skip
+    motion: Any, origin: float, step: float, first: int, last: int, scenes: Any, samples: Any, rows: Any
+) -> None:
     """Read statistics and series in the middle of the steps `first` to `last` of a regime entered at `origin`, s.
 
-    `motion` is that of `integrate`, `scenes` the record of the scene (1,). Every `sample_every` steps a row of
-    `samples` takes velocity of B, slip rate and N; every `row_every` steps (0: never) one of `rows` takes time,
-    velocity of B, N, T, slip rate and contact state.
+    `motion` and `scenes` are those of `integrate`. A row of `samples` is velocity of B, slip rate and N; one of
+    `rows` is time, velocity of B, N, T, slip rate and contact state.
     """
     scene = scenes[0]
     low = motion[2].shape[1] - SIGNALS
     out = np.empty(low + SIGNALS)
     for i in range(first, last):
         t = (i + 0.5) * step
-        settled = t >= scene.settled_from
-        sampled, written = i % sample_every == 0, row_every > 0 and i % row_every == 0
+        settled, sampled = t >= scene.settled_from, i % scene.sample_every == 0
+        written = scene.row_every > 0 and i % scene.row_every == 0
         if not (settled or sampled or written):
             continue
         _outputs(motion, t - origin, low, out)
@@ -242,10 +233,8 @@ def sample(
         if settled:
             count_step(scene, scene.contact, N, abs(speed), step)
         if sampled:
-            samples[scene.samples, 0], samples[scene.samples, 1], samples[scene.samples, 2] = velocity, speed, N
+            samples[scene.samples] = (velocity, speed, N)
             scene.samples += 1
         if written:
-            j = scene.rows
-            rows[j, 0], rows[j, 1], rows[j, 2] = t, velocity, N
-            rows[j, 3], rows[j, 4], rows[j, 5] = T, speed, scene.contact
+            rows[scene.rows] = (t, velocity, N, T, speed, float(scene.contact))
             scene.rows += 1

@@ -42,21 +42,21 @@ COMPLEX: Any = np.clongdouble
 
 
 class Regime(NamedTuple):
-    """One linear regime in its eigenbasis; amplitudes c are weighted twice for a pair of eigenvalues.
+    """One linear regime in its eigenbasis, as real parts of factors of c plus factors of d.
 
     Attributes
     ----------
     eigenvalues : ndarray of complex, (m,)
         1/s.
-    amplitudes : ndarray of complex, (m, 2n + 2), and the same, (m, 6)
-        The amplitudes at the start are the first times the full state (q, v, u_N, u_T) plus the second times d.
+    amplitudes : ndarray of complex, (m, 2n + 2) and (m, 6)
+        c at the start from the full state (q, v, u_N, u_T) and from d; c of a pair of eigenvalues counts twice.
     state : ndarray of complex, (2n + 2, m), and ndarray, (2n + 2, 6)
-        The full state is the real part of the first times c plus the second times d.
-    outputs : ndarray, (m, n + 6), the same, and ndarray, (6, n + 6)
-        Likewise for modal velocities and the signals of `fivcore.transient.exact_kernels`: real and imaginary part
-        of the factors of c, transposed, and factors of d.
+        The full state.
+    outputs : ndarray, (m, n + 6), (m, n + 6) and (6, n + 6)
+        Modal velocities and the signals of `fivcore.transient.exact_kernels`, transposed: real and imaginary part
+        of the factors of c, and factors of d.
     margins : ndarray of complex, (k, m), and ndarray, (k, 6)
-        Likewise for the functions that stay positive within the regime.
+        The functions that stay positive within the regime.
     """
 
     eigenvalues: Complex
@@ -78,47 +78,42 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     parts = (model.stiffness, model.damping, model.normal, model.tangential, model.inertia, model.point_b)
     k, c, normal, tangential, inertia, point_b = (part.astype(REAL) for part in parts)
     K, C = model.K.astype(REAL), model.C.astype(REAL)
-    G = np.stack([normal, tangential])
     n, rigid = len(k), int(np.argmin(model.stiffness))
-    sign = 1.0 if which == SLIP_UP else -1.0
-    m = sign * mu
-    # In separation P1's rigid mode is part of d.
-    Z = np.delete(np.eye(n, dtype=REAL), [rigid] if which == SEPARATION else [], axis=1)
-    r, extra = Z.shape[1], {SEPARATION: 2, STICK: 0}.get(which, 1)
-    size = 2 * r + extra
-    unit = np.eye(size + 6, dtype=REAL)
-    d = unit[size:]
-    q, v = Z @ unit[:r], Z @ unit[r : 2 * r]
+    # In separation P1's rigid mode is part of d, in contact u_N is -g_N, and in stick u_T follows from the clamp.
+    bound = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
+    x = np.delete(np.arange(2 * n + 2), bound)
+    unit = np.delete(np.eye(2 * n + 8, dtype=REAL), bound, axis=1)
+    q, v, u, d = np.split(unit, [n, 2 * n, 2 * n + 2])
     if which == SEPARATION:
         q[rigid], v[rigid] = d[Q_R], d[V_R]
     g_N, rate_N, rate_T = normal @ q, normal @ v, tangential @ v - d[P]
     load = np.stack([d[ONE], 0.0 * d[ONE]])
-    u, rate, force = np.zeros((3, 2, size + 6), dtype=REAL)
+    rate, force = np.zeros((2, *u.shape), dtype=REAL)
     if which == SEPARATION:
-        u = unit[2 * r : size]
         adjugate = np.array([[C[1, 1], -C[0, 1]], [-C[1, 0], C[0, 0]]])
         rate = -(adjugate @ (K @ u + load)) / (C[0, 0] * C[1, 1] - C[0, 1] * C[1, 0])
     else:
+        m = mu if which == SLIP_UP else -mu
         u[0], rate[0] = -g_N, -rate_N
         if which == STICK:
             u[1], rate[1] = d[S] - tangential @ q, -rate_T
         else:
             # T = m N: K_T u + C_T u' = m (K_N u + C_N u' + 1), solved for u_T'.
             stiff, viscous = K[1] - m * K[0], C[1] - m * C[0]
-            u[1] = unit[2 * r]
             rate[1] = -(stiff @ u + viscous[0] * rate[0] - m * d[ONE]) / viscous[1]
         force = K @ u + C @ rate + load
-    acceleration = -c[:, None] * v - k[:, None] * q + np.outer(inertia, d[A]) + G.T @ (force - load)
+    acceleration = -c[:, None] * v - k[:, None] * q + np.outer(inertia, d[A])
+    acceleration += np.stack([normal, tangential]).T @ (force - load)
     speed = 0.0 * rate_T if which == STICK else rate_T + rate[1]
     N, T = force
-    margins = {SEPARATION: [g_N + u[0]], STICK: [N, mu * N - T, mu * N + T]}.get(which, [N, -sign * speed])
-    taken = np.zeros((size, 2 * n + 2), dtype=REAL)
-    taken[:r, :n], taken[r : 2 * r, n : 2 * n] = Z.T, Z.T
-    taken[2 * r :, 2 * n + 2 - extra :] = np.eye(extra)
-    moving = np.vstack([unit[r : 2 * r], Z.T @ acceleration, rate[2 - extra :]])
+    margins = {
+        SEPARATION: [g_N + u[0]], STICK: [N, mu * N - T, mu * N + T], SLIP_UP: [N, -speed], SLIP_DOWN: [N, speed],
+    }[which]  # fmt: skip
+    moving, r = np.vstack([v, acceleration, rate])[x], int(np.sum(x < n))
     # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.
     omega = np.sqrt(np.maximum(-np.diag(moving[r : 2 * r, :r]).astype(float), 1.0))
-    scale = np.concatenate([omega, np.ones(r), np.full(extra, np.sqrt(float(K[1, 1])))])
+    scale = np.concatenate([omega, np.ones(r), np.full(len(x) - 2 * r, np.sqrt(float(K[1, 1])))])
+    taken = np.eye(2 * n + 2, dtype=REAL)[x]
     outputs = np.vstack([v, N, T, speed, rate, point_b @ v])
     return _in_eigenbasis(moving, scale, taken, np.vstack([q, v, u]), outputs, np.stack(margins))
 
@@ -128,21 +123,20 @@ def _in_eigenbasis(moving: Any, scale: Array, taken: Any, state: Any, outputs: A
     size = len(moving)
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:]
     inverse = np.linalg.inv(matrix.astype(float))
-    steady = np.zeros((size, 6), dtype=REAL)
-    before: Any = np.zeros(size, dtype=REAL)
+    steady: Any = np.zeros((size, 6), dtype=REAL)
     # E has columns e with M e_S = -b_S, M e_P = e_S - b_P, M e_A = e_P - b_A and M e_1 = -b_1.
     for slot in (S, P, A, ONE):
-        right = (before if slot in (P, A) else 0.0) - scale * forcing[:, slot]
+        right = -scale * forcing[:, slot]
+        if slot in (P, A):
+            right += steady[:, slot - 1]
         x = inverse @ right
         for _ in range(REFINEMENTS):
             x = x + inverse @ (right - matrix @ x)
-        steady[:, slot], before = x, x
+        steady[:, slot] = x
     eigenvalues, vectors, back = _eigenbasis(matrix)
     kept = eigenvalues.imag >= 0.0
-    weight = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[kept]
-    vectors = vectors[:, kept] / scale[:, None]
-    steady = steady / scale[:, None]
-    back = weight[:, None] * back[kept] * scale
+    eigenvalues, vectors, steady = eigenvalues[kept], vectors[:, kept] / scale[:, None], steady / scale[:, None]
+    back = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[:, None] * back[kept] * scale
 
     def factors(rows: Any) -> tuple[Complex, Array]:
         modal, forced = rows[:, :size] @ vectors, rows[:, :size] @ steady + rows[:, size:]
@@ -150,7 +144,7 @@ def _in_eigenbasis(moving: Any, scale: Array, taken: Any, state: Any, outputs: A
 
     modal, forced = factors(outputs)
     return Regime(
-        eigenvalues[kept].astype(complex),
+        eigenvalues.astype(complex),
         ((back @ taken).astype(complex), (-back @ steady).astype(complex)),
         factors(state),
         (np.ascontiguousarray(modal.real.T), np.ascontiguousarray(modal.imag.T), np.ascontiguousarray(forced.T)),

@@ -1,15 +1,16 @@
 """`method="paper"`: the published scheme on every mode of both beams (sections 3.2 and 3.3 of the paper).
 
-Equations (15) and (16) are printed for beta2 = 0.5 and without damping, (14) and (18) with slips; read with
-b = beta2, r = dt / tau and per mode
+Equations (15) and (16) are printed for beta2 = 0.5 and without damping, (14) and (18) with errors. With b = beta2
+and r = dt / tau the scheme reads, per mode,
 
     v* = v + dt (1 - b) a,   a* = (f - k q - c v*) / (1 + b dt c),   q_free = q + dt (v* + b dt a*) + dt^2 a* / 2.
 
-If the free gap is open, N = T = 0. Otherwise stick is tried: g_N = 0 and g_T as it was; accepted if N > 0 and
-|T| < mu N. Otherwise slip, s the sign of the stick trial's T: T = (T_last + r s mu N) / (1 + r), the simplified
-Prakash-Clifton law, with g_N = 0 and N >= 0. Then a = a* + force / (1 + b dt c), v = v* + b dt a,
-q = q + dt v + dt^2 a / 2. This is Newmark's method with beta = 0 and gamma = b: for b > 1/2 it is first order and
-damps like (b - 1/2) dt of stiffness-proportional damping.
+If the free gap is open, N = T = 0. Otherwise stick is tried, with g_N = 0 and g_T as in the last step; it is
+accepted if N > 0 and |T| < mu N. Otherwise the contact slips with the simplified Prakash-Clifton law
+T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T in the trial. Then
+a = a* + force / (1 + b dt c), v = v* + b dt a and q = q + dt v + dt^2 a / 2.
+
+This is Newmark's method with beta = 0 and gamma = b. For b > 1/2 it is of first order and adds (b - 1/2) dt to d2.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
+from fivcore.contact.uniqueness import ratio
 from fivcore.errors import not_unique
 from fivcore.jit import Array
 from fivcore.transient.drive import Normalised, State
@@ -31,38 +33,34 @@ from fivcore.transient.statistics import SEPARATION, SETTLING, SLIP, STICK, begi
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
 STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
-# What the scheme adds to d2 of itself, s.
+# The scheme's own addition to d2, s.
 ADDED_DAMPING = (BETA2 - 0.5) * STEP
-
 # Length of a segment, s.
 SEGMENT = 0.02
 
 
-def largest_step(stiffness: Array, damping: Array, b: float) -> float:
-    """Find the largest stable step of the scheme, s: a bisection on the spectral radius of the fastest mode."""
+def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
+    """Largest stable step of the scheme, s, that of the fastest mode.
+
+    With z = omega dt it solves (beta2 / 2) z^2 - 2 zeta (beta2 - 1/2) z = 1 (Hughes, The Finite Element Method,
+    section 9.1, for beta = 0).
+    """
     fastest = int(np.argmax(stiffness))
-    k, c = float(stiffness[fastest]), float(damping[fastest])
-    low, high = 0.0, 20.0 / np.sqrt(k)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if _radius(k, c, middle, b) <= 1.0 + 1e-12:
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-def _radius(k: float, c: float, dt: float, b: float) -> float:
-    """Spectral radius of one free step on (q, v, a) of a mode."""
-    star = np.array([0.0, 1.0, dt * (1.0 - b)])
-    a = (-k * np.array([1.0, 0.0, 0.0]) - c * star) / (1.0 + b * dt * c)
-    v = star + b * dt * a
-    q = np.array([1.0, 0.0, 0.0]) + dt * v + 0.5 * dt**2 * a
-    return float(np.abs(np.linalg.eigvals(np.stack([q, v, a]))).max())
+    omega = float(np.sqrt(stiffness[fastest]))
+    damped = (beta2 - 0.5) * float(damping[fastest]) / (2.0 * omega)
+    return (damped + float(np.sqrt(0.5 * beta2 + damped**2))) / (0.5 * beta2 * omega)
 
 
 class PaperRun:
-    """One run in progress."""
+    """One run in progress.
+
+    Raises
+    ------
+    ValueError
+        Where the step is beyond the largest stable one.
+    ContactError
+        Where the contact force is not unique.
+    """
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
@@ -75,19 +73,19 @@ class PaperRun:
                 f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
+        W, r = contact_closing(model, dt, b), dt / TAU
+        critical = ratio(W[0] * (1.0 + r) / r, W[1])
+        if scene.mu >= critical:
+            raise not_unique(scene.mu, critical)
         self.steps = max(round(options.duration / dt), 1)
-        self._motion = (
-            ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
-        )
+        direction, rate = options.contact_motion, options.sampling_rate
+        self._motion = ContactMotion(scene, options.ramp, direction) if direction else None
         self._slide = (np.zeros(0), np.zeros(0))
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
-        W, r = contact_closing(model, dt, b), dt / TAU
-        if slip_divisors(W, scene.mu, r).min() <= 0.0:
-            raise not_unique(scene.mu, W[0] * (1.0 + r) / (r * abs(W[1])))
+        # Number of steps of the ramp; none ends at step -1.
+        self._ramp_ends = round(options.ramp / dt) if options.ramp > 0.0 else -1
         sample_every = max(round(INTERVAL / dt), 1)
-        rate = options.sampling_rate
         self.rate = 1.0 / (sample_every * dt)
-        self._ramp_ends = round(options.ramp / dt)
         self.segments: list[Segment] = []
         self.record = record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
         record["dt"], record["b"], record["r"], record["mu"] = dt, b, r, scene.mu
@@ -99,17 +97,13 @@ class PaperRun:
         self._start(options.initial)
 
     def _start(self, initial: State | None) -> None:
-        model, dt, b, ramp = self.model, self.step, self._b, self.options.ramp
-        rest, record = model.rest, self.record
+        model, dt, ramp, record = self.model, self.step, self.options.ramp, self.record
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
-        self._load = np.where(model.stiffness > 0.0, model.stiffness * rest - model.normal, -model.normal)
-        ramping = model.inertia * self.scene.speed_per_load / ramp if ramp > 0.0 else np.zeros(len(rest))
-        T = 0.0
-        if initial is None:
-            record["contact"] = STICK
-            q, v, a = rest.copy(), np.zeros(len(rest)), np.zeros(len(rest))
-        else:
-            record["contact"] = initial.contact
+        self._load = model.stiffness * model.rest - model.normal
+        q, T = model.rest.copy(), 0.0
+        v, a = np.zeros((2, len(q)))
+        record["contact"] = STICK if initial is None else initial.contact
+        if initial is not None:
             q, v = initial.displacement.copy(), initial.velocity.copy()
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
@@ -124,18 +118,23 @@ class PaperRun:
             v = v + model.inertia * self.scene.speed_per_load
         record["last_gT"], record["last_T"] = model.tangential @ q, T
         self._first_energy = self._energy_of(q, v)
-        self._f = self._load + ramping
-        self._vs = v + dt * (1.0 - b) * a
-        self._a = (self._f - model.stiffness * q - model.damping * self._vs) * self._inverse
-        self._q, self._reach = q, np.empty(len(q))
-        self._set_gaps()
+        self._f = self._load + self._ramp_force if ramp > 0.0 else self._load
+        self._q, self._vs = q, v + dt * (1.0 - self._b) * a
+        self._predict()
         if self._ramp_ends == 0:
             self._end_ramp(0)
 
-    def _set_gaps(self) -> None:
-        dt, model = self.step, self.model
-        reach = self._q + dt * (self._vs + self._b * dt * self._a) + 0.5 * dt**2 * self._a
-        self.record["gap_N"], self.record["gap_T"] = model.normal @ reach, model.tangential @ reach
+    @property
+    def _ramp_force(self) -> Array:
+        """Modal force of P2's inertia within the ramp."""
+        return self.model.inertia * self.scene.speed_per_load / self.options.ramp
+
+    def _predict(self) -> None:
+        """Set a* and the free gaps of the step that comes from q, v* and f."""
+        dt, model, q, vs = self.step, self.model, self._q, self._vs
+        self._a = a = (self._f - model.stiffness * q - model.damping * vs) * self._inverse
+        free = q + dt * (vs + self._b * dt * a) + 0.5 * dt**2 * a
+        self.record["gap_N"], self.record["gap_T"] = model.normal @ free, model.tangential @ free
 
     @property
     def done(self) -> bool:
@@ -149,7 +148,7 @@ class PaperRun:
 
     @staticmethod
     def advance(runs: Sequence[PaperRun]) -> None:
-        """Take every run to the end of its next segment and leave in `segments` what it did there."""
+        """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
         for run in runs:
             run._advance()
 
@@ -162,62 +161,43 @@ class PaperRun:
             last = min(last, self._ramp_ends)
         if motion is not None:
             self._follow(motion, now, last)
-        every, rows_every = int(record["sample_every"][0]), int(record["row_every"][0])
+        model, every = self.model, int(record["sample_every"][0])
         samples = np.empty((count_in(now, last, every), 3))
-        rows = np.empty((count_in(now, last, rows_every), 6))
+        rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
         room = room_for_sticks(now * dt, last * dt, float(record["least_stick"][0]), dt)
         sticks = np.empty((room, 2))
         record["samples"] = record["rows"] = record["sticks"] = 0
         record["stick_room"] = room
-        before = self._q.copy() if now < self._ramp_ends else self._q
-        model = self.model
         # The kernel moves the gap shapes along with the contact point.
         shapes = (model.normal.copy(), model.tangential.copy())
         modes = (model.stiffness, model.damping, self._inverse, *shapes, model.point_b)
-        advance(
-            record,
-            last,
-            modes,
-            self._f,
-            self._slide,
-            self._q,
-            self._vs,
-            self._a,
-            self._reach,
-            samples,
-            rows,
-            sticks,
-        )
-        if now < self._ramp_ends:
-            # The accelerating clamp works on the inertia of P2; on the contact it does in the kernel.
-            record["work"] += np.sum((self._f - self._load) * (self._q - before))
+        before, free = self._q.copy(), np.empty_like(self._q)
+        state = (self._q, self._vs, self._a)
+        advance(record, last, modes, self._f, self._slide, *state, free, samples, rows, sticks)
+        # The accelerating clamp works on the inertia of P2; its work on the contact is counted in the kernel.
+        record["work"] += np.sum((self._f - self._load) * (self._q - before))
         first = -(-now // every)
-        t = np.asarray((np.arange(first, first + len(samples)) * every + 1.0) * dt, dtype=np.float64)
-        ended = sticks[: int(record["sticks"][0])].copy()
-        self.segments = [Segment(t, samples, ended, rows)]
+        t = np.asarray((np.arange(first, first + len(samples)) * every + 1.0) * dt)
+        self.segments = [Segment(t, samples, sticks[: int(record["sticks"][0])].copy(), rows)]
         if last == self._ramp_ends:
             self._end_ramp(last)
 
     def _end_ramp(self, step: int) -> None:
-        """Stop the acceleration of the clamp: what was predicted for step `step` is predicted anew."""
-        ramp = self.options.ramp
-        if ramp == 0.0:
-            return
-        model = self.model
-        # What the ramp lasts beyond a whole number of steps.
-        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - step * self.step)
+        """Stop the acceleration of the clamp and predict step `step` anew."""
+        # The rounded number of steps leaves a rest of the ramp, which acts as an impulse.
+        push = self._ramp_force * (self.options.ramp - step * self.step)
         self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
-        self._a = (self._load - model.stiffness * self._q - model.damping * self._vs) * self._inverse
         self._f = self._load
         if self._motion is not None:
-            self.model = moved_model(model, self.scene, self._motion.position((step + 1) * self.step))
-        self._set_gaps()
+            self.model = moved_model(self.model, self.scene, self._motion.position((step + 1) * self.step))
+        self._predict()
 
     def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
         """Take the contact point along with P2 through steps `first` to `last`."""
-        begin, end = (motion.position((i + 1) * self.step) for i in (first, last))
-        model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
+        model, after = (
+            moved_model(self.model, self.scene, motion.position((i + 1) * self.step)) for i in (first, last)
+        )
         steps = last - first
         self._slide = ((after.normal - model.normal) / steps, (after.tangential - model.tangential) / steps)
         self.model = model
@@ -225,31 +205,26 @@ class PaperRun:
         self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
 
     def stored_energy(self) -> float:
-        """Of the modes and the load, normalised; v* stands for the velocity."""
+        """Energy of the modes and the load, normalised; v* stands for the velocity."""
         return self._energy_of(self._q, self._vs)
 
     def _energy_of(self, q: Array, v: Array) -> float:
         return float(0.5 * np.sum(v**2 + self.model.stiffness * q**2) - self._load @ q)
 
     def released_energy(self) -> float:
-        """What has been taken out of the store since the start."""
+        """Decrease of the stored energy since the start, normalised."""
         return self._first_energy - self.stored_energy()
 
     def calm(self, floor: float) -> bool:
-        """Set what is far below every scale to zero; False where a number is not finite."""
+        """Set numbers below `floor` to zero; False where one is not finite."""
         for part in (self._q, self._vs, self._a):
             part[np.abs(part) < floor] = 0.0
         return bool(np.isfinite(self._q).all() and np.isfinite(self._vs).all())
 
 
 def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[float, float, float]:
-    """How much a unit force moves the gaps within one step, m/N: NN, NT, TT."""
+    """Gaps that unit forces close within one step, m/N: NN, NT, TT."""
     inverse = 1.0 / (1.0 + beta2 * step * model.damping)
     scale = step**2 * (beta2 + 0.5)
     n, t = model.normal, model.tangential
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
-
-
-def slip_divisors(W: tuple[float, float, float], mu: float, r: float) -> Array:
-    """What the slip step divides by, for T = mu N and T = -mu N, relative to W_NN; above zero where unique."""
-    return np.array([1.0 + s * mu * W[1] / W[0] * r / (1.0 + r) for s in (1.0, -1.0)])

@@ -1,4 +1,8 @@
-"""The compiled part of `method="paper"`: steps of the published scheme (`transient.published`)."""
+"""Compiled steps of the published scheme, `method="paper"` (`fivcore.transient.published`).
+
+The other methods are measured against this one, so unlike them it adds its sums in a fixed order: the same bits on
+every machine.
+"""
 
 from __future__ import annotations
 
@@ -9,50 +13,34 @@ import numpy as np
 from fivcore.jit import inlined, kernel
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
 
-# Every how many steps the modal damping is sampled for the energy balance.
+# The modal damping is sampled every so many steps for the energy balance.
 SAMPLED = 64
 
-# What the scheme keeps of a scene: step, beta2, dt / tau, friction, drive, what a unit force closes within a step
-# (W); free gaps of the step, g_T and T at the end of the last one; contact state, the present step and its time of
-# settling, intervals and numbers of samples and rows of the record.
+# Step, beta2, dt / tau, friction, drive, gaps that unit forces close within a step (W); free gaps of the present
+# step, g_T and T at the end of the last one; contact state, the present step and the step from which statistics
+# count, intervals and numbers of samples and rows of the record.
 _NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
 _WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
 SCENE = np.dtype([*FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE)])
 
 
 @inlined
-def correct_and_predict(
-    k: Any, c: Any, inverse: Any, normal: Any, tangential: Any, f: Any,
-    q: Any, vs: Any, a: Any, reach: Any, N: float, T: float, dt: float, b: float,
-) -> Any:  # fmt: skip
-    """End one step with the contact force found, begin the next, and return its free gaps.
-
-    Between steps `q` holds q, `vs` v* and `a` a*; `reach` receives q_free. This is the yardstick of the other
-    methods, so unlike them it adds its sums in a fixed order, four at a time: the same bits on every machine.
-    """
-    n = q.shape[0]
-    for j in range(n):
-        acceleration = a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]
-        rate = vs[j] + b * dt * acceleration
-        x = q[j] + dt * rate + 0.5 * dt * dt * acceleration
-        star = rate + dt * (1.0 - b) * acceleration
-        free = (f[j] - k[j] * x - c[j] * star) * inverse[j]
-        q[j], vs[j], a[j] = x, star, free
-        reach[j] = x + dt * (star + b * dt * free) + 0.5 * dt * dt * free
+def _gaps(normal: Any, tangential: Any, q: Any) -> Any:
+    """Normal and tangential gap, each added four at a time."""
     n0, n1, n2, n3, t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    whole = n // 4 * 4
+    whole = q.shape[0] // 4 * 4
     for j in range(0, whole, 4):
-        n0 += normal[j] * reach[j]
-        n1 += normal[j + 1] * reach[j + 1]
-        n2 += normal[j + 2] * reach[j + 2]
-        n3 += normal[j + 3] * reach[j + 3]
-        t0 += tangential[j] * reach[j]
-        t1 += tangential[j + 1] * reach[j + 1]
-        t2 += tangential[j + 2] * reach[j + 2]
-        t3 += tangential[j + 3] * reach[j + 3]
-    for j in range(whole, n):
-        n0 += normal[j] * reach[j]
-        t0 += tangential[j] * reach[j]
+        n0 += normal[j] * q[j]
+        n1 += normal[j + 1] * q[j + 1]
+        n2 += normal[j + 2] * q[j + 2]
+        n3 += normal[j + 3] * q[j + 3]
+        t0 += tangential[j] * q[j]
+        t1 += tangential[j + 1] * q[j + 1]
+        t2 += tangential[j + 2] * q[j + 2]
+        t3 += tangential[j + 3] * q[j + 3]
+    for j in range(whole, q.shape[0]):
+        n0 += normal[j] * q[j]
+        t0 += tangential[j] * q[j]
     return (n0 + n1) + (n2 + n3), (t0 + t1) + (t2 + t3)
 
 
@@ -60,7 +48,7 @@ def correct_and_predict(
 def published_contact(
     gN: float, gT: float, last_gT: float, last_T: float, WNN: float, WNT: float, WTT: float, mu: float, r: float
 ) -> Any:
-    """State, N and T from the free gaps; W is the gap that a unit force closes within the step."""
+    """Contact state, N and T from the free gaps and the gaps W that unit forces close within the step."""
     if gN > 0.0:
         return SEPARATION, 0.0, 0.0
     back = gT - last_gT
@@ -78,10 +66,10 @@ def published_contact(
 
 @kernel
 def advance(
-    scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, reach: Any, samples: Any,
+    scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any,
     rows: Any, sticks: Any,
 ) -> None:  # fmt: skip
-    """Take the steps up to `last` of one scene; state arrays are changed in place.
+    """Take the steps up to `last` of one scene; record and state arrays are changed in place.
 
     Parameters
     ----------
@@ -92,11 +80,11 @@ def advance(
     f : ndarray, (n,)
         Constant modal force.
     slide : tuple
-        By how much the gap shapes change in a step, each (n,); empty where the contact point stays.
+        Changes of the gap shapes in a step, each (n,); empty where the contact point stays.
     q, vs, a : ndarray, (n,)
         q, v* and a* of the present step.
-    reach : ndarray, (n,)
-        Work space.
+    free : ndarray, (n,)
+        Workspace for q_free.
     samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
         Velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state; begin and end of
         long sticks.
@@ -134,29 +122,34 @@ def advance(
             for j in range(n):
                 x += point_b[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
             if sampled:
-                place = scene.samples
-                samples[place, 0], samples[place, 1], samples[place, 2] = x, slip_rate, N
+                samples[scene.samples] = (x, slip_rate, N)
                 scene.samples += 1
             if written:
-                place = scene.rows
-                rows[place, 0], rows[place, 1], rows[place, 2] = t, x, N
-                rows[place, 3], rows[place, 4], rows[place, 5] = T, slip_rate, contact
+                rows[scene.rows] = (t, x, N, T, slip_rate, float(contact))
                 scene.rows += 1
         if now % SAMPLED == 0:
             x = 0.0
             for j in range(n):
                 x += c[j] * vs[j] * vs[j]
             scene.damped += SAMPLED * dt * x
-        scene.gap_N, scene.gap_T = correct_and_predict(
-            k, c, inverse, normal, tangential, f, q, vs, a, reach, N, T, dt, b
-        )
-        if slideN.shape[0] > 0:
+        # Correct this step with the force found and predict the next.
+        for j in range(n):
+            acceleration = a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]
+            v = vs[j] + b * dt * acceleration
+            x = q[j] + dt * v + 0.5 * dt * dt * acceleration
+            star = v + dt * (1.0 - b) * acceleration
+            predicted = (f[j] - k[j] * x - c[j] * star) * inverse[j]
+            q[j], vs[j], a[j] = x, star, predicted
+            free[j] = x + dt * (star + b * dt * predicted) + 0.5 * dt * dt * predicted
+        if slideN.shape[0] == 0:
+            scene.gap_N, scene.gap_T = _gaps(normal, tangential, free)
+        else:
             gN, gT, along = 0.0, 0.0, 0.0
             for j in range(n):
                 normal[j] += slideN[j]
                 tangential[j] += slideT[j]
-                gN += normal[j] * reach[j]
-                gT += tangential[j] * reach[j]
+                gN += normal[j] * free[j]
+                gT += tangential[j] * free[j]
                 # What sticks does not slide over P2.
                 along += slideT[j] * q[j]
             scene.gap_N, scene.gap_T = gN, gT
