@@ -14,11 +14,11 @@ from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simu
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import step_matrices
 from fivcore.jit import SOURCES
-from fivcore.transient.drive import Normalised
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_kernel import GROUP, advance
 from fivcore.transient.fast_solver import frozen_solver
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.stick_skip import INTO, LOG, LOOKS, OVER_VALUES, skip_tables
 
 SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")

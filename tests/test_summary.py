@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene
-from fivcore.transient.drive import Normalised, displacement, slip_distance
+from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import BLOCK, Correlation, Histogram, Monitor, Welch
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
 from fivcore.transient.summary import Outcome, regime_of, summarise

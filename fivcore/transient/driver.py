@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
-from fivcore.transient.drive import Normalised
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast import FastRun
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
 from fivcore.transient.record import Record

@@ -12,8 +12,8 @@ from fivcore import checks
 from fivcore.contact.reduced import TERMINATIONS
 from fivcore.jit import Array
 from fivcore.rig import Scene
-from fivcore.transient.drive import Normalised, State
 from fivcore.transient.moving_contact import ContactMotion
+from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.record import names_of, times_of
 from fivcore.transient.switches import METHODS, switches
 

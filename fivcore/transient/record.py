@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.jit import Array
-from fivcore.transient.drive import Normalised
+from fivcore.transient.normalised import Normalised
 
 # Column of the rows, and what turns its normalised numbers into those of the scene: what a load multiplies, what
 # also turns round with the sense of the drive, and what does not change.

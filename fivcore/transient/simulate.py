@@ -9,8 +9,8 @@ from typing import Any, cast
 from fivcore import checks
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.rig import Scene
-from fivcore.transient.drive import Normalised, State
 from fivcore.transient.driver import Transient, drive
+from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import options_for, per_scene
 
 

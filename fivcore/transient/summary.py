@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import Array
-from fivcore.transient.drive import Normalised, displacement, slip_distance
+from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES
 
