@@ -173,9 +173,9 @@ def drive(
 
 
 def _of(error: Exception, scene: Scene) -> Exception:
-    """The error with the scene it belongs to."""
+    """The error with the scene it belongs to, and the traceback of where it was raised."""
     if isinstance(error, (ContactError, DivergenceError)):
-        return type(error)(f"{error}; {_named(scene)}", scene)
+        return type(error)(f"{error}; {_named(scene)}", scene).with_traceback(error.__traceback__)
     return error
 
 
