@@ -266,6 +266,21 @@ def test_a_record_too_short_for_twenty_periods_has_no_coherence():
     assert np.isnan(correlation.near(400.0, 10.0))
 
 
+@pytest.mark.parametrize(("steadiness", "regime"), [(0.001, "steady sliding"), (0.02, "irregular")])
+def test_a_vibration_that_has_died_away_has_no_dominant_frequency(steadiness, regime):
+    t = np.arange(50_000) / RATE
+    monitor = Monitor(RATE)
+    shown(monitor, t, 0.1 * SCENE.speed_per_load * np.exp(-50.0 * t) * np.sin(2 * np.pi * 468.0 * t))
+    monitor.close(NONE)
+    counted, _ = run([STICK] + [SLIP] * 2000, settle=0.0)
+    figures = summarise(SCENE, counted, monitor, outcome(1.0, steadiness=steadiness))
+    assert figures["regime"] == regime
+    assert figures["velocity_rms"] == pytest.approx(9.0 * SCENE.speed_per_load * 0.1 * np.sqrt(0.005), rel=0.02)
+    expected = pytest.approx(468.0, abs=5.0) if regime == "irregular" else pytest.approx(np.nan, nan_ok=True)
+    assert figures["dominant_frequency"] == expected
+    assert np.isnan(figures["coherence"]) == (regime == "steady sliding")
+
+
 def test_the_energy_residual_is_what_does_not_add_up():
     counted, _ = run([STICK] * 10)
     counted.work, counted.damped, counted.friction = 5.0, 1.0, 2.0

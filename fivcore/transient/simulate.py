@@ -79,8 +79,7 @@ def simulate(
     end_early : bool
         For "fast" with a frozen contact point: where it is proved that a scene slides steadily for good
         (`fivcore.transient.steady`), fill in the rest of the run instead of stepping through it. Figures differ by
-        some 1e-9 of their size, line and coherence by more where statistics begin so late that the velocity
-        of B has less than 1e-7 V left; `summary["settled_early"]` tells. False: take every step.
+        some 1e-9 of their size; `summary["settled_early"]` tells. False: take every step.
     leap : bool
         For "fast" with a frozen contact point: skip the quiet part of long sticks, which is known in closed form
         (`transient.stick_skip`), instead of stepping through it. What moves differs by rounding, until chaos makes

@@ -39,7 +39,7 @@ def summarise(scene: Normalised, run: Any, monitor: Monitor, outcome: Outcome) -
 
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
     - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to
-      10 kHz outside and within long sticks (windows of 20 ms, Hann).
+      10 kHz outside and within long sticks (windows of 20 ms, Hann). Steady sliding has no dominant frequency.
     - `coherence`: autocorrelation of the velocity of B after 20 periods of the dominant frequency, the
       largest within half a period of there.
     - `velocity_rms`: of the velocity of B about its mean, m/s.
@@ -114,6 +114,9 @@ def summarise(scene: Normalised, run: Any, monitor: Monitor, outcome: Outcome) -
         last_stick=float(long[-1, 0]) / end if len(long) else 0.0,
         coherence=coherence,
     )
+    if figures["regime"] == "steady sliding":
+        # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
+        figures["dominant_frequency"] = figures["coherence"] = float("nan")
     return figures
 
 
