@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from inspect import signature
-from typing import Any, cast
+from typing import Any
 
 from fivcore import checks
 from fivcore.errors import ContactError, DivergenceError
@@ -145,11 +145,7 @@ def simulate_many(
         checks.instance("scene", scene, Scene)
         normalised = Normalised.of(scene)
         asked.append((scene, normalised, options_for(scene, normalised, own)))
-    results = drive(asked)
-    for result in results:
-        if isinstance(result, ValueError):
-            raise result
-    return cast(list[Transient | ContactError | DivergenceError], results)
+    return drive(asked)
 
 
 # Options of a run and what they are if they are not given; those of which a list gives each scene its own.
