@@ -100,7 +100,8 @@ def simulate(
     ValueError
         For a bad argument, naming it, its value and what is allowed.
     ContactError
-        Where the contact force of the method is not unique; found before the first step.
+        Where the contact force of the method is not unique; found before the first step unless the contact point
+        moves.
     DivergenceError
         Where the motion leaves the range of numbers.
     """
