@@ -25,7 +25,7 @@ from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
 from fivcore.transient.record import Record
 from fivcore.transient.spectra import Monitor
-from fivcore.transient.summary import Outcome, summarise
+from fivcore.transient.summary import summarise
 
 # Runs under way at once: their segments and records are in memory together.
 AT_ONCE = 32
@@ -76,20 +76,14 @@ class Job:
         self._sticks = np.empty((0, 2))
         # Slip rate in the last quarter of the run, smallest and largest.
         self._late = np.full(2, np.nan)
-        self._ended_early = False
+        self._settled_early = False
         model, speed = self.run.model, normalised.speed_per_load
         self._floor = 1e-150 * min(speed, 1.0)
         self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
         self._given += speed**2 * float(np.sum(model.inertia**2))
 
     def observe(self) -> None:
-        """Hand the last segments to the observers.
-
-        Raises
-        ------
-        DivergenceError
-            If the motion has left the range of numbers.
-        """
+        """Hand the new segments to the observers; raise `DivergenceError` if the motion has blown up."""
         run, monitor = self.run, self._monitor
         for segment in run.segments:
             self._record.add(segment.rows)
@@ -100,7 +94,7 @@ class Job:
             monitor.add(segment.t, velocity, force, slip_rate, float(run.record["settled_from"][0]))
             monitor.process(*self._long_sticks())
             if segment.further:
-                self._ended_early = True
+                self._settled_early = True
                 monitor.repeat(segment.t[-1], velocity[-1], force[-1], slip_rate[-1], segment.further)
             start = 0.75 * self.options.duration - segment.further / run.rate
             late = slip_rate[np.searchsorted(segment.t, start) :]
@@ -127,15 +121,17 @@ class Job:
         """The motion, in the scene's own units."""
         run = self.run
         self._monitor.close(self._long_sticks()[0])
-        outcome = Outcome(
+        summary = summarise(
+            self.normalised,
+            run.record[0],
+            self._monitor,
+            self._sticks,
             duration=run.steps * run.step,
             ramp=self.options.ramp,
-            sticks=self._sticks,
             steadiness=float(0.5 * np.ptp(self._late) / self.normalised.speed_per_load),
             released=run.released_energy(),
-            settled_early=self._ended_early,
+            settled_early=self._settled_early,
         )
-        summary = summarise(self.normalised, run.record[0], self._monitor, outcome)
         return Transient(self.scene, summary, **self._record.whole())
 
 

@@ -66,13 +66,7 @@ class Record:
 
 
 def names_of(record: Any) -> tuple[str, ...]:
-    """The series that are kept: all for True, none for False, or those named.
-
-    Raises
-    ------
-    ValueError
-        Naming what is no series.
-    """
+    """Series to keep: all for True, none for False, or those named; anything else is refused."""
     if isinstance(record, (bool, np.bool_)):
         return tuple(SERIES) if record else ()
     names = (record,) if isinstance(record, str) else record
@@ -82,13 +76,7 @@ def names_of(record: Any) -> tuple[str, ...]:
 
 
 def times_of(sample_times: Any, names: Sequence[str], duration: float) -> Array:
-    """The times at which series are kept, checked.
-
-    Raises
-    ------
-    ValueError
-        For what are no ascending times within the run, or where nothing is recorded.
-    """
+    """Check the times at which series are kept: ascending, within the run, and of something recorded."""
     if not names:
         raise ValueError("sample_times: they are for what is recorded, and nothing is; give record = True")
     try:

@@ -71,10 +71,7 @@ class Correlation:
         self._remainder = np.zeros(0)
 
     def add(self, samples: Array) -> None:
-        """Add consecutive samples; what exceeds whole windows counts if it is half of one or more.
-
-        Without any such window the longest remainder stands for all.
-        """
+        """Add consecutive samples; a remainder counts from half a window on, or if there is nothing longer."""
         whole = len(samples) // LONG * LONG
         remainder = samples[whole:]
         if whole:
@@ -124,13 +121,11 @@ class Histogram:
         self.counts[low:high] += weight * np.bincount(bins - low)
 
     def quantile(self, share: float) -> float:
-        """Value below which a share of all lies, linear within a bin; NaN where nothing was counted.
-
-        The first bin holds zero and all that is below 2^-120.
-        """
+        """Value below which a share of all lies, linear within a bin; NaN where nothing was counted."""
         sums = np.cumsum(self.counts)
         index = int(np.searchsorted(sums, share * sums[-1]))
         if index == 0:
+            # This bin holds zero and all that is below 2^-120.
             return 0.0 if sums[-1] > 0.0 else float("nan")
         within = (share * sums[-1] - sums[index - 1]) / self.counts[index]
         edges = ((np.array([index, index + 1], dtype=np.int64) + _LOWEST) << _SHIFT) - _MIDDLE
@@ -139,24 +134,16 @@ class Histogram:
 
 
 class Monitor:
-    """Statistics of the samples of a run after settling: velocity of B, N and slip rate.
+    """Statistics of a run after settling, from samples at `rate`, Hz.
 
-    Attributes
-    ----------
-    rate : float
-        Of the samples, Hz.
-    moving, stuck : Welch
-        Spectra of the velocity of B outside and within long sticks.
-    correlation : Correlation
-        Of the velocity of B.
-    forces, speeds : Histogram
-        Of N and of |slip rate|.
+    Of the velocity of B: spectra outside (`moving`) and within long sticks (`stuck`), autocorrelation and RMS; of
+    N (`forces`) and |slip rate| (`speeds`): histograms.
     """
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        # Times and velocities that wait for their block to be complete.
-        self._waiting = [np.empty((2, 0))]
+        # Times and velocities of a block that is not complete, and their number.
+        self._waiting, self._held = [np.empty((2, 0))], 0
         self._reset(0.0)
 
     def _reset(self, settled_from: float) -> None:
@@ -172,7 +159,7 @@ class Monitor:
         settled = slice(int(np.searchsorted(t, settled_from)), None)
         self.forces.add(force[settled])
         self.speeds.add(np.abs(slip_rate[settled]))
-        self._waiting.append(np.array([t, velocity]))
+        self._wait(t, velocity)
 
     def repeat(self, t: float, velocity: float, force: float, slip_rate: float, count: int) -> None:
         """Take `count` more samples like the last one, at `t`, outside of long sticks."""
@@ -185,7 +172,7 @@ class Monitor:
         whole = (count - begun) // BLOCK * BLOCK
         for first, last in ((0, begun), (begun + whole, count)):
             times = t + np.arange(first + 1, last + 1) / self.rate
-            self._waiting.append(np.array([times, np.full(last - first, velocity)]))
+            self._wait(times, np.full(last - first, velocity))
         # Statistics may begin within one of them.
         before = min(max(unsettled - begun, 0), whole)
         for settled in (-before % BLOCK, (whole - before) // BLOCK * BLOCK):
@@ -193,17 +180,17 @@ class Monitor:
                 self._merge(settled, velocity, 0.0)
                 self.correlation.repeat(settled)
 
-    def process(self, sticks: Array, known_until: float) -> None:
-        """Work on whole blocks of samples.
+    def _wait(self, t: Array, velocity: Array) -> None:
+        self._waiting.append(np.array([t, velocity]))
+        self._held += len(t)
 
-        Parameters
-        ----------
-        sticks : ndarray, (k, 2)
-            Long sticks, begin and end; one that goes on ends at infinity.
-        known_until : float
-            From here on it is not yet known whether a stick is a long one.
-        """
-        while self._held >= BLOCK and self._joined()[0, BLOCK - 1] < known_until:
+    def _join(self) -> Array:
+        self._waiting = [np.concatenate(self._waiting, axis=1)]
+        return self._waiting[0]
+
+    def process(self, sticks: Array, known_until: float) -> None:
+        """Work on whole blocks that end before `known_until`, given the long `sticks` (k, 2) up to there."""
+        while self._held >= BLOCK and self._join()[0, BLOCK - 1] < known_until:
             self._block(BLOCK, sticks)
 
     def close(self, sticks: Array) -> None:
@@ -211,19 +198,10 @@ class Monitor:
         self.process(sticks, np.inf)
         self._block(self._held, sticks)
 
-    @property
-    def _held(self) -> int:
-        return sum(part.shape[1] for part in self._waiting)
-
-    def _joined(self) -> Array:
-        if len(self._waiting) > 1:
-            self._waiting = [np.concatenate(self._waiting, axis=1)]
-        return self._waiting[0]
-
     def _block(self, count: int, sticks: Array) -> None:
-        held = self._joined()
-        self._waiting = [held[:, count:].copy()]
-        t, velocity = held[:, int(np.searchsorted(held[0, :count], self._settled_from)) : count]
+        block, rest = np.split(self._join(), [count], axis=1)
+        self._waiting, self._held = [rest.copy()], self._held - count
+        t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
         if not len(t):
             return
         mean = float(velocity.mean())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,78 +18,74 @@ LONG_SHARE, LONG_LATE = 0.1, 2.0 / 3.0  # share of time in long sticks; one begi
 PERIODIC_COHERENCE = 0.9
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What the summary needs beside the counters and the monitor, normalised."""
-
-    duration: float
-    ramp: float
-    sticks: Array
-    steadiness: float
-    released: float
-    settled_early: bool
-
-
-def summarise(scene: Normalised, run: Any, monitor: Monitor, outcome: Outcome) -> dict[str, object]:
+def summarise(
+    scene: Normalised,
+    run: Any,
+    monitor: Monitor,
+    sticks: Array,
+    *,
+    duration: float,
+    ramp: float,
+    steadiness: float,
+    released: float,
+    settled_early: bool,
+) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
-    What has a unit of speed or force is F times its normalised value, one multiplication: a copy of a scene has
-    the same bits whether computed or scaled.
+    `run` holds the counters (`statistics.FIELDS`), `sticks` (k, 2) the long sticks that have ended, `steadiness`
+    half the range of the slip rate in the last quarter of the run in units of V, and `released` the decrease of
+    the stored energy; all are normalised. A figure with a unit of speed or force is F times its normalised value,
+    one multiplication: a copy of a scene has the same bits whether computed or scaled.
 
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
-    - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to
-      10 kHz outside and within long sticks (windows of 20 ms, Hann). Steady sliding has no dominant frequency.
+    - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to 10 kHz
+      outside and within long sticks (windows of 20 ms, Hann). Steady sliding has no dominant frequency.
     - `coherence`: autocorrelation of the velocity of B after 20 periods of the dominant frequency, the
       largest within half a period of there.
     - `velocity_rms`: of the velocity of B about its mean, m/s.
-    - `mean_normal_force`, `max_normal_force`, `normal_force_999`: N; the last is what N stays below for 99.9 %
-      of the time.
-    - `max_slip_speed`, `slip_speed_999`: m/s, likewise for the relative tangential speed of the two
-      surfaces, in and out of contact.
+    - `mean_normal_force`, `max_normal_force`, `normal_force_999`: N; the last is the 99.9 % quantile.
+    - `max_slip_speed`, `slip_speed_999`: m/s, of the surfaces' relative tangential speed, in contact or not.
     - `switches_per_second`: changes of contact state.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
-    - `stick_times`: s, the sticks of at least `min_stick` begun after first slip and ended within the run;
-      `stick_starts`: when each began, s since the drive started; `censored_sticks`: how many are long already
-      but still going on at its end.
+    - `stick_times`, `stick_starts`: s, duration and begin of the sticks of at least `min_stick` begun after first
+      slip and ended within the run; `censored_sticks`: number of those that go on at its end.
     - `regime`: see `regime_of`.
-    - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes,
-      from the start.
-    - `settled_early`: whether the run was ended before its time because nothing could happen any more.
+    - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
+    - `settled_early`: whether the rest of the run was filled in, being proved steady sliding.
     """
-    F, end = scene.load, outcome.duration
+    F = scene.load
     counted = {name: float(run[name]) for name, _ in FIELDS}
     states, settled = ("stick", "slip", "separation"), counted["settled_from"]
-    measured = end > settled and any(counted[f"{state}_time"] > 0.0 for state in states)
+    measured = duration > settled and any(counted[f"{state}_time"] > 0.0 for state in states)
     if not measured:
         counted |= dict.fromkeys(SETTLED, float("nan"))
     total = sum(counted[f"{state}_time"] for state in states)
     share = {state: counted[f"{state}_time"] / total for state in states}
     slipped = not np.isnan(counted["first_slip"])
-    open_stick = end - counted["stick_start"] if counted["stick_start"] >= 0.0 else 0.0
+    open_stick = duration - counted["stick_start"] if counted["stick_start"] >= 0.0 else 0.0
     censored = int(slipped and open_stick >= counted["least_stick"])
     quiet = not monitor.rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else monitor.moving.peak()
     period = monitor.rate / dominant
     coherence = float("nan") if np.isnan(dominant) else monitor.correlation.near(20.0 * period, 0.5 * period)
-    sticks = outcome.sticks
-    long = np.vstack([sticks, [end - open_stick, end]]) if censored else sticks
+    long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], settled), 0.0)))
-    driven = float(displacement(np.array(end), scene.speed_per_load, outcome.ramp))
+    driven = float(displacement(np.array(duration), scene.speed_per_load, ramp))
     regime = regime_of(
         slipped=slipped,
         measured=measured,
         drive=driven / max(slip_distance(scene), 1e-300),
         slip_share=share["slip"],
-        steadiness=outcome.steadiness,
-        stick_share=filled / (end - settled) if end > settled else 0.0,
-        last_stick=float(long[-1, 0]) / end if len(long) else 0.0,
+        steadiness=steadiness,
+        stick_share=filled / (duration - settled) if duration > settled else 0.0,
+        last_stick=float(long[-1, 0]) / duration if len(long) else 0.0,
         coherence=coherence,
     )
     if regime == "steady sliding":
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = coherence = float("nan")
     work, *lost = (counted[name] for name in ENERGIES)
-    exchanged = float(np.abs([work, outcome.released, *lost]).sum())
+    exchanged = float(np.abs([work, released, *lost]).sum())
     return {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,
@@ -108,8 +103,8 @@ def summarise(scene: Normalised, run: Any, monitor: Monitor, outcome: Outcome) -
         "stick_times": sticks[:, 1] - sticks[:, 0],
         "stick_starts": sticks[:, 0].copy(),
         "censored_sticks": censored,
-        "energy_residual": abs(work + outcome.released - sum(lost)) / max(exchanged, 1e-300),
-        "settled_early": outcome.settled_early,
+        "energy_residual": abs(work + released - sum(lost)) / max(exchanged, 1e-300),
+        "settled_early": settled_early,
         "regime": regime,
     }
 
