@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from fivcore import Scene
 from fivcore.contact.reduced import ReducedModel
-from fivcore.transient.drive import Normalised
+from fivcore.transient.normalised import Normalised
 from studies.accuracy_odes import SEPARATION, SLIP_DOWN, SLIP_UP, STICK, System, systems
 from studies.accuracy_track import Track
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Scene, Transient, checks
-from fivcore.transient.drive import Normalised, slip_distance
+from fivcore.transient.normalised import Normalised, slip_distance
 from studies import transients
 from studies.runs import Job
 from studies.study import Setting

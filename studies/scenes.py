@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import Rig, Scene, Transient, checks
-from fivcore.transient.drive import Normalised
+from fivcore.transient.normalised import Normalised
 from studies import paper, recording, transients
 from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
 from studies.scenes_figure import DONE, FAILED, draw, regimes

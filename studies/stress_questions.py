@@ -12,8 +12,8 @@ import numpy as np
 from fivcore import Rig, Scene, Transient, simulate
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.transient import published
-from fivcore.transient.drive import Normalised, slip_distance
 from fivcore.transient.exact import STEP as GRID
+from fivcore.transient.normalised import Normalised, slip_distance
 from studies.stress_case import DURATION, POINT, Case
 from studies.stress_limits import driven
 from studies.stress_starts import first_state

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Transient
-from fivcore.transient.drive import Normalised, State
 from fivcore.transient.exact import states_at
+from fivcore.transient.normalised import Normalised, State
 from studies.stress_case import POINT, Case
 from studies.stress_questions import Question
 from studies.stress_replay import Replay, replayed

@@ -14,11 +14,11 @@ from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simu
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import step_matrices
 from fivcore.jit import SOURCES
-from fivcore.transient.drive import Normalised
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_kernel import GROUP, advance
 from fivcore.transient.fast_solver import frozen_solver
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.stick_skip import COLUMNS, LINES, LOGARITHM, LOOKS, LOSSES, MODULI, VALUE_ROWS, skip_tables
 
 SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")
@@ -87,6 +87,23 @@ def test_a_scene_without_an_answer_leaves_the_others_alone():
     assert runs[1].scene == painleve
     same(runs[0], simulate(PAPERS, 0.02, termination="none"))
     same(runs[2], simulate(COMPANY[2], 0.02, termination="none"))
+
+
+@pytest.mark.parametrize(
+    ("method", "failing", "given", "error"),
+    [
+        ("exact", Scene(5e-3, 5.0, 0.2, 9.0, Rig(head_mass=1e7)), {}, DivergenceError),
+        ("fast", Scene(0.1, 5.0, 4.398, 9.0), {"contact_motion": 1}, ContactError),
+    ],
+)
+def test_a_scene_that_fails_on_its_way_leaves_the_others_alone(method, failing, given, error):
+    duration = 1e-3 if method == "exact" else 0.1
+    runs = simulate_many([PAPERS, failing, COMPANY[2]], duration, method, **given)
+    assert isinstance(runs[1], error)
+    assert runs[1].scene == failing
+    assert f"V = {failing.V:g} m/s" in str(runs[1])
+    same(runs[0], simulate(PAPERS, duration, method, **given))
+    same(runs[2], simulate(COMPANY[2], duration, method, **given))
 
 
 def test_a_scene_that_blows_up_leaves_the_others_alone(monkeypatch):

@@ -10,9 +10,9 @@ from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import step_matrices
 from fivcore.transient import fast, steady
 from fivcore.transient import fast_scene as at
-from fivcore.transient.drive import Normalised
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_solver import take
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SLIP
 from fivcore.transient.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding

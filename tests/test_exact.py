@@ -10,11 +10,11 @@ from fivcore import ContactError, DivergenceError, Rig, Scene, simulate
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.transient import exact_kernels, exact_regimes
 from fivcore.transient import fast_scene as at
-from fivcore.transient.drive import Normalised, State, displacement, slip_distance
 from fivcore.transient.exact import DWELL, HELD, ExactRun, states_at
 from fivcore.transient.exact_kernels import DRAG, PULL, Q_R, V_R, A, P, S, prescribed, search
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_solver import take
+from fivcore.transient.normalised import Normalised, State, displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import ENERGIES
 from tests.rigs import workshop_rig

@@ -9,7 +9,7 @@ import pytest
 from fivcore import Rig, Scene, State, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
-from fivcore.transient.drive import Normalised
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
 from fivcore.transient.published_kernel import SCENE, advance

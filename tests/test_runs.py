@@ -1,5 +1,7 @@
 """Jobs of the studies: each has the result that `simulate` gives it, whatever the other jobs ask for."""
 
+from traceback import extract_tb
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,7 @@ def test_a_point_fails_with_the_first_error_of_its_runs():
     assert whole["time"][0] == pytest.approx(0.11)
     assert whole["error"][0] is None
     assert str(whole["error"][1]).endswith("which this is a copy of")
+    assert "fivcore" in extract_tb(whole["error"][1].__traceback__)[-1].filename
     assert whole["wall_time"][0] == pytest.approx(2.0 * whole["wall_time"][1])
     with pytest.raises(ContactError, match="mu = 5"):
         outcomes([[UNSOLVABLE]], values)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, simulate
-from fivcore.transient.drive import Normalised
+from fivcore.transient.normalised import Normalised
 
 SCALED = (
     "velocity_rms",

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene
-from fivcore.transient.drive import Normalised, displacement, slip_distance
+from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import BLOCK, Correlation, Histogram, Monitor, Welch
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
-from fivcore.transient.summary import Outcome, regime_of, summarise
+from fivcore.transient.summary import regime_of, summarise
 
 RATE = 50e3
 SCENE = Normalised.of(Scene(2e-3, 5.0, 0.2, 9.0))
@@ -37,8 +37,11 @@ def plainly(function, *given):
     return function.py_func(*given) if hasattr(function, "py_func") else function(*given)
 
 
-def outcome(duration, sticks=None, steadiness=0.0, released=0.0):
-    return Outcome(duration, 1e-3, np.zeros((0, 2)) if sticks is None else sticks, steadiness, released, False)
+def figures_of(counted, monitor, duration, sticks=None, steadiness=0.0, released=0.0):
+    """Summary of a made run."""
+    sticks = NONE if sticks is None else sticks
+    others = {"ramp": 1e-3, "steadiness": steadiness, "released": released, "settled_early": False}
+    return summarise(SCENE, counted, monitor, sticks, duration=duration, **others)
 
 
 NONE = np.zeros((0, 2))
@@ -58,7 +61,7 @@ def shown(monitor, t, velocity, settled_from=0.0):
 def test_fractions_are_shares_of_the_time_after_the_first_slip_and_settling():
     states = [STICK] * 1000 + [SLIP] * 100 + [STICK] * 300 + [SEPARATION] * 100
     counted, sticks = run(states, settling=0.01)
-    figures = summarise(SCENE, counted, silent(), outcome(0.15, sticks))
+    figures = figures_of(counted, silent(), 0.15, sticks)
     assert figures["first_slip_time"] == pytest.approx(0.10005)
     assert figures["stick_fraction"] == pytest.approx(0.75, abs=1e-3)
     assert figures["separation_fraction"] == pytest.approx(0.25, abs=1e-3)
@@ -68,7 +71,7 @@ def test_fractions_are_shares_of_the_time_after_the_first_slip_and_settling():
 
 def test_a_run_that_never_slips_counts_from_its_start():
     counted, _ = run([STICK] * 100)
-    figures = summarise(SCENE, counted, silent(), outcome(0.01))
+    figures = figures_of(counted, silent(), 0.01)
     assert figures["stick_fraction"] == 1.0
     assert np.isnan(figures["first_slip_time"])
     assert np.isnan(figures["first_separation_time"])
@@ -80,12 +83,12 @@ def test_long_sticks_are_a_fifth_of_the_first_and_the_last_may_be_censored():
     first = [STICK] * 1000 + [SLIP] * 10
     states = first + [STICK] * 300 + [SLIP] * 10 + [STICK] * 100 + [SLIP] * 10 + [STICK] * 250
     counted, sticks = run(states)
-    figures = summarise(SCENE, counted, silent(), outcome(len(states) * 1e-4, sticks))
+    figures = figures_of(counted, silent(), len(states) * 1e-4, sticks)
     assert figures["stick_times"] == pytest.approx([0.03])
     assert figures["stick_starts"] == pytest.approx([0.10105], abs=1e-4)
     assert figures["censored_sticks"] == 1
     counted, sticks = run(states, min_stick=0.005)
-    figures = summarise(SCENE, counted, silent(), outcome(len(states) * 1e-4, sticks))
+    figures = figures_of(counted, silent(), len(states) * 1e-4, sticks)
     assert figures["stick_times"] == pytest.approx([0.03, 0.01])
 
 
@@ -95,10 +98,10 @@ def test_what_comes_before_settling_counts_for_nothing():
     forces = np.r_[np.full(25, 7.0), np.full(25, 3.0), np.zeros(20)]
     speeds = np.r_[np.full(25, 4.0), np.full(45, 2.0)]
     counted, sticks = run(states, forces, speeds, settle=20e-4, min_stick=1e-9)
-    figures = summarise(SCENE, counted, silent(), outcome(70e-4, sticks))
+    figures = figures_of(counted, silent(), 70e-4, sticks)
     assert figures["max_normal_force"] == pytest.approx(7.0 * 9.0)
     counted, sticks = run(states, forces, speeds, settling=14.5e-4, min_stick=1e-9)
-    figures = summarise(SCENE, counted, silent(), outcome(70e-4, sticks))
+    figures = figures_of(counted, silent(), 70e-4, sticks)
     assert figures["max_normal_force"] == pytest.approx(3.0 * 9.0)
     assert figures["max_slip_speed"] == pytest.approx(2.0 * 9.0)
     assert figures["mean_normal_force"] == pytest.approx(9.0 * 3.0 * 25.0 / 45.0)
@@ -266,12 +269,27 @@ def test_a_record_too_short_for_twenty_periods_has_no_coherence():
     assert np.isnan(correlation.near(400.0, 10.0))
 
 
+@pytest.mark.parametrize(("steadiness", "regime"), [(0.001, "steady sliding"), (0.02, "irregular")])
+def test_a_vibration_that_has_died_away_has_no_dominant_frequency(steadiness, regime):
+    t = np.arange(50_000) / RATE
+    monitor = Monitor(RATE)
+    shown(monitor, t, 0.1 * SCENE.speed_per_load * np.exp(-50.0 * t) * np.sin(2 * np.pi * 468.0 * t))
+    monitor.close(NONE)
+    counted, _ = run([STICK] + [SLIP] * 2000, settle=0.0)
+    figures = figures_of(counted, monitor, 1.0, steadiness=steadiness)
+    assert figures["regime"] == regime
+    assert figures["velocity_rms"] == pytest.approx(9.0 * SCENE.speed_per_load * 0.1 * np.sqrt(0.005), rel=0.02)
+    expected = pytest.approx(468.0, abs=5.0) if regime == "irregular" else pytest.approx(np.nan, nan_ok=True)
+    assert figures["dominant_frequency"] == expected
+    assert np.isnan(figures["coherence"]) == (regime == "steady sliding")
+
+
 def test_the_energy_residual_is_what_does_not_add_up():
     counted, _ = run([STICK] * 10)
     counted.work, counted.damped, counted.friction = 5.0, 1.0, 2.0
-    figures = summarise(SCENE, counted, silent(), outcome(1e-3, released=-2.0))
+    figures = figures_of(counted, silent(), 1e-3, released=-2.0)
     assert figures["energy_residual"] == 0.0
-    figures = summarise(SCENE, counted, silent(), outcome(1e-3, released=-1.0))
+    figures = figures_of(counted, silent(), 1e-3, released=-1.0)
     assert figures["energy_residual"] == pytest.approx(1.0 / 9.0)
 
 

@@ -25,9 +25,9 @@ from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, re
 from fivcore.contact.uniqueness import check_unique, critical_mu_of
 from fivcore.errors import ContactError, DivergenceError, not_unique
 from fivcore.jit import Array
-from fivcore.transient.drive import Normalised, State
 from fivcore.transient.exact_kernels import SCENE, S, integrate, prescribed, sample, search, switch
 from fivcore.transient.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
+from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
 from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import SEPARATION, SETTLING, STICK, begin

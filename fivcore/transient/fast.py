@@ -20,10 +20,10 @@ from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.jit import Array
 from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
-from fivcore.transient.drive import Normalised, State, displacement, slip_distance
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
+from fivcore.transient.normalised import Normalised, State, displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import ENERGIES, FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin

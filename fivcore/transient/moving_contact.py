@@ -17,7 +17,7 @@ from fivcore.beams.modes import lower_basis, residual_flexibility, rig_bases
 from fivcore.contact.reduced import ReducedModel, equilibrium, full_model, unit_load
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.transient.drive import Normalised, displacement
+from fivcore.transient.normalised import Normalised, displacement
 
 # Length of a segment along P2, m.
 STRETCH = 5e-6

@@ -18,8 +18,8 @@ import numpy as np
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.errors import ContactError
 from fivcore.jit import Array
-from fivcore.transient.drive import Normalised
 from fivcore.transient.fast_solver import Solver, frozen_solver
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.published import ADDED_DAMPING
 
 # Ratio of the steps, and of the cut-offs.

@@ -24,8 +24,8 @@ from fivcore.contact.step_map import at_most
 from fivcore.contact.uniqueness import ratio
 from fivcore.errors import not_unique
 from fivcore.jit import Array
-from fivcore.transient.drive import Normalised, State
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
+from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
 from fivcore.transient.published_kernel import SCENE, advance
 from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks

@@ -1,4 +1,4 @@
-"""What is kept of a run that is recorded."""
+"""Time series of a run, at the steps of the method or at given times."""
 
 from __future__ import annotations
 
@@ -9,98 +9,64 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.jit import Array
-from fivcore.transient.drive import Normalised
+from fivcore.transient.normalised import Normalised
 
-# Column of the rows, and what turns its normalised numbers into those of the scene: what a load multiplies, what
-# also turns round with the sense of the drive, and what does not change.
-LOAD, ALONG, SAME = range(3)
-SERIES = {
-    "velocity_B": (1, ALONG),
-    "normal_force": (2, LOAD),
-    "tangential_force": (3, ALONG),
-    "slip_velocity": (4, ALONG),
-    "state": (5, SAME),
-}
+# Series and their columns in the rows, whose first column is the time.
+SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
 
 
 class Record:
-    """Series of a run, gathered column by column in the scene's own units.
-
-    Seconds of motion at every step are tens of MB: they are held once, whatever else is at work meanwhile, and
-    not at all where the series are kept at given times.
+    """Series of a run in the units of its scene.
 
     Parameters
     ----------
     normalised : Normalised
     names : sequence of str
-        Of `SERIES`, those which are kept.
+        Of `SERIES`, those to keep.
     times : ndarray, (n,), optional
         Where the series are kept, s, ascending, on lines between the rows; without: at the rows.
     """
 
     def __init__(self, normalised: Normalised, names: Sequence[str], times: Array | None = None) -> None:
-        load = normalised.load
-        self._factors = {LOAD: load, ALONG: load * normalised.sense, SAME: 1.0}
-        self._names = names
-        self._pieces: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
-        self._times, self._done = times, 0
-        if times is not None:
-            # Each in one piece from the start: small pieces of many runs would lie about between each other.
-            self._pieces = {name: [np.empty(len(times), dtype=_type(name))] for name in names}
-            self._pieces["time"] = [times]
-        self._last = np.empty((0, 1 + len(SERIES)))
+        factors = {"normal_force": normalised.load, "state": 1.0}
+        self._factors = {name: factors.get(name, normalised.load * normalised.sense) for name in names}
+        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
+        self._times, self._last = times, np.empty((0, 1 + len(SERIES)))
 
     def add(self, rows: Array) -> None:
         """Take the next rows: t, velocity of B, N, T, slip rate and contact state, normalised."""
-        if self._times is not None:
-            rows = np.concatenate([self._last, rows])
-            if len(rows):
-                self._keep(rows, int(np.searchsorted(self._times, rows[-1, 0], side="right")))
-                self._last = rows[-1:].copy()
-        elif len(rows):
-            self._pieces["time"].append(rows[:, 0].copy())
-            for name in self._names:
-                self._pieces[name].append(self._own(name, rows).astype(_type(name)))
+        if not len(rows):
+            return
+        if self._times is None:
+            self._keep(rows)
+            return
+        rows = np.concatenate([self._last, rows])
+        self._last = rows[-1:].copy()
+        t, self._times = np.split(self._times, [np.searchsorted(self._times, rows[-1, 0], side="right")])
+        self._keep(rows, t)
 
-    def _own(self, name: str, rows: Array) -> Array:
-        """A series at the rows, in the scene's units."""
-        column, kind = SERIES[name]
-        return rows[:, column] if kind == SAME else self._factors[kind] * rows[:, column]
-
-    def _keep(self, rows: Array, until: int) -> None:
-        """Fill in the series up to time number `until`; the nearest row stands for what lies outside of all."""
-        part = slice(self._done, until)
-        t, known = self._pieces["time"][0][part], rows[:, 0]
-        for name in self._names:
-            values = self._own(name, rows)
-            if name == "state":
-                kept = values[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)]
-            else:
-                kept = np.interp(t, known, values)
-            self._pieces[name][0][part] = kept
-        self._done = until
+    def _keep(self, rows: Array, t: Array | None = None) -> None:
+        """Keep the series at the rows or at times `t`; the nearest row stands for what lies outside of all."""
+        known = rows[:, 0]
+        self._parts["time"].append(known.copy() if t is None else t)
+        for name, factor in self._factors.items():
+            values = factor * rows[:, SERIES[name]]
+            if t is not None and name == "state":
+                values = values[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)]
+            elif t is not None:
+                values = np.interp(t, known, values)
+            self._parts[name].append(values.astype(np.int8) if name == "state" else values)
 
     def whole(self) -> dict[str, Any]:
         """Each series in one piece; nothing where nothing was recorded."""
         if self._times is not None:
-            self._keep(self._last, len(self._times))
-            return {name: piece for name, (piece,) in self._pieces.items()}
-        # One by one, so that of all but one there is only one copy.
-        return {name: np.concatenate(pieces) for name in [*self._pieces] if (pieces := self._pieces.pop(name))}
-
-
-def _type(name: str) -> type[np.generic]:
-    return np.int8 if name == "state" else np.float64
+            self._keep(self._last, self._times)
+        # Each is taken out before the next is joined: all but one then have one copy in memory.
+        return {name: np.concatenate(parts) for name in [*self._parts] if (parts := self._parts.pop(name))}
 
 
 def names_of(record: Any) -> tuple[str, ...]:
-    """The series that are kept: all for True, none for False, or those named.
-
-    Raises
-    ------
-    ValueError
-        Naming what is no series.
-    """
+    """Series to keep: all for True, none for False, or those named; anything else is refused."""
     if isinstance(record, (bool, np.bool_)):
         return tuple(SERIES) if record else ()
     names = (record,) if isinstance(record, str) else record
@@ -110,13 +76,7 @@ def names_of(record: Any) -> tuple[str, ...]:
 
 
 def times_of(sample_times: Any, names: Sequence[str], duration: float) -> Array:
-    """The times at which series are kept, checked.
-
-    Raises
-    ------
-    ValueError
-        For what are no ascending times within the run, or where nothing is recorded.
-    """
+    """Check the times at which series are kept: ascending, within the run, and of something recorded."""
     if not names:
         raise ValueError("sample_times: they are for what is recorded, and nothing is; give record = True")
     try:

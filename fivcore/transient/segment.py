@@ -1,4 +1,4 @@
-"""What a method leaves behind when it has taken a run to the end of a segment."""
+"""Results of one segment of a run, as every method hands them to the driver."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from fivcore.jit import Array
 
-# Samples are taken about so often, s.
+# Target time between two samples, s.
 INTERVAL = 20e-6
 
 
@@ -27,7 +27,7 @@ class Segment:
     rows : ndarray, (m, 6)
         Record: time, velocity of B, N, T, slip rate, contact state.
     further : int
-        How many more samples follow, all like the last.
+        Number of further samples, all like the last.
     """
 
     t: Array
@@ -37,28 +37,18 @@ class Segment:
     further: int = 0
 
     @property
-    def velocity(self) -> Array:
-        """Velocity of B, (n,)."""
-        return self.samples[:, 0]
-
-    @property
     def slip_rate(self) -> Array:
         """Slip rate, (n,)."""
         return self.samples[:, 1]
 
-    @property
-    def force(self) -> Array:
-        """Normal force, (n,)."""
-        return self.samples[:, 2]
-
 
 def count_in(first: int, last: int, every: int) -> int:
-    """How many multiples of `every` lie from step `first` up to step `last`; none if `every` is zero."""
+    """Number of multiples of `every` from step `first` up to step `last`, excluded; none if `every` is zero."""
     return max(-(-last // every) - (-(-first // every)), 0) if every else 0
 
 
 def room_for_sticks(begin: float, end: float, least: float, step: float) -> int:
-    """How many long sticks may end between two times, s; `least` is NaN before the first slip."""
+    """Largest number of long sticks that end between two times, s; `least` is NaN before the first slip."""
     # Until the first slip there are none, and after it the least is a fifth of the time since the start.
     shortest = max(0.2 * begin if np.isnan(least) else least, step)
     return int((end - begin) / shortest) + 2

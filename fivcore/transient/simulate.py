@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from inspect import signature
-from typing import Any, cast
+from typing import Any
 
 from fivcore import checks
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.rig import Scene
-from fivcore.transient.drive import Normalised, State
 from fivcore.transient.driver import Transient, drive
-from fivcore.transient.options import options_for, per_scene
+from fivcore.transient.normalised import Normalised, State
+from fivcore.transient.options import options_for
+
+# Arguments of which a list gives each scene its own.
+OWN = ("duration", "ramp", "settle", "initial")
 
 
 def simulate(
@@ -55,36 +58,34 @@ def simulate(
         Modal displacements and velocities of all modes and the contact state. Default: at rest under the
         load, T = 0, stuck.
     contact_motion : {0, -1, 1}
-        0: the contact point stays at the same distance from P2's clamp. -1, 1: P2 slides under C, and the
-        point of P2 below C moves towards P2's clamp or away from it (`fivcore.transient.moving_contact`).
+        0: the contact point is frozen. -1, 1: P2 slides under C, and the point of P2 below C moves towards P2's
+        clamp or away from it (`fivcore.transient.moving_contact`).
     cutoff : float, optional
-        Modes above are represented by the termination, Hz; not for "paper", which keeps all. Default: 75 kHz
+        Hz; the termination stands for the modes above; not for "paper", which keeps all. Default: 75 kHz
         for the paper's rig (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast`).
     termination : {"absorbing", "elastic", "none"}
-        What stands for the modes above the cut-off (`fivcore.contact.reduced`).
+        Element that stands for the modes above the cut-off (`fivcore.contact.reduced`).
     step : float, optional
         Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (2e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
-        What counts as a long stick, s. Default: a fifth of the time to the first slip.
+        Duration from which on a stick is a long one, s. Default: a fifth of the time to the first slip.
     record : bool or sequence of str
-        Keep time series: all, or those named of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`
-        and `state`.
+        Time series to keep: all, or those named of `velocity_B`, `normal_force`, `tangential_force`,
+        `slip_velocity` and `state`.
     sample_rate : float
-        Of what is kept, Hz.
+        Sampling rate of the series, Hz.
     sample_times : array_like, (n,), optional
-        Ascending times at which the series are kept instead, s: on the line between two neighbouring steps of the
-        method, and the state is that of the step before. Before the first and after the last step the nearest
-        stands. Memory is taken for what is kept only.
+        Ascending times at which the series are kept instead, s: linear between two neighbouring steps of the
+        method, with the state of the step before; beyond the first and the last step those stand.
     end_early : bool
         For "fast" with a frozen contact point: where it is proved that a scene slides steadily for good
         (`fivcore.transient.steady`), fill in the rest of the run instead of stepping through it. Figures differ by
-        some 1e-9 of their size, line and coherence by more where statistics begin so late that the velocity
-        of B has less than 1e-7 V left; `summary["settled_early"]` tells. False: take every step.
+        some 1e-9 of their size; `summary["settled_early"]` tells. False: take every step.
     leap : bool
         For "fast" with a frozen contact point: skip the quiet part of long sticks, which is known in closed form
-        (`transient.stick_skip`), instead of stepping through it. What moves differs by rounding, until chaos makes
-        more of it; in a skip the normal force enters its maximum every 20 microseconds. False: take every step.
+        (`transient.stick_skip`), instead of stepping through it. The motion differs by rounding, which chaos
+        amplifies; in a skip the normal force enters its maximum every 20 microseconds. False: take every step.
     relaxation_time : float, optional
         tau of the absorbing termination, s. Default: derived from the rig (`fivcore.contact.reduced`).
     cross_terms : bool
@@ -101,12 +102,13 @@ def simulate(
     ValueError
         For a bad argument, naming it, its value and what is allowed.
     ContactError
-        Where the contact force of the method is not unique; found before the first step.
+        Where the contact force of the method is not unique; found before the first step unless the contact point
+        moves.
     DivergenceError
         Where the motion leaves the range of numbers.
     """
-    given = dict(locals())
-    (result,) = simulate_many([given.pop("scene")], **given)
+    arguments = dict(locals())
+    (result,) = simulate_many([arguments.pop("scene")], **arguments)
     if isinstance(result, Exception):
         raise result
     return result
@@ -137,24 +139,18 @@ def simulate_many(
     ValueError
         For a bad argument, as `simulate` raises it, or a list that is not as long as `scenes`.
     """
-    for name in options:
-        if name not in DEFAULTS:
-            raise TypeError(f"simulate_many() got an unexpected keyword argument {name!r}")
-    given = DEFAULTS | options | {"duration": duration, "method": method}
-    asked = []
-    for scene, own in zip(scenes, per_scene(scenes, given, OWN), strict=True):
+    bound = signature(simulate).bind(None, duration, method, **options)
+    bound.apply_defaults()
+    arguments = dict(bound.arguments)
+    lists = {name: arguments[name] for name in OWN if isinstance(arguments[name], list)}
+    for name, values in lists.items():
+        if len(values) != len(scenes):
+            text = f"{name}: a list of {len(values)}: it must have one entry for each of {len(scenes)} scenes"
+            raise ValueError(text)
+    requests = []
+    for k, scene in enumerate(scenes):
         checks.instance("scene", scene, Scene)
+        own = arguments | {name: values[k] for name, values in lists.items()}
         normalised = Normalised.of(scene)
-        asked.append((scene, normalised, options_for(scene, normalised, own)))
-    results = drive(asked)
-    for result in results:
-        if isinstance(result, ValueError):
-            raise result
-    return cast(list[Transient | ContactError | DivergenceError], results)
-
-
-# Options of a run and what they are if they are not given; those of which a list gives each scene its own.
-DEFAULTS = {
-    name: each.default for name, each in signature(simulate).parameters.items() if each.kind is each.KEYWORD_ONLY
-}
-OWN = frozenset({"duration", "ramp", "settle", "initial"})
+        requests.append((scene, normalised, options_for(scene, normalised, own)))
+    return drive(requests)

@@ -1,14 +1,12 @@
-"""Spectra, coherence, spread and quantiles of what is sampled of a run, in bounded memory.
+"""Spectra, autocorrelation, moments and quantiles of the samples of a run, in bounded memory.
 
-Samples are gathered and worked on in blocks of fixed length, so that the figures do not depend on the segments in
-which a run is computed. Long sticks and what lies between them have power spectra of their own (Welch's method:
-Hann windows of 20 ms, half overlapping). The autocorrelation comes from the power spectrum of zero-padded
-stretches.
+Samples are gathered into blocks of fixed length, so that no figure depends on the segments in which a run is
+computed. Power spectra are Welch's (Hann windows of 20 ms, half overlapping), one within long sticks and one
+outside. The autocorrelation is the inverse transform of the power of zero-padded windows (Wiener-Khinchin).
+Quantiles come from histograms whose bins have a constant ratio.
 """
 
 from __future__ import annotations
-
-from collections import Counter
 
 import numpy as np
 from scipy.fft import irfft, rfft
@@ -17,7 +15,7 @@ from fivcore.jit import Array
 
 WINDOW = 1024
 BAND = (200.0, 10e3)
-# Stretches of the autocorrelation; what is asked for is no farther than half of one. A block is some of them.
+# Windows of the autocorrelation; lags reach up to half of one. A block is a multiple of them.
 LONG = 16384
 PADDED = 3 * LONG // 2
 BLOCK = 4 * LONG
@@ -26,34 +24,34 @@ BLOCK = 4 * LONG
 _SHIFT, _MIDDLE = 45, 1 << 44
 _LOWEST = (1023 - 120) << 7
 BINS = 180 << 7
-_HANN = np.hanning(WINDOW)
+
+
+def _power(windows: Array, taper: Array | float, length: int) -> Array:
+    """Sum over windows (k, n) of the power about their means, tapered and zero-padded to `length`."""
+    spectrum = rfft((windows - windows.mean(axis=1, keepdims=True)) * taper, length, axis=1)
+    return np.asarray((spectrum.real**2 + spectrum.imag**2).sum(axis=0))
 
 
 class Welch:
-    """Mean power spectrum of stretches of a signal; relative, not calibrated."""
+    """Power spectrum of parts of a signal; relative, not calibrated."""
 
     def __init__(self, rate: float) -> None:
         self.frequency = np.fft.rfftfreq(WINDOW, 1.0 / rate)
         self.power = np.zeros(WINDOW // 2 + 1)
 
     def add(self, samples: Array) -> None:
-        """Enter a stretch; one shorter than a window counts if it is an eighth of one or more."""
-        if len(samples) >= WINDOW:
-            pieces, window = np.lib.stride_tricks.sliding_window_view(samples, WINDOW)[:: WINDOW // 2], _HANN
-        elif len(samples) >= WINDOW // 8:
-            pieces, window = samples[None], np.hanning(len(samples))
-        else:
-            return
-        pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * window
-        spectrum = rfft(pieces, WINDOW, axis=1)
-        self.power += (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+        """Add consecutive samples; fewer than a window count from an eighth of one on."""
+        length = min(len(samples), WINDOW)
+        if length >= WINDOW // 8:
+            windows = np.lib.stride_tricks.sliding_window_view(samples, length)[:: WINDOW // 2]
+            self.power += _power(windows, np.hanning(length), WINDOW)
 
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
-        power = self.power
-        inside = (self.frequency[1:-1] >= BAND[0]) & (self.frequency[1:-1] <= BAND[1])
+        power, frequency = self.power, self.frequency[1:-1]
         # A peak, not the foot of something below or above the band.
-        peaks = inside & (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+        peaks = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+        peaks &= (frequency >= BAND[0]) & (frequency <= BAND[1])
         if not peaks.any():
             return float("nan")
         top = 1 + int(np.argmax(np.where(peaks, power[1:-1], -1.0)))
@@ -68,56 +66,54 @@ class Correlation:
 
     def __init__(self) -> None:
         self._power = np.zeros(PADDED // 2 + 1)
-        self._lengths: Counter[int] = Counter()
-        self._rest = np.zeros(0)
+        # Pairs of samples at each lag, and the length of the longest window.
+        self._pairs, self._longest = np.zeros(LONG), 0
+        self._remainder = np.zeros(0)
 
     def add(self, samples: Array) -> None:
-        """Enter a stretch; its rest counts if it is half of LONG or more, or if there is nothing else."""
-        whole = len(samples) // LONG
+        """Add consecutive samples; a remainder counts from half a window on, or if there is nothing longer."""
+        whole = len(samples) // LONG * LONG
+        remainder = samples[whole:]
         if whole:
-            self._enter(samples[: whole * LONG].reshape(whole, LONG))
-        rest = samples[whole * LONG :]
-        if len(rest) >= LONG // 2:
-            self._enter(rest[None])
-        elif len(rest) > len(self._rest):
-            self._rest = rest.copy()
+            self._enter(samples[:whole].reshape(-1, LONG))
+        if len(remainder) >= LONG // 2:
+            self._enter(remainder[None])
+        elif len(remainder) > len(self._remainder):
+            self._remainder = remainder.copy()
 
     def repeat(self, count: int) -> None:
-        """Enter a stretch of `count` samples of one value: only their number counts."""
-        if count >= LONG:
-            self._lengths[LONG] += count // LONG
-        if count % LONG >= LONG // 2:
-            self._lengths[count % LONG] += 1
+        """Add `count` samples of one value: they have no power."""
+        for windows, length in ((count // LONG, LONG), (1, count % LONG)):
+            if windows and length >= LONG // 2:
+                self._count(windows, length)
 
-    def _enter(self, pieces: Array) -> None:
-        """Enter stretches of one length, (k, length)."""
-        spectrum = rfft(pieces - pieces.mean(axis=1, keepdims=True), PADDED, axis=1)
-        self._power += (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
-        self._lengths[pieces.shape[1]] += len(pieces)
+    def _enter(self, windows: Array) -> None:
+        self._power += _power(windows, 1.0, PADDED)
+        self._count(*windows.shape)
+
+    def _count(self, windows: int, length: int) -> None:
+        self._pairs[:length] += windows * np.arange(length, 0, -1)
+        self._longest = max(self._longest, length)
 
     def near(self, lag: float, around: float) -> float:
         """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
-        if not self._lengths and len(self._rest) > 1:
-            self._enter(self._rest[None])
-        if not self._lengths or lag + around >= 0.5 * max(self._lengths):
+        if not self._longest and len(self._remainder) > 1:
+            self._enter(self._remainder[None])
+        product = irfft(self._power, PADDED)
+        if lag + around >= 0.5 * self._longest or product[0] <= 0.0:
             return float("nan")
         lags = np.arange(int(lag - around), int(lag + around) + 2)
-        pairs = sum(number * np.maximum(length - lags, 0) for length, number in self._lengths.items())
-        samples = sum(number * length for length, number in self._lengths.items())
-        product = irfft(self._power, PADDED)
-        if product[0] <= 0.0:
-            return float("nan")
-        return float(np.max(product[lags] / pairs) / (product[0] / samples))
+        return float(np.max(product[lags] / self._pairs[lags]) / (product[0] / self._pairs[0]))
 
 
 class Histogram:
-    """How often numbers of zero or more occur."""
+    """Numbers of zero or more, counted in bins."""
 
     def __init__(self) -> None:
         self.counts = np.zeros(BINS)
 
     def add(self, values: Array, weight: float = 1.0) -> None:
-        """Enter values, each with a weight."""
+        """Count values, each with a weight."""
         if not len(values):
             return
         bins = np.clip(((np.ascontiguousarray(values).view(np.int64) + _MIDDLE) >> _SHIFT) - _LOWEST, 0, BINS - 1)
@@ -125,43 +121,29 @@ class Histogram:
         self.counts[low:high] += weight * np.bincount(bins - low)
 
     def quantile(self, share: float) -> float:
-        """The value that a share of all entries stays below, linear within a bin; NaN where there is none.
-
-        The first bin holds zero and all that is below 2^-120.
-        """
-        filled = np.flatnonzero(self.counts)
-        if not len(filled):
-            return float("nan")
-        sums = np.cumsum(self.counts[filled])
-        place = int(np.searchsorted(sums, share * sums[-1]))
-        index = int(filled[place])
+        """Value below which a share of all lies, linear within a bin; NaN where nothing was counted."""
+        sums = np.cumsum(self.counts)
+        index = int(np.searchsorted(sums, share * sums[-1]))
         if index == 0:
-            return 0.0
-        within = (share * sums[-1] - (sums[place - 1] if place else 0.0)) / self.counts[index]
+            # This bin holds zero and all that is below 2^-120.
+            return 0.0 if sums[-1] > 0.0 else float("nan")
+        within = (share * sums[-1] - sums[index - 1]) / self.counts[index]
         edges = ((np.array([index, index + 1], dtype=np.int64) + _LOWEST) << _SHIFT) - _MIDDLE
         low, high = edges.view(np.float64)
-        return float(low + min(max(within, 0.0), 1.0) * (high - low))
+        return float(low + min(within, 1.0) * (high - low))
 
 
 class Monitor:
-    """What is sampled of a run after settling: the velocity of B, N and the slip rate.
+    """Statistics of a run after settling, from samples at `rate`, Hz.
 
-    Attributes
-    ----------
-    rate : float
-        Of the samples, Hz.
-    moving, stuck : Welch
-        Spectra of the velocity of B outside and within long sticks.
-    correlation : Correlation
-        Of the velocity of B.
-    forces, speeds : Histogram
-        Of N and of |slip rate|.
+    Of the velocity of B: spectra outside (`moving`) and within long sticks (`stuck`), autocorrelation and RMS; of
+    N (`forces`) and |slip rate| (`speeds`): histograms.
     """
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        self._held: list[tuple[Array, ...]] = []
-        self._count_held = 0
+        # Times and velocities of a block that is not complete, and their number.
+        self._waiting, self._held = [np.empty((2, 0))], 0
         self._reset(0.0)
 
     def _reset(self, settled_from: float) -> None:
@@ -177,73 +159,49 @@ class Monitor:
         settled = slice(int(np.searchsorted(t, settled_from)), None)
         self.forces.add(force[settled])
         self.speeds.add(np.abs(slip_rate[settled]))
-        self._held.append((t, velocity.copy()))
-        self._count_held += len(t)
+        self._wait(t, velocity)
 
     def repeat(self, t: float, velocity: float, force: float, slip_rate: float, count: int) -> None:
         """Take `count` more samples like the last one, at `t`, outside of long sticks."""
-        settled = count - self._unsettled(t, count)
-        if settled > 0:
-            self.forces.add(np.array([force]), settled)
-            self.speeds.add(np.abs([slip_rate]), settled)
-        # The block that has begun, whole blocks of which only their number counts, and the one that is left.
-        begun = min(-self._count_held % BLOCK, count)
-        whole = (count - begun) // BLOCK
-        self._hold(t, velocity, 0, begun)
-        for k in range(whole):
-            first = begun + k * BLOCK
-            inside = BLOCK - self._unsettled(t + first / self.rate, BLOCK)
-            if inside == BLOCK:
-                self._merge((whole - k) * BLOCK, velocity, 0.0)
-                self.correlation.repeat((whole - k) * BLOCK)
-                break
-            if inside > 0:
-                self._merge(inside, velocity, 0.0)
-                self.correlation.repeat(inside)
-        self._hold(t, velocity, begun + whole * BLOCK, count)
-
-    def _unsettled(self, t: float, count: int) -> int:
-        """How many of the `count` samples after time t come before statistics begin."""
-        return int(np.clip(np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1, 0, count))
-
-    def _hold(self, t: float, velocity: float, first: int, last: int) -> None:
-        """Hold samples number `first` to `last` after time t, all of one value."""
-        if last > first:
+        unsettled = int(np.clip(np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1, 0, count))
+        if count > unsettled:
+            self.forces.add(np.array([force]), count - unsettled)
+            self.speeds.add(np.abs([slip_rate]), count - unsettled)
+        # Between the block that is begun and the last one lie whole blocks, of which only the number counts.
+        begun = min(-self._held % BLOCK, count)
+        whole = (count - begun) // BLOCK * BLOCK
+        for first, last in ((0, begun), (begun + whole, count)):
             times = t + np.arange(first + 1, last + 1) / self.rate
-            self._held.append((times, np.full(last - first, velocity)))
-            self._count_held += last - first
+            self._wait(times, np.full(last - first, velocity))
+        # Statistics may begin within one of them.
+        before = min(max(unsettled - begun, 0), whole)
+        for settled in (-before % BLOCK, (whole - before) // BLOCK * BLOCK):
+            if settled:
+                self._merge(settled, velocity, 0.0)
+                self.correlation.repeat(settled)
+
+    def _wait(self, t: Array, velocity: Array) -> None:
+        self._waiting.append(np.array([t, velocity]))
+        self._held += len(t)
+
+    def _join(self) -> Array:
+        self._waiting = [np.concatenate(self._waiting, axis=1)]
+        return self._waiting[0]
 
     def process(self, sticks: Array, known_until: float) -> None:
-        """Work on whole blocks of samples.
-
-        Parameters
-        ----------
-        sticks : ndarray, (k, 2)
-            Long sticks, begin and end; one that goes on ends at infinity.
-        known_until : float
-            From here on it is not yet known whether a stick is a long one.
-        """
-        while self._count_held >= BLOCK and self._join()[0][BLOCK - 1] < known_until:
+        """Work on whole blocks that end before `known_until`, given the long `sticks` (k, 2) up to there."""
+        while self._held >= BLOCK and self._join()[0, BLOCK - 1] < known_until:
             self._block(BLOCK, sticks)
 
     def close(self, sticks: Array) -> None:
-        """Work on what is left."""
+        """Work on the samples that still wait."""
         self.process(sticks, np.inf)
-        self._block(self._count_held, sticks)
-
-    def _join(self) -> tuple[Array, ...]:
-        """Times and velocities that are held, each in one piece."""
-        if len(self._held) != 1:
-            pieces = self._held or [(np.zeros(0), np.zeros(0))]
-            self._held = [(np.concatenate([piece[0] for piece in pieces]), np.concatenate([p[1] for p in pieces]))]
-        return self._held[0]
+        self._block(self._held, sticks)
 
     def _block(self, count: int, sticks: Array) -> None:
-        t, velocity = (part[:count] for part in self._join())
-        self._held = [tuple(part[count:].copy() for part in self._held[0])]
-        self._count_held -= count
-        settled = int(np.searchsorted(t, self._settled_from))
-        t, velocity = t[settled:], velocity[settled:]
+        block, rest = np.split(self._join(), [count], axis=1)
+        self._waiting, self._held = [rest.copy()], self._held - count
+        t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
         if not len(t):
             return
         mean = float(velocity.mean())
@@ -262,7 +220,7 @@ class Monitor:
         return float(np.sqrt(self._squares / self._count)) if self._count else float("nan")
 
     def _merge(self, count: int, mean: float, squares: float) -> None:
-        """Count samples of which number, mean and squares about it are known."""
+        """Add samples given by their number, mean and sum of squares about it (Chan, Golub, LeVeque 1983)."""
         total = self._count + count
         difference = mean - self._mean
         self._squares += squares + difference**2 * self._count * count / total

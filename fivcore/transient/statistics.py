@@ -1,8 +1,8 @@
-"""What every method counts while it runs: first events, time in each contact state, forces, long sticks, energies.
+"""Counters of a run: first events, time in each contact state, forces, long sticks, energies.
 
-The counters of a run are a record with the fields below, part of the method's own record. Compiled methods call
-`count_step` in every step and `enter` where the contact state changes. They never read the counters for anything
-that decides the motion. All times are in seconds since the drive started, all weights are durations.
+They are fields of each method's own record. Kernels call `count_step` in every step and `enter` where the contact
+state changes, and never read a counter for anything that decides the motion. Times are in seconds since the drive
+started, weights are durations.
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ SEPARATION, STICK, SLIP = 0, 1, 2
 # Statistics start this long after the first slip, s.
 SETTLING = 0.1
 
-# When something first happened, NaN where it has not: first slip, first separation, the stick that goes on (none
-# before first slip) and the long one before it; from when on statistics count, how long after the first slip that
-# is (NaN: given beforehand), and how long a long stick lasts at least (NaN: a fifth of the time to the first
-# slip).
+# Times, NaN where there is none: first slip, first separation, begin of the present stick (none before first slip)
+# and of the last long one, start of the statistics, its delay after the first slip (NaN: the start is given), and
+# the shortest long stick (NaN: a fifth of the time to the first slip).
 EVENTS = ("first_slip", "first_separation", "stick_start", "last_stick", "settled_from", "settling", "least_stick")
 # After settling: integral and maximum of N, maximum of |slip rate|, changes of state, time in each state ...
 SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_time", "slip_time")
 # ... and from the start, the energy balance.
 ENERGIES = ("work", "damped", "friction", "termination", "impact")
-# Where the list of long sticks begins, how many there are, and how many it has room for.
+# Begin of the list of long sticks, their number, and the number that it has room for.
 LIST = ("sticks_at", "sticks", "stick_room")
 FIELDS: list[tuple[str, str]] = [
     *((name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)),
@@ -38,7 +37,7 @@ FIELDS: list[tuple[str, str]] = [
 
 @inlined
 def clear(run: Any) -> None:
-    """Begin anew what counts after settling."""
+    """Reset the counters of the time after settling."""
     run.sum_N, run.max_N, run.max_slip, run.switches = 0.0, 0.0, 0.0, 0.0
     run.separation_time, run.stick_time, run.slip_time = 0.0, 0.0, 0.0
 
@@ -59,10 +58,10 @@ def count_step(run: Any, contact: int, N: float, speed: float, weight: float) ->
 
 @inlined
 def enter(run: Any, was: int, contact: int, t: float) -> bool:
-    """Count a change of the contact state at time t; whether a long stick has ended that is to be listed.
+    """Count a change of the contact state at time t; return whether the caller has a long stick to list.
 
-    It is listed by the caller, in row `run.sticks_at + run.sticks - 1`, from `run.last_stick` to t: arrays that a
-    function with branches takes would be counted at each call.
+    Its row is `run.sticks_at + run.sticks - 1`, from `run.last_stick` to t. Given the array, this function would
+    count references at each call.
     """
     run.switches += 1.0
     listed = False

@@ -1,4 +1,4 @@
-"""What a run is asked for, in normalised form, and the drive of P2's clamp.
+"""The normalised scene, the initial state, and the motion of P2's clamp.
 
 A frozen scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
 F = 1, with V / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
@@ -28,9 +28,9 @@ class Normalised:
         V / F, m/s/N, rounded to 12 digits.
     mu : float
     load : float
-        F, N: what velocities, displacements and forces are multiplied by.
+        F, N: factor of velocities, displacements and forces.
     sense : float
-        Sign of V: what everything along x is multiplied by.
+        Sign of V: factor of everything along x.
     """
 
     rig: Rig
@@ -49,7 +49,7 @@ class Normalised:
 
 @dataclass(frozen=True)
 class State:
-    """Where a run starts: modal displacements and velocities, and the contact state.
+    """Initial modal displacements and velocities, and contact state.
 
     Attributes
     ----------
@@ -66,14 +66,14 @@ class State:
 
 
 def displacement(t: Array, speed: float, ramp: float) -> Array:
-    """Of the clamp: speed t^2 / (2 ramp), then speed (t - ramp / 2)."""
+    """Displacement of the clamp: speed t^2 / (2 ramp), then speed (t - ramp / 2)."""
     if ramp == 0.0:
         return np.asarray(speed * t)
     return np.where(t < ramp, 0.5 * speed * np.square(t) / ramp, speed * (t - 0.5 * ramp))
 
 
 def slip_distance(scene: Normalised) -> float:
-    """How far the clamp moves before the contact slips, statically, m per N of load (F = 1, N = 1)."""
+    """Static displacement of the clamp at which the contact slips, m per N of load (F = 1, N = 1)."""
     full = full_model(scene.rig, scene.theta)
     elastic = full.stiffness > 0.0
     return scene.mu * float(np.sum(full.tangential[elastic] ** 2 / full.stiffness[elastic]))
