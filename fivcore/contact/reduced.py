@@ -12,9 +12,6 @@ element of `fivcore.contact.law` in their place:
   independent of inclination, speed, load and friction. It is never below d2, their own material damping.
   "elastic" is tau = 0.
 
-What the law leaves open can be asked for otherwise, to see what it is worth: another tau, or an element whose
-static flexibility lacks its cross terms, so that normal and tangential force do not meet in it.
-
 With the termination "none" the modes above the cut-off are dropped and the kept ones touch rigidly.
 """
 
@@ -173,14 +170,8 @@ def reduced_model(
     theta: float,
     cutoff: float | None = None,
     termination: str = "absorbing",
-    relaxation_time: float | None = None,
-    cross_terms: bool = True,
 ) -> ReducedModel:
-    """The modes below `cutoff` (Hz) and the element for the others.
-
-    `relaxation_time` is tau, s (None: derived), and does not matter where the termination is not "absorbing".
-    Without `cross_terms` K and C are diagonal.
-    """
+    """The modes below `cutoff` (Hz) and the element for the others."""
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
@@ -190,8 +181,6 @@ def reduced_model(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
         )
     flexibility = full.residual(kept)
-    if not cross_terms:
-        flexibility = np.diag(np.diag(flexibility))
     # One or two modes left over are no element; with them the finite elements are complete.
     if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
         kept = np.ones(len(kept), dtype=bool)
@@ -201,15 +190,11 @@ def reduced_model(
     stiffness, damping = full.stiffness[kept], full.damping[kept]
     normal, tangential = full.normal[kept], full.tangential[kept]
     rest = equilibrium(stiffness, normal, unit_load(rig, theta)[kept], flexibility[0, 0])
-    tau = _tau(rig, cutoff, relaxation_time) if termination == "absorbing" else 0.0
+    tau = relaxation_time(rig, cutoff) if termination == "absorbing" else 0.0
     inertia, point_b = full.inertia[kept], full.point_b[kept]
     return ReducedModel(
         stiffness, damping, normal, tangential, inertia, point_b, rest, kept, np.asarray(K), np.asarray(tau * K)
     )
-
-
-def _tau(rig: Rig, cutoff: float, given: float | None) -> float:
-    return max(relaxation_time(rig, cutoff), rig.d2) if given is None else given
 
 
 def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
@@ -224,21 +209,20 @@ def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float
 
 @lru_cache(maxsize=64)
 def relaxation_time(rig: Rig, cutoff: float) -> float:
-    """Find tau of the normalised impact, s: the smallest for which contact, once made, does not ring open.
+    """Find tau of the element, s: the smallest for which contact, once made, does not ring open; at least d2.
 
-    P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is linear and
-    homogeneous, so neither speed nor load enters; the smallest normal force within the first two periods of
-    the contact is found for a trial tau, and tau by a root finder on it.
+    In the normalised impact P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is
+    linear and homogeneous, so neither speed nor load enters. The smallest normal force within the contact's first
+    two periods, 2 pi / omega each, is a function of tau, and tau its root between 0 and 2 / omega, or one of these
+    where it has no root. It is never below d2, which is the dropped modes' own material damping.
     """
     full = full_model(rig, 0.0)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
-    if kept.all():
-        return 0.0
-    flexibility = float(full.residual(kept)[0, 0])
+    flexibility = 0.0 if kept.all() else float(full.residual(kept)[0, 0])
     # Where none of the dropped modes moves along the normal of an upright P1 there is nothing to ring against.
     if flexibility == 0.0:
-        return 0.0
+        return rig.d2
+    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
     spring = 1.0 / flexibility
     start = np.zeros(len(stiffness))
     start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
@@ -250,12 +234,10 @@ def relaxation_time(rig: Rig, cutoff: float) -> float:
     def lowest(tau: float) -> float:
         return float(_smallest_force(flow, normal, start, spring, tau * spring, step, steps))
 
-    longest = 2.0 / omega
-    if lowest(0.0) >= 0.0:
-        return 0.0
-    if lowest(longest) <= 0.0:
-        return longest
-    return float(brentq(lowest, 0.0, longest, xtol=1e-6 / omega))
+    tau, longest = 0.0, 2.0 / omega
+    if lowest(0.0) < 0.0:
+        tau = brentq(lowest, 0.0, longest, xtol=1e-6 / omega) if lowest(longest) > 0.0 else longest
+    return max(float(tau), rig.d2)
 
 
 @kernel

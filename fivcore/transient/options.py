@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from fivcore import checks
+from fivcore.contact.ablation import Modify
 from fivcore.contact.reduced import TERMINATIONS
 from fivcore.jit import Array
 from fivcore.rig import Scene
 from fivcore.transient.drive import Normalised, State
 from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.record import names_of, times_of
-from fivcore.transient.switches import METHODS, switches
 
+METHODS = ("fast", "exact", "paper")
 # Samples that a record may have.
 MOST_SAMPLES = 1e8
 
@@ -49,8 +50,7 @@ class Options:
     sample_times: Array | None = None
     end_early: bool = True
     skip: bool = True
-    relaxation_time: float | None = None
-    cross_terms: bool = True
+    modify: Modify | None = None
     beta2: float | None = None
 
     @property
@@ -91,9 +91,8 @@ def options_for(scene: Scene, normalised: Normalised, given: dict[str, Any]) -> 
         for name, limits in bounds.items()
     }
     sample_rate = checks.between("sample_rate", get("sample_rate"), 1e-3, 1e9, "Hz")
-    method = checks.choice("method", get("method"), METHODS)
-    termination = checks.choice("termination", get("termination"), TERMINATIONS)
-    law = switches(method, termination, *(get(name) for name in ("relaxation_time", "cross_terms", "beta2")))
+    law = law_options(*(get(name) for name in ("method", "termination", "modify", "beta2")))
+    method = law["method"]
     motion = int(
         checks.number(
             "contact_motion",
@@ -121,10 +120,31 @@ def options_for(scene: Scene, normalised: Normalised, given: dict[str, Any]) -> 
     if method == "paper" and optional["cutoff"] is not None:
         raise ValueError(f"cutoff = {optional['cutoff']:g}: the published scheme keeps all modes; leave it out")
     return Options(
-        duration=duration, method=method, ramp=ramp, initial=initial, contact_motion=motion,
-        termination=termination, record=record, sample_rate=sample_rate, sample_times=times,
-        end_early=given["end_early"], skip=given["leap"], **optional, **law,
+        duration=duration, ramp=ramp, initial=initial, contact_motion=motion, record=record,
+        sample_rate=sample_rate, sample_times=times, end_early=given["end_early"], skip=given["leap"],
+        **optional, **law,
     )  # fmt: skip
+
+
+def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[str, Any]:
+    """Check the options that choose a method and its contact law; `fivcore.critical_mu` has them too."""
+    checks.choice("method", method, METHODS)
+    checks.choice("termination", termination, TERMINATIONS)
+    if modify is not None:
+        if not callable(modify):
+            raise ValueError(f"modify = {modify!r}: it must be a function of a reduced model, or None")
+        if method == "paper":
+            raise ValueError("modify: method 'paper' keeps all modes; leave it out")
+    if method == "exact" and termination != "absorbing":
+        raise ValueError(
+            f"termination = {termination!r}: method 'exact' needs the absorbing element; use method 'fast'"
+        )
+    if beta2 is not None:
+        if method != "paper":
+            raise ValueError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")
+        # Below 0.5 every mode grows.
+        beta2 = checks.number("beta2", beta2, "a number from 0.5 to 1", lambda x: 0.5 <= x <= 1.0)
+    return {"method": method, "termination": termination, "modify": modify, "beta2": beta2}
 
 
 def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
