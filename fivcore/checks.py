@@ -1,4 +1,4 @@
-"""What a number must be before physics sees it; every message names it, its value and what would do."""
+"""Checks of arguments; every message names the argument, its value and what is allowed."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ def count(name: str, value: Any, most: int) -> int:
 
 def theta_degrees(value: Any) -> float:
     """An inclination of P1, in degrees."""
-    return number("theta", value, "a single angle between -90 and 90 degrees, both excluded", _steep_enough)
+    allowed = "a single angle between -90 and 90 degrees, both excluded"
+    return number("theta", value, allowed, lambda theta: abs(theta) < 90.0)
 
 
 def friction(value: Any) -> float:
-    """A coefficient of friction; the largest is far beyond any and keeps the arithmetic finite."""
+    """A coefficient of friction; the bound is far beyond any and keeps the arithmetic finite."""
     return between("mu", value, 0.0, 1e6, "a coefficient of friction")
 
 
@@ -61,11 +62,9 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
     if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
         raise ValueError(f"{name} = {_short(value)}: it must be a number or an array of numbers")
     result = given.astype(float)
-    # A bad element is either not finite or at an end of the range, so three looks do.
-    finite = np.isfinite(result)
-    for suspect in (result[~finite][:1], result.min(keepdims=True), result.max(keepdims=True)):
-        for element in suspect.ravel():
-            each(float(element))
+    # If any element is bad, then one that is not finite, the smallest or the largest.
+    for element in (*result[~np.isfinite(result)][:1], result.min(), result.max()):
+        each(float(element))
     return result
 
 
@@ -85,7 +84,3 @@ def instance(name: str, value: Any, kind: type) -> None:
 def _short(value: Any) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _steep_enough(theta: float) -> bool:
-    return abs(theta) < 90.0

@@ -1,4 +1,4 @@
-"""What a transient can end with instead of an answer; each error carries the scene."""
+"""Errors of a transient; each carries its scene."""
 
 from __future__ import annotations
 

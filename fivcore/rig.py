@@ -154,13 +154,10 @@ class Scene:
         )
 
     def mirrored(self) -> Scene:
-        """The same motion seen in a mirror standing along y: V and theta change sign, nothing else."""
+        """Return the same motion seen in a mirror along y: V and theta change sign, nothing else."""
         return Scene(-self.V, -self.theta, self.mu, self.F, self.rig)
 
     @property
     def drive_theta(self) -> float:
-        """Inclination seen from the drive, degrees: theta where V > 0, -theta where V < 0.
-
-        Stability depends on V and theta through this angle alone, and not on F.
-        """
+        """Inclination seen from the drive, degrees, sign(V) theta: stability knows V only through it."""
         return self.theta if self.V > 0 else -self.theta

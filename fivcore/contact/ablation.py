@@ -1,7 +1,7 @@
-"""Modifications of a reduced model, to measure what each part of the contact element is worth.
+"""Ablations: modifications of a reduced model, to measure what each part of the contact element is worth.
 
-`fivcore.simulate` and `fivcore.critical_mu` apply such a function, their argument `modify`, to every reduced model
-that they build, the finer one of the onset included. A `functools.partial` gives it its parameters.
+`fivcore.simulate` and `fivcore.critical_mu` apply their argument `modify` to every reduced model that they build,
+the finer one of the onset included. `functools.partial` sets parameters.
 """
 
 from __future__ import annotations
@@ -25,13 +25,7 @@ def modified(model: ReducedModel, modify: Modify | None) -> ReducedModel:
 
 
 def with_relaxation_time(model: ReducedModel, tau: float) -> ReducedModel:
-    """Give the element another relaxation time: C = tau K.
-
-    Parameters
-    ----------
-    model : ReducedModel
-    tau : float
-        s; 0 makes the element elastic.
+    """Give the element the relaxation time `tau`, s: C = tau K; 0 makes it elastic.
 
     Raises
     ------

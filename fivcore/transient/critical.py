@@ -1,9 +1,7 @@
-"""Where a method's contact force stops being unique (Painleve's paradox).
+"""Where a method's contact force stops being unique (Painleve's paradox), by the divisors of its slip.
 
-The condition belongs to the method, for each divides by something of its own when it slips:
-
-- "paper": W_NN +- mu W_NT r / (1 + r), W the gaps that unit forces close within a step, r = dt / tau;
-- "exact" and "fast": what their reduced model divides by (`fivcore.contact.uniqueness`).
+For "paper" they are W_NN +- mu W_NT r / (1 + r), W the gaps that unit forces close within a step, r = dt / tau;
+for "exact" and "fast" those of their reduced model (`fivcore.contact.uniqueness`).
 """
 
 from __future__ import annotations
@@ -55,8 +53,7 @@ def critical_mu(
     law = law_options(method, termination, modify, beta2)
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        dt = published.STEP if step is None else step
-        b = published.BETA2 if beta2 is None else law["beta2"]
+        dt, b = step or published.STEP, law["beta2"] or published.BETA2
         W = published.contact_closing(full_model(rig, theta), dt, b)
         r = dt / published.TAU
         return ratio(W[0] * (1.0 + r) / r, W[1])
