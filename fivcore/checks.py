@@ -18,7 +18,7 @@ def number(name: str, value: Any, allowed: str, accept: Callable[[float], bool])
         result = math.nan
     if not (math.isfinite(result) and accept(result)):
         value = value.item() if isinstance(value, np.generic) else value
-        raise ValueError(f"{name} = {_short(value)}: it must be {allowed}")
+        raise ValueError(f"{name} = {short(value)}: it must be {allowed}")
     return result
 
 
@@ -60,7 +60,7 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
     if given.size == 0:
         return np.zeros(given.shape)
     if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
-        raise ValueError(f"{name} = {_short(value)}: it must be a number or an array of numbers")
+        raise ValueError(f"{name} = {short(value)}: it must be a number or an array of numbers")
     result = given.astype(float)
     # If any element is bad, then one that is not finite, the smallest or the largest.
     for element in (*result[~np.isfinite(result)][:1], result.min(), result.max()):
@@ -68,19 +68,19 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
     return result
 
 
-def choice(name: str, value: Any, allowed: tuple[str, ...]) -> str:
-    """One of a few words."""
+def choice(name: str, value: Any, allowed: tuple[str, ...]) -> None:
+    """Raise unless `value` is one of a few words."""
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} = {_short(value)}: it must be one of {', '.join(allowed)}")
-    return str(value)
+        raise ValueError(f"{name} = {short(value)}: it must be one of {', '.join(allowed)}")
 
 
 def instance(name: str, value: Any, kind: type) -> None:
     """Raise unless `value` is a `kind`."""
     if not isinstance(value, kind):
-        raise ValueError(f"{name} = {_short(value)}: it must be a {kind.__name__}")
+        raise ValueError(f"{name} = {short(value)}: it must be a {kind.__name__}")
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A value in a message: one line of at most 60 characters."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -60,11 +60,6 @@ class Basis:
         for part in vars(self).values():
             part.setflags(write=False)
 
-    @property
-    def frequency(self) -> Array:
-        """Natural frequencies, Hz."""
-        return np.asarray(np.sqrt(self.stiffness) / (2.0 * np.pi))
-
 
 @lru_cache(maxsize=16)
 @one_blas_thread()

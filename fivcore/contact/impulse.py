@@ -68,18 +68,16 @@ def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, A
     defect, drift : ndarray, (n,)
         s2, and s.
     """
-    decay = 0.5 * damping * step
-    phase = np.sqrt((stiffness * step**2 - decay**2).astype(complex))
-    small = stiffness * step**2 < SMALL**2
+    decay, spring = 0.5 * damping * step, stiffness * step**2
+    phase, small = np.sqrt((spring - decay**2).astype(complex)), spring < SMALL**2
     safe = np.where(np.abs(phase) < 1e-6, 1e-6, phase)
     left = np.exp(-decay)
     sine = left * (np.sin(safe) / safe).real
     # Determinant of the identity less one step's flow, without cancellation.
     determinant = np.where(small, 1.0, (1.0 - left) ** 2 + 4.0 * left * (np.sin(0.5 * safe) ** 2).real)
-    spring = np.where(small, 1.0, stiffness * step**2)
-    series = (1.0 + (stiffness * step**2 - 4.0 * decay**2) / 60.0) / 12.0
-    defect = np.where(small, series, 1.0 / spring - sine / determinant)
-    series = (1.0 + (stiffness * step**2 - 2.0 * decay**2) / 30.0) * decay / 6.0
+    series = (1.0 + (spring - 4.0 * decay**2) / 60.0) / 12.0
+    defect = np.where(small, series, 1.0 / np.where(small, 1.0, spring) - sine / determinant)
+    series = (1.0 + (spring - 2.0 * decay**2) / 30.0) * decay / 6.0
     drift = np.where(small, series, (-0.5 * np.expm1(-2.0 * decay) - decay * sine) / determinant)
     return step**2 * defect, step * drift
 

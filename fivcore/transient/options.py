@@ -132,7 +132,7 @@ def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[
     checks.choice("termination", termination, TERMINATIONS)
     if modify is not None:
         if not callable(modify):
-            raise ValueError(f"modify = {modify!r}: it must be a function of a reduced model, or None")
+            raise ValueError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
         if method == "paper":
             raise ValueError("modify: method 'paper' keeps all modes; leave it out")
     if method == "exact" and termination != "absorbing":
