@@ -81,6 +81,9 @@ def test_fast_and_exact_solve_the_same_changed_law(modify):
 def test_tau_zero_is_the_elastic_termination():
     zero = first_contact(cutoff=CUTOFF, modify=relaxing(0.0))
     assert same(zero, first_contact(cutoff=CUTOFF, termination="elastic"))
+    modify = relaxing(1e-7)
+    elastic = first_contact(cutoff=CUTOFF, termination="elastic", modify=modify)
+    assert same(elastic, first_contact(cutoff=CUTOFF, modify=modify))
 
 
 @pytest.mark.parametrize("modify", [relaxing(1e-7), without_cross_terms])
@@ -143,6 +146,7 @@ def test_exact_needs_a_dashpot():
         ("exact", {"termination": "elastic"}, "termination = 'elastic': method 'exact' needs the absorbing"),
         ("paper", {"modify": relaxing(1e-7)}, "modify: method 'paper' keeps all modes; leave it out"),
         ("fast", {"modify": 0}, "modify = 0: it must be a function of a reduced model, or None"),
+        ("fast", {"modify": np.zeros((9, 9))}, "modify = array([[0., 0., "),
         ("fast", {"beta2": 0.8}, "beta2 = 0.8: method 'fast' has none, only 'paper'; leave it out"),
         ("exact", {"beta2": 0.5}, "beta2 = 0.5: method 'exact' has none"),
         ("paper", {"beta2": 0.49}, "beta2 = 0.49: it must be a number from 0.5 to 1"),
