@@ -111,11 +111,11 @@ class Rig:
         for name in ("p1", "p2"):
             checks.instance(f"Rig: {name}", getattr(self, name), Beam)
         most, on_p2 = self.p2.length, f"above 0 and at most P2's length, {self.p2.length:g} m"
-        D = checks.number("Rig: contact_position", self.contact_position, on_p2, lambda x: 0.0 < x <= most)
+        position = checks.number("Rig: contact_position", self.contact_position, on_p2, lambda x: 0.0 < x <= most)
         _check(self, {"head_mass": (0.0, 1e15, "kg"), "d1": (0.0, 1e12, "1/s"), "d2": (0.0, 1e6, "s")})
         on_p1 = "a fraction of P1's length, from 0 at C to 1 at A"
-        B = checks.number("Rig: point_b", self.point_b, on_p1, lambda x: 0.0 <= x <= 1.0)
-        _set(self, contact_position=D, point_b=B)
+        point_b = checks.number("Rig: point_b", self.point_b, on_p1, lambda x: 0.0 <= x <= 1.0)
+        _set(self, contact_position=position, point_b=point_b)
 
 
 @dataclass(frozen=True)
