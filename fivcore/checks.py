@@ -1,4 +1,4 @@
-"""What a number must be before physics sees it; every message names it, its value and what would do."""
+"""Checks of arguments; every message names the argument, its value and what is allowed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def number(name: str, value: Any, allowed: str, accept: Callable[[float], bool])
         result = math.nan
     if not (math.isfinite(result) and accept(result)):
         value = value.item() if isinstance(value, np.generic) else value
-        raise ValueError(f"{name} = {_short(value)}: it must be {allowed}")
+        raise ValueError(f"{name} = {short(value)}: it must be {allowed}")
     return result
 
 
@@ -35,11 +35,12 @@ def count(name: str, value: Any, most: int) -> int:
 
 def theta_degrees(value: Any) -> float:
     """An inclination of P1, in degrees."""
-    return number("theta", value, "a single angle between -90 and 90 degrees, both excluded", _steep_enough)
+    allowed = "a single angle between -90 and 90 degrees, both excluded"
+    return number("theta", value, allowed, lambda theta: abs(theta) < 90.0)
 
 
 def friction(value: Any) -> float:
-    """A coefficient of friction; the largest is far beyond any and keeps the arithmetic finite."""
+    """A coefficient of friction; the bound is far beyond any and keeps the arithmetic finite."""
     return between("mu", value, 0.0, 1e6, "a coefficient of friction")
 
 
@@ -59,33 +60,27 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
     if given.size == 0:
         return np.zeros(given.shape)
     if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
-        raise ValueError(f"{name} = {_short(value)}: it must be a number or an array of numbers")
+        raise ValueError(f"{name} = {short(value)}: it must be a number or an array of numbers")
     result = given.astype(float)
-    # A bad element is either not finite or at an end of the range, so three looks do.
-    finite = np.isfinite(result)
-    for suspect in (result[~finite][:1], result.min(keepdims=True), result.max(keepdims=True)):
-        for element in suspect.ravel():
-            each(float(element))
+    # If any element is bad, then one that is not finite, the smallest or the largest.
+    for element in (*result[~np.isfinite(result)][:1], result.min(), result.max()):
+        each(float(element))
     return result
 
 
-def choice(name: str, value: Any, allowed: tuple[str, ...]) -> str:
-    """One of a few words."""
+def choice(name: str, value: Any, allowed: tuple[str, ...]) -> None:
+    """Raise unless `value` is one of a few words."""
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} = {_short(value)}: it must be one of {', '.join(allowed)}")
-    return str(value)
+        raise ValueError(f"{name} = {short(value)}: it must be one of {', '.join(allowed)}")
 
 
 def instance(name: str, value: Any, kind: type) -> None:
     """Raise unless `value` is a `kind`."""
     if not isinstance(value, kind):
-        raise ValueError(f"{name} = {_short(value)}: it must be a {kind.__name__}")
+        raise ValueError(f"{name} = {short(value)}: it must be a {kind.__name__}")
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A value in a message: one line of at most 60 characters."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _steep_enough(theta: float) -> bool:
-    return abs(theta) < 90.0

@@ -1,4 +1,4 @@
-"""What a transient can end with instead of an answer; each error carries the scene."""
+"""Errors of a transient; each carries its scene."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ class DivergenceError(SceneError):
 
 
 def not_unique(mu: float, critical: float) -> ContactError:
-    """The error for a coefficient of friction at or beyond the critical one."""
-    return ContactError(
-        f"mu = {mu:g}: from {critical:.6g} on the contact force of this method is not unique (Painleve)"
-    )
+    """Make the error for a coefficient of friction at or beyond the critical one."""
+    text = f"mu = {mu:g}: from {critical:.6g} on the contact force of this method is not unique (Painleve)"
+    return ContactError(text)

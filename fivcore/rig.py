@@ -1,4 +1,4 @@
-"""What is studied: two beams, the rig they make, and one scene of it (Tables 1 to 3 of the paper).
+"""Two beams, the rig they make, and one operating point of it (Tables 1 to 3 of the paper).
 
 Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853, called "the paper" throughout.
 """
@@ -6,10 +6,23 @@ Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853, called "the pa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from fivcore import checks
 
 MOST_ELEMENTS = 1000
+
+
+def _set(frozen: Any, **values: Any) -> None:
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
+def _check(frozen: Any, ranges: dict[str, tuple[float, float, str]]) -> None:
+    """Hold attributes to their ranges (lowest, highest, unit) and make them floats."""
+    for name, limits in ranges.items():
+        label = f"{type(frozen).__name__}: {name}"
+        _set(frozen, **{name: checks.between(label, getattr(frozen, name), *limits)})
 
 
 @dataclass(frozen=True)
@@ -41,18 +54,9 @@ class Beam:
     elements: int
 
     def __post_init__(self) -> None:
-        ranges = {
-            "length": (1e-9, 1e6, "m"),
-            "width": (1e-9, 1e6, "m"),
-            "thickness": (1e-9, 1e6, "m"),
-            "young_modulus": (1e-3, 1e25, "Pa"),
-            "density": (1e-6, 1e9, "kg/m3"),
-        }
-        for name, (low, high, unit) in ranges.items():
-            checked = checks.between(f"Beam: {name}", getattr(self, name), low, high, unit)
-            object.__setattr__(self, name, checked)
-        elements = checks.count("Beam: elements", self.elements, MOST_ELEMENTS)
-        object.__setattr__(self, "elements", elements)
+        sizes = dict.fromkeys(("length", "width", "thickness"), (1e-9, 1e6, "m"))
+        _check(self, sizes | {"young_modulus": (1e-3, 1e25, "Pa"), "density": (1e-6, 1e9, "kg/m3")})
+        _set(self, elements=checks.count("Beam: elements", self.elements, MOST_ELEMENTS))
 
     @property
     def mass(self) -> float:
@@ -106,26 +110,12 @@ class Rig:
     def __post_init__(self) -> None:
         for name in ("p1", "p2"):
             checks.instance(f"Rig: {name}", getattr(self, name), Beam)
-        reach = self.p2.length
-        checked = {
-            "contact_position": checks.number(
-                "Rig: contact_position",
-                self.contact_position,
-                f"above 0 and at most P2's length, {reach:g} m",
-                lambda x: 0.0 < x <= reach,
-            ),
-            "head_mass": checks.between("Rig: head_mass", self.head_mass, 0.0, 1e15, "kg"),
-            "d1": checks.between("Rig: d1", self.d1, 0.0, 1e12, "1/s"),
-            "d2": checks.between("Rig: d2", self.d2, 0.0, 1e6, "s"),
-            "point_b": checks.number(
-                "Rig: point_b",
-                self.point_b,
-                "a fraction of P1's length, from 0 at C to 1 at A",
-                lambda x: 0.0 <= x <= 1.0,
-            ),
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        most, on_p2 = self.p2.length, f"above 0 and at most P2's length, {self.p2.length:g} m"
+        position = checks.number("Rig: contact_position", self.contact_position, on_p2, lambda x: 0.0 < x <= most)
+        _check(self, {"head_mass": (0.0, 1e15, "kg"), "d1": (0.0, 1e12, "1/s"), "d2": (0.0, 1e6, "s")})
+        on_p1 = "a fraction of P1's length, from 0 at C to 1 at A"
+        point_b = checks.number("Rig: point_b", self.point_b, on_p1, lambda x: 0.0 <= x <= 1.0)
+        _set(self, contact_position=position, point_b=point_b)
 
 
 @dataclass(frozen=True)
@@ -154,22 +144,20 @@ class Scene:
 
     def __post_init__(self) -> None:
         checks.instance("Scene: rig", self.rig, Rig)
-        speed = checks.number(
-            "V", self.V, "a speed of 1e-100 to 1e+100 m/s, of either sign", lambda x: 1e-100 <= abs(x) <= 1e100
+        allowed = "a speed of 1e-100 to 1e+100 m/s, of either sign"
+        _set(
+            self,
+            V=checks.number("V", self.V, allowed, lambda x: 1e-100 <= abs(x) <= 1e100),
+            theta=checks.theta_degrees(self.theta),
+            mu=checks.friction(self.mu),
+            F=checks.between("F", self.F, 1e-100, 1e100, "N"),
         )
-        object.__setattr__(self, "V", speed)
-        object.__setattr__(self, "theta", checks.theta_degrees(self.theta))
-        object.__setattr__(self, "mu", checks.friction(self.mu))
-        object.__setattr__(self, "F", checks.between("F", self.F, 1e-100, 1e100, "N"))
 
     def mirrored(self) -> Scene:
-        """The same motion seen in a mirror standing along y: V and theta change sign, nothing else."""
+        """Return the same motion seen in a mirror along y: V and theta change sign, nothing else."""
         return Scene(-self.V, -self.theta, self.mu, self.F, self.rig)
 
     @property
     def drive_theta(self) -> float:
-        """Inclination seen from the drive, degrees: theta where V > 0, -theta where V < 0.
-
-        Stability depends on V and theta through this angle alone, and not on F.
-        """
+        """Inclination seen from the drive, degrees, sign(V) theta: stability knows V only through it."""
         return self.theta if self.V > 0 else -self.theta

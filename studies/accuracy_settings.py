@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Rig, Scene
-from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model, relaxation_time
+from fivcore.contact.ablation import modified, with_dashpot, without_cross_terms
+from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import published
 from studies import paper
@@ -33,8 +35,6 @@ SCENES = (
     ("12 degrees", 3e-3, 12.0, 0.35, paper.LOAD),
 )
 
-# What `fivcore.contact.reduced.reduced_model` is asked for.
-MODEL = ("cutoff", "termination", "relaxation_time", "cross_terms")
 # Of a method's largest stable step: to stay below it.
 BELOW = 0.98
 # Relative tolerance of solve_ivp.
@@ -154,10 +154,9 @@ def arguments(method: int, option: Option, scene: Scene) -> dict[str, Any]:
     elif option.kind == "termination":
         given["termination"] = option.value
     elif option.kind == "tau":
-        own = max(relaxation_time(scene.rig, default_cutoff(scene.rig)), scene.rig.d2)
-        given["relaxation_time"] = float(option.value) * own
+        given["modify"] = partial(with_dashpot, factor=float(option.value))
     elif option.kind == "cross terms":
-        given["cross_terms"] = False
+        given["modify"] = without_cross_terms
     elif option.kind == "leaps":
         given["leap"] = False
     elif option.kind == "contact":
@@ -169,7 +168,8 @@ def arguments(method: int, option: Option, scene: Scene) -> dict[str, Any]:
 
 def model_of(scene: Scene, given: Mapping[str, Any]) -> ReducedModel:
     """The reduced model that arguments of `fivcore.simulate` stand for."""
-    return reduced_model(scene.rig, scene.drive_theta, **{name: given[name] for name in MODEL if name in given})
+    chosen = {name: given[name] for name in ("cutoff", "termination") if name in given}
+    return modified(reduced_model(scene.rig, scene.drive_theta, **chosen), given.get("modify"))
 
 
 def step_limit(method: int, scene: Scene, given: Mapping[str, Any]) -> float:

@@ -18,6 +18,11 @@ def bar(elements: int) -> Beam:
     return Beam(0.15, 0.015, 0.003, 185e9, 7900.0, elements)
 
 
+def frequency(basis) -> np.ndarray:
+    """Natural frequencies, Hz."""
+    return np.sqrt(basis.stiffness) / (2.0 * np.pi)
+
+
 def analytic(equation, number: int, beam: Beam) -> np.ndarray:
     """Frequencies, Hz, from the roots beta L of a beam's characteristic equation, at most one between k pi."""
     edges = np.pi * np.arange(number + 2)
@@ -39,7 +44,7 @@ def order(frequencies, exact: np.ndarray, meshes: list[int]) -> np.ndarray:
 
 def test_clamped_free_beam_converges_at_fourth_order():
     exact = analytic(lambda x: np.cos(x) + 1.0 / np.cosh(x), 4, bar(1))
-    orders = order(lambda n: lower_basis(bar(n), 0.1).frequency[:4], exact, [8, 16, 32])
+    orders = order(lambda n: frequency(lower_basis(bar(n), 0.1))[:4], exact, [8, 16, 32])
     np.testing.assert_allclose(orders, 4.0, atol=0.15)
 
 
@@ -63,7 +68,7 @@ def test_clamped_free_bar_converges_at_second_order():
 
     def longitudinal(n: int) -> np.ndarray:
         basis = lower_basis(bar(n), 0.1)
-        return basis.frequency[basis.tangential != 0.0][:3]
+        return frequency(basis)[basis.tangential != 0.0][:3]
 
     errors = np.array([np.abs(longitudinal(n) / exact - 1.0) for n in (32, 64, 128)])
     np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.05)
@@ -103,7 +108,7 @@ def test_all_modes_together_are_the_finite_element_model(theta):
 @settings(max_examples=20, deadline=None)
 def test_residual_flexibility_completes_the_kept_modes(seed, theta):
     upper, _ = rig_bases(workshop_rig(seed), theta)
-    kept = upper.frequency < np.median(upper.frequency)
+    kept = upper.stiffness < np.median(upper.stiffness)
     shape = np.stack([upper.normal, upper.tangential])
     elastic = upper.stiffness > 0.0
     total = (shape[:, elastic] / upper.stiffness[elastic]) @ shape[:, elastic].T

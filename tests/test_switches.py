@@ -1,11 +1,13 @@
-"""What may be asked of a contact law beyond its defaults: its relaxation time, its cross terms, and beta2."""
+"""Ablations of the contact: the relaxation time and the cross terms of its element, and beta2."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, critical_mu, simulate
+from fivcore.contact.ablation import modified, with_relaxation_time, without_cross_terms
 from fivcore.contact.reduced import full_model, reduced_model, relaxation_time
 from fivcore.contact.step_map import at_most
 from fivcore.transient.published import BETA2, TAU, contact_closing, largest_step
@@ -14,6 +16,10 @@ SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
 CUTOFF = 75e3
 # Past the first separation at 5 mm/s.
 BURST = 0.04
+
+
+def relaxing(tau):
+    return partial(with_relaxation_time, tau=tau)
 
 
 def same(one, other):
@@ -28,7 +34,7 @@ def test_tau_scales_the_dashpot_and_nothing_else():
     own = reduced_model(Rig(), 5.0, CUTOFF)
     tau = relaxation_time(Rig(), CUTOFF)
     for factor in (0.0, 0.5, 2.0):
-        model = reduced_model(Rig(), 5.0, CUTOFF, relaxation_time=factor * tau)
+        model = with_relaxation_time(own, factor * tau)
         np.testing.assert_allclose(model.C, factor * own.C, rtol=1e-14)
         assert np.array_equal(model.K, own.K)
         assert np.array_equal(model.rest, own.rest)
@@ -36,15 +42,22 @@ def test_tau_scales_the_dashpot_and_nothing_else():
 
 def test_without_cross_terms_normal_and_tangential_flexibility_stay():
     own = reduced_model(Rig(), 20.0, CUTOFF)
-    model = reduced_model(Rig(), 20.0, CUTOFF, cross_terms=False)
+    model = without_cross_terms(own)
     assert own.K[0, 1] != 0.0
     assert np.count_nonzero(model.K) == np.count_nonzero(model.C) == 2
     np.testing.assert_allclose(1.0 / np.diag(model.K), np.diag(np.linalg.inv(own.K)), rtol=1e-12)
+    np.testing.assert_allclose(model.C, own.C[0, 0] / own.K[0, 0] * model.K, rtol=1e-14)
+
+
+def test_scenes_share_a_modified_model():
+    own, modify = reduced_model(Rig(), 5.0, CUTOFF), relaxing(1e-7)
+    assert modified(own, None) is own
+    assert modified(own, modify) is modified(own, modify) is not own
 
 
 @pytest.mark.parametrize("method", ["fast", "exact"])
 def test_the_derived_tau_asked_for_by_its_value_changes_no_bit(method):
-    asked = {"cutoff": CUTOFF, "relaxation_time": relaxation_time(Rig(), CUTOFF)}
+    asked = {"cutoff": CUTOFF, "modify": relaxing(relaxation_time(Rig(), CUTOFF))}
     assert same(first_contact(method, cutoff=CUTOFF), first_contact(method, **asked))
 
 
@@ -52,13 +65,13 @@ def test_the_papers_beta2_asked_for_by_its_value_changes_no_bit():
     assert same(first_contact("paper"), first_contact("paper", beta2=BETA2))
 
 
-@pytest.mark.parametrize("asked", [{"relaxation_time": 1e-7}, {"cross_terms": False}])
-def test_fast_and_exact_solve_the_same_changed_law(asked):
+@pytest.mark.parametrize("modify", [relaxing(1e-7), without_cross_terms])
+def test_fast_and_exact_solve_the_same_changed_law(modify):
     """Until the surfaces part they agree better with each other than with the law as it is."""
     step = 1e-7
     runs = [
         simulate(SCENE, BURST, method, cutoff=CUTOFF, step=step, record=True, sample_rate=1.0 / step, **given)
-        for method, given in (("fast", asked), ("exact", asked), ("exact", {}))
+        for method, given in (("fast", {"modify": modify}), ("exact", {"modify": modify}), ("exact", {}))
     ]
     until = int(min(run.summary["first_separation_time"] for run in runs) / step) - 1
     fast, exact, plain = (run.velocity_B[:until] for run in runs)
@@ -66,15 +79,27 @@ def test_fast_and_exact_solve_the_same_changed_law(asked):
 
 
 def test_tau_zero_is_the_elastic_termination():
-    zero = first_contact(cutoff=CUTOFF, relaxation_time=0.0)
+    zero = first_contact(cutoff=CUTOFF, modify=relaxing(0.0))
     assert same(zero, first_contact(cutoff=CUTOFF, termination="elastic"))
+    modify = relaxing(1e-7)
+    elastic = first_contact(cutoff=CUTOFF, termination="elastic", modify=modify)
+    assert same(elastic, first_contact(cutoff=CUTOFF, modify=modify))
 
 
-def test_the_onset_follows_the_cross_terms():
-    """Unless a cut-off is given the first burst is reached by a finer model, which must obey the same law."""
-    times = [simulate(SCENE, BURST, cross_terms=kept).summary["first_separation_time"] for kept in (True, False)]
+@pytest.mark.parametrize("modify", [relaxing(1e-7), without_cross_terms])
+def test_the_onset_obeys_the_changed_law_too(modify):
+    """Unless a cut-off is given the first burst is reached by a finer model."""
+    changed = []
+
+    def noted(model):
+        changed.append(len(model.rest))
+        return modify(model)
+
+    times = [simulate(SCENE, BURST, modify=each).summary["first_separation_time"] for each in (None, noted)]
     assert np.isfinite(times).all()
     assert times[0] != times[1]
+    assert len(changed) == 2
+    assert changed[1] > changed[0]
 
 
 @pytest.mark.parametrize("beta2", [0.5, 0.65, 1.0])
@@ -86,38 +111,42 @@ def test_the_stable_step_follows_beta2(beta2):
         simulate(SCENE, 1e-6, "paper", beta2=beta2, step=1.001 * limit)
 
 
-def test_critical_friction_follows_the_switches():
+def test_critical_friction_follows_ablations():
     theta = 20.0
-    assert critical_mu(Rig(), theta, "exact", cross_terms=False) == np.inf
+    assert critical_mu(Rig(), theta, "exact", modify=without_cross_terms) == np.inf
     elastic = critical_mu(Rig(), theta, "fast", termination="elastic")
-    assert critical_mu(Rig(), theta, "fast", relaxation_time=0.0) == elastic
+    assert critical_mu(Rig(), theta, "fast", modify=relaxing(0.0)) == elastic
     W = contact_closing(full_model(Rig(), theta), 2e-8, 0.5)
     by_hand = abs(W[0] / W[1]) * (1.0 + TAU / 2e-8)
     assert critical_mu(Rig(), theta, "paper", beta2=0.5) == pytest.approx(by_hand, rel=1e-12)
     assert by_hand != critical_mu(Rig(), theta, "paper")
 
 
+def test_exact_needs_a_dashpot():
+    with pytest.raises(ValueError, match=r"cutoff = 75000: the relaxation time .* is 0, and method 'exact' needs"):
+        simulate(SCENE, 1e-3, "exact", cutoff=CUTOFF, modify=relaxing(0.0))
+
+
 @pytest.mark.parametrize(
     ("method", "given", "text"),
     [
-        ("fast", {"relaxation_time": -1e-9}, "relaxation_time = -1e-09: it must be a number from 0 to 1 (s)"),
-        ("fast", {"relaxation_time": 1e-7, "termination": "elastic"}, "relaxation_time = 1e-07: termination"),
-        ("fast", {"relaxation_time": 1e-7, "termination": "none"}, "termination 'none' has none; leave it out"),
-        ("exact", {"relaxation_time": 1e-7, "termination": "none"}, "termination = 'none': method 'exact' needs"),
+        ("fast", {"modify": relaxing(-1e-9)}, "tau = -1e-09: it must be a number from 0 to 1 (s)"),
         (
-            "exact",
-            {"termination": "elastic"},
-            "termination = 'elastic': method 'exact' needs the absorbing",
+            "fast",
+            {"modify": relaxing(1e-7), "termination": "none"},
+            "modify: with termination 'none', or every mode",
         ),
+        ("fast", {"modify": without_cross_terms, "cutoff": 1e9}, "modify: with termination 'none', or every mode"),
         (
-            "exact",
-            {"relaxation_time": 0.0},
-            "relaxation_time = 0: method 'exact' needs a time above 0; use",
+            "fast",
+            {"modify": without_cross_terms, "termination": "none"},
+            "there is no element to modify; leave it out",
         ),
-        ("paper", {"relaxation_time": 1e-7}, "relaxation_time = 1e-07: method 'paper' keeps all modes"),
-        ("fast", {"cross_terms": 0}, "cross_terms = 0: it must be a bool"),
-        ("paper", {"cross_terms": False}, "cross_terms = False: method 'paper' keeps all modes"),
-        ("fast", {"cross_terms": False, "termination": "none"}, "cross_terms = False: termination 'none'"),
+        ("exact", {"modify": relaxing(1e-7), "termination": "none"}, "termination = 'none': method 'exact' needs"),
+        ("exact", {"termination": "elastic"}, "termination = 'elastic': method 'exact' needs the absorbing"),
+        ("paper", {"modify": relaxing(1e-7)}, "modify: method 'paper' keeps all modes; leave it out"),
+        ("fast", {"modify": 0}, "modify = 0: it must be a function of a reduced model, or None"),
+        ("fast", {"modify": np.zeros((9, 9))}, "modify = array([[0., 0., "),
         ("fast", {"beta2": 0.8}, "beta2 = 0.8: method 'fast' has none, only 'paper'; leave it out"),
         ("exact", {"beta2": 0.5}, "beta2 = 0.5: method 'exact' has none"),
         ("paper", {"beta2": 0.49}, "beta2 = 0.49: it must be a number from 0.5 to 1"),

@@ -1,13 +1,13 @@
 """Euler-Bernoulli beam elements with consistent mass, assembled to cantilevers in the beam's own frame.
 
-Node 0 is clamped; the s axis runs from it along the beam. Each node has an axial displacement u, a deflection w
-and a rotation phi = dw/ds. Axial and bending motion do not couple in this frame, so they are assembled as two
-families: a family's degrees of freedom are (u) or (w, phi), node after node. u is linear in an element, with an
-error of the frequencies of O(h^2); w is cubic (Hermite), with one of O(h^4).
+Node 0 is clamped; the s axis runs from it along the beam. Axial and bending motion do not couple in this frame, so
+they are assembled as two families with the degrees of freedom u (axial displacement), or w and phi = dw/ds
+(deflection and rotation), node after node. u is linear in an element and w cubic (Hermite): the frequencies have
+errors of O(h^2) and O(h^4).
 
-Besides K and M there is a square root of the flexibility, K^-1 = R R^T, in closed form: the deformations of the
-elements between a node and the clamp move it like a rigid body. Inverting K would lose digits in proportion to the
-fourth power of the number of elements; R loses none.
+The flexibility's root R, K^-1 = R R^T, has a closed form: the deformation of every element between a node and the
+clamp moves the node like a rigid body. Inverting K would lose digits in proportion to the fourth power of the
+number of elements; R loses none.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ class Family:
     flexibility_root : ndarray, (n, n)
         R with R R^T = stiffness^-1.
     carried : ndarray, (n,)
-        Base excitation: minus the force on the free nodes for a unit acceleration of node 0, which is the mass
-        matrix times a unit translation of the whole beam; kg.
+        Base excitation, kg: the mass matrix times a unit translation of the whole beam.
     """
 
     stiffness: Array

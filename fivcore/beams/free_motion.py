@@ -1,4 +1,4 @@
-"""Exact motion of free damped modes, q'' + c q' + k q = 0, over a step, by their characteristic roots."""
+"""Exact motion of free damped modes over a step, by their characteristic roots."""
 
 from __future__ import annotations
 

@@ -1,11 +1,9 @@
-"""Modal bases of the two separate beams, and how the contact sees them.
+"""Modal bases of the two separate beams, and their displacement at the contact.
 
 Two forces at one point are the only coupling between the beams. In the modes of the separate beams everything else
-is diagonal, so a beam is given by its squared angular frequencies and by how far each mode opens the gap (normal)
-and shifts it (tangential). All modes together are the finite-element model, exactly.
-
-Signs: the gap g_N = y_C - y_D is open when positive, g_T = x_C - x_D. The normal force N >= 0 and the tangential
-force T act on P1 along +y and +x, and the opposite way on P2.
+is diagonal: squared angular frequencies, and how far each mode opens the gap (normal) and shifts it (tangential).
+All modes together are exactly the finite-element model. The gap g_N = y_C - y_D is open when positive,
+g_T = x_C - x_D; N >= 0 and T act on P1 along +y and +x, and the opposite way on P2.
 """
 
 from __future__ import annotations
@@ -62,30 +60,20 @@ class Basis:
         for part in vars(self).values():
             part.setflags(write=False)
 
-    @property
-    def frequency(self) -> Array:
-        """Natural frequencies, Hz."""
-        return np.asarray(np.sqrt(self.stiffness) / (2.0 * np.pi))
-
 
 @lru_cache(maxsize=16)
 @one_blas_thread()
 def lower_basis(beam: Beam, contact_position: float) -> Basis:
-    """Modes of P2 alone: clamped at one end, free at the other; bending first, then axial.
+    """Modes of P2 alone, a cantilever; bending first, then axial.
 
-    Neither theta, nor mu, V and F enter. The contact lies on the neutral axis, so the two families do not
-    couple: bending modes have no tangential, axial modes no normal part.
+    The contact lies on the neutral axis: bending modes have no tangential, axial modes no normal part.
     """
-    (axial_values, axial_vectors), (bending_values, bending_vectors) = cantilever_modes(beam)
+    (axial_values, u), (bending_values, w) = cantilever_modes(beam)
     axial_row, bending_row = hermite(beam, contact_position)
-    na, nb = len(axial_values), len(bending_values)
-    normal, tangential = np.zeros(nb + na), np.zeros(nb + na)
-    normal[:nb] = -bending_row @ bending_vectors
-    tangential[nb:] = -axial_row @ axial_vectors
-    shapes = np.zeros((beam.elements + 1, 3, nb + na))
-    shapes[1:, 0, nb:] = axial_vectors
-    shapes[1:, 1, :nb] = bending_vectors[0::2]
-    shapes[1:, 2, :nb] = bending_vectors[1::2]
+    nb, n = len(bending_values), 3 * beam.elements
+    normal, tangential, shapes = np.zeros(n), np.zeros(n), np.zeros((beam.elements + 1, 3, n))
+    normal[:nb], tangential[nb:] = -bending_row @ w, -axial_row @ u
+    shapes[1:, 0, nb:], shapes[1:, 1, :nb], shapes[1:, 2, :nb] = u, w[0::2], w[1::2]
     s = np.linspace(0.0, beam.length, beam.elements + 1)
     nodes = np.stack([s - contact_position, np.zeros_like(s)], axis=1)
     return Basis(np.append(bending_values, axial_values), _clean(normal), _clean(tangential), nodes, shapes)
@@ -96,26 +84,24 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
 def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
 
-    The motion is split into the support's, Y along y, and the beam's relative to it, v, of a cantilever clamped at
-    A. Without contact nothing holds Y, so m_total Y + carried^T v = 0, and the elastic modes are those of the
-    cantilever with the mass matrix M - carried carried^T / m_total. theta enters only here.
+    The motion is that of the support, Y along y, and relative to it that of a cantilever clamped at A, v. Without
+    contact m_total Y + carried^T v = 0, so the elastic modes are those of the cantilever with the mass matrix
+    M - carried carried^T / m_total. theta enters only here.
     """
     along, across = families(beam)
-    na, nb = len(along.carried), len(across.carried)
+    na, total = len(along.carried), beam.mass + head_mass
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     # The beam's own axes, from A down to C and across it, in terms of x and y.
     axis, transverse = np.array([-sine, -cosine]), np.array([cosine, -sine])
-
-    total = beam.mass + head_mass
     carried = np.concatenate([along.carried * axis[1], across.carried * transverse[1]])
     mass = block_diag(along.mass, across.mass) - np.outer(carried, carried) / total
     stiffness = block_diag(along.stiffness, across.stiffness)
     root = block_diag(along.flexibility_root, across.flexibility_root)
     values, relative = natural_modes(stiffness, mass, root)
 
-    u, w, rotation = np.zeros((3, beam.elements + 1, na + nb))
+    u, w, rotation = np.zeros((3, beam.elements + 1, len(values)))
     u[1:], w[1:], rotation[1:] = relative[:na], relative[na::2], relative[na + 1 :: 2]
-    shapes = np.zeros((beam.elements + 1, 3, na + nb + 1))
+    shapes = np.zeros((beam.elements + 1, 3, len(values) + 1))
     shapes[:, 1, 0] = 1.0 / np.sqrt(total)
     shapes[:, 0, 1:] = axis[0] * u + transverse[0] * w
     shapes[:, 1, 1:] = axis[1] * u + transverse[1] * w - carried @ relative / total
@@ -132,12 +118,9 @@ def rig_bases(rig: Rig, theta: float) -> tuple[Basis, Basis]:
 
 def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
     """Stiffness, normal and tangential gap shapes of both beams' modes, P1's first."""
-    upper, lower = rig_bases(rig, theta)
-    return (
-        np.concatenate([upper.stiffness, lower.stiffness]),
-        np.concatenate([upper.normal, lower.normal]),
-        np.concatenate([upper.tangential, lower.tangential]),
-    )
+    parts = [(basis.stiffness, basis.normal, basis.tangential) for basis in rig_bases(rig, theta)]
+    stiffness, normal, tangential = (np.concatenate(pair) for pair in zip(*parts, strict=True))
+    return stiffness, normal, tangential
 
 
 def residual_flexibility(stiffness: Array, normal: Array, tangential: Array) -> Array:
@@ -152,31 +135,18 @@ def residual_flexibility(stiffness: Array, normal: Array, tangential: Array) -> 
 
 
 def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tuple[Array, Array]:
-    """Squared angular frequencies, ascending, and mass-normalised modes of an undamped beam.
+    """Squared angular frequencies (n,), ascending, and mass-normalised modes (n, n), one a column, of a beam.
 
     A symmetric eigenproblem gives only its largest eigenvalues to full relative accuracy, and a beam's squared
-    frequencies span ten orders of magnitude. The lower modes are therefore taken from the flexibility (eigenvalues
-    1/omega^2 of R^T M R), the upper ones from the stiffness.
-
-    Parameters
-    ----------
-    stiffness, mass : ndarray, (n, n)
-        Symmetric and positive definite.
-    flexibility_root : ndarray, (n, n)
-        R with R R^T = stiffness^-1.
-
-    Returns
-    -------
-    values : ndarray, (n,)
-    vectors : ndarray, (n, n)
-        One mode a column.
+    frequencies span ten orders of magnitude. The lower modes are therefore taken from the flexibility R R^T, R its
+    root (eigenvalues 1 / omega^2 of R^T M R), the upper ones from the stiffness. Both are equally accurate at the
+    geometric mean of the extreme frequencies. Arguments are (n, n), stiffness and mass positive definite.
     """
     flexibility, y = eigh(flexibility_root.T @ mass @ flexibility_root)
     factor = cholesky(mass, lower=True)
     half = solve_triangular(factor, stiffness, lower=True)
     values, z = eigh(solve_triangular(factor, half.T, lower=True))
     vectors = solve_triangular(factor, z, lower=True, trans="T")
-    # Both are equally accurate at the geometric mean of the extreme frequencies.
     lower = int(np.count_nonzero(flexibility > np.sqrt(flexibility[-1] / values[-1])))
     values[:lower] = 1.0 / flexibility[::-1][:lower]
     vectors[:, :lower] = flexibility_root @ y[:, ::-1][:, :lower] * np.sqrt(values[:lower])
@@ -186,14 +156,14 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
 @lru_cache(maxsize=16)
 @one_blas_thread()
 def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Eigenvalues and modes of a beam clamped at one end: axial ones and bending ones."""
+    """Eigenvalues and modes of a beam clamped at one end, axial ones and bending ones."""
     along, across = (natural_modes(each.stiffness, each.mass, each.flexibility_root) for each in families(beam))
     return along, across
 
 
 @lru_cache(maxsize=16)
 def families(beam: Beam) -> tuple[Family, Family]:
-    """The axial and the bending elements of a beam."""
+    """Axial and bending family of a beam."""
     return axial(beam), bending(beam)
 
 

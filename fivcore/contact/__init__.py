@@ -1,1 +1,6 @@
-"""The contact of the reduced model: kept modes, contact law, uniqueness of the force, and the step as a map."""
+"""The contact of the reduced model.
+
+`reduced`: kept modes and the element for the others; `ablation`: modifications of such a model; `impulse`: the
+correction for impulses; `law`: stick, slip and separation as linear maps; `uniqueness`: where the contact force is
+not unique; `step_map`: one step as a matrix.
+"""

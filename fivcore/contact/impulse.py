@@ -1,20 +1,15 @@
-"""What a lasting force looks like when it comes in impulses, and what the contact's element makes up for.
+"""Compliance defect and drift of modes under a lasting force in impulses, and the element corrected by them.
 
-Once in a step the kept modes take an impulse, the step times the force; between impulses they move exactly. Their
-answer to a lasting force is a sawtooth. At the impulses, where the contact looks, it is less than the deflection
-of the force by about step^2 / 12 times the mode's shape squared: the end correction of the trapezoidal rule for
-the convolution of force and impulse response. This holds at any frequency of the force, up to the fourth power of
-the step. All modes together have the compliance defect step^2 / 12 W, and the element, which stands for compliance
-anyway, is made softer by just as much. Its relaxation stays one in both directions, and of the dashpot that along
-the normal is what it was. What is left of second order comes from it: step^2 / 12 W (omega C)^2 where the
-stiffness is K.
+Once in a step the kept modes take an impulse, the step times the force, and between impulses they move exactly:
+their response to a lasting force is a sawtooth. At the impulses, where the contact law is evaluated, a mode's
+deflection is too small by about step^2 / 12 times its shape squared: the end correction of the trapezoidal rule
+for the convolution of force and impulse response, at any frequency of the force up to O(step^4). The element, a
+compliance itself, is made softer by the defect of all modes, step^2 / 12 W. C_NN stays and C remains proportional
+to the stiffness; the second-order error that remains is step^2 / 12 W (omega C)^2 beside the stiffness K.
 
-A damped mode also drifts under a lasting force, for its velocity decays between two impulses: the mean of what it
-is before and after an impulse is not zero, but about damping step^2 / 12 times the shape squared. Were this not
-taken off, stick would slip and stick again for some ten steps where it ends gently, and what grows there would
-start from that noise.
-
-Both are taken for a steady force, exactly.
+The velocity of a damped mode decays between impulses: its mean under a lasting force is not zero but about damping
+step^2 / 12 times the shape squared. If this drift were not subtracted, the contact would slip and stick again for
+some ten steps where stick ends gently. Defect and drift are exact for a steady force.
 """
 
 from __future__ import annotations
@@ -25,23 +20,21 @@ import numpy as np
 
 from fivcore.jit import Array
 
-# Below this phase of a mode in a step its series is used: what is left out is the eighth power.
+# Below this phase of a mode in a step its series is used, with an error of the eighth power.
 SMALL = 1e-2
 
 
 class Impulse(NamedTuple):
-    """How impulses go together with what they act on; (2, 2), normal first.
+    """Impulses and the element corrected for them; all (2, 2), normal first.
 
     Attributes
     ----------
     defect : ndarray
-        Compliance that the modes seem to lack, m/N; zero without an element.
-    stiffness : ndarray
-        Of the element, N/m, corrected by `defect`; zero without an element.
-    damping : ndarray
-        Of the element, N s/m.
+        Compliance that the modes lack, m/N; zero without an element.
+    stiffness, damping : ndarray
+        Of the element, N/m and N s/m, corrected by `defect`; zero without an element.
     mobility : ndarray
-        By how much a force raises the mean rates of the gaps over its impulse, m/s per N.
+        Mean rates of the gaps over an impulse by a unit force, m/s per N.
     """
 
     defect: Array
@@ -51,7 +44,7 @@ class Impulse(NamedTuple):
 
 
 def corrected(stiffness: Array, damping: Array, shapes: Array, K: Array, C: Array, step: float) -> Impulse:
-    """The correction for modes with gap shapes (2, n) and an element, K and C in proportion."""
+    """Correct an element, K and C in proportion, for modes with gap shapes (2, n)."""
     half = 0.5 * step * shapes @ shapes.T
     if not K.any() or step == 0.0:
         return Impulse(np.zeros((2, 2)), K, C, half)
@@ -61,7 +54,7 @@ def corrected(stiffness: Array, damping: Array, shapes: Array, K: Array, C: Arra
 
 
 def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, Array]:
-    """Defect in deflection, and drift, that a steady unit force seems to have at its impulses.
+    """Defect of the deflection, and mean velocity (drift), of modes under a steady unit force, at its impulses.
 
     Parameters
     ----------
@@ -75,27 +68,22 @@ def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, A
     defect, drift : ndarray, (n,)
         s2, and s.
     """
-    decay = 0.5 * damping * step
-    # Of a free mode only the series is left.
-    phase = np.sqrt((stiffness * step**2 - decay**2).astype(complex))
-    small = stiffness * step**2 < SMALL**2
+    decay, spring = 0.5 * damping * step, stiffness * step**2
+    phase, small = np.sqrt((spring - decay**2).astype(complex)), spring < SMALL**2
     safe = np.where(np.abs(phase) < 1e-6, 1e-6, phase)
     left = np.exp(-decay)
     sine = left * (np.sin(safe) / safe).real
-    # One step's flow less the identity, its determinant, without cancellation.
-    nearness = (1.0 - left) ** 2 + 4.0 * left * (np.sin(0.5 * safe) ** 2).real
-    spring = np.where(small, 1.0, stiffness * step**2)
-    nearness = np.where(small, 1.0, nearness)
-    defect = np.where(
-        small, (1.0 + (stiffness * step**2 - 4.0 * decay**2) / 60.0) / 12.0, 1.0 / spring - sine / nearness
-    )
-    turned = (1.0 + (stiffness * step**2 - 2.0 * decay**2) / 30.0) * decay / 6.0
-    drift = np.where(small, turned, (-0.5 * np.expm1(-2.0 * decay) - decay * sine) / nearness)
+    # Determinant of the identity less one step's flow, without cancellation.
+    determinant = np.where(small, 1.0, (1.0 - left) ** 2 + 4.0 * left * (np.sin(0.5 * safe) ** 2).real)
+    series = (1.0 + (spring - 4.0 * decay**2) / 60.0) / 12.0
+    defect = np.where(small, series, 1.0 / np.where(small, 1.0, spring) - sine / determinant)
+    series = (1.0 + (spring - 2.0 * decay**2) / 30.0) * decay / 6.0
+    drift = np.where(small, series, (-0.5 * np.expm1(-2.0 * decay) - decay * sine) / determinant)
     return step**2 * defect, step * drift
 
 
 def between_impulses(stiffness: Array, step: float) -> Array:
-    """How much further a steady unit force in impulses deflects modes, midway between two of them, s2."""
+    """Excess deflection of modes midway between two impulses of a steady unit force, s2."""
     z = 0.5 * step * np.sqrt(stiffness)
     small = z < 1e-3
     safe = np.where(small, 1.0, z)

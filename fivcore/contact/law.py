@@ -1,26 +1,16 @@
-"""The reduced contact: a visco-elastic element in place of the modes that are not kept.
+"""The law of the reduced contact: a visco-elastic element in place of the modes that are not kept.
 
-The element has a state of its own, u = (u_N, u_T), and carries the contact force: K u + C u' = (N, T). Each
-surface moves by the kept modes plus u, so the physical gap is g_N + u_N and the slip rate g_T' + u_T'.
+The element has a state u = (u_N, u_T) and carries the contact force, K u + C u' = (N, T). The physical gap is
+g_N + u_N, the slip rate g_T' + u_T'. Every regime is linear:
 
-Regimes, all linear:
-
-- separation: N = T = 0 and K u + C u' = 0, while g_N + u_N > 0;
-- stick: u_N = -g_N and g_T + u_T stands still, while N > 0 and |T| <= mu N;
+- separation: N = T = 0, while g_N + u_N > 0;
+- stick: u_N = -g_N and g_T + u_T is constant, while N > 0 and |T| <= mu N;
 - slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
 
-Touch-down is where g_N + u_N falls to zero: u is continuous there, u' is not, and N jumps by C_NN times the
-closing speed. Whether the surfaces stick or slip is decided by the forces that sticking would need: with
-y = u_T' still to be found, T(y) = T_0 + C_TT y and N(y) = N_0 + C_TN y, T -+ mu N is increasing in y wherever
-C_TT > mu |C_TN|. Then exactly one of stick, slip forwards and slip backwards exists, at touch-down and at
-every other instant; `fivcore.ContactError` says where it does not.
-
-Without an element ("none") the kept modes touch rigidly, with restitution 0.
-
-`regime_maps` turns each regime into numbers for one step of `transient.fast_kernel`: positions are held over
-the step's kick, velocities enter by their mean (which makes the dashpot implicit, in closed form), and u_T in
-slip and both parts of u in separation relax exactly. Every regime is symmetric in time. What a lasting force
-seems to lack when it comes in impulses, `fivcore.contact.impulse` makes up for.
+At touch-down u is continuous and N jumps by C_NN times the closing speed. The forces that sticking needs decide
+between stick and slip: T -+ mu N increases with u_T' wherever C_TT > mu |C_TN|, so that exactly one of stick, slip
+forwards and slip backwards exists (`fivcore.contact.uniqueness`). Without an element the kept modes touch rigidly,
+with restitution 0.
 """
 
 from __future__ import annotations
@@ -40,23 +30,20 @@ class RegimeMaps(NamedTuple):
     ----------
     stick : ndarray, (2, 4)
         (N, T) from (p, u_T, v_N, v_T): penetration p = -g_N, the element's tangential state, and the rates
-        of g_N and of the slip before the impulse.
+        of g_N and g_T before the impulse.
     slip : ndarray, (2, 2, 3)
         For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N).
     separation : ndarray, (2, 2)
         u at the end of the step from u at its start.
-    entering : ndarray, (2, 4)
-        As `stick`, for a step that begins in slip, u_T being what it was at the step's start.
+    entering, landing : ndarray, (2, 4)
+        As `stick`, for a step that begins in slip, with u_T at its start, and for one in which the surfaces meet.
     mean_offset : float
-        How long after the start of a step u_T has its mean over the step, s: with it, what sticking needs
-        exceeds mu N exactly where sliding would go the right way, so that one step has one answer too.
+        Time from the start of a step to the mean of a relaxing u_T, s. With it in `entering`, sticking needs more
+        than mu N exactly where sliding would go the right way: a step too has one solution.
     square_ratio : float
         Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
-    landing : ndarray, (2, 4)
-        As `stick`, for a step in which the surfaces meet: on the average they have stuck for half a step when the
-        impulse comes.
     landing_offset : float
-        That time, s.
+        Mean time in stick before the impulse where the surfaces meet, s: half a step.
     """
 
     stick: Array
@@ -70,7 +57,10 @@ class RegimeMaps(NamedTuple):
 
 
 def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeMaps:
-    """Write each regime as linear maps for one step.
+    """Write each regime as linear maps for one step of `transient.fast_kernel`, symmetric in time.
+
+    Positions are held over the impulse, and velocities enter by their mean, which makes the dashpot implicit in
+    closed form; u_T in slip and u in separation relax exactly.
 
     Parameters
     ----------
@@ -78,31 +68,24 @@ def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeM
         The element's stiffness, N/m, and damping, N s/m (zero: purely elastic); normal first. Both zero: no
         element, the kept modes touch rigidly.
     M : ndarray, (2, 2)
-        By how much a force raises the mean rates of the gaps over its kick, m/s per N (`fivcore.contact.impulse`).
+        Mean rates of the gaps over an impulse by a unit force, m/s per N (`fivcore.contact.impulse`).
     mu : float
     step : float
         s.
     """
     if not K.any():
         return _rigid_maps(M, mu)
-    lag, tangential = mean_lag(K, C, step), np.array([0.0, 1.0])
-    stick = _stick(K, C, M)
-    entry, landing = (_stick(K, C + late * K * tangential, M) for late in (lag, 0.5 * step))
-    slip = np.stack([_slip(K, C, M, sign * mu, step) for sign in (1.0, -1.0)])
-    separation = expm(-step * np.linalg.solve(C, K)) if C.any() else np.zeros((2, 2))
-    decay = step * K[1, 1] / C[1, 1] if C.any() else 0.0
-    unevenness = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
-    return RegimeMaps(stick, slip, separation, entry, lag, unevenness, landing, 0.5 * step)
-
-
-def mean_lag(K: Array, C: Array, step: float) -> float:
-    """When, after the start of a step, a relaxing u_T has its mean, s: half the step for slow relaxation."""
-    if not C.any():
-        return step
-    decay = step * K[1, 1] / C[1, 1]
-    if decay < 1e-4:
-        return step * (0.5 + decay / 12.0)
-    return float(step * (-1.0 / decay - 1.0 / np.expm1(-decay)))
+    offset, square_ratio, separation = step, 1.0, np.zeros((2, 2))
+    if C.any():
+        decay = step * K[1, 1] / C[1, 1]
+        slow = decay < 1e-4
+        offset = step * (0.5 + decay / 12.0 if slow else float(-1.0 / decay - 1.0 / np.expm1(-decay)))
+        square_ratio = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
+        separation = expm(-step * np.linalg.solve(C, K))
+    tangential = np.array([0.0, 1.0])
+    entering, landing = (_stick(K, C + late * K * tangential, M) for late in (offset, 0.5 * step))
+    slip = np.stack([_slip(K, C, M, m, step) for m in (mu, -mu)])
+    return RegimeMaps(_stick(K, C, M), slip, separation, entering, offset, square_ratio, landing, 0.5 * step)
 
 
 def _stick(K: Array, C: Array, M: Array) -> Array:
@@ -112,10 +95,7 @@ def _stick(K: Array, C: Array, M: Array) -> Array:
 
 
 def _rigid_maps(M: Array, mu: float) -> RegimeMaps:
-    """Without an element: in lasting contact the mean rates are zero, so no drift and no loss.
-
-    Half of these forces, which the kernel takes at touch-down, bring the surfaces to rest: restitution 0.
-    """
+    """Maps without an element: zero mean rates in lasting contact; the kernel halves the forces at touch-down."""
     stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
     stick[:, 2:] = -np.linalg.inv(M)
     for i, m in enumerate((mu, -mu)):
@@ -152,10 +132,10 @@ def _slipping(K: Array, C: Array, m: float, step: float) -> tuple[Array, Array, 
 
 
 def slip_divisors(K: Array, C: Array, M: Array, mu: float, step: float) -> Array:
-    """What slip divides by, for T = mu N and T = -mu N: all must be above zero for a unique contact force.
+    """Divisors of slip for T = mu N and T = -mu N, (4,); all are above zero where the contact force is unique.
 
-    The first two decide between stick and slip (C_TT -+ mu C_TN, or K without damping), relative to
-    C_TT; the last two are the step's own, 1 for a step of zero.
+    The first two, C_TT -+ mu C_TN over C_TT (K without damping), decide between stick and slip; the last two are
+    the step's own, 1 for a step of zero.
     """
     matrix = C if C.any() else K
     law = [1.0 - s * mu * matrix[0, 1] / matrix[1, 1] for s in (1.0, -1.0)]

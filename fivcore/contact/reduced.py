@@ -1,21 +1,15 @@
-"""Which modes of a rig are kept, and what stands for the others at the contact.
+"""The reduced model of a rig: the modes below a cut-off and, for the others, a visco-elastic contact element.
 
-The modes above the cut-off are much faster than what is asked for, but they cannot be dropped: they are most
-of the contact's own compliance, and they take energy out of impacts. `reduced_model` puts the visco-elastic
-element of `fivcore.contact.law` in their place:
+The modes above the cut-off are too fast to matter by themselves, but they are most of the contact's own compliance
+and take energy out of impacts. The element of `fivcore.contact.law` replaces them:
 
-- K is the inverse of their static flexibility, cross terms included, so that sliding stability and everything
-  quasi-static stay as they are with all modes;
-- C = tau K. With all modes, an upright P1 that strikes P2 at uniform speed stays in contact until its own sound
-  wave comes back. With the kept modes alone, contact rings against the element and would open again at
-  once. tau is the smallest relaxation time for which it does not: one number for a rig and a cut-off,
-  independent of inclination, speed, load and friction. It is never below d2, their own material damping.
-  "elastic" is tau = 0.
+- K is the inverse of their static flexibility, cross terms included: sliding stability and all quasi-static motion
+  stay those of all modes.
+- C = tau K ("elastic": 0). With all modes an upright P1 that strikes P2 at uniform speed stays in contact until
+  its sound wave returns; the kept modes alone would ring against the element and open at once. tau is the smallest
+  relaxation time that prevents it (`relaxation_time`): one number for a rig and a cut-off.
 
-What the law leaves open can be asked for otherwise, to see what it is worth: another tau, or an element whose
-static flexibility lacks its cross terms, so that normal and tangential force do not meet in it.
-
-With the termination "none" the modes above the cut-off are dropped and the kept ones touch rigidly.
+With the termination "none" there is no element, and the kept modes touch rigidly.
 """
 
 from __future__ import annotations
@@ -38,12 +32,13 @@ from fivcore.rig import Rig
 # what the contact feels along its normal is kept.
 AXIAL = 3.1
 LEAST_KEPT = 3
+MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b")
 TERMINATIONS = ("absorbing", "elastic", "none")
-# Default step of `fast` in units of the contact's own time 1 / omega (an undamped element loses what energy
-# the step gets wrong nowhere, so it is finer) and, without an element, of the fastest mode's; the largest.
+# Default step of `fast` in units of the contact's own time 1 / omega; with an undamped element, which dissipates
+# no energy error of the step; without an element, in units of the fastest mode's time; and the largest step.
 STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.82, 0.3, 0.5, 2.35
-# How much of its velocity a mode may lose in a default step, as a power of e: the contact takes the mean of a
-# velocity over a kick, and a kick that is gone before the next has no such mean.
+# Velocity that a mode may lose in a default step, as a power of e: the contact law takes the mean of a velocity
+# over an impulse, and an impulse that is gone before the next has no such mean.
 MOST_LOST = 2.0
 
 
@@ -95,13 +90,13 @@ class ReducedModel:
         return residual_flexibility(self.stiffness[~kept], self.normal[~kept], self.tangential[~kept])
 
     def impulse(self, step: float) -> Impulse:
-        """What the impulses of `fast` see of it, and what the element makes up for."""
+        """Impulses of `fast` in this step, s, and the element corrected for them."""
         shapes = np.stack([self.normal, self.tangential])
         return corrected(self.stiffness, self.damping, shapes, self.K, self.C, step)
 
     @cached_property
     def contact_frequency(self) -> float:
-        """The largest angular frequency of the kept modes' mass on the element, rad/s; zero without one."""
+        """Largest angular frequency of the kept modes' mass on the element, rad/s; zero without one."""
         if not self.K.any():
             return 0.0
         return float(np.sqrt(np.linalg.eigvals(self.K @ self.W).real.max()))
@@ -109,17 +104,16 @@ class ReducedModel:
     @property
     def default_step(self) -> float:
         """Step of `fast`, s: rounded down to two digits."""
-        omega = self.contact_frequency
+        omega, damping = self.contact_frequency, float(self.damping.max())
         share = STEP if self.C.any() else ELASTIC_STEP
         most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
-        damping = float(self.damping.max())
         most = min(most, MOST_LOST / damping) if damping > 0.0 else most
         digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
         return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
 
     @property
     def largest_step(self) -> float:
-        """Beyond this step `fast` is unstable, s."""
+        """Largest stable step of `fast`, s."""
         omega = self.contact_frequency
         return LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
 
@@ -127,7 +121,7 @@ class ReducedModel:
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def full_model(rig: Rig, theta: float) -> ReducedModel:
-    """Every mode of both beams, and no element: the finite-element model itself."""
+    """Return the finite-element model itself: every mode of both beams, and no element."""
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
@@ -138,20 +132,9 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     ends = upper.shapes[node : node + 2, 0]
     point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
     rest = equilibrium(stiffness, normal, unit_load(rig, theta), 0.0)
-    kept = np.ones(len(stiffness), dtype=bool)
+    kept, K, C = np.ones(len(stiffness), dtype=bool), np.zeros((2, 2)), np.zeros((2, 2))
     damping = rig.d1 + rig.d2 * stiffness
-    return ReducedModel(
-        stiffness.copy(),
-        damping,
-        normal.copy(),
-        tangential.copy(),
-        inertia,
-        point_b,
-        rest,
-        kept,
-        np.zeros((2, 2)),
-        np.zeros((2, 2)),
-    )
+    return ReducedModel(stiffness, damping, normal, tangential, inertia, point_b, rest, kept, K, C)
 
 
 def unit_load(rig: Rig, theta: float) -> Array:
@@ -169,47 +152,35 @@ def default_cutoff(rig: Rig) -> float:
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def reduced_model(
-    rig: Rig,
-    theta: float,
-    cutoff: float | None = None,
-    termination: str = "absorbing",
-    relaxation_time: float | None = None,
-    cross_terms: bool = True,
+    rig: Rig, theta: float, cutoff: float | None = None, termination: str = "absorbing"
 ) -> ReducedModel:
-    """The modes below `cutoff` (Hz) and the element for the others.
+    """Return the modes below `cutoff` (Hz, by default that of `default_cutoff`) and the element for the others.
 
-    `relaxation_time` is tau, s (None: derived), and does not matter where the termination is not "absorbing".
-    Without `cross_terms` K and C are diagonal.
+    Raises
+    ------
+    ValueError
+        For a cut-off that keeps fewer than three modes.
     """
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    lowest = float(np.sqrt(np.sort(full.stiffness)[LEAST_KEPT - 1])) / (2.0 * np.pi)
     if kept.sum() < LEAST_KEPT:
+        lowest = float(np.sqrt(np.sort(full.stiffness)[LEAST_KEPT - 1])) / (2.0 * np.pi)
         raise ValueError(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
         )
-    flexibility = full.residual(kept)
-    if not cross_terms:
-        flexibility = np.diag(np.diag(flexibility))
+    flexibility, K = full.residual(kept), np.zeros((2, 2))
     # One or two modes left over are no element; with them the finite elements are complete.
     if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
         kept = np.ones(len(kept), dtype=bool)
-    without = bool(kept.all()) or termination == "none"
-    flexibility = np.zeros((2, 2)) if without else flexibility
-    K = np.zeros((2, 2)) if without else np.asarray(np.linalg.inv(flexibility))
-    stiffness, damping = full.stiffness[kept], full.damping[kept]
-    normal, tangential = full.normal[kept], full.tangential[kept]
-    rest = equilibrium(stiffness, normal, unit_load(rig, theta)[kept], flexibility[0, 0])
-    tau = _tau(rig, cutoff, relaxation_time) if termination == "absorbing" else 0.0
-    inertia, point_b = full.inertia[kept], full.point_b[kept]
-    return ReducedModel(
-        stiffness, damping, normal, tangential, inertia, point_b, rest, kept, np.asarray(K), np.asarray(tau * K)
-    )
-
-
-def _tau(rig: Rig, cutoff: float, given: float | None) -> float:
-    return max(relaxation_time(rig, cutoff), rig.d2) if given is None else given
+    if kept.all() or termination == "none":
+        flexibility = np.zeros((2, 2))
+    else:
+        K = np.asarray(np.linalg.inv(flexibility))
+    tau = relaxation_time(rig, cutoff) if termination == "absorbing" else 0.0
+    modal = {name: getattr(full, name)[kept] for name in MODAL}
+    rest = equilibrium(modal["stiffness"], modal["normal"], unit_load(rig, theta)[kept], flexibility[0, 0])
+    return ReducedModel(**modal, rest=rest, kept=kept, K=K, C=tau * K)
 
 
 def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
@@ -224,50 +195,46 @@ def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float
 
 @lru_cache(maxsize=64)
 def relaxation_time(rig: Rig, cutoff: float) -> float:
-    """Find tau of the normalised impact, s: the smallest for which contact, once made, does not ring open.
+    """Find tau of the element, s: the smallest for which contact, once made, does not ring open; at least d2.
 
-    P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is linear and
-    homogeneous, so neither speed nor load enters; the smallest normal force within the first two periods of
-    the contact is found for a trial tau, and tau by a root finder on it.
+    In the normalised impact P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is
+    linear and homogeneous, so neither speed nor load enters. The smallest normal force within the contact's first
+    two periods, 2 pi / omega each, is a function of tau, and tau its root between 0 and 2 / omega, or one of these
+    where it has no root. It is never below d2, which is the dropped modes' own material damping.
     """
     full = full_model(rig, 0.0)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
-    if kept.all():
-        return 0.0
-    flexibility = float(full.residual(kept)[0, 0])
+    flexibility = 0.0 if kept.all() else float(full.residual(kept)[0, 0])
     # Where none of the dropped modes moves along the normal of an upright P1 there is nothing to ring against.
     if flexibility == 0.0:
-        return 0.0
+        return rig.d2
+    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
     spring = 1.0 / flexibility
     start = np.zeros(len(stiffness))
     start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
     omega = float(np.sqrt(spring * (normal @ normal)))
-    step = 0.05 / omega
-    steps = int(4.0 * np.pi / 0.05)
+    step, steps = 0.05 / omega, int(4.0 * np.pi / 0.05)
     flow = propagator(stiffness, damping, step)
 
     def lowest(tau: float) -> float:
         return float(_smallest_force(flow, normal, start, spring, tau * spring, step, steps))
 
-    longest = 2.0 / omega
-    if lowest(0.0) >= 0.0:
-        return 0.0
-    if lowest(longest) <= 0.0:
-        return longest
-    return float(brentq(lowest, 0.0, longest, xtol=1e-6 / omega))
+    tau, longest = 0.0, 2.0 / omega
+    if lowest(0.0) < 0.0:
+        tau = brentq(lowest, 0.0, longest, xtol=1e-6 / omega) if lowest(longest) > 0.0 else longest
+    return max(float(tau), rig.d2)
 
 
 @kernel
 def _smallest_force(
     flow: Array, normal: Array, start: Array, spring: float, dashpot: float, step: float, steps: int
 ) -> float:
-    """Smallest N after its first rise, relative to the dashpot-free first peak, in a contact that holds."""
+    """Smallest N after its first rise, relative to its largest, in a contact that holds."""
     q, v = np.zeros_like(start), start.copy()
     inverse_mass = 0.0
     for j in range(len(normal)):
         inverse_mass += normal[j] * normal[j]
-    least, highest, risen = np.inf, 0.0, False
+    least, highest = np.inf, 0.0
     for _ in range(steps):
         g, rate = 0.0, 0.0
         for j in range(len(normal)):
@@ -277,9 +244,8 @@ def _smallest_force(
         N = -(spring * g + dashpot * rate) / (1.0 + 0.5 * step * dashpot * inverse_mass)
         for j in range(len(normal)):
             v[j] += step * normal[j] * N
-        if highest < N:
-            highest = N
-        risen = risen or highest > N
-        if risen:
+        if highest > N:
             least = min(least, N)
+        else:
+            highest = N
     return least / highest

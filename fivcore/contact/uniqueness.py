@@ -1,10 +1,8 @@
-"""Where the contact force of a reduced model stops being unique (Painleve's paradox), and the error that says so.
+"""Where the contact force of a reduced model stops being unique (Painleve's paradox): a divisor of slip is zero.
 
-- "exact" with an element: C_TT -+ mu C_TN (K where it has no damping), which decide between stick and slip at any
-  instant;
-- "fast" with an element: the same for the element that its kicks need (`fivcore.contact.impulse`), and what its
-  implicit step divides by (`fivcore.contact.law.slip_divisors`);
-- without an element: W_NN +- mu W_NT of the kept modes.
+With an element the divisors are those of `fivcore.contact.law.slip_divisors`: for "exact" C_TT -+ mu C_TN alone (K
+without damping), for "fast" those of the corrected element (`fivcore.contact.impulse`) and of its implicit step.
+Without an element they are W_NN +- mu W_NT of the kept modes.
 """
 
 from __future__ import annotations
@@ -17,11 +15,12 @@ from fivcore.contact.reduced import ReducedModel
 from fivcore.errors import not_unique
 from fivcore.jit import Array
 
+# No coefficient of friction is larger (`fivcore.checks.friction`).
 LARGEST = 1e6
 
 
 def critical_mu_of(model: ReducedModel, step: float | None) -> float:
-    """The same for a reduced model and a step of `fast`; without a step, of the law itself."""
+    """Smallest friction without a unique contact force, in steps of `fast`; without a step, by the law itself."""
     if not model.K.any():
         return ratio(model.W[0, 0], model.W[0, 1])
     _, K, C, M = model.impulse(step or 0.0)
@@ -33,16 +32,13 @@ def critical_mu_of(model: ReducedModel, step: float | None) -> float:
         return float(slip_divisors(K, C, M, mu, step)[2:].min())
 
     # The step's own divisors are positive at mu = 0 and smooth up to the law's limit.
-    trial = np.linspace(0.0, min(law, LARGEST) * (1.0 - 1e-9), 400)[1:]
-    below = np.array([least(mu) <= 0.0 for mu in trial])
-    if not below.any():
-        return law
-    first = int(np.argmax(below))
-    return float(brentq(least, trial[first - 1] if first else 0.0, trial[first]))
+    trial = np.linspace(0.0, min(law, LARGEST) * (1.0 - 1e-9), 400)
+    first = next((k for k in range(1, 400) if least(trial[k]) <= 0.0), None)
+    return law if first is None else float(brentq(least, trial[first - 1], trial[first]))
 
 
 def check_unique(model: ReducedModel, mu: float, step: float | None) -> None:
-    """Raise where the contact force of a reduced model is not unique."""
+    """Raise `ContactError` where the contact force of a reduced model is not unique; `step` as above."""
     if model.K.any():
         _, K, C, M = model.impulse(step or 0.0)
         divisors: Array = slip_divisors(K, C, M, mu, step or 0.0)
@@ -53,5 +49,5 @@ def check_unique(model: ReducedModel, mu: float, step: float | None) -> None:
 
 
 def ratio(direct: float, cross: float) -> float:
-    """The friction at which the cross term equals the direct one."""
+    """Friction at which the cross term equals the direct one."""
     return float(abs(direct / cross)) if cross else float("inf")

@@ -1,9 +1,7 @@
-"""Where a method's contact force stops being unique (Painleve's paradox).
+"""Where a method's contact force stops being unique (Painleve's paradox), by the divisors of its slip.
 
-The condition belongs to the method, for each divides by something of its own when it slips:
-
-- "paper": W_NN +- mu W_NT r / (1 + r), W the gaps that unit forces close within a step, r = dt / tau;
-- "exact" and "fast": what their reduced model divides by (`fivcore.contact.uniqueness`).
+For "paper" they are W_NN +- mu W_NT r / (1 + r), W the gaps that unit forces close within a step, r = dt / tau;
+for "exact" and "fast" those of their reduced model (`fivcore.contact.uniqueness`).
 """
 
 from __future__ import annotations
@@ -11,11 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 from fivcore import checks
-from fivcore.contact.reduced import TERMINATIONS, full_model, reduced_model
+from fivcore.contact.ablation import Modify, modified
+from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.contact.uniqueness import critical_mu_of, ratio
 from fivcore.rig import Rig
 from fivcore.transient import published
-from fivcore.transient.switches import METHODS, switches
+from fivcore.transient.options import law_options
 
 
 def critical_mu(
@@ -26,8 +25,7 @@ def critical_mu(
     cutoff: float | None = None,
     termination: str = "absorbing",
     step: float | None = None,
-    relaxation_time: float | None = None,
-    cross_terms: bool = True,
+    modify: Modify | None = None,
     beta2: float | None = None,
 ) -> float:
     """Find the coefficient of friction from which on a method's contact force is not unique.
@@ -37,7 +35,7 @@ def critical_mu(
     rig : Rig
     theta : float
         Degrees; its sign does not matter, for both directions of slip are looked at.
-    method, cutoff, termination, step, relaxation_time, cross_terms, beta2
+    method, cutoff, termination, step, modify, beta2
         As in `fivcore.simulate`.
 
     Returns
@@ -52,15 +50,13 @@ def critical_mu(
     """
     checks.instance("rig", rig, Rig)
     theta = checks.theta_degrees(theta)
-    checks.choice("method", method, METHODS)
-    checks.choice("termination", termination, TERMINATIONS)
+    law = law_options(method, termination, modify, beta2)
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
-    asked = switches(method, termination, relaxation_time, cross_terms, beta2)
     if method == "paper":
-        dt = published.STEP if step is None else step
-        W = published.contact_closing(full_model(rig, theta), dt, asked.get("beta2", published.BETA2))
+        dt, b = step or published.STEP, law["beta2"] or published.BETA2
+        W = published.contact_closing(full_model(rig, theta), dt, b)
         r = dt / published.TAU
         return ratio(W[0] * (1.0 + r) / r, W[1])
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
-    model = reduced_model(rig, theta, cutoff, termination, **asked)
+    model = modified(reduced_model(rig, theta, cutoff, termination), modify)
     return critical_mu_of(model, None if method == "exact" else model.default_step if step is None else step)

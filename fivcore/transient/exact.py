@@ -21,6 +21,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fivcore.contact.ablation import modified
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.contact.uniqueness import check_unique, critical_mu_of
 from fivcore.errors import ContactError, DivergenceError, not_unique
@@ -61,14 +62,8 @@ class ExactRun:
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options, self.ramp = scene, options, options.ramp
-        self.model = reduced_model(
-            scene.rig,
-            scene.theta,
-            options.cutoff,
-            options.termination,
-            options.relaxation_time,
-            options.cross_terms,
-        )
+        model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
+        self.model = modified(model, options.modify)
         _require_element(self.model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff)
         check_unique(self.model, scene.mu, None)
         model, rate = self.model, options.sampling_rate
@@ -277,8 +272,8 @@ def _require_element(model: ReducedModel, cutoff: float) -> None:
         )
     if not model.C.any():
         raise ValueError(
-            "relaxation_time = 0, derived for this rig and cutoff: method 'exact' needs a dashpot; give a"
-            " relaxation_time above 0 or use method 'fast'"
+            f"cutoff = {cutoff:g}: the relaxation time of this rig's element is 0, and method 'exact' needs a"
+            " dashpot; use another cutoff or method 'fast'"
         )
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.free_motion import propagator
+from fivcore.contact.ablation import modified
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.jit import Array
@@ -45,14 +46,8 @@ class FastRun:
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
-        model = reduced_model(
-            scene.rig,
-            scene.theta,
-            options.cutoff,
-            options.termination,
-            options.relaxation_time,
-            options.cross_terms,
-        )
+        model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
+        model = modified(model, options.modify)
         self.step = model.default_step if options.step is None else options.step
         limit = model.largest_step
         if self.step > limit:
@@ -71,9 +66,7 @@ class FastRun:
             ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
         )
         finer = options.cutoff is None and options.initial is None and self._motion is None and model.K.any()
-        self._fine = (
-            onset.finer_solver(scene, self.step, options.termination, options.cross_terms) if finer else None
-        )
+        self._fine = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self._sample_every = max(round(INTERVAL / (self.step * SAMPLED)), 1) * SAMPLED

@@ -15,11 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from fivcore.contact.ablation import modified
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.errors import ContactError
 from fivcore.jit import Array
 from fivcore.transient.fast_solver import Solver, frozen_solver
 from fivcore.transient.normalised import Normalised
+from fivcore.transient.options import Options
 from fivcore.transient.published import ADDED_DAMPING
 
 # Ratio of the steps, and of the cut-offs.
@@ -31,14 +33,17 @@ LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 MOST_DAMPING = 1e-7
 
 
-def finer_solver(scene: Normalised, step: float, termination: str, cross_terms: bool) -> Solver | None:
+def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
     """Build the finer solver; None where damping, the element or uniqueness of the contact force rule it out."""
     if scene.rig.d2 > MOST_DAMPING:
         return None
     rig = replace(scene.rig, d2=scene.rig.d2 + ADDED_DAMPING)
-    model = reduced_model(rig, scene.theta, HIGHER * default_cutoff(rig), termination, None, cross_terms)
+    model = reduced_model(rig, scene.theta, HIGHER * default_cutoff(rig), options.termination)
     # With every mode kept there is no element whose state `prolong` could find.
-    if not model.K.any() or step / FINER > model.largest_step:
+    if not model.K.any():
+        return None
+    model = modified(model, options.modify)
+    if step / FINER > model.largest_step:
         return None
     try:
         return frozen_solver(model, scene.mu, step / FINER)

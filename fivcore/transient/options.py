@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from fivcore import checks
+from fivcore.contact.ablation import Modify
 from fivcore.contact.reduced import TERMINATIONS
 from fivcore.jit import Array
 from fivcore.rig import Scene
 from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.record import names_of, times_of
-from fivcore.transient.switches import METHODS, switches
 
+METHODS = ("fast", "exact", "paper")
 # Largest number of samples in a record.
 MOST_SAMPLES = 1e8
 BOUNDS = {
@@ -57,8 +58,7 @@ class Options:
     sample_times: Array | None = None
     end_early: bool = True
     skip: bool = True
-    relaxation_time: float | None = None
-    cross_terms: bool = True
+    modify: Modify | None = None
     beta2: float | None = None
 
     @property
@@ -82,9 +82,8 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     ramp = checks.number(
         "ramp", get("ramp"), "0 or a time from 1e-9 to 1000 s", lambda x: x == 0.0 or 1e-9 <= x <= 1e3
     )
-    method = checks.choice("method", get("method"), METHODS)
-    termination = checks.choice("termination", get("termination"), TERMINATIONS)
-    law = switches(method, termination, *(get(name) for name in ("relaxation_time", "cross_terms", "beta2")))
+    law = law_options(*(get(name) for name in ("method", "termination", "modify", "beta2")))
+    method = law["method"]
     directions = "0, -1 (towards P2's clamp) or 1 (away)"
     motion = int(checks.number("contact_motion", get("contact_motion"), directions, lambda x: x in (-1, 0, 1)))
     record = names_of(get("record"))
@@ -106,9 +105,30 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     if method == "paper" and "cutoff" in numbers:
         raise ValueError(f"cutoff = {numbers['cutoff']:g}: the published scheme keeps all modes; leave it out")
     return Options(
-        method=method, ramp=ramp, initial=initial, contact_motion=motion, termination=termination, record=record,
-        sample_times=times, end_early=arguments["end_early"], skip=arguments["leap"], **numbers, **law,
+        ramp=ramp, initial=initial, contact_motion=motion, record=record, sample_times=times,
+        end_early=arguments["end_early"], skip=arguments["leap"], **numbers, **law,
     )  # fmt: skip
+
+
+def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[str, Any]:
+    """Check the options that choose a method and its contact law; `fivcore.critical_mu` has them too."""
+    checks.choice("method", method, METHODS)
+    checks.choice("termination", termination, TERMINATIONS)
+    if modify is not None:
+        if not callable(modify):
+            raise ValueError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
+        if method == "paper":
+            raise ValueError("modify: method 'paper' keeps all modes; leave it out")
+    if method == "exact" and termination != "absorbing":
+        raise ValueError(
+            f"termination = {termination!r}: method 'exact' needs the absorbing element; use method 'fast'"
+        )
+    if beta2 is not None:
+        if method != "paper":
+            raise ValueError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")
+        # Below 0.5 every mode grows.
+        beta2 = checks.number("beta2", beta2, "a number from 0.5 to 1", lambda x: 0.5 <= x <= 1.0)
+    return {"method": method, "termination": termination, "modify": modify, "beta2": beta2}
 
 
 def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:

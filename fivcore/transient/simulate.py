@@ -7,6 +7,7 @@ from inspect import signature
 from typing import Any
 
 from fivcore import checks
+from fivcore.contact.ablation import Modify
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.rig import Scene
 from fivcore.transient.driver import Transient, drive
@@ -35,8 +36,7 @@ def simulate(
     sample_times: Any = None,
     end_early: bool = True,
     leap: bool = True,
-    relaxation_time: float | None = None,
-    cross_terms: bool = True,
+    modify: Modify | None = None,
     beta2: float | None = None,
 ) -> Transient:
     """Simulate a scene from the start of its drive.
@@ -86,10 +86,9 @@ def simulate(
         For "fast" with a frozen contact point: skip the quiet part of long sticks, which is known in closed form
         (`transient.stick_skip`), instead of stepping through it. The motion differs by rounding, which chaos
         amplifies; in a skip the normal force enters its maximum every 20 microseconds. False: take every step.
-    relaxation_time : float, optional
-        tau of the absorbing termination, s. Default: derived from the rig (`fivcore.contact.reduced`).
-    cross_terms : bool
-        False: normal and tangential direction do not couple in the termination.
+    modify : callable, optional
+        For "fast" and "exact": a function that returns a changed copy of a reduced model, to measure what a part
+        of it is worth (`fivcore.contact.ablation`). Default: no change.
     beta2 : float, optional
         For "paper" only, from 0.5 to 1. Default: 0.8, the paper's.
 

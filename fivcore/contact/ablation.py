@@ -1,0 +1,60 @@
+"""Ablations: modifications of a reduced model, to measure what each part of the contact element is worth.
+
+`fivcore.simulate` and `fivcore.critical_mu` apply their argument `modify` to every reduced model that they build,
+the finer one of the onset included. `functools.partial` sets parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from fivcore import checks
+from fivcore.contact.reduced import ReducedModel
+
+Modify = Callable[[ReducedModel], ReducedModel]
+
+
+@lru_cache(maxsize=64)
+def modified(model: ReducedModel, modify: Modify | None) -> ReducedModel:
+    """The model after `modify`, from a cache, so that scenes share it; None: the model itself."""
+    return model if modify is None else modify(model)
+
+
+def with_relaxation_time(model: ReducedModel, tau: float) -> ReducedModel:
+    """Give the element the relaxation time `tau`, s: C = tau K; 0 makes it elastic.
+
+    Raises
+    ------
+    ValueError
+        Where the model has no element, or for a tau that is not a number from 0 to 1.
+    """
+    return replace(_with_element(model), C=checks.between("tau", tau, 0.0, 1.0, "s") * model.K)
+
+
+def with_dashpot(model: ReducedModel, factor: float) -> ReducedModel:
+    """Multiply the element's damping by `factor`, and with it its relaxation time."""
+    return replace(_with_element(model), C=factor * model.C)
+
+
+def without_cross_terms(model: ReducedModel) -> ReducedModel:
+    """Uncouple the element's normal and tangential direction: its flexibility keeps its diagonal, C / K its value.
+
+    Raises
+    ------
+    ValueError
+        Where the model has no element.
+    """
+    K = np.diag(1.0 / np.diag(np.linalg.inv(_with_element(model).K)))
+    return replace(model, K=K, C=model.C[0, 0] / model.K[0, 0] * K)
+
+
+def _with_element(model: ReducedModel) -> ReducedModel:
+    if not model.K.any():
+        raise ValueError(
+            "modify: with termination 'none', or every mode kept, there is no element to modify; leave it out"
+        )
+    return model
