@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.step_map import stick_map
+from fivcore.contact.step_map import eigenvectors, stick_map
 from fivcore.jit import Array, kernel, reordered_call
 from fivcore.transient import fast_scene as at
 from fivcore.transient.fast_solver import Solver
@@ -94,70 +94,63 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     model, step = solver.model, solver.step
     if not model.K.any():
         return None
-    stick = stick_map(model, solver.impulse, step)
-    n, t, size = model.normal, model.tangential, len(model.normal)
-    # In these units the energy is the sum of squares: eigenvectors are then as well conditioned as they can be.
-    units = stick.units
-    scaled = units[:, None] * stick.matrix / units
+    stick, gaps, size = (
+        stick_map(model, solver.impulse, step),
+        np.stack([model.normal, model.tangential]),
+        len(model.rest),
+    )
     try:
-        z, vectors = np.linalg.eig(scaled)
-        into = np.linalg.inv(vectors)
+        z, vectors, into, error = eigenvectors(stick)
         still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
     except np.linalg.LinAlgError:
         return None
-    wrong = np.abs(into @ (scaled @ vectors - vectors * z)).sum(axis=1).max()
-    if not wrong < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
+    if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
         return None
     # One of each conjugate pair, counted twice.
-    kept = np.flatnonzero(z.imag >= 0.0)
-    twice = np.where(z.imag[kept] > 0.0, 2.0, 1.0)
-    z, vectors, into = z[kept], (vectors / units[:, None])[:, kept] * twice, (into * units)[kept]
-    # What a steady force makes of x, and one that grows by as much in each step.
-    steady = still @ stick.impulse
-    growing = still @ steady
-    law, mobility = solver.maps.stick, solver.impulse.mobility
-    # Penetration, u_T and the rates before the impulse with the modes at rest; the growth of u_T in a step.
-    at_rest = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, -mobility[0, 0], 0], [0, 0, -mobility[1, 0], -1]])
-    growth = np.array([0.0, step, 0.0, 0.0])
-    force, more = law @ at_rest, law @ growth
+    kept = z.imag >= 0.0
+    z, vectors, into = z[kept], vectors[:, kept] * np.where(z.imag[kept] > 0.0, 2.0, 1.0), into[kept]
+    count, mobility = len(z), solver.impulse.mobility
+    # Inputs of the contact law with the modes at rest for (p, u, 1, V), and what a unit of V adds in a step.
+    inputs = np.zeros((4, COLUMNS))
+    inputs[0, 0] = inputs[1, 1] = 1.0
+    inputs[2:, 2], inputs[3, 3], inputs[1, 4] = -mobility[:, 0], -1.0, step
+    force = stick.law @ inputs
     force[0, 2] -= 1.0
-    line, slope = steady @ force, steady @ more
-    line[:, 3] -= growing @ more
-    seen, rise = at_rest + stick.seen @ line, growth + stick.seen @ slope
-    on_b = 0.5 * step * np.array([model.point_b @ n, model.point_b @ t])
-    relax = solver.maps.separation[0]
-    lines = np.column_stack([seen, rise])
-    held = law @ lines
-    of_b = np.append(model.point_b @ line[size:], model.point_b @ slope[size:]) + on_b @ held
-    of_b[2] -= on_b[0]
-    before = lines[:2].copy()
-    before[:, 3] -= rise[:2]
-    N, T = stick.force @ vectors
-    P, U = stick.seen[:2] @ vectors
-    B = model.point_b @ vectors[size:] + on_b[0] * N + on_b[1] * T
-    closing = P - (relax @ np.stack([P, U])) / z
+    # What a steady force makes of x, and what one that grows by as much in each step leaves behind.
+    steady = still @ stick.impulse
+    line = steady @ force
+    line[:, 3] -= still @ line[:, 4]
+    # Columns from here on: eigenvectors, (p, u, 1, V), growth.
+    x = np.hstack([vectors, line])
+    seen = stick.seen @ x
+    seen[:, count:] += inputs
+    earlier = np.hstack([seen[:2, :count] / z, seen[:2, count:]])
+    earlier[:, -2] -= seen[:2, -1]
+    N, T = force = stick.law @ seen
+    net = force.copy()
+    net[0, count + 2] -= 1.0
+    B = model.point_b @ (x[size:] + 0.5 * step * gaps.T @ net)
+    readings = np.stack([N, B, T, seen[0] - solver.maps.separation[0] @ earlier])
     # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
     dashpot = np.linalg.cholesky(solver.dissipation).T if solver.dissipation.any() else np.zeros((2, 2))
-    weights = np.sqrt(step) * np.sqrt(model.damping)[:, None]
-    unit_load = np.array([[0, 0, 1.0, 0], [0, 0, 0, 0]])
-
-    def losing(v: Any, forces: Any, rates: Any, load: Any) -> Any:
-        middle = v + 0.5 * step * (np.outer(n, forces[0] - load[0]) + np.outer(t, forces[1]))
-        return np.vstack([weights * middle, np.sqrt(step) * dashpot @ (rates + mobility @ forces)])
-
-    by_vectors = losing(vectors[size:], np.stack([N, T]), stick.seen[2:] @ vectors, np.zeros((2, len(z))))
-    by_line = losing(line[size:], held[:, :4], lines[2:, :4], unit_load)
+    rates = np.sqrt(step) * np.vstack([
+        np.sqrt(model.damping)[:, None] * (x[size:] + 0.5 * step * gaps.T @ net),
+        dashpot @ (seen[2:] + mobility @ force),
+    ])  # fmt: skip
+    by_vectors, by_line = rates[:, :count], rates[:, count:-1].real
     both = 2.0 * (by_line.T @ by_vectors) / (1.0 - z)
-    lost = np.column_stack([by_line.T @ by_line, np.zeros(4)])
-    affine = np.vstack([held[0], of_b, held[1], lines[0] - relax @ before, lines[:2], lost])
+    lost = np.pad(by_line.T @ by_line, ((0, 0), (0, 1)))
+    affine = np.vstack([readings[:, count:], seen[:2, count:], lost]).real
+    readings = readings[:, :count]
+    sums = force[:, :count] / (1.0 - z)
     # Empty places among the eigenvalues, and among the modes as the blocks have them.
-    empty = -len(z) % EIGHT
+    empty = -count % EIGHT
 
     def rows_of(values: Any) -> Array:
         wide = np.pad(values, ((0, 0), (0, empty)))
         return np.hstack([wide.real, -wide.imag])
 
-    def over_modes(rows: Array) -> Array:
+    def over_modes(rows: Any) -> Array:
         wide = np.zeros((len(rows), 2, solver.size))
         wide[:, :, :size] = rows.reshape(len(rows), 2, size)
         return wide.reshape(len(rows), -1)
@@ -171,13 +164,11 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
         [-plain.imag + mixed.imag, mixed.real - plain.real],
     ])  # fmt: skip
     bend = np.minimum(2.0, 0.125 * np.abs(sample_every * np.log(z)) ** 2)
-    moduli = np.abs(np.stack([N, T, closing]))
+    moduli = np.abs(readings[[0, 2, 3]])
     moduli = np.pad(np.vstack([bend * moduli, moduli]), ((0, 0), (0, empty)))
-    values = rows_of(np.vstack([N, B, T, closing, P / z, U / z, N / (1.0 - z), T / (1.0 - z), both, np.log(z)]))
+    values = rows_of(np.vstack([readings, earlier[:, :count], sums, both, np.log(z)]))
     powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (LOOKS - 1)]), axis=0)
-    zero = np.zeros(size)
-    shapes = np.stack([np.r_[n, zero], np.r_[t, zero], np.r_[zero, n], np.r_[zero, t]])
-    lines_of_x = np.vstack([line.T, slope, np.zeros((LINE_ROWS - COLUMNS, 2 * size))])
+    lines_of_x = np.pad(line.T, ((0, LINE_ROWS - COLUMNS), (0, 0)))
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
     matrices = (
@@ -189,11 +180,10 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
         over_modes(way_in),  # (2 c, 2 m)
         over_modes(way_back),  # (2 c, 2 m)
         over_modes(lines_of_x),  # (LINE_ROWS, 2 m)
-        over_modes(shapes),  # (READINGS, 2 m)
+        over_modes(np.kron(np.eye(2), gaps)),  # (READINGS, 2 m)
     )
-    count, room = len(z) + empty, solver.size
-    parts = [np.array([count, 2.0 * room]), *(each.ravel() for each in matrices)]
-    return SkipTables(count, room, np.concatenate(parts))
+    parts = [np.array([count + empty, 2.0 * solver.size]), *(each.ravel() for each in matrices)]
+    return SkipTables(count + empty, solver.size, np.concatenate(parts))
 
 
 def workspace_for(tables: list[SkipTables]) -> Array:
