@@ -10,8 +10,10 @@ Where rho + e < 1, the largest |y_j| never grows, and no |y_j| exceeds its prese
 times the largest. A reading R x then stays within sum_j |R X|_j times that bound of its steady value. Where this
 is less than what would end slip, slip never ends. M has all kept modes, at any frequency.
 
-Rounding (1e-16 a step, over at most 1 / `LEAST_DECAY` steps) is far below what ends slip and is left out. With the
-paper's rig at V / F below some 1e-5 m/s/N it exceeds `TOLERANCE` V, and such a run takes every step.
+A run is ended only when the bounds on N, slip rate and velocity of B are below `TOLERANCE`, nine decades below
+what could end slip. The rounding of single steps (1e-16 each; at most 1 / `LEAST_DECAY` of them add up) is
+therefore left out. With the paper's rig at V / F below some 1e-5 m/s/N it exceeds the tolerance; such a run takes
+every step.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ NEAR = 10.0 * TOLERANCE
 # The least that every mode must lose in a step.
 LEAST_DECAY = 1e-9
 # Readings: those of a record, penetration and u_T, T that stick would need and its excess over mu N.
-VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION, ELEMENT, STICK, EXCESS = range(8)
+VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION, U_T, STICK_FORCE, EXCESS = range(8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class SteadySliding:
     Attributes
     ----------
     eigenvalues : ndarray of complex, (2n + 1,)
-        log(z) / step, 1/s. One of them is the element's own.
+        log(z) / step, 1/s; one of them is the element's own.
     decays : bool
         Whether all of them decay, by more than their errors.
     state : ndarray, (2n + 1,)
@@ -68,7 +70,7 @@ class SteadySliding:
     def start(self, speed: float) -> tuple[Array, Array, Array]:
         """Return q and v before an impulse, and the element's state after a step."""
         q, v = self.state[:-1].reshape(2, -1).copy()
-        return q, v, self.readings(speed)[[PENETRATION, ELEMENT]]
+        return q, v, self.readings(speed)[[PENETRATION, U_T]]
 
     def row(self, speed: float) -> tuple[float, ...]:
         """Return a record's velocity of B, N, T, slip rate and contact state."""
@@ -91,10 +93,10 @@ class SteadySliding:
         if bound[NORMAL] > TOLERANCE or max(bound[SLIP_RATE], bound[VELOCITY]) > TOLERANCE * speed:
             return False
         # Contact opens where the penetration falls below the u_N that relaxes from the last step's element state.
-        last = [max(bound[PENETRATION], abs(u[0] - steady[PENETRATION])), bound[ELEMENT]]
+        last = [max(bound[PENETRATION], abs(u[0] - steady[PENETRATION])), bound[U_T]]
         bound[PENETRATION] += np.abs(self._relaxing) @ last
-        steady[PENETRATION] -= self._relaxing @ steady[[PENETRATION, ELEMENT]]
-        positive = [NORMAL, PENETRATION, STICK, EXCESS]
+        steady[PENETRATION] -= self._relaxing @ steady[[PENETRATION, U_T]]
+        positive = [NORMAL, PENETRATION, STICK_FORCE, EXCESS]
         return bool(np.all(bound[positive] < steady[positive]))
 
 
@@ -103,8 +105,14 @@ class SteadySliding:
 def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding | None:
     """Build the map of slip with T = mu N, its fixed point and its spectrum; some milliseconds.
 
-    The spectrum is that of `fivcore.sliding_modes` for the kept modes (in and above its band), with the element's
-    damping. The model has an element: without one only rounding holds the gap of a lasting contact.
+    The spectrum is that of `fivcore.sliding_modes` for the kept modes, in its band and above, with the element's
+    damping.
+
+    Parameters
+    ----------
+    model : ReducedModel
+        With an element: without one only rounding holds the gap of a lasting contact.
+    mu, step : float
 
     Returns
     -------
