@@ -27,7 +27,7 @@ from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
-from fivcore.transient.statistics import ENERGIES, FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
+from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
 
@@ -184,11 +184,10 @@ class FastRun:
         scenes = np.concatenate([run.record.view(np.uint8) for run in runs]).view(at.SCENE)
         begun = scenes["now"].copy()
         packed, scenes["skip_at"] = _joined(tuple(run._tables for run in runs))
-        ends = np.cumsum([run.blocks.size for run in runs])
-        modes = aligned(int(ends[-1]))
-        for run, scene, end in zip(runs, scenes, ends, strict=True):
-            scene["modes_at"] = end - run.blocks.size
-            modes[scene["modes_at"] : end] = run.blocks.ravel()
+        sizes = [run.blocks.size for run in runs]
+        scenes["modes_at"] = np.cumsum(sizes) - sizes
+        modes = aligned(sum(sizes))
+        modes[:] = np.concatenate([run.blocks.ravel() for run in runs])
         samples, rows = (
             np.empty((_reserve(scenes, name, every), width))
             for name, every, width in (("samples", "sample_every", 3), ("rows", "row_every", 6))
@@ -364,37 +363,28 @@ class FastRun:
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
-        """Fill in steady sliding to the end: steps of one sample are taken and counted as often as they occur."""
-        speed, record, every = self.scene.speed_per_load, self.record, self._sample_every
-        first, last, step = int(record["now"][0]), self.steps, self.step
+        """Fill in steady sliding to the end of the run: all its steps count the same."""
+        speed, record, every, step = self.scene.speed_per_load, self.record, self._sample_every, self.step
+        first, last = int(record["now"][0]), self.steps
         q, v, u = steady.start(speed)
         self._place(q, v)
         record["u_N"], record["u_T"] = u
-        one = self.record.copy()
-        for name in (*SETTLED, *ENERGIES):
-            one[name] = 0.0
-        one["last"], one["next_row"], one["settle"], one["modes_at"] = first + every, at.NEVER, 0, 0
-        # Damping is counted where a sample is taken.
-        one["next_sample"] = one["next"] = -(-first // every) * every
-        one["next_skip"], one["threshold"], one["samples_at"], one["samples"] = at.NEVER, np.inf, 0, 0
-        modes = aligned(self.blocks.size)
-        modes[:] = self.blocks.ravel()
-        none = np.empty((1, 6))
-        advance(np.zeros(1, dtype=np.int64), one, modes, none, none, none)
+        velocity, N, T, slip_rate, _ = row = steady.row(speed)
         settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
         if settled > first:
             for name in SETTLED:
                 record[name] = 0.0
-        for name in SETTLED:
-            if name.startswith("max"):
-                record[name] = np.maximum(record[name], one[name]) if last > settled else record[name]
-            else:
-                record[name] += (last - settled) / every * one[name]
-        for name in ENERGIES:
-            record[name] += (last - first) / every * one[name]
+        if last > settled:
+            record["max_N"] = np.maximum(record["max_N"], N)
+            record["max_slip"] = np.maximum(record["max_slip"], abs(slip_rate))
+        record["sum_N"] += (last - settled) * step * N
+        record["slip_time"] += (last - settled) * step
+        record["work"] += (last - first) * step * T * speed
+        record["friction"] -= (last - first) * step * T * slip_rate
+        model = self.model
+        middle = v + 0.5 * step * (model.normal * (N - 1.0) + model.tangential * T)
+        record["damped"] += (last - first) * step * (model.damping @ middle**2)
         record["now"] = last
-        row = steady.row(speed)
-        velocity, force, _, slip_rate, _ = row
         begin, rows = -(-first // every), self._row_every
         count = -(-last // every) - begin
         for start in range(first, last, MOST_ROWS * rows) if rows else ():
@@ -405,7 +395,7 @@ class FastRun:
             yield Segment(np.zeros(0), np.empty((0, 3)), rows=written)
         if count > 0:
             t = np.array([(begin * every + 0.5) * step])
-            yield Segment(t, np.array([[velocity, slip_rate, force]]), further=count - 1)
+            yield Segment(t, np.array([[velocity, slip_rate, N]]), further=count - 1)
 
     # A contact point that moves.
 
@@ -414,9 +404,8 @@ class FastRun:
         begin, end = (motion.position((i + 0.5) * self.step) for i in (first, last))
         q, v, u = self._row(at.Q) + self.model.rest, self._row(at.V), self._element
         model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
-        normal, tangential = ((b - a) / (last - first) for a, b in (
-            (model.normal, after.normal), (model.tangential, after.tangential)
-        ))  # fmt: skip
+        normal = (after.normal - model.normal) / (last - first)
+        tangential = (after.tangential - model.tangential) / (last - first)
         # The modes that are not kept do work too when their shapes change under the contact force: the element's
         # energy at the same u changes by that.
         softer = self._solver.impulse.stiffness
