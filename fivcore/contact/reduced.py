@@ -25,7 +25,7 @@ from fivcore.beams.elements import axial
 from fivcore.beams.free_motion import propagator
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
 from fivcore.contact.impulse import Impulse, corrected
-from fivcore.jit import Array, kernel
+from fivcore.jit import Array
 from fivcore.rig import Rig
 
 # The default cut-off lies just above the second axial mode of P1, 3 c / (4 L): with it and the first, most of
@@ -213,39 +213,20 @@ def relaxation_time(rig: Rig, cutoff: float) -> float:
     start = np.zeros(len(stiffness))
     start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
     omega = float(np.sqrt(spring * (normal @ normal)))
-    step, steps = 0.05 / omega, int(4.0 * np.pi / 0.05)
-    flow = propagator(stiffness, damping, step)
+    step = 0.05 / omega
+    a, b, c, d = propagator(stiffness, damping, step)
 
     def lowest(tau: float) -> float:
-        return float(_smallest_force(flow, normal, start, spring, tau * spring, step, steps))
+        """Smallest N after a larger one, relative to the largest, while contact is kept."""
+        q, v, N = np.zeros_like(start), start, np.empty(int(4.0 * np.pi / 0.05))
+        implicit = spring / (1.0 + 0.5 * step * tau * spring * (normal @ normal))
+        for k in range(len(N)):
+            q, v = a * q + b * v, c * q + d * v
+            N[k] = -implicit * (normal @ (q + tau * v))
+            v += step * N[k] * normal
+        return float(N[np.maximum.accumulate(N) > N].min() / N.max())
 
     tau, longest = 0.0, 2.0 / omega
     if lowest(0.0) < 0.0:
         tau = brentq(lowest, 0.0, longest, xtol=1e-6 / omega) if lowest(longest) > 0.0 else longest
     return max(float(tau), rig.d2)
-
-
-@kernel
-def _smallest_force(
-    flow: Array, normal: Array, start: Array, spring: float, dashpot: float, step: float, steps: int
-) -> float:
-    """Smallest N after its first rise, relative to its largest, in a contact that holds."""
-    q, v = np.zeros_like(start), start.copy()
-    inverse_mass = 0.0
-    for j in range(len(normal)):
-        inverse_mass += normal[j] * normal[j]
-    least, highest = np.inf, 0.0
-    for _ in range(steps):
-        g, rate = 0.0, 0.0
-        for j in range(len(normal)):
-            q[j], v[j] = flow[0, j] * q[j] + flow[1, j] * v[j], flow[2, j] * q[j] + flow[3, j] * v[j]
-            g += normal[j] * q[j]
-            rate += normal[j] * v[j]
-        N = -(spring * g + dashpot * rate) / (1.0 + 0.5 * step * dashpot * inverse_mass)
-        for j in range(len(normal)):
-            v[j] += step * normal[j] * N
-        if highest > N:
-            least = min(least, N)
-        else:
-            highest = N
-    return least / highest
