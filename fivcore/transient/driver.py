@@ -142,7 +142,7 @@ def drive(
     results: list[Any] = [None] * len(requests)
     waiting = deque(range(len(requests)))
     jobs: dict[int, Job] = {}
-    # These may raise while they advance: each advances by itself, so that the others go on.
+    # These may raise while they advance: each is advanced by itself, so that the others go on.
     alone = any(options.method != "fast" or options.contact_motion for _, _, options in requests)
     while waiting or jobs:
         while waiting and len(jobs) < AT_ONCE:

@@ -32,16 +32,7 @@ REQUIRED = ("duration", "sample_rate")
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """Options of a run; meanings and units as in `fivcore.simulate`.
-
-    Attributes
-    ----------
-    initial : State, optional
-        Normalised (F = 1).
-    record : tuple of str
-        Names of the series that are kept.
-    sample_times : ndarray, optional
-    """
+    """Options of a run as in `fivcore.simulate`; `skip` is its `leap`, and `initial` is normalised (F = 1)."""
 
     duration: float
     method: str = "fast"

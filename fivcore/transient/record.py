@@ -16,16 +16,7 @@ SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_veloc
 
 
 class Record:
-    """Series of a run in the units of its scene.
-
-    Parameters
-    ----------
-    normalised : Normalised
-    names : sequence of str
-        Of `SERIES`, those to keep.
-    times : ndarray, (n,), optional
-        Where the series are kept, s, ascending, on lines between the rows; without: at the rows.
-    """
+    """Named series of a run in the units of its scene: at the rows, or linear between them at given `times`."""
 
     def __init__(self, normalised: Normalised, names: Sequence[str], times: Array | None = None) -> None:
         factors = {"normal_force": normalised.load, "state": 1.0}

@@ -1,4 +1,4 @@
-"""Results of one segment of a run, as every method hands them to the driver."""
+"""The results of a segment, which every method hands to the driver, and the room that they need."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INTERVAL = 20e-6
 
 @dataclass
 class Segment:
-    """Samples, rows and long sticks of a segment, normalised (F = 1).
+    """Results of a segment, normalised (F = 1).
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class Segment:
     samples : ndarray, (n, 3)
         Velocity of B, slip rate and N.
     sticks : ndarray, (k, 2)
-        Long sticks ended within the segment, begin and end.
+        Begin and end of the long sticks that ended.
     rows : ndarray, (m, 6)
         Record: time, velocity of B, N, T, slip rate, contact state.
     further : int

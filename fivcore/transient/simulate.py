@@ -79,13 +79,13 @@ def simulate(
         Ascending times at which the series are kept instead, s: linear between two neighbouring steps of the
         method, with the state of the step before; beyond the first and the last step those stand.
     end_early : bool
-        For "fast" with a frozen contact point: where it is proved that a scene slides steadily for good
-        (`fivcore.transient.steady`), fill in the rest of the run instead of stepping through it. Figures differ by
-        some 1e-9 of their size; `summary["settled_early"]` tells. False: take every step.
+        For "fast" with a frozen contact point: where steady sliding is proved to last (`transient.steady`), fill
+        in the rest of the run. Figures differ by some 1e-9 of their size; `summary["settled_early"]` tells.
+        False: take every step.
     leap : bool
-        For "fast" with a frozen contact point: skip the quiet part of long sticks, which is known in closed form
-        (`transient.stick_skip`), instead of stepping through it. The motion differs by rounding, which chaos
-        amplifies; in a skip the normal force enters its maximum every 20 microseconds. False: take every step.
+        For "fast" with a frozen contact point: skip the quiet part of long sticks, known in closed form
+        (`transient.stick_skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
+        enters its maximum every 20 microseconds. False: take every step.
     modify : callable, optional
         For "fast" and "exact": a function that returns a changed copy of a reduced model, to measure what a part
         of it is worth (`fivcore.contact.ablation`). Default: no change.

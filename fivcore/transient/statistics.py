@@ -29,10 +29,7 @@ SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_t
 ENERGIES = ("work", "damped", "friction", "termination", "impact")
 # Begin of the list of long sticks, their number, and the number that it has room for.
 LIST = ("sticks_at", "sticks", "stick_room")
-FIELDS: list[tuple[str, str]] = [
-    *((name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)),
-    *((name, "i8") for name in LIST),
-]
+FIELDS = [(name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)] + [(name, "i8") for name in LIST]
 
 
 @inlined
@@ -90,8 +87,7 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
 def begin(record: Any, settle: float | None, settling: float, min_stick: float | None) -> Any:
     """Set the counters of a record (1,) to the start of a run, and return it.
 
-    Without `settle` everything counts until the first slip; from `settling` after it the counters begin anew.
-    Without `min_stick` a stick is long from a fifth of the time to the first slip on.
+    Without `settle` statistics start with the run, and anew `settling` after the first slip.
     """
     for name in EVENTS:
         record[name] = np.nan
