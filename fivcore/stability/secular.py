@@ -188,7 +188,6 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
     """
     n = len(z)
     last = np.full(n, np.inf)
-    unsettled = n
     for _ in range(MOST_SWEEPS):
         for j in range(n):
             if last[j] < 0.0:
@@ -203,9 +202,8 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
             length = abs(step)
             if length <= 4.0 * EPS * abs(z[j]) or (rounding and length >= last[j]):
                 length = -1.0
-                unsettled -= 1
             last[j] = length
-        if unsettled == 0:
+        if n == 0 or last.max() < 0.0:
             return
     for j in range(n):
         if last[j] >= 0.0:
