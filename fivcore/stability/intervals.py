@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq, fminbound
 
 from fivcore import checks
 from fivcore.jit import Array
@@ -35,8 +35,8 @@ SPACING = 0.5
 MORE_FRICTION, MORE_BAND = 2.0, 1.1
 # Windows look at onsets up to this many times their friction, for branches that dip to it between two samples.
 HEADROOM = 4.0
-# Degrees: the interval in which a fold is known to lie, or a growing mode to end without an onset; and the
-# distance from an onset at which its growing mode is looked for.
+# Degrees: the interval in which a fold is known to lie, or a growing mode to end; and the distance from an onset
+# at which its growing mode is looked for.
 FOLD, END, BESIDE = 1e-9, 1e-11, 1e-8
 # Onset and recovery closer than this share of their frequency are one zero and its rounding, close to a fold.
 SAME = 1e-8
@@ -230,8 +230,8 @@ class Point:
     rises: bool = True
     # Beyond the limits of interest, where a branch may end for no known reason.
     outside: bool = False
-    # Why a branch ends here, if it does.
-    end: str = ""
+    # Why a branch ends here.
+    end: str = "range"
 
 
 Pairs = list[tuple[Point, Point]]
@@ -277,7 +277,7 @@ class _Onsets:
         beside = [
             _locate(self.sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
             for pair, end in ((branch[:2], branch[0]), (branch[-2:], branch[-1]))
-            if not (end.end or end.outside)
+            if end.end == "range" and not end.outside
         ]
         points = sorted([*branch, *beside], key=lambda point: point.theta)
         for p, at, q in zip(points, points[1:], points[2:], strict=False):
@@ -290,9 +290,8 @@ class _Onsets:
         """The parts of a branch within the limits."""
         edges = [self._edge(p, q) for p, q in pairwise(branch) if p.outside != q.outside]
         points = sorted([*branch, *edges], key=lambda point: point.theta)
-        return [
-            _curve(list(part)) for outside, part in groupby(points, lambda point: point.outside) if not outside
-        ]
+        parts = groupby(points, lambda point: point.outside)
+        return [_curve(list(part)) for outside, part in parts if not outside]
 
     def _edge(self, p: Point, q: Point) -> Point:
         """Where a branch passes a limit."""
@@ -316,11 +315,8 @@ def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
     pairs: Pairs = []
     for ended in (before, after):
         for p in (point for point in ended if not point.outside):
-            alike, others = (
-                [point for point in ended if (point.rises == p.rises) is same] for same in (True, False)
-            )
-            q = _closest(p, others)
-            if q is None or _closest(q, alike) is not p:
+            q = _closest(p, [point for point in ended if point.rises != p.rises])
+            if q is None or _closest(q, [point for point in ended if point.rises == p.rises]) is not p:
                 raise ArithmeticError(
                     f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
                 )
@@ -334,8 +330,7 @@ def _curve(points: list[Point]) -> OnsetCurve:
     theta, mu, frequency = np.array([(each.theta, each.level, each.frequency) for each in points]).T.copy()
     k = int(np.argmin(mu))
     lowest = (float(theta[k]), float(mu[k]), float(frequency[k]))
-    ends = (points[0].end or "range", points[-1].end or "range")
-    return OnsetCurve(theta, mu, frequency, points[0].rises, ends, lowest)
+    return OnsetCurve(theta, mu, frequency, points[0].rises, (points[0].end, points[-1].end), lowest)
 
 
 def _dense(theta: Array) -> list[float]:
@@ -356,18 +351,17 @@ def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> tuple[Array, Array]:
 def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
     """Modes that grow while they oscillate."""
     modes = sliding_modes(rig, theta, mu, fmax)
-    phi = modes.growth_rate + 2j * np.pi * modes.frequency
-    phi = phi[(phi.real > 0.0) & (phi.imag > 0.0)]
+    both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
+    growing = [(growth, frequency) for growth, frequency in both if growth > 0.0 and frequency > 0.0]
     return theta, [
-        Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi.tolist()
+        Point(theta, *each, complex(np.log(complex(each[0], 2.0 * np.pi * each[1])))) for each in growing
     ]
 
 
 def _window_ends(before: list[Point], after: list[Point], theta: float) -> Pairs:
     """Pairs of a growing mode and the end of its window."""
-    return [(mode, replace(mode, theta=theta)) for mode in before] + [
-        (replace(mode, theta=theta), mode) for mode in after
-    ]
+    begun, ended = ([replace(mode, theta=theta) for mode in modes] for modes in (after, before))
+    return [*zip(before, ended, strict=True), *zip(begun, after, strict=True)]
 
 
 def _end(mode: Point, fmax: float) -> Point:
@@ -451,7 +445,5 @@ def _extreme(sampler: Sampler, near: list[Point], sign: float) -> Point:
     best, ends = max(near, key=lambda point: sign * point.level), (near[0].theta, near[-1].theta)
     if ends[1] - ends[0] < NARROW:
         return best
-    found = minimize_scalar(
-        lambda x: -sign * _locate(sampler, near, x).level, bounds=ends, method="bounded", options={"xatol": 1e-8}
-    )
-    return max(best, _locate(sampler, near, float(found.x)), key=lambda point: sign * point.level)
+    theta = fminbound(lambda x: -sign * _locate(sampler, near, x).level, *ends, xtol=1e-8)
+    return max(best, _locate(sampler, near, float(theta)), key=lambda point: sign * point.level)
