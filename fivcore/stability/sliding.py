@@ -175,12 +175,9 @@ def _modes(rig: Rig, theta: float, mu: Array, fmax: float) -> NDArray[np.void]:
     """Modes in the band, (mu, modes), ascending in frequency."""
     problem = sliding_problem(rig, theta, fmax)
     roots = sliding_roots(problem, mu)
-    n, k = roots.shape[1], len(problem.hidden)
-    found = np.full((len(mu), n + k), MISSING)
-    found["hidden"][:, n:] = np.arange(k)
-    values = np.empty(found.shape, dtype=complex)
-    values[:, :n], values[:, n:] = roots, problem.hidden
-    values *= problem.unit
+    values = problem.unit * np.hstack([roots, np.tile(problem.hidden, (len(mu), 1))])
+    found = np.full(values.shape, MISSING)
+    found["hidden"][:, roots.shape[1] :] = np.arange(len(problem.hidden))
     phi = np.empty_like(values)
     damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
     found["phi"], found["eigenvalue"] = phi, values
