@@ -74,10 +74,8 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
         If no head mass gives this frequency; the message names the range.
     """
     checks.instance("rig", rig, Rig)
-    angle = checks.theta_degrees(theta)
-    bare = replace(rig, head_mass=0.0)
-    highest = float(glued_frequencies(bare, angle, 1)[0])
-    lowest = float(glued_frequencies(replace(rig, head_mass=HEAVIEST), angle, 1)[0])
+    angle, bare = checks.theta_degrees(theta), replace(rig, head_mass=0.0)
+    highest, lowest = (glued_frequencies(each, angle, 1)[0] for each in (bare, replace(rig, head_mass=HEAVIEST)))
     target = checks.number(
         "frequency",
         frequency,

@@ -1,11 +1,15 @@
 """Flutter over an interval of inclinations: curves of onsets, and windows in which a pair of modes is unstable.
 
-Both sample a certified function at neighbouring angles (`flutter_onsets`, `sliding_modes`), link the samples to
-branches (`fivcore.stability.branches`) and refine ends and extremes by bracketed root finding.
+A sample holds every point at its angle: all flutter onsets, or all growing modes. Two neighbouring samples are
+linked where each point has one clear counterpart in the other. Where one has none, the interval between them is
+halved until all have, or until it is so short that a point is said to end in it. Roots and extremes along a branch
+are found by bracketing (Brent, Algorithms for Minimization without Derivatives, 1973), with a sample at every
+angle tried.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby, pairwise
@@ -13,22 +17,26 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq, fminbound
 
 from fivcore import checks
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.stability.branches import Pairs, Point, Sample, Sampler, closest, extreme, follow, locate, root
 from fivcore.stability.onsets import onset_crossings
 from fivcore.stability.sliding import ReadOnlyArrays, sliding_modes
 
+# A counterpart is clear if it is at most FAR away and no rival is nearer than twice as far.
+FAR, CLEAR = 0.3, 0.5
+# Shorter intervals (degrees) are not searched for an extreme.
+NARROW = 1e-6
 # Samples are at most so many degrees apart.
 SPACING = 0.5
 # Onsets are sampled up to these multiples of the largest friction and of the band, to bracket where branches end.
 MORE_FRICTION, MORE_BAND = 2.0, 1.1
 # Windows look at onsets up to this many times their friction, for branches that dip to it between two samples.
 HEADROOM = 4.0
-# Degrees: the interval in which a fold is known to lie, or a growing mode to end without an onset; and the
-# distance from an onset at which its growing mode is looked for.
+# Degrees: the interval in which a fold is known to lie, or a growing mode to end; and the distance from an onset
+# at which its growing mode is looked for.
 FOLD, END, BESIDE = 1e-9, 1e-11, 1e-8
 # Onset and recovery closer than this share of their frequency are one zero and its rounding, close to a fold.
 SAME = 1e-8
@@ -199,13 +207,38 @@ def unstable_windows(
     onsets = _Onsets(rig, band, HEADROOM * friction).passing(angles, friction) if friction > 0.0 else []
     stops = _dense(angles) + [theta + side for theta in onsets for side in (-BESIDE, BESIDE)]
     samples = [growing(theta) for theta in sorted(set(stops)) if first <= theta <= last]
-    branches = follow(growing, samples, END, _window_ends)
+    branches = _follow(growing, samples, END, _window_ends)
     windows = [(_end(branch[0], band), _end(branch[-1], band), _peak(growing, branch)) for branch in branches]
     windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
     table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
     theta, frequency, level = table.reshape(-1, 3, 3).transpose(2, 1, 0).copy()
     ends = theta[0], theta[1], frequency[0], frequency[1], theta[0] == first, theta[1] == last
     return UnstableWindows(*ends, peak_growth_rate=level[2], peak_theta=theta[2], peak_frequency=frequency[2])
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """An onset, a recovery or a growing mode at one angle, in degrees."""
+
+    theta: float
+    # Friction of an onset or growth rate (1/s) of a mode; Hz.
+    level: float
+    frequency: float
+    # Coordinates in which the distance of points is measured.
+    place: complex
+    # False for a recovery; only points of one kind are linked.
+    rises: bool = True
+    # Beyond the limits of interest, where a branch may end for no known reason.
+    outside: bool = False
+    # Why a branch ends here.
+    end: str = "range"
+
+
+Pairs = list[tuple[Point, Point]]
+Sample = tuple[float, list[Point]]
+Sampler = Callable[[float], Sample]
+# Pairs of points without a counterpart, on the left and on the right, with the ends of their branches at an angle.
+Ending = Callable[[list[Point], list[Point], float], Pairs]
 
 
 @dataclass(frozen=True)
@@ -235,21 +268,21 @@ class _Onsets:
         samples = [self.sample(angle, wider=False) for angle in _dense(theta)]
         if len(samples) == 1:
             return [[point] for point in samples[0][1]]
-        return [self._with_extremes(branch) for branch in follow(self.sample, samples, FOLD, _folds)]
+        return [self._with_extremes(branch) for branch in _follow(self.sample, samples, FOLD, _folds)]
 
     def _with_extremes(self, branch: list[Point]) -> list[Point]:
         """A branch with the points between its own at which friction is least or largest."""
         found = {point.theta: point for point in branch}
         # The slope at an end of the range tells whether there is an extreme before the next point.
         beside = [
-            locate(self.sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
+            _locate(self.sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
             for pair, end in ((branch[:2], branch[0]), (branch[-2:], branch[-1]))
-            if not (end.end or end.outside)
+            if end.end == "range" and not end.outside
         ]
         points = sorted([*branch, *beside], key=lambda point: point.theta)
         for p, at, q in zip(points, points[1:], points[2:], strict=False):
             if (at.level > p.level) == (at.level > q.level):
-                best = extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
+                best = _extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
                 found[best.theta] = best
         return sorted(found.values(), key=lambda point: point.theta)
 
@@ -257,13 +290,12 @@ class _Onsets:
         """The parts of a branch within the limits."""
         edges = [self._edge(p, q) for p, q in pairwise(branch) if p.outside != q.outside]
         points = sorted([*branch, *edges], key=lambda point: point.theta)
-        return [
-            _curve(list(part)) for outside, part in groupby(points, lambda point: point.outside) if not outside
-        ]
+        parts = groupby(points, lambda point: point.outside)
+        return [_curve(list(part)) for outside, part in parts if not outside]
 
     def _edge(self, p: Point, q: Point) -> Point:
         """Where a branch passes a limit."""
-        edge = root(self.sample, p, q, lambda at: max(at.level / self.mu_max, at.frequency / self.fmax) - 1.0)
+        edge = _root(self.sample, p, q, lambda at: max(at.level / self.mu_max, at.frequency / self.fmax) - 1.0)
         if edge.level / self.mu_max > edge.frequency / self.fmax:
             return replace(edge, level=self.mu_max, outside=False, end="mu_max")
         return replace(edge, frequency=self.fmax, outside=False, end="fmax")
@@ -271,7 +303,7 @@ class _Onsets:
     def passing(self, theta: Array, mu: float) -> list[float]:
         """Angles at which branches pass a friction."""
         return [
-            root(self.sample, p, q, lambda at: at.level - mu).theta
+            _root(self.sample, p, q, lambda at: at.level - mu).theta
             for branch in self.branches(theta)
             for p, q in pairwise(branch)
             if (p.level > mu) != (q.level > mu)
@@ -283,11 +315,8 @@ def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
     pairs: Pairs = []
     for ended in (before, after):
         for p in (point for point in ended if not point.outside):
-            alike, others = (
-                [point for point in ended if (point.rises == p.rises) is same] for same in (True, False)
-            )
-            q = closest(p, others)
-            if q is None or closest(q, alike) is not p:
+            q = _closest(p, [point for point in ended if point.rises != p.rises])
+            if q is None or _closest(q, [point for point in ended if point.rises == p.rises]) is not p:
                 raise ArithmeticError(
                     f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
                 )
@@ -301,8 +330,7 @@ def _curve(points: list[Point]) -> OnsetCurve:
     theta, mu, frequency = np.array([(each.theta, each.level, each.frequency) for each in points]).T.copy()
     k = int(np.argmin(mu))
     lowest = (float(theta[k]), float(mu[k]), float(frequency[k]))
-    ends = (points[0].end or "range", points[-1].end or "range")
-    return OnsetCurve(theta, mu, frequency, points[0].rises, ends, lowest)
+    return OnsetCurve(theta, mu, frequency, points[0].rises, (points[0].end, points[-1].end), lowest)
 
 
 def _dense(theta: Array) -> list[float]:
@@ -323,18 +351,17 @@ def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> tuple[Array, Array]:
 def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
     """Modes that grow while they oscillate."""
     modes = sliding_modes(rig, theta, mu, fmax)
-    phi = modes.growth_rate + 2j * np.pi * modes.frequency
-    phi = phi[(phi.real > 0.0) & (phi.imag > 0.0)]
+    both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
+    growing = [(growth, frequency) for growth, frequency in both if growth > 0.0 and frequency > 0.0]
     return theta, [
-        Point(theta, each.real, each.imag / (2.0 * np.pi), complex(np.log(each))) for each in phi.tolist()
+        Point(theta, *each, complex(np.log(complex(each[0], 2.0 * np.pi * each[1])))) for each in growing
     ]
 
 
 def _window_ends(before: list[Point], after: list[Point], theta: float) -> Pairs:
     """Pairs of a growing mode and the end of its window."""
-    return [(mode, replace(mode, theta=theta)) for mode in before] + [
-        (replace(mode, theta=theta), mode) for mode in after
-    ]
+    begun, ended = ([replace(mode, theta=theta) for mode in modes] for modes in (after, before))
+    return [*zip(before, ended, strict=True), *zip(begun, after, strict=True)]
 
 
 def _end(mode: Point, fmax: float) -> Point:
@@ -347,5 +374,76 @@ def _end(mode: Point, fmax: float) -> Point:
 def _peak(growing: Sampler, window: list[Point]) -> Point:
     """Where a mode grows fastest; the end of its window rather than the last mode before it."""
     k = max(range(len(window)), key=lambda k: window[k].level)
-    best = extreme(growing, window[max(k - 1, 0) : k + 2], 1.0)
+    best = _extreme(growing, window[max(k - 1, 0) : k + 2], 1.0)
     return max(window[0], window[-1], best, key=lambda mode: mode.level)
+
+
+def _follow(sampler: Sampler, samples: list[Sample], shortest: float, ending: Ending) -> list[list[Point]]:
+    """Branches through ascending samples, each ascending in theta, from intervals down to `shortest` degrees."""
+    pairs = [pair for left, right in pairwise(samples) for pair in _link(sampler, left, right, shortest, ending)]
+    following = {id(first): second for first, second in pairs}
+    followers = {id(second) for _, second in pairs}
+    branches = [[first] for first, _ in pairs if id(first) not in followers]
+    for branch in branches:
+        while id(branch[-1]) in following:
+            branch.append(following[id(branch[-1])])
+    return branches
+
+
+def _link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending: Ending) -> Pairs:
+    """Pairs of neighbours on each branch between two samples."""
+    pairs, clear = _counterparts(left[1], right[1])
+    linked = {id(point) for pair in pairs for point in pair}
+    before, after = ([point for point in points if id(point) not in linked] for _, points in (left, right))
+    middle = 0.5 * (left[0] + right[0])
+    if right[0] - left[0] <= shortest or (clear and all(point.outside for point in before + after)):
+        return pairs + ending(before, after, middle)
+    between = sampler(middle)
+    return _link(sampler, left, between, shortest, ending) + _link(sampler, between, right, shortest, ending)
+
+
+def _counterparts(left: list[Point], right: list[Point]) -> tuple[Pairs, bool]:
+    """Pairs of mutually nearest points, and whether all are clear."""
+    pairs, all_clear = [], True
+    for p in left:
+        q = _closest(p, [point for point in right if point.rises == p.rises])
+        if q is None or _closest(q, [point for point in left if point.rises == p.rises]) is not p:
+            continue
+        distance = abs(p.place - q.place)
+        rivals = [point.place for point in left + right if point is not p and point is not q]
+        rival = min((min(abs(place - p.place), abs(place - q.place)) for place in rivals), default=np.inf)
+        clear = distance <= CLEAR * rival
+        if distance <= FAR and (clear or not (p.outside and q.outside)):
+            pairs.append((p, q))
+            all_clear = all_clear and clear
+    return pairs, all_clear
+
+
+def _closest(p: Point, points: list[Point]) -> Point | None:
+    """The nearest to p of some points, if there are any."""
+    return min(points, key=lambda point: abs(point.place - p.place), default=None)
+
+
+def _locate(sampler: Sampler, near: list[Point], theta: float) -> Point:
+    """The point at `theta` of the branch that passes through some neighbours, ascending in theta."""
+    place = np.interp(theta, [point.theta for point in near], [point.place for point in near])
+    known = [point for point in near if point.theta == theta]
+    points = known or [point for point in sampler(theta)[1] if point.rises == near[0].rises]
+    if not points:
+        raise ArithmeticError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
+    return min(points, key=lambda point: abs(point.place - place))
+
+
+def _root(sampler: Sampler, p: Point, q: Point, function: Callable[[Point], float]) -> Point:
+    """The point between neighbours where `function`, of opposite sign at them, is zero."""
+    theta = brentq(lambda x: function(_locate(sampler, [p, q], x)), p.theta, q.theta, xtol=1e-14)
+    return _locate(sampler, [p, q], theta)
+
+
+def _extreme(sampler: Sampler, near: list[Point], sign: float) -> Point:
+    """Where the level is largest (`sign` = 1) or least (-1) between the first and the last of neighbours."""
+    best, ends = max(near, key=lambda point: sign * point.level), (near[0].theta, near[-1].theta)
+    if ends[1] - ends[0] < NARROW:
+        return best
+    theta = fminbound(lambda x: -sign * _locate(sampler, near, x).level, *ends, xtol=1e-8)
+    return max(best, _locate(sampler, near, float(theta)), key=lambda point: sign * point.level)

@@ -216,10 +216,7 @@ def _judge(
 
 @kernel
 def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
-    """Fill `brackets` (MOST_INTERVALS, 3) with low, high and pole index of one zero of W each.
-
-    Returns the number of zeros and the number of intervals judged.
-    """
+    """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged."""
     found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
     while low < 1.0 and judged < MOST_INTERVALS:
         high = min(low + width, 1.0)

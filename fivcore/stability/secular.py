@@ -100,13 +100,7 @@ def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
 
 
 def sliding_roots(problem: SlidingProblem, mu: Array) -> Complex:
-    """Scaled eigenvalues for each mu, (mu, places), all within RADIUS among them; OUTSIDE where there is none.
-
-    Raises
-    ------
-    ArithmeticError
-        If the count within the circle says that one is missing.
-    """
+    """Scaled eigenvalues for each mu, (mu, places), all within RADIUS among them; OUTSIDE where there is none."""
     found = [_roots(problem, float(each)) for each in mu]
     roots = np.full((len(mu), max(map(len, found), default=0)), OUTSIDE, dtype=complex)
     for row, values in zip(roots, found, strict=True):
@@ -115,6 +109,7 @@ def sliding_roots(problem: SlidingProblem, mu: Array) -> Complex:
 
 
 def _roots(problem: SlidingProblem, mu: float) -> Complex:
+    """All roots within RADIUS, and perhaps others; an ArithmeticError if the count says that one is missing."""
     c, tail = (each[0] + mu * each[1] for each in (problem.residues, problem.tail))
     roots, more = problem.guesses.copy(), 0
     for _ in range(MOST_TRIALS):
@@ -188,7 +183,6 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
     """
     n = len(z)
     last = np.full(n, np.inf)
-    unsettled = n
     for _ in range(MOST_SWEEPS):
         for j in range(n):
             if last[j] < 0.0:
@@ -203,9 +197,8 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
             length = abs(step)
             if length <= 4.0 * EPS * abs(z[j]) or (rounding and length >= last[j]):
                 length = -1.0
-                unsettled -= 1
             last[j] = length
-        if unsettled == 0:
+        if n == 0 or last.max() < 0.0:
             return
     for j in range(n):
         if last[j] >= 0.0:

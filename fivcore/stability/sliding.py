@@ -83,16 +83,31 @@ class SlidingModes(ReadOnlyArrays):
         P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`).
         Scaled so that the largest translation is 1; computed on access.
         """
-        lead, modes = self.frequency.shape[:-1], self.frequency.shape[-1]
         nodes = self.rig.p1.elements + self.rig.p2.elements + 2
-        shapes = np.full((*lead, modes, nodes, 3), complex(np.nan, np.nan))
-        for index in np.ndindex(*lead, modes):
-            if np.isfinite(self.frequency[index]):
-                theta, mu = float(self.theta[index[:-1]]), float(self.mu[index[:-1]])
-                shapes[index] = _shape(
-                    self.rig, theta, mu, self.fmax, self.eigenvalue[index], int(self._hidden[index])
-                )
+        shapes = np.full((*self.frequency.shape, nodes, 3), complex(np.nan, np.nan))
+        for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
+            shapes[index] = self._shape(index)
         return shapes
+
+    def _shape(self, index: tuple[Any, ...]) -> Complex:
+        theta, mu, hidden = float(self.theta[index[:-1]]), self.mu[index[:-1]], self._hidden[index]
+        upper, lower = rig_bases(self.rig, theta)
+        stiffness, normal, tangential = contact_modes(self.rig, theta)
+        q = np.zeros(len(stiffness), dtype=complex)
+        if hidden >= 0:
+            which, amplitudes = sliding_problem(self.rig, theta, self.fmax).hidden_modes[hidden]
+            q[which] = amplitudes
+        else:
+            # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
+            force, distance = normal + mu * tangential, stiffness - self.eigenvalue[index]
+            nearest = int(np.argmin(np.where(force != 0.0, np.abs(distance), np.inf)))
+            others = np.arange(len(q)) != nearest
+            q[nearest] = force[nearest]
+            q[others] = force[others] * distance[nearest] / distance[others]
+        split = len(upper.stiffness)
+        shape = np.concatenate([upper.shapes @ q[:split], lower.shapes @ q[split:]])
+        translations = shape[:, :2].ravel()
+        return np.asarray(shape / translations[np.argmax(np.abs(translations))])
 
 
 def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingModes:
@@ -136,11 +151,12 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
             f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
         ) from None
     angles, frictions = angles.copy(), frictions.copy()
-    distinct, member = np.unique(angles, return_inverse=True)
-    groups = [np.nonzero(member.ravel() == t)[0] for t in range(len(distinct))]
-    parts = [_modes(rig, float(t), frictions.flat[at], band) for t, at in zip(distinct, groups, strict=True)]
-    found = np.full((frictions.size, max((part.shape[1] for part in parts), default=0)), MISSING)
-    for at, part in zip(groups, parts, strict=True):
+    parts = []
+    for angle in np.unique(angles):
+        at = np.nonzero(angles.ravel() == angle)[0]
+        parts.append((at, _modes(rig, float(angle), frictions.flat[at], band)))
+    found = np.full((frictions.size, max((part.shape[1] for _, part in parts), default=0)), MISSING)
+    for at, part in parts:
         found[at, : part.shape[1]] = part
     found = found.reshape(*angles.shape, found.shape[1])
     frequency, growth_rate = found["phi"].imag / (2.0 * np.pi), found["phi"].real.copy()
@@ -159,12 +175,9 @@ def _modes(rig: Rig, theta: float, mu: Array, fmax: float) -> NDArray[np.void]:
     """Modes in the band, (mu, modes), ascending in frequency."""
     problem = sliding_problem(rig, theta, fmax)
     roots = sliding_roots(problem, mu)
-    n, k = roots.shape[1], len(problem.hidden)
-    found = np.full((len(mu), n + k), MISSING)
-    found["hidden"][:, n:] = np.arange(k)
-    values = np.empty(found.shape, dtype=complex)
-    values[:, :n], values[:, n:] = roots, problem.hidden
-    values *= problem.unit
+    values = problem.unit * np.hstack([roots, np.tile(problem.hidden, (len(mu), 1))])
+    found = np.full(values.shape, MISSING)
+    found["hidden"][:, roots.shape[1] :] = np.arange(len(problem.hidden))
     phi = np.empty_like(values)
     damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
     found["phi"], found["eigenvalue"] = phi, values
@@ -173,23 +186,3 @@ def _modes(rig: Rig, theta: float, mu: Array, fmax: float) -> NDArray[np.void]:
     order = np.lexsort((found["phi"].real, found["phi"].imag), axis=-1)
     modes = int(np.isfinite(found["phi"]).sum(axis=1).max(initial=0))
     return np.take_along_axis(found, order[:, :modes], axis=1)
-
-
-def _shape(rig: Rig, theta: float, mu: float, fmax: float, eigenvalue: Any, hidden: int) -> Complex:
-    upper, lower = rig_bases(rig, theta)
-    stiffness, normal, tangential = contact_modes(rig, theta)
-    q = np.zeros(len(stiffness), dtype=complex)
-    if hidden >= 0:
-        which, amplitudes = sliding_problem(rig, theta, fmax).hidden_modes[hidden]
-        q[which] = amplitudes
-    else:
-        # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
-        force, distance = normal + mu * tangential, stiffness - eigenvalue
-        nearest = int(np.argmin(np.where(force != 0.0, np.abs(distance), np.inf)))
-        others = np.arange(len(q)) != nearest
-        q[nearest] = force[nearest]
-        q[others] = force[others] * distance[nearest] / distance[others]
-    split = len(upper.stiffness)
-    shape = np.concatenate([upper.shapes @ q[:split], lower.shapes @ q[split:]])
-    translations = shape[:, :2].ravel()
-    return np.asarray(shape / translations[np.argmax(np.abs(translations))])
