@@ -17,7 +17,7 @@ from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear,
 SAMPLED = 64
 
 # Step, beta2, dt / tau, friction, drive, gaps that unit forces close within a step (W); free gaps of the present
-# step, g_T and T at the end of the last one; contact state, the present step and the step from which statistics
+# step, g_T and T at the end of the last one; contact state, the present step, the step from which statistics
 # count, intervals and numbers of samples and rows of the record.
 _NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
 _WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
@@ -110,7 +110,7 @@ def advance(
         count_step(scene, contact, N, abs(slip_rate), dt)
         if contact != was:
             if enter(scene, was, contact, t):
-                sticks[scene.sticks - 1, 0], sticks[scene.sticks - 1, 1] = scene.last_stick, t
+                sticks[scene.sticks - 1] = (scene.last_stick, t)
             if scene.settled_from < np.inf:
                 scene.settle = int(np.ceil(scene.settled_from / dt - 1.0))
         scene.work += dt * T * (V * t / ramp if t < ramp else V)
