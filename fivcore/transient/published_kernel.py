@@ -69,25 +69,13 @@ def advance(
     scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any,
     rows: Any, sticks: Any,
 ) -> None:  # fmt: skip
-    """Take the steps up to `last` of one scene; record and state arrays are changed in place.
+    """Take the steps up to `last` of one scene; the record and the state change in place.
 
-    Parameters
-    ----------
-    scenes : ndarray of SCENE, (1,)
-    last : int
-    modes : tuple
-        k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the shape at B, each (n,).
-    f : ndarray, (n,)
-        Constant modal force.
-    slide : tuple
-        Changes of the gap shapes in a step, each (n,); empty where the contact point stays.
-    q, vs, a : ndarray, (n,)
-        q, v* and a* of the present step.
-    free : ndarray, (n,)
-        Workspace for q_free.
-    samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
-        Velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state; begin and end of
-        long sticks.
+    `scenes` (1,) is the record, `modes` holds k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the
+    shape at B, `f` the constant modal force, `slide` the changes of the gap shapes in a step (empty where the
+    contact point stays); `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free, each
+    (n,). A row of `samples` is velocity of B, slip rate and N, one of `rows` time, velocity of B, N, T, slip rate
+    and contact state, one of `sticks` begin and end of a long stick.
     """
     scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes
