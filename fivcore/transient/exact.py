@@ -33,7 +33,7 @@ DWELL = 1e-10
 # Largest growth of slip within DWELL, as a power of e; largest rounding error of a state, relative to the root of
 # the motion's energy.
 MOST_GROWTH, LOST = 10.0, 1e-9
-# What ended a regime that no margin did: the end of the ramp or of the run, or DWELL.
+# Ends of a regime other than a margin's: the end of the ramp or of the run, and that of DWELL.
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, and length of a segment, s.
 STEP, SEGMENT = 1e-6, 0.04

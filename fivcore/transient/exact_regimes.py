@@ -65,7 +65,7 @@ class Regime(NamedTuple):
 @lru_cache(maxsize=32)
 @one_blas_thread()
 def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
-    """All four regimes of a model with an absorbing element."""
+    """Return the four regimes of a model with an absorbing element."""
     return tuple(_regime(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
 
 
@@ -75,10 +75,10 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     k, c, normal, tangential, inertia, point_b = (part.astype(REAL) for part in parts)
     K, C = model.K.astype(REAL), model.C.astype(REAL)
     n, rigid = len(k), int(np.argmin(model.stiffness))
-    # In separation P1's rigid mode is part of d, in contact u_N is -g_N, and in stick u_T follows from the clamp.
-    bound = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
-    x = np.delete(np.arange(2 * n + 2), bound)
-    unit = np.delete(np.eye(2 * n + 8, dtype=REAL), bound, axis=1)
+    # P1's rigid mode is part of d in separation, u_N is -g_N in contact, and u_T follows the clamp in stick.
+    dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
+    x = np.delete(np.arange(2 * n + 2), dependent)
+    unit = np.delete(np.eye(2 * n + 8, dtype=REAL), dependent, axis=1)
     q, v, u, d = np.split(unit, [n, 2 * n, 2 * n + 2])
     if which == SEPARATION:
         q[rigid], v[rigid] = d[Q_R], d[V_R]

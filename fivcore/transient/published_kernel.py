@@ -138,7 +138,7 @@ def advance(
                 tangential[j] += slideT[j]
                 gN += normal[j] * free[j]
                 gT += tangential[j] * free[j]
-                # What sticks does not slide over P2.
+                # A change of g_T by the change of its shape is no slip.
                 along += slideT[j] * q[j]
             scene.gap_N, scene.gap_T = gN, gT
             scene.last_gT += along
