@@ -1,14 +1,10 @@
 """`method="exact"`: the reduced model with the absorbing element, integrated from event to event.
 
-In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear
-and propagated by its eigenvalues (`fivcore.transient.exact_regimes`). A regime ends at the first zero of one of
-its margins, found by a certified search (`fivcore.transient.exact_kernels`). So the method has neither order nor
-time step: `step` is the grid on whose midpoints statistics and series are read. Its error is rounding, some 1e-13
-of the motion until the first slip, which flutter then amplifies to 1e-10 at the first separation.
-
-The forces are continuous at every event but touch-down, where the dashpot lets N jump. A margin that vanishes at
-an event therefore departs from zero with its first derivative (the slip rate after stick, the distance to the edge
-of the cone after slip) or its second (the gap where N falls to zero, or after a touch-down without closing speed).
+In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear.
+It is propagated by its eigenvalues (`exact_regimes`) to the first zero of one of the regime's margins, found by a
+certified search (`exact_kernels`). So there is neither order nor time step: `step` is the grid on whose midpoints
+statistics and series are read. The error is rounding, some 1e-13 of the motion until the first slip, which flutter
+then amplifies to 1e-10 at the first separation.
 
 An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
@@ -38,19 +34,14 @@ DWELL = 1e-10
 # Largest growth of slip within DWELL, as a power of e; largest rounding error of a state, relative to the root of
 # the motion's energy.
 MOST_GROWTH, LOST = 10.0, 1e-9
-# What ended a regime that no margin did: the end of the ramp or of the run, or DWELL.
+# Ends of a regime other than a margin's: the end of the ramp or of the run, and that of DWELL.
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, and length of a segment, s.
 STEP, SEGMENT = 1e-6, 0.04
 
 
 class ExactRun:
-    """One run in progress.
-
-    Attributes
-    ----------
-    held : int
-        Number of events within DWELL of the last one.
+    """One run in progress; `held` counts the events within DWELL of the last one.
 
     Raises
     ------
@@ -161,7 +152,13 @@ class ExactRun:
             self._next_regime()
 
     def _enter(self, t: float, which: int, y: Array, orders: tuple[int, int, int] = (0, 0, 0)) -> None:
-        """Begin a regime at time `t` in the full state `y` and find its end; `orders` are those of its margins."""
+        """Begin a regime at time `t` in the full state `y` and find its end.
+
+        The forces are continuous but at touch-down, where the dashpot lets N jump. So the margin that has just
+        vanished departs from zero with its first derivative (slip rate after stick, distance to the edge of the
+        cone after slip) or its second (gap where N falls to zero, or after a touch-down without closing speed):
+        `orders`, as in `search`.
+        """
         model, r, n = self.model, self._regimes[which], len(self.model.stiffness)
         end, acceleration = self.steps * self.step, 0.0
         if t < self.ramp:
@@ -185,10 +182,8 @@ class ExactRun:
             )
         self.record["impact"] += energy - self._energy_of(entered)
         switch(self.record, min(which, 2), t, self._sticks)
-        margins = r.margins[0] * self._amplitudes
-        length, self._event = search(
-            r.eigenvalues, margins, r.margins[1], start, np.array(orders), max(end - t, 0.0)
-        )
+        margins, left = r.margins[0] * self._amplitudes, max(end - t, 0.0)
+        length, self._event = search(r.eigenvalues, margins, r.margins[1], start, np.array(orders), left)
         self._stop = end if self._event == BOUNDARY else t + length
         if self._event != BOUNDARY and length < DWELL:
             self._stop, self._event = t + DWELL, HELD
@@ -226,7 +221,6 @@ class ExactRun:
         elif N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) > 0.0:
             self._enter(t, which, y)
         else:
-            # The gap begins at zero; after a touch-down, which then had no closing speed, so does its rate.
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
 
     def _clamp_velocity(self, t: float) -> float:

@@ -2,23 +2,11 @@
 
 Within a contact regime every output, at the time s since the regime was entered, is
 
-    f(s) = Re sum_k a_k exp(lambda_k s) + b . d(s),     d = (S, P, A, 1, q_r, v_r).
+    f(s) = Re sum_k a_k exp(lambda_k s) + b . d(s),     d = (S, P, A, 1, q_r, v_r),
 
-The sum runs over the regime's eigenvalues. d is the prescribed motion: S and P = S' are the displacement and the
-velocity of P2's clamp, with S'' = A constant; q_r and v_r are P1's rigid mode in free flight, which is needed in
-separation only. Kernels take it as one array, `start` = (S, P, A, 1, q_r, v_r, pull, drag) at s = 0, with
-v_r' = pull - drag v_r.
-
-`search` returns the first zero of several such functions and cannot miss a pair of zeros. On (s, s + h)
-
-    |f''| <= B = sum_k |a_k lambda_k^2 exp(lambda_k s)| max(1, exp(h Re lambda_k)) + |(b . d)''|,
-
-so f has no zero before f + f' x - B x^2 / 2 has one. Repeated steps to the positive root of this parabola either
-pass a near miss or converge to the first zero, from before it and with second order.
-
-A function that vanishes at s = 0 together with its derivatives below `order` is bounded by its derivative of that
-order, g > 0, and a bound B on the next one: f >= s^order / order! (g - B s / (order + 1)). Thus it is positive up
-to (order + 1) g / B, and the search begins at half of that. Where g <= 0 the zero is at s = 0.
+summed over the regime's eigenvalues. d is the prescribed motion: displacement S and velocity P = S' of P2's clamp
+with S'' = A constant, and P1's rigid mode in free flight, v_r' = pull - drag v_r, which only separation needs.
+Kernels take it as `start` = (S, P, A, 1, q_r, v_r, pull, drag) at s = 0.
 """
 
 from __future__ import annotations
@@ -86,10 +74,18 @@ def search(
 ) -> tuple[float, int]:
     """Find the first zero of k functions, amplitudes (k, m) and b in `forced` (k, 6), within the time `end`, s.
 
-    An entry of `orders` (k,) is 0 where the function begins positive, or 1 or 2 where so many of its derivatives,
-    the value counted, vanish at s = 0. Returns the time, s, and the function's index, or `end` and -1.
+    Returns the time, s, and the function's index, or `end` and -1. On (s, s + h)
+
+        |f''| <= B = sum_k |a_k lambda_k^2 exp(lambda_k s)| max(1, exp(h Re lambda_k)) + |(b . d)''|,
+
+    so f has no zero before f + f' x - B x^2 / 2 has one. Repeated steps to the positive root of this parabola pass
+    a near miss or converge to the first zero, from before it and with second order: no pair of zeros is missed.
+
+    An entry of `orders` (k,), 0 to 2, counts the derivatives, the value included, that vanish at s = 0. With the
+    next one g > 0 and a bound B on the one after it, f >= s^order / order! (g - B s / (order + 1)); the search
+    begins at half of the zero of this bound. Where g <= 0 the zero is at s = 0.
     """
-    m, count, drag = len(eigenvalues), len(amplitudes), start[DRAG]
+    m, count = len(eigenvalues), len(amplitudes)
     # A step never spans more than a factor of e of growth, beyond which the bound is too loose to be of use.
     ahead = min(end, AHEAD, 1.0 / max(eigenvalues.real.max(), 1.0 / AHEAD))
     growth, sizes, waves = np.empty(m), np.empty(m), np.empty(m, dtype=np.complex128)
@@ -108,6 +104,7 @@ def search(
             bound += abs(amplitudes[i, k]) * abs(eigenvalues[k]) ** (order + 1) * growth[k]
         _, slope, bend = _forced_part(b, start, start)
         if order == 2:
+            drag = start[DRAG]
             pull = start[PULL] - drag * start[V_R]
             slope = b[S] * start[A] + (b[Q_R] * pull - b[V_R] * drag * pull)
             bend = (abs(b[Q_R]) + abs(b[V_R]) * drag) * abs(pull) * drag
@@ -205,7 +202,7 @@ def switch(scenes: Any, contact: int, t: float, sticks: Any) -> None:
     if contact == was:
         return
     if enter(scene, was, contact, t):
-        sticks[scene.sticks - 1, 0], sticks[scene.sticks - 1, 1] = scene.last_stick, t
+        sticks[scene.sticks - 1] = (scene.last_stick, t)
     if t < scene.settled_from:
         clear(scene)
 

@@ -1,22 +1,18 @@
 """Contact regimes of `method="exact"` as linear systems in their own eigenbases.
 
-The state is x = (q, v) of the kept modes, with u_T in slip and (u_N, u_T) in separation, where the element of
-`fivcore.contact.law` moves on its own. In every regime x' = M x + B d, with d the prescribed motion of
-`fivcore.transient.exact_kernels`, and
+The state x is (q, v) of the kept modes, with u_T in slip and (u_N, u_T) in separation. With the prescribed motion
+d of `fivcore.transient.exact_kernels`, x' = M x + B d and
 
     x(s) = Re sum_k c_k z_k exp(lambda_k s) + E d(s),     M z_k = lambda_k z_k,
 
-where k runs over one eigenvalue of each conjugate pair, and E follows from equating the factors of S, P, A and 1
-with S' = P, P' = A, A' = 0.
+where k runs over one eigenvalue of each conjugate pair. Eigenpairs are refined by first-order perturbation, which
+converges with second order: with Z^-1 M Z = diag(lambda) + R, lambda_k grows by R_kk and Z by Z X,
+X_jk = R_jk / (lambda_k - lambda_j).
 
-Eigenpairs are refined by first-order perturbation: with Z^-1 M Z = diag(lambda) + R, lambda_k grows by R_kk and Z
-by Z X, X_jk = R_jk / (lambda_k - lambda_j); this converges with second order.
-
-Refinement and E use `np.longdouble`, with a mantissa of 64 bits on x86-64. On platforms where it has the 53
-bits of double (MSVC, macOS on arm64) the method runs and loses two to three digits. Measured with the paper's
-rig at 20 mm/s by `tests/test_exact.py`, which replaces the type: states up to the first separation change by
-5e-9 of the motion (7e-11 before the first slip), first slip and separation by 2e-13 s, and the energy residual
-grows from 6e-15 to 5e-13. A rig with d1 = 1e5 1/s needs more digits and raises `fivcore.DivergenceError`.
+Refinement and E use `np.longdouble`, with a mantissa of 64 bits on x86-64. Where it has the 53 bits of double
+(MSVC, macOS on arm64) two to three digits are lost: with the paper's rig at 20 mm/s states up to the first
+separation change by 5e-9 of the motion, events by 2e-13 s, and the energy residual grows from 6e-15 to 5e-13
+(`tests/test_exact.py` replaces the type). A rig with d1 = 1e5 1/s then raises `fivcore.DivergenceError`.
 """
 
 from __future__ import annotations
@@ -34,7 +30,7 @@ from fivcore.transient.statistics import SEPARATION, STICK
 
 # Slip with T = mu N and with T = -mu N; the other regimes have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
-# Largest condition number of an eigenbasis, and the number of refinements.
+# Largest condition number of an eigenbasis, number of refinements.
 WORST, REFINEMENTS = 1e9, 2
 # Types of the refinement.
 REAL: Any = np.longdouble
@@ -69,7 +65,7 @@ class Regime(NamedTuple):
 @lru_cache(maxsize=32)
 @one_blas_thread()
 def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
-    """All four regimes of a model with an absorbing element."""
+    """Return the four regimes of a model with an absorbing element."""
     return tuple(_regime(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
 
 
@@ -79,10 +75,10 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     k, c, normal, tangential, inertia, point_b = (part.astype(REAL) for part in parts)
     K, C = model.K.astype(REAL), model.C.astype(REAL)
     n, rigid = len(k), int(np.argmin(model.stiffness))
-    # In separation P1's rigid mode is part of d, in contact u_N is -g_N, and in stick u_T follows from the clamp.
-    bound = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
-    x = np.delete(np.arange(2 * n + 2), bound)
-    unit = np.delete(np.eye(2 * n + 8, dtype=REAL), bound, axis=1)
+    # P1's rigid mode is part of d in separation, u_N is -g_N in contact, and u_T follows the clamp in stick.
+    dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
+    x = np.delete(np.arange(2 * n + 2), dependent)
+    unit = np.delete(np.eye(2 * n + 8, dtype=REAL), dependent, axis=1)
     q, v, u, d = np.split(unit, [n, 2 * n, 2 * n + 2])
     if which == SEPARATION:
         q[rigid], v[rigid] = d[Q_R], d[V_R]
@@ -129,10 +125,8 @@ def _in_eigenbasis(moving: Any, scale: Array, taken: Any, state: Any, outputs: A
         right = -scale * forcing[:, slot]
         if slot in (P, A):
             right += steady[:, slot - 1]
-        x = inverse @ right
-        for _ in range(REFINEMENTS):
-            x = x + inverse @ (right - matrix @ x)
-        steady[:, slot] = x
+        for _ in range(REFINEMENTS + 1):
+            steady[:, slot] += inverse @ (right - matrix @ steady[:, slot])
     eigenvalues, vectors, back = _eigenbasis(matrix)
     kept = eigenvalues.imag >= 0.0
     eigenvalues, vectors, steady = eigenvalues[kept], vectors[:, kept] / scale[:, None], steady / scale[:, None]
@@ -140,14 +134,14 @@ def _in_eigenbasis(moving: Any, scale: Array, taken: Any, state: Any, outputs: A
 
     def factors(rows: Any) -> tuple[Complex, Array]:
         modal, forced = rows[:, :size] @ vectors, rows[:, :size] @ steady + rows[:, size:]
-        return np.ascontiguousarray(modal, dtype=complex), np.ascontiguousarray(forced, dtype=float)
+        return modal.astype(complex), forced.astype(float)
 
     modal, forced = factors(outputs)
     return Regime(
         eigenvalues.astype(complex),
         ((back @ taken).astype(complex), (-back @ steady).astype(complex)),
         factors(state),
-        (np.ascontiguousarray(modal.real.T), np.ascontiguousarray(modal.imag.T), np.ascontiguousarray(forced.T)),
+        (modal.real.T.copy(), modal.imag.T.copy(), forced.T.copy()),
         factors(margins),
     )
 

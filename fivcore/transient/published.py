@@ -52,15 +52,7 @@ def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
 
 
 class PaperRun:
-    """One run in progress.
-
-    Raises
-    ------
-    ValueError
-        Where the step is beyond the largest stable one.
-    ContactError
-        Where the contact force is not unique.
-    """
+    """One run in progress."""
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
@@ -98,6 +90,7 @@ class PaperRun:
 
     def _start(self, initial: State | None) -> None:
         model, dt, ramp, record = self.model, self.step, self.options.ramp, self.record
+        speed = self.scene.speed_per_load
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
         self._load = model.stiffness * model.rest - model.normal
         q, T = model.rest.copy(), 0.0
@@ -108,26 +101,22 @@ class PaperRun:
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
-                speed = self.scene.speed_per_load if ramp == 0.0 else 0.0
-                slips = initial.contact == SLIP
-                m = -self.scene.mu * float(np.sign(model.tangential @ v - speed)) if slips else 0.0
+                slip_rate = model.tangential @ v - (speed if ramp == 0.0 else 0.0)
+                m = -self.scene.mu * float(np.sign(slip_rate)) if initial.contact == SLIP else 0.0
                 push = model.normal + m * model.tangential
                 N = -float(model.normal @ a) / float(model.normal @ push)
                 a, T = a + push * N, m * N
         if ramp == 0.0:
-            v = v + model.inertia * self.scene.speed_per_load
+            v = v + model.inertia * speed
         record["last_gT"], record["last_T"] = model.tangential @ q, T
         self._first_energy = self._energy_of(q, v)
-        self._f = self._load + self._ramp_force if ramp > 0.0 else self._load
+        # Modal force of P2's inertia within the ramp.
+        self._push = model.inertia * speed / ramp if ramp > 0.0 else np.zeros(len(q))
+        self._f = self._load + self._push
         self._q, self._vs = q, v + dt * (1.0 - self._b) * a
         self._predict()
         if self._ramp_ends == 0:
             self._end_ramp(0)
-
-    @property
-    def _ramp_force(self) -> Array:
-        """Modal force of P2's inertia within the ramp."""
-        return self.model.inertia * self.scene.speed_per_load / self.options.ramp
 
     def _predict(self) -> None:
         """Set a* and the free gaps of the step that comes from q, v* and f."""
@@ -185,7 +174,7 @@ class PaperRun:
     def _end_ramp(self, step: int) -> None:
         """Stop the acceleration of the clamp and predict step `step` anew."""
         # The rounded number of steps leaves a rest of the ramp, which acts as an impulse.
-        push = self._ramp_force * (self.options.ramp - step * self.step)
+        push = self._push * (self.options.ramp - step * self.step)
         self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
         self._f = self._load

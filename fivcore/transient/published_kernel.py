@@ -17,7 +17,7 @@ from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear,
 SAMPLED = 64
 
 # Step, beta2, dt / tau, friction, drive, gaps that unit forces close within a step (W); free gaps of the present
-# step, g_T and T at the end of the last one; contact state, the present step and the step from which statistics
+# step, g_T and T at the end of the last one; contact state, the present step, the step from which statistics
 # count, intervals and numbers of samples and rows of the record.
 _NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
 _WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
@@ -69,25 +69,13 @@ def advance(
     scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any,
     rows: Any, sticks: Any,
 ) -> None:  # fmt: skip
-    """Take the steps up to `last` of one scene; record and state arrays are changed in place.
+    """Take the steps up to `last` of one scene; the record and the state change in place.
 
-    Parameters
-    ----------
-    scenes : ndarray of SCENE, (1,)
-    last : int
-    modes : tuple
-        k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the shape at B, each (n,).
-    f : ndarray, (n,)
-        Constant modal force.
-    slide : tuple
-        Changes of the gap shapes in a step, each (n,); empty where the contact point stays.
-    q, vs, a : ndarray, (n,)
-        q, v* and a* of the present step.
-    free : ndarray, (n,)
-        Workspace for q_free.
-    samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
-        Velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state; begin and end of
-        long sticks.
+    `scenes` (1,) is the record, `modes` holds k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the
+    shape at B, `f` the constant modal force, `slide` the changes of the gap shapes in a step (empty where the
+    contact point stays); `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free, each
+    (n,). A row of `samples` is velocity of B, slip rate and N, one of `rows` time, velocity of B, N, T, slip rate
+    and contact state, one of `sticks` begin and end of a long stick.
     """
     scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes
@@ -110,7 +98,7 @@ def advance(
         count_step(scene, contact, N, abs(slip_rate), dt)
         if contact != was:
             if enter(scene, was, contact, t):
-                sticks[scene.sticks - 1, 0], sticks[scene.sticks - 1, 1] = scene.last_stick, t
+                sticks[scene.sticks - 1] = (scene.last_stick, t)
             if scene.settled_from < np.inf:
                 scene.settle = int(np.ceil(scene.settled_from / dt - 1.0))
         scene.work += dt * T * (V * t / ramp if t < ramp else V)
@@ -150,7 +138,7 @@ def advance(
                 tangential[j] += slideT[j]
                 gN += normal[j] * free[j]
                 gT += tangential[j] * free[j]
-                # What sticks does not slide over P2.
+                # A change of g_T by the change of its shape is no slip.
                 along += slideT[j] * q[j]
             scene.gap_N, scene.gap_T = gN, gT
             scene.last_gT += along
