@@ -62,6 +62,9 @@ class FastRun:
                 " sake"
             )
         self.steps = max(round(options.duration / self.step), 1)
+        # A ramp shorter than a step is none.
+        self._ramp = options.ramp if options.ramp >= self.step else 0.0
+        self._ramp_ends = int(self._ramp / self.step)
         self._motion = (
             ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
         )
@@ -83,7 +86,7 @@ class FastRun:
         self.segments: Iterable[Segment] = ()
         self.record = begin(np.zeros(1, at.SCENE), options.settle, SETTLING, options.min_stick)
         self._tables: SkipTables | None = None
-        self._solver = frozen_solver(model, scene.mu, self.step)
+        self._solver = self._coarse = frozen_solver(model, scene.mu, self.step)
         self.blocks = self._solver.blocks.copy()
         self._start(options.initial)
 
@@ -117,33 +120,30 @@ class FastRun:
                     u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
         self._shift = np.zeros(len(q))
-        if self.options.ramp > 0.0:
+        if self._ramp > 0.0:
             elastic = model.stiffness > 0.0
-            push = model.inertia[elastic] * scene.speed_per_load / self.options.ramp
+            push = model.inertia[elastic] * scene.speed_per_load / self._ramp
             self._shift[elastic] = push / model.stiffness[elastic]
         else:
             v += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(q, v, u)
-        self._begun = q - self._shift, v
         self._use(solver)
         record = self.record
         record["contact"], record["u_N"], record["u_T"] = contact, *u
         record["anchor"] = u[1] + model.tangential @ q + solver.at_rest[1]
-        self._place(*_move(model, *self._begun, 0.5 * self.step))
+        self._place(*_move(model, q - self._shift, v, 0.5 * self.step))
         if contact == STICK:
             record["next_skip"] = 0
-        if self._ramp_ends == 0 and self._shift.any():
-            self._end_ramp(0, self._begun)
 
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
         old, self.record = self.record, solver.record.copy()
         for name in [name for name, _ in FIELDS] + ["contact", "u_N", "u_T", "anchor", "now", "settle"]:
             self.record[name] = old[name]
-        record, options = self.record, self.options
+        record = self.record
         self._solver, self.blocks = solver, solver.blocks.copy()
-        record["speed"], record["ramp"] = self.scene.speed_per_load, options.ramp
-        record["acceleration"] = self.scene.speed_per_load / options.ramp if options.ramp > 0.0 else 0.0
+        record["speed"], record["ramp"] = self.scene.speed_per_load, self._ramp
+        record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
         settled = float(record["settled_from"][0])
         record["settle"] = int(np.ceil(settled / solver.step - 0.5)) if settled < np.inf else 0
         record["moving"] = self._motion is not None
@@ -240,7 +240,7 @@ class FastRun:
             last = self._until
             if now >= ramp_ends and self._fine is not None:
                 threshold = self._share * self.scene.mu
-            if motion is None and self.options.skip and now * self.step >= self.options.ramp:
+            if motion is None and self.options.skip and now * self.step >= self._ramp:
                 self._tables = skip_tables(solver, every)
         if rows:
             piece = at.MAX_SKIP * every * max(MOST_ROWS * rows // (at.MAX_SKIP * every), 1)
@@ -273,7 +273,7 @@ class FastRun:
                 self._leave_onset()
             return
         if now == self._ramp_ends and self._shift.any():
-            self._end_ramp(now, _move(self.model, self._row(at.Q), self._row(at.V), -0.5 * self.step))
+            self._end_ramp()
         if stopped:
             self._until = now
         if self._fine is not None and stopped:
@@ -291,23 +291,14 @@ class FastRun:
 
     # The ramp.
 
-    @property
-    def _ramp_ends(self) -> int:
-        return int(self.options.ramp / self.step)
-
-    def _end_ramp(self, step: int, boundary: tuple[Array, Array]) -> None:
-        """Stop the acceleration of the clamp, between the impulses of steps `step` - 1 and `step`.
-
-        `boundary` is the state at the start of `step`; the present one could not tell it after a ramp of far less
-        than a step, when the shift is so large that its rounding hides everything else.
-        """
-        model, ramp = self.model, self.options.ramp
-        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - step * self.step)
+    def _end_ramp(self) -> None:
+        """Stop the acceleration of the clamp, between the impulses of two steps."""
+        model, ramp = self.model, self._ramp
+        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - self._ramp_ends * self.step)
         q, v = _move(model, self._shift, push, 0.5 * self.step)
-        boundary_q, boundary_v = boundary
-        work = float(np.sum(model.stiffness * self._shift * (boundary_q + self._shift)))
-        work += float(np.sum(push * (boundary_v + 0.5 * push)))
-        self.record["work"] += work
+        before_q, before_v = self._between(self._solver)
+        self.record["work"] += np.sum(model.stiffness * self._shift * (before_q + self._shift))
+        self.record["work"] += np.sum(push * (before_v + 0.5 * push))
         self._shift = np.zeros(len(q))
         self._place(self._row(at.Q) + q, self._row(at.V) + v)
 
@@ -315,31 +306,32 @@ class FastRun:
 
     def _enter_onset(self, fine: Solver) -> None:
         """Go on with more modes and finer steps."""
-        coarse, now, u = self._solver, self.now, self._element
-        q, v = _move(coarse.model, self._row(at.Q), self._row(at.V), -0.5 * coarse.step)
-        self._coarse = coarse
-        self._change_to(fine, *onset.prolong(coarse, fine, q, v, u), now * coarse.step)
+        coarse, now = self._coarse, self.now
+        state = onset.prolong(coarse, fine, *self._between(coarse), self._element)
+        self._change_to(fine, state, now * self.step)
         self.record["now"] = now * onset.FINER
-        self._onset_ends = min(self.steps, now + round(onset.LONGEST / coarse.step)) * onset.FINER
+        self._onset_ends = min(self.steps, now + round(onset.LONGEST / self.step)) * onset.FINER
         self._opened = False
 
     def _leave_onset(self) -> None:
         """Go on with the modes and steps of the run."""
-        fine, coarse = self._solver, self._coarse
-        touches = bool(self.record["contact"] != SEPARATION)
-        q, v = _move(fine.model, self._row(at.Q), self._row(at.V), -0.5 * fine.step)
-        now = self.now
-        end = onset.restrict(fine, coarse, q, v, self._element, touches)
-        self._change_to(coarse, *end, now * coarse.step)
+        fine, now, touches = self._solver, self.now, bool(self.record["contact"] != SEPARATION)
+        state = onset.restrict(fine, self._coarse, *self._between(fine), self._element, touches)
+        self._change_to(self._coarse, state, now * self.step)
         self.record["now"], self._onset_ends = now, 0
 
-    def _change_to(self, solver: Solver, q: Array, v: Array, u: Array, t: float) -> None:
-        """Go on with another model and step from the state at time t, the start of a step."""
+    def _between(self, solver: Solver) -> tuple[Array, Array]:
+        """Displacements and velocities half a step ago, between two impulses."""
+        return _move(solver.model, self._row(at.Q), self._row(at.V), -0.5 * solver.step)
+
+    def _change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
+        """Go on with another model and step from modes and element at time t, between two impulses."""
+        q, v, u = state
         self._use(solver)
         self._shift = np.zeros(len(q))
         self._place(*_move(solver.model, q, v, 0.5 * solver.step))
         # Stick, if it goes on, holds the surfaces where they are at the next impulse.
-        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self.options.ramp)
+        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self._ramp)
         shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
         self.record["u_N"], self.record["u_T"], self.record["anchor"] = *u, u[1] + shifted
 
