@@ -175,8 +175,7 @@ def _modes(rig: Rig, theta: float, mu: Array, fmax: float) -> NDArray[np.void]:
     """Modes in the band, (mu, modes), ascending in frequency."""
     problem = sliding_problem(rig, theta, fmax)
     roots = sliding_roots(problem, mu)
-    hidden = np.tile(problem.hidden, (len(mu), 1))
-    values = np.asarray(problem.unit * np.hstack([roots, hidden]), dtype=complex)
+    values = np.asarray(problem.unit * np.hstack([roots, np.tile(problem.hidden, (len(mu), 1))]), dtype=complex)
     found = np.full(values.shape, MISSING)
     found["hidden"][:, roots.shape[1] :] = np.arange(len(problem.hidden))
     phi = np.empty_like(values)
