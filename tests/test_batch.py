@@ -350,6 +350,12 @@ def watched(folder, **environment):
 
 
 @pytest.mark.slow
+def test_compiled_now_or_before_the_bits_are_the_same(tmp_path):
+    compiled, loaded = (json.dumps(watched(tmp_path)) for _ in range(2))
+    assert loaded == compiled
+
+
+@pytest.mark.slow
 def test_no_kernel_leaves_its_arrays(tmp_path):
     """Ramp, onset, skip, slip, separation, record, moving contact, steady sliding: with every index checked."""
     usual, checked = watched(tmp_path / "usual"), watched(tmp_path / "checked", NUMBA_BOUNDSCHECK="1")
