@@ -56,8 +56,6 @@ EARLIER, SUMS, LOGARITHM, VALUE_ROWS = _sizes(4, 6, 12, 13)
 # rest. Columns: the line's start for each of the four, its slope for a unit of V. Rows: the readings, penetration
 # and u_T; and the loss in a step as a quadratic form of the four.
 COLUMNS, LINES, LOSSES = _sizes(5, 6, 4)
-# The same columns for x are rows, filled up to a multiple of four.
-(LINE_ROWS,) = _sizes(8)
 # Vectors of the workspace; behind them are the readings at LOOKS samples.
 X, Y, BEGIN, OTHER, WEIGHTS, STARTS, SLOPES, RESULT, VECTORS = range(9)
 
@@ -168,7 +166,6 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     moduli = np.pad(np.vstack([bend * moduli, moduli]), ((0, 0), (0, empty)))
     values = rows_of(np.vstack([readings, earlier[:, :count], sums, both, np.log(z)]))
     powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (LOOKS - 1)]), axis=0)
-    lines_of_x = np.pad(line.T, ((0, LINE_ROWS - COLUMNS), (0, 0)))
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
     matrices = (
@@ -179,7 +176,7 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
         affine,  # (LINES + LOSSES, COLUMNS)
         over_modes(way_in),  # (2 c, 2 m)
         over_modes(way_back),  # (2 c, 2 m)
-        over_modes(lines_of_x),  # (LINE_ROWS, 2 m)
+        over_modes(line.T).T,  # (2 m, COLUMNS)
         over_modes(np.kron(np.eye(2), gaps)),  # (READINGS, 2 m)
     )
     parts = [np.array([count + empty, 2.0 * solver.size]), *(each.ravel() for each in matrices)]
@@ -265,14 +262,14 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
         into = lines + (LINES + LOSSES) * COLUMNS
         back = into + twice * size
         line = back + twice * size
-        shapes = line + LINE_ROWS * size
+        shapes = line + COLUMNS * size
         wide = (len(work) - READINGS * LOOKS) // VECTORS
         x, y, begin, other, weights = X * wide, Y * wide, BEGIN * wide, OTHER * wide, WEIGHTS * wide
         starts, slopes, result, looks = STARTS * wide, SLOPES * wide, RESULT * wide, VECTORS * wide
         step, speed = scene.step, scene.speed
         # A first slip that is waited for comes with a share of mu N.
         mu = min(scene.threshold, scene.mu)
-        for i in range(LINE_ROWS):
+        for i in range(COLUMNS):
             work[weights + i] = 0.0
         work[weights + 4] = speed
         multiply(tables, lines, LINES, COLUMNS, work, weights, slopes)
@@ -280,16 +277,13 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
         work[weights + 1] = scene.anchor - scene.T_rest + speed * ((now + 0.5) * step - 0.5 * scene.ramp)
         multiply(tables, lines, LINES, COLUMNS, work, weights, starts)
         # x less its line, and the amplitudes of the eigenvectors in it.
-        for j in range(size):
-            work[x + j] = 0.0
-        combine(tables, line, LINE_ROWS, size, work, weights, x)
+        multiply(tables, line, size, COLUMNS, work, weights, x)
         for j in range(half):
             k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
             work[x + j] = modes[k + at.Q * at.BLOCK] - work[x + j]
             work[x + half + j] = modes[k + at.V * at.BLOCK] - work[x + half + j]
-        multiply(tables, into, twice, size, work, x, y)
-        for j in range(twice):
-            work[begin + j] = work[y + j]
+        multiply(tables, into, twice, size, work, x, begin)
+        rotate(tables, powers, LOOKS, work, begin, y, count)
         goal, far, largest = now, LOOKS - 1, 0.0
         while far == LOOKS - 1:
             # Amplitudes only shrink: what bounds them here does so at all samples to come.
@@ -333,9 +327,8 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
             work[x + j] = work[begin + j] + work[y + j]
             work[other + j] = work[begin + j] - work[y + j]
         multiply(tables, form, twice, twice, work, other, result)
-        lost = 0.0
-        for j in range(twice):
-            lost += work[result + j] * work[x + j]
+        multiply(work, result, ONE, twice, work, x, looks)
+        lost = work[looks]
         multiply(tables, lines + LINES * COLUMNS, LOSSES, COLUMNS, work, weights, result)
         multiply(tables, values + SUMS * twice, LOGARITHM - SUMS, twice, work, other, x)
         for i in range(LOSSES):
@@ -351,9 +344,7 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
         scene.u_N = work[result] + work[starts + 4] + work[slopes + 4] * (steps - 1.0)
         scene.u_T = work[result + 1] + work[starts + 5] + work[slopes + 5] * (steps - 1.0)
         work[weights + 4] = speed * steps
-        for j in range(size):
-            work[x + j] = 0.0
-        combine(tables, line, LINE_ROWS, size, work, weights, x)
+        multiply(tables, line, size, COLUMNS, work, weights, x)
         combine(tables, back, twice, size, work, y, x)
         for j in range(half):
             k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
