@@ -57,8 +57,8 @@ def kernel(function: Function) -> Function:
 inlined = partial(_compiled, forceinline=True)
 # ... with products and sums that may be fused, in the order written ...
 contracted = partial(_compiled, forceinline=True, fastmath={"contract"})
-# ... or with sums that may be added in any order, too: in the order written a sum cannot use vector registers, whose
-# width decides the last bits. Those are therefore the same on machines of one kind only, like those of eigenvectors.
+# ... or with sums that may be added in any order, too: in the order written they cannot use vector registers, whose
+# width decides the last bits. These are the same on machines of one kind only, like those of eigenvectors.
 reordered = partial(_compiled, forceinline=True, fastmath={"reassoc", "contract", "nsz"})
 # The same as a call of its own, for what is called seldom and from many places.
 reordered_call = partial(_compiled, fastmath={"reassoc", "contract", "nsz"})
