@@ -57,8 +57,8 @@ def kernel(function: Function) -> Function:
 inlined = partial(_compiled, forceinline=True)
 # ... with products and sums that may be fused, in the order written ...
 contracted = partial(_compiled, forceinline=True, fastmath={"contract"})
-# ... or with sums that may be added in any order, too: in the order written they cannot use vector registers, whose
-# width decides the last bits. These are the same on machines of one kind only, like those of eigenvectors.
+# ... or with sums that may be added in any order, too: only these use vector registers. Their width decides the
+# last bits, which are the same on machines of one kind only, like those of eigenvectors.
 reordered = partial(_compiled, forceinline=True, fastmath={"reassoc", "contract", "nsz"})
 # The same as a call of its own, for what is called seldom and from many places.
 reordered_call = partial(_compiled, fastmath={"reassoc", "contract", "nsz"})

@@ -40,7 +40,7 @@ def plainly(function, *given):
 def figures_of(counted, monitor, duration, sticks=None, steadiness=0.0, released=0.0):
     """Summary of a made run."""
     sticks = NONE if sticks is None else sticks
-    others = {"ramp": 1e-3, "steadiness": steadiness, "released": released, "settled_early": False}
+    others = {"ramp": 1e-3, "steadiness": steadiness, "released": released}
     return summarise(SCENE, counted, monitor, sticks, duration=duration, **others)
 
 
@@ -298,7 +298,7 @@ def test_the_energy_residual_is_what_does_not_add_up():
     [
         ({"slipped": False, "drive": 1.2}, "undecided"),
         ({"slipped": False, "drive": 1.4}, "stuck"),
-        ({"measured": False, "slip_share": float("nan")}, "undecided"),
+        ({"slip_share": float("nan")}, "undecided"),
         ({"slip_share": 1.0, "steadiness": 0.005}, "steady sliding"),
         ({"slip_share": 1.0, "steadiness": 0.02}, "irregular"),
         ({"stick_share": 0.2, "last_stick": 0.9}, "intermittent"),
@@ -310,7 +310,6 @@ def test_the_energy_residual_is_what_does_not_add_up():
 def test_the_regime_is_decided_in_the_stated_order(change, regime):
     usual = {
         "slipped": True,
-        "measured": True,
         "drive": 50.0,
         "slip_share": 0.1,
         "steadiness": 1.0,

@@ -99,7 +99,7 @@ class Correlation:
             self._enter(self._remainder[None])
             longest = len(self._remainder)
         product = irfft(self._power, PADDED)
-        if lag + around >= 0.5 * longest or product[0] <= 0.0:
+        if not (lag + around < 0.5 * longest and product[0] > 0.0):
             return float("nan")
         lags = np.r_[0, int(lag - around) : int(lag + around) + 2]
         pairs = sum(count * np.maximum(length - lags, 0) for length, count in self._windows.items())

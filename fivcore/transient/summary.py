@@ -28,7 +28,6 @@ def summarise(
     ramp: float,
     steadiness: float,
     released: float,
-    settled_early: bool,
 ) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
@@ -51,33 +50,29 @@ def summarise(
       slip and ended within the run; `censored_sticks`: number of those that go on at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
-    - `settled_early`: whether the rest of the run was filled in, being proved steady sliding.
     """
     F = scene.load
     counted = {name: float(run[name]) for name, _ in FIELDS}
     states, settled = ("stick", "slip", "separation"), counted["settled_from"]
-    measured = duration > settled and any(counted[f"{state}_time"] > 0.0 for state in states)
-    if not measured:
-        counted |= dict.fromkeys(SETTLED, float("nan"))
     total = sum(counted[f"{state}_time"] for state in states)
+    if not (duration > settled and total > 0.0):
+        counted, total = counted | dict.fromkeys(SETTLED, float("nan")), float("nan")
     share = {state: counted[f"{state}_time"] / total for state in states}
-    slipped = not np.isnan(counted["first_slip"])
-    open_stick = duration - counted["stick_start"] if counted["stick_start"] >= 0.0 else 0.0
-    censored = int(slipped and open_stick >= counted["least_stick"])
+    open_stick = float(np.fmax(duration - counted["stick_start"], 0.0))
+    censored = int(open_stick >= counted["least_stick"])
     quiet = not monitor.rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else monitor.moving.peak()
     period = monitor.rate / dominant
-    coherence = float("nan") if np.isnan(dominant) else monitor.correlation.near(20.0 * period, 0.5 * period)
+    coherence = monitor.correlation.near(20.0 * period, 0.5 * period)
     long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], settled), 0.0)))
     driven = float(displacement(np.array(duration), scene.speed_per_load, ramp))
     regime = regime_of(
-        slipped=slipped,
-        measured=measured,
+        slipped=not np.isnan(counted["first_slip"]),
         drive=driven / max(slip_distance(scene), 1e-300),
         slip_share=share["slip"],
         steadiness=steadiness,
-        stick_share=filled / (duration - settled) if duration > settled else 0.0,
+        stick_share=filled / max(duration - settled, 1e-300),
         last_stick=float(long[-1, 0]) / duration if len(long) else 0.0,
         coherence=coherence,
     )
@@ -104,7 +99,6 @@ def summarise(
         "stick_starts": sticks[:, 0].copy(),
         "censored_sticks": censored,
         "energy_residual": abs(work + released - sum(lost)) / max(exchanged, 1e-300),
-        "settled_early": settled_early,
         "regime": regime,
     }
 
@@ -112,7 +106,6 @@ def summarise(
 def regime_of(
     *,
     slipped: bool,
-    measured: bool,
     drive: float,
     slip_share: float,
     steadiness: float,
@@ -123,7 +116,7 @@ def regime_of(
     """Decide the regime, in this order.
 
     - "undecided": no slip, and the clamp has moved less than 1.3 times what slips statically (`drive`); or the run
-      ended before it settled (not `measured`).
+      ended before it settled (`slip_share` is NaN).
     - "stuck": no slip, though the clamp has moved further.
     - "steady sliding": more than 99.9 % of the time after settling in slip (`slip_share`), and half the range of
       the slip rate in the last quarter of the run below 1 % of V (`steadiness`).
@@ -134,7 +127,7 @@ def regime_of(
     """
     if not slipped:
         return "undecided" if drive < UNDECIDED_BELOW else "stuck"
-    if not measured:
+    if np.isnan(slip_share):
         return "undecided"
     if slip_share > STEADY_SHARE and steadiness < STEADY_WOBBLE:
         return "steady sliding"
