@@ -1,5 +1,7 @@
 """Each summary figure, on made signals whose answer is known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -39,9 +41,9 @@ def plainly(function, *given):
 
 def figures_of(counted, monitor, duration, sticks=None, steadiness=0.0, released=0.0):
     """Summary of a made run."""
-    sticks = NONE if sticks is None else sticks
-    others = {"ramp": 1e-3, "steadiness": steadiness, "released": released}
-    return summarise(SCENE, counted, monitor, sticks, duration=duration, **others)
+    made = SimpleNamespace(scene=SCENE, options=SimpleNamespace(ramp=1e-3), steps=1, step=duration)
+    made.record, made.released_energy = np.array([counted]), lambda: released
+    return summarise(made, monitor, NONE if sticks is None else sticks, steadiness * SCENE.speed_per_load)
 
 
 NONE = np.zeros((0, 2))

@@ -7,7 +7,6 @@ end. Observers never change a run.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,8 +27,6 @@ from fivcore.transient.summary import summarise
 
 # Runs under way at once: their segments and records are in memory together.
 AT_ONCE = 32
-# A run has diverged when its energy is this many times the energy put in.
-DIVERGED = 1e3
 METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun}
 
 
@@ -69,15 +66,13 @@ class Job:
     """One scene under way: its run and its observers."""
 
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
-        self._scene, self._normalised, self._options = scene, normalised, options
-        self.run = METHODS[options.method](normalised, options)
+        self._scene, self.run = scene, METHODS[options.method](normalised, options)
         self._monitor = Monitor(self.run.rate)
         self._record = Record(normalised, options.record, options.sample_times)
         self._sticks, self._settled_early = np.empty((0, 2)), False
         # Extremes of the slip rate in the last quarter of the run.
         self._late: list[float] = []
         model, speed = self.run.model, normalised.speed_per_load
-        self._floor = 1e-150 * min(speed, 1.0)
         self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
         self._given += speed**2 * float(np.sum(model.inertia**2))
 
@@ -93,11 +88,12 @@ class Job:
             if segment.further:
                 self._settled_early = True
                 monitor.repeat(segment.t[-1], velocity[-1], force[-1], slip_rate[-1], segment.further)
-            start = 0.75 * self._options.duration - segment.further / run.rate
+            start = 0.75 * run.options.duration - segment.further / run.rate
             late = slip_rate[np.searchsorted(segment.t, start) :]
             self._late += [late.min(), late.max()] if len(late) else []
-        work = abs(float(run.record["work"][0]))
-        if not run.calm(self._floor) or not run.stored_energy() <= DIVERGED * (self._given + work):
+        # The bound of the energy is a thousand times what has been put in.
+        bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
+        if not run.calm(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
             now = segment.t[-1] if len(segment.t) else 0.0
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
 
@@ -113,25 +109,14 @@ class Job:
 
     def result(self) -> Transient:
         """The motion, in the scene's own units."""
-        run, speed = self.run, self._normalised.speed_per_load
         self._monitor.close(self._long_sticks()[0])
-        summary = summarise(
-            self._normalised,
-            run.record[0],
-            self._monitor,
-            self._sticks,
-            duration=run.steps * run.step,
-            ramp=self._options.ramp,
-            steadiness=float(0.5 * np.ptp(self._late) / speed) if self._late else float("nan"),
-            released=run.released_energy(),
-        )
+        spread = 0.5 * float(np.ptp(self._late)) if self._late else float("nan")
+        summary = summarise(self.run, self._monitor, self._sticks, spread)
         summary["settled_early"] = self._settled_early
         return Transient(self._scene, summary, **self._record.whole())
 
 
-def drive(
-    requests: Sequence[tuple[Scene, Normalised, Options]],
-) -> list[Transient | ContactError | DivergenceError]:
+def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient | ContactError | DivergenceError]:
     """Take runs of one method from start to end; return the result of each, or the error that it ends with."""
     results: list[Any] = [None] * len(requests)
     waiting, jobs = list(range(len(requests))), dict[int, Job]()

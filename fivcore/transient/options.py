@@ -16,8 +16,6 @@ from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.record import SERIES
 
-# Largest number of samples in a record.
-MOST_SAMPLES = 1e8
 BOUNDS = {
     "duration": (1e-9, 1e6, "s"),
     "settle": (0.0, 1e6, "s"),
@@ -63,18 +61,17 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     for name, limits in BOUNDS.items():
         if name in ("duration", "sample_rate") or given[name] is not None:
             given[name] = checks.between(name, given[name], *limits)
-    duration, rate, motion = given["duration"], given["sample_rate"], given["contact_motion"]
+    duration, rate, times = given["duration"], given["sample_rate"], given["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
     ramp = checks.number("ramp", given["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
     given |= law_options(*(given[name] for name in ("method", "termination", "modify", "beta2")))
     allowed = "0, -1 (towards P2's clamp) or 1 (away)"
-    motion = int(checks.number("contact_motion", motion, allowed, lambda x: x in (-1, 0, 1)))
-    record, times = _names(given["record"]), given["sample_times"]
+    motion = int(checks.number("contact_motion", given["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
+    record = _names(given["record"])
     for name in ("end_early", "leap"):
         checks.instance(name, given[name], bool)
-    if record and times is None and duration * rate > MOST_SAMPLES:
-        most = MOST_SAMPLES / duration
-        raise ValueError(f"sample_rate = {rate:g}: over this duration it must be at most {most:g} Hz")
+    if record and times is None and duration * rate > 1e8:
+        raise ValueError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     if not 1e-12 <= normalised.speed_per_load <= 1e8:
         raise ValueError(
             f"V / F = {normalised.speed_per_load:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved"

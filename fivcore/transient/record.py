@@ -57,25 +57,24 @@ class Record:
     def add(self, rows: Array) -> None:
         """Take the next rows of `Segment.rows`."""
         if self._times is None or not len(rows):
-            self._keep(rows, rows[:, 0])
+            self._keep(rows)
         else:
             rows = np.concatenate([self._last, rows])
             self._last = rows[-1:].copy()
             t, self._times = np.split(self._times, [np.searchsorted(self._times, rows[-1, 0], side="right")])
             self._keep(rows, t)
 
-    def _keep(self, rows: Array, t: Array) -> None:
-        """Keep the series at times `t`; the nearest row stands for what lies outside of all."""
-        if not len(t):
-            return
-        self._parts["time"].append(t.copy())
+    def _keep(self, rows: Array, t: Array | None = None) -> None:
+        """Keep the series at the rows or at times `t`; the nearest row stands for what lies outside of all."""
+        known = rows[:, 0]
+        self._parts["time"].append(known.copy() if t is None else t)
         for name, factor in self._factors.items():
-            known, values = rows[:, 0], factor * rows[:, SERIES[name]]
-            if name == "state":
-                at = np.maximum(np.searchsorted(known, t, side="right") - 1, 0)
-                self._parts[name].append(values[at].astype(np.int8))
-            else:
-                self._parts[name].append(np.interp(t, known, values))
+            values = factor * rows[:, SERIES[name]]
+            if t is not None and name == "state":
+                values = values[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)]
+            elif t is not None:
+                values = np.interp(t, known, values)
+            self._parts[name].append(values.astype(np.int8) if name == "state" else values)
 
     def whole(self) -> dict[str, Any]:
         """Each series in one piece; nothing where nothing was recorded."""

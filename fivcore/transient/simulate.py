@@ -44,21 +44,20 @@ def simulate(
     duration : float
         Simulated time, s.
     method : {"fast", "exact", "paper"}
-        The reduced model in symmetric steps of second order (default); the same from event to event, some two
-        hundred times slower; the published scheme on all modes.
+        Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
+        times slower; the published scheme on all modes.
     ramp : float
         Time in which the clamp of P2 is uniformly accelerated to its velocity, s.
     settle : float, optional
         Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
-        Modal displacements and velocities of all modes and the contact state. Default: at rest under the
-        load, T = 0, stuck.
+        Displacements and velocities of all modes, contact state. Default: at rest under the load, T = 0, stuck.
     contact_motion : {0, -1, 1}
         0: frozen contact point. -1, 1: P2 slides under C, and the point of P2 below C moves towards P2's clamp or
         away from it (`fivcore.transient.moving_contact`).
     cutoff : float, optional
-        Hz; the termination stands for the modes above; not for "paper", which keeps all. Default: 75 kHz
-        for the paper's rig (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
+        Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 75 kHz for the paper's rig
+        (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
     termination : {"absorbing", "elastic", "none"}
         Element that stands for the modes above the cut-off (`fivcore.contact.reduced`).
     step : float, optional
@@ -67,8 +66,7 @@ def simulate(
     min_stick : float, optional
         Shortest long stick, s. Default: a fifth of the time to the first slip.
     record : bool or sequence of str
-        Time series to keep: all, or those named of `velocity_B`, `normal_force`, `tangential_force`,
-        `slip_velocity` and `state`.
+        Series to keep: all, or some of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`, `state`.
     sample_rate : float
         Sampling rate of the series, Hz.
     sample_times : array_like, (n,), optional
@@ -76,14 +74,13 @@ def simulate(
         step before; the first and the last step stand for what lies beyond.
     end_early : bool
         For "fast" with a frozen contact point: fill in the rest of the run where steady sliding is proved to last
-        (`transient.steady`), which changes figures by some 1e-9 of their size. False: take every step.
+        (`transient.steady`), which changes figures by some 1e-9 of their size.
     leap : bool
         For "fast" with a frozen contact point: skip the quiet part of long sticks, known in closed form
         (`transient.stick_skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
-        enters its maximum every 20 microseconds. False: take every step.
+        enters its maximum every 20 microseconds.
     modify : callable, optional
-        For "fast" and "exact": a function that returns a changed copy of a reduced model
-        (`fivcore.contact.ablation`). Default: no change.
+        For "fast" and "exact": a function that returns a changed reduced model (`fivcore.contact.ablation`).
     beta2 : float, optional
         For "paper" only, from 0.5 to 1. Default: 0.8, the paper's.
 
@@ -130,7 +127,7 @@ def simulate_many(
     Raises
     ------
     ValueError
-        For a bad argument, as `simulate` raises it, or a list that is not as long as `scenes`.
+        As `simulate`, or for a list that is not as long as `scenes`.
     """
     bound = signature(simulate).bind(None, duration, method, **options)
     bound.apply_defaults()

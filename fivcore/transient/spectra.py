@@ -51,7 +51,7 @@ class Welch:
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
         power, frequency = self.power, self.frequency[1:-1]
-        # A peak, not the foot of something below or above the band.
+        # Not the foot of something below or above the band.
         peaks = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
         peaks &= (frequency >= BAND[0]) & (frequency <= BAND[1])
         if not peaks.any():
@@ -74,10 +74,9 @@ class Correlation:
 
     def add(self, samples: Array) -> None:
         """Add consecutive samples; a remainder counts from half a window on, or if there is nothing longer."""
-        whole = len(samples) // LONG * LONG
-        remainder = samples[whole:]
-        if whole:
-            self._enter(samples[:whole].reshape(-1, LONG))
+        windows, remainder = np.split(samples, [len(samples) // LONG * LONG])
+        if len(windows):
+            self._enter(windows.reshape(-1, LONG))
         if len(remainder) >= LONG // 2:
             self._enter(remainder[None])
         elif len(remainder) > len(self._remainder):
@@ -157,52 +156,46 @@ class Monitor:
         settled = slice(int(np.searchsorted(t, settled_from)), None)
         self.forces.add(force[settled])
         self.speeds.add(np.abs(slip_rate[settled]))
-        self._wait(t, velocity)
+        self._waiting = np.concatenate([self._waiting, [t, velocity]], axis=1)
 
     def repeat(self, t: float, velocity: float, force: float, slip_rate: float, count: int) -> None:
         """Take `count` more samples like the last one, at `t`, outside of long sticks."""
-        unsettled = int(np.clip(np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1, 0, count))
-        if count > unsettled:
-            self.forces.add(np.array([force]), count - unsettled)
-            self.speeds.add(np.abs([slip_rate]), count - unsettled)
         # They complete the block that is begun; of those after it only the number counts.
         begun = min(-self._waiting.shape[1] % BLOCK, count)
-        self._wait(t + np.arange(1, begun + 1) / self.rate, np.full(begun, velocity))
+        times = t + np.arange(1, begun + 1) / self.rate
+        v, N, slip_rates = np.tile([[velocity], [force], [slip_rate]], begun)
+        self.add(times, v, N, slip_rates, self._settled_from)
         # Statistics may begin within a later block.
-        before, later = max(unsettled - begun, 0), count - max(unsettled, begun)
-        first = min(-before % BLOCK, later)
-        for settled in (first, later - first):
+        unsettled = np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1 - begun
+        before = int(np.clip(unsettled, 0, count - begun))
+        first = min(-before % BLOCK, count - begun - before)
+        for settled in (first, count - begun - before - first):
             if settled:
+                self.forces.add(np.array([force]), settled)
+                self.speeds.add(np.abs([slip_rate]), settled)
                 self._merge(settled, velocity, 0.0)
                 self.correlation.repeat(settled)
 
-    def _wait(self, t: Array, velocity: Array) -> None:
-        self._waiting = np.concatenate([self._waiting, [t, velocity]], axis=1)
-
-    def process(self, sticks: Array, known_until: float) -> None:
-        """Work on whole blocks that end before `known_until`, given the long `sticks` (k, 2) up to there."""
-        while self._waiting.shape[1] >= BLOCK and self._waiting[0, BLOCK - 1] < known_until:
-            self._block(sticks)
+    def process(self, sticks: Array, known_until: float, least: int = BLOCK) -> None:
+        """Work on blocks of at least `least` samples before `known_until`, given the long `sticks` (k, 2)."""
+        while self._waiting.shape[1] >= least and self._waiting[0, :BLOCK][-1] < known_until:
+            block, self._waiting = np.split(self._waiting, [BLOCK], axis=1)
+            t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
+            if not len(t):
+                continue
+            mean = float(velocity.mean())
+            self._merge(len(velocity), mean, float(np.sum((velocity - mean) ** 2)))
+            self.correlation.add(velocity)
+            done = 0
+            for first, last in np.searchsorted(t, sticks):
+                self.moving.add(velocity[done:first])
+                self.stuck.add(velocity[max(first, done) : last])
+                done = max(done, last)
+            self.moving.add(velocity[done:])
 
     def close(self, sticks: Array) -> None:
         """Work on the samples that still wait."""
-        self.process(sticks, np.inf)
-        self._block(sticks)
-
-    def _block(self, sticks: Array) -> None:
-        block, self._waiting = np.split(self._waiting, [BLOCK], axis=1)
-        t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
-        if not len(t):
-            return
-        mean = float(velocity.mean())
-        self._merge(len(velocity), mean, float(np.sum((velocity - mean) ** 2)))
-        self.correlation.add(velocity)
-        done = 0
-        for first, last in np.searchsorted(t, sticks):
-            self.moving.add(velocity[done:first])
-            self.stuck.add(velocity[max(first, done) : last])
-            done = max(done, last)
-        self.moving.add(velocity[done:])
+        self.process(sticks, np.inf, 1)
 
     @property
     def rms(self) -> float:
