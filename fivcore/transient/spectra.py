@@ -147,7 +147,8 @@ class Monitor:
         self._settled_from = settled_from
         self.moving, self.stuck, self.correlation = Welch(self.rate), Welch(self.rate), Correlation()
         self.forces, self.speeds = Histogram(), Histogram()
-        self._count, self._mean, self._squares = 0, 0.0, 0.0
+        # Number, mean and sum of squares about it of the velocities of each block.
+        self._parts: list[tuple[int, float, float]] = []
 
     def add(self, t: Array, velocity: Array, force: Array, slip_rate: Array, settled_from: float) -> None:
         """Take the next samples, (n,) each. If `settled_from` has moved, everything begins anew."""
@@ -173,7 +174,7 @@ class Monitor:
             if settled:
                 self.forces.add(np.array([force]), settled)
                 self.speeds.add(np.abs([slip_rate]), settled)
-                self._merge(settled, velocity, 0.0)
+                self._parts.append((settled, velocity, 0.0))
                 self.correlation.repeat(settled)
 
     def process(self, sticks: Array, known_until: float, least: int = BLOCK) -> None:
@@ -183,8 +184,7 @@ class Monitor:
             t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
             if not len(t):
                 continue
-            mean = float(velocity.mean())
-            self._merge(len(velocity), mean, float(np.sum((velocity - mean) ** 2)))
+            self._parts.append((len(t), float(velocity.mean()), len(t) * float(velocity.var())))
             self.correlation.add(velocity)
             done = 0
             for first, last in np.searchsorted(t, sticks):
@@ -200,12 +200,8 @@ class Monitor:
     @property
     def rms(self) -> float:
         """Root mean square of the velocity of B about its mean."""
-        return float(np.sqrt(self._squares / self._count)) if self._count else float("nan")
-
-    def _merge(self, count: int, mean: float, squares: float) -> None:
-        """Add samples given by their number, mean and sum of squares about it (Chan, Golub, LeVeque 1983)."""
-        total = self._count + count
-        difference = mean - self._mean
-        self._squares += squares + difference**2 * self._count * count / total
-        self._mean += difference * count / total
-        self._count = total
+        if not self._parts:
+            return float("nan")
+        count, mean, squares = np.array(self._parts).T
+        about = mean - np.average(mean, weights=count)
+        return float(np.sqrt(np.sum(squares + count * about**2) / np.sum(count)))
