@@ -11,6 +11,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,13 +23,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Function = TypeVar("Function", bound=Callable[..., Any])
-_FILES = sorted(Path(__file__).parent.rglob("*.py"))
+_HERE = Path(__file__).parent
 # Digest of all sources that may be compiled.
-SOURCES = sha256(b"".join(path.read_bytes() for path in _FILES)).hexdigest()[:16]
+SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py")))).hexdigest()[:16]
 # Names of the folders of compiled kernels; seconds after which one of other sources is removed.
 PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
-_REORDER = {"reassoc", "contract", "nsz"}
 _SETTINGS: Any = config
+
+
+def _compiled(function: Function, **options: Any) -> Function:
+    compiled: Any = njit(nogil=True, error_model="numpy", **options)(function)
+    return compiled
 
 
 def kernel(function: Function) -> Function:
@@ -36,7 +41,7 @@ def kernel(function: Function) -> Function:
 
     Operations keep the order in which they are written (no fast-math).
     """
-    compiled = _compiled(function)
+    compiled: Any = _compiled(function)
     # Without a folder that can be written to, every process compiles anew.
     if FOLDER is not None:
         given, _SETTINGS.CACHE_DIR = _SETTINGS.CACHE_DIR, str(FOLDER)
@@ -48,32 +53,15 @@ def kernel(function: Function) -> Function:
     return compiled
 
 
-def inlined(function: Function) -> Function:
-    """Compile a small function into its callers, where a call would cost more than its body."""
-    return _compiled(function, forceinline=True)
-
-
-def contracted(function: Function) -> Function:
-    """Compile an inlined function whose products and sums may be fused, in the order written."""
-    return _compiled(function, forceinline=True, fastmath={"contract"})
-
-
-def reordered(function: Function) -> Function:
-    """Compile an inlined function whose sums may be added in any order, products and sums fused.
-
-    In the order written a sum cannot use vector registers. Their width decides the last bits, which are therefore
-    the same on machines of one kind only, like those of the eigenvectors that enter.
-    """
-    return _compiled(function, forceinline=True, fastmath=_REORDER)
-
-
-def reordered_call(function: Function) -> Function:
-    """Compile as `reordered`, but once and not inlined: for what is called seldom and from many places."""
-    return _compiled(function, fastmath=_REORDER)
-
-
-def _compiled(function: Function, **options: Any) -> Any:
-    return njit(nogil=True, error_model="numpy", **options)(function)
+# Compile a small function into its callers, where a call would cost more than its body ...
+inlined = partial(_compiled, forceinline=True)
+# ... with products and sums that may be fused, in the order written ...
+contracted = partial(_compiled, forceinline=True, fastmath={"contract"})
+# ... or with sums that may be added in any order, too: only these use vector registers. Their width decides the
+# last bits, which are the same on machines of one kind only, like those of eigenvectors.
+reordered = partial(_compiled, forceinline=True, fastmath={"reassoc", "contract", "nsz"})
+# The same as a call of its own, for what is called seldom and from many places.
+reordered_call = partial(_compiled, fastmath={"reassoc", "contract", "nsz"})
 
 
 def cache_folder(homes: Iterable[Path]) -> Path | None:
@@ -85,16 +73,15 @@ def cache_folder(homes: Iterable[Path]) -> Path | None:
         folder = home / f"{PREFIX}{SOURCES}"
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
-            continue
-        for other in home.glob(f"{PREFIX}*"):
-            with suppress(OSError):
-                if other != folder and time.time() - other.stat().st_mtime > OLD:
-                    shutil.rmtree(other, ignore_errors=True)
-        return folder
+        if os.access(folder, os.W_OK):
+            for other in home.glob(f"{PREFIX}*"):
+                with suppress(OSError):
+                    if other != folder and time.time() - other.stat().st_mtime > OLD:
+                        shutil.rmtree(other, ignore_errors=True)
+            return folder
     return None
 
 
 _USER = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fiv"
-_PLACES = [_SETTINGS.CACHE_DIR] if _SETTINGS.CACHE_DIR else [Path(__file__).parent / "__pycache__", _USER]
+_PLACES = [_SETTINGS.CACHE_DIR] if _SETTINGS.CACHE_DIR else [_HERE / "__pycache__", _USER]
 FOLDER = cache_folder(map(Path, _PLACES))

@@ -13,7 +13,7 @@ from fivcore.transient import fast_scene as at
 from fivcore.transient.fast import SAMPLED, aligned
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, put, take
-from fivcore.transient.segment import count_in
+from fivcore.transient.record import count_in
 from fivcore.transient.statistics import ENERGIES, begin
 from tests.test_published import stepped
 from tests.transient_reference import SEPARATION, SLIP, STICK

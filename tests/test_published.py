@@ -13,7 +13,7 @@ from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
 from fivcore.transient.published_kernel import SCENE, advance
-from fivcore.transient.segment import count_in
+from fivcore.transient.record import count_in
 from fivcore.transient.statistics import begin
 from tests.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
 

@@ -1,5 +1,7 @@
 """Each summary figure, on made signals whose answer is known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -39,9 +41,9 @@ def plainly(function, *given):
 
 def figures_of(counted, monitor, duration, sticks=None, steadiness=0.0, released=0.0):
     """Summary of a made run."""
-    sticks = NONE if sticks is None else sticks
-    others = {"ramp": 1e-3, "steadiness": steadiness, "released": released, "settled_early": False}
-    return summarise(SCENE, counted, monitor, sticks, duration=duration, **others)
+    made = SimpleNamespace(scene=SCENE, options=SimpleNamespace(ramp=1e-3), steps=1, step=duration)
+    made.record, made.released_energy = np.array([counted]), lambda: released
+    return summarise(made, monitor, NONE if sticks is None else sticks, steadiness * SCENE.speed_per_load)
 
 
 NONE = np.zeros((0, 2))
@@ -298,7 +300,7 @@ def test_the_energy_residual_is_what_does_not_add_up():
     [
         ({"slipped": False, "drive": 1.2}, "undecided"),
         ({"slipped": False, "drive": 1.4}, "stuck"),
-        ({"measured": False, "slip_share": float("nan")}, "undecided"),
+        ({"slip_share": float("nan")}, "undecided"),
         ({"slip_share": 1.0, "steadiness": 0.005}, "steady sliding"),
         ({"slip_share": 1.0, "steadiness": 0.02}, "irregular"),
         ({"stick_share": 0.2, "last_stick": 0.9}, "intermittent"),
@@ -310,7 +312,6 @@ def test_the_energy_residual_is_what_does_not_add_up():
 def test_the_regime_is_decided_in_the_stated_order(change, regime):
     usual = {
         "slipped": True,
-        "measured": True,
         "drive": 50.0,
         "slip_share": 0.1,
         "steadiness": 1.0,

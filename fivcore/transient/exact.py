@@ -26,7 +26,7 @@ from fivcore.transient.exact_kernels import SCENE, S, integrate, prescribed, sam
 from fivcore.transient.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
-from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import SEPARATION, SETTLING, STICK, begin
 
 # An event this soon after another is not acted on, s.

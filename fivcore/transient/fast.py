@@ -26,7 +26,7 @@ from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, slip_distance
 from fivcore.transient.options import Options
-from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
@@ -340,7 +340,7 @@ class FastRun:
     def _slip_variation(self, segment: Segment) -> float:
         """By how much the slip rate varied at the end of a segment; infinite where the contact does not slide."""
         # As many whatever the segment's length: a record cuts segments into several.
-        recent = segment.slip_rate[-at.MAX_SKIP // 4 :]
+        recent = segment.samples[-at.MAX_SKIP // 4 :, 1]
         slides = self.record["contact"][0] == SLIP and len(recent) > 1
         return float(np.ptp(recent)) if slides else np.inf
 

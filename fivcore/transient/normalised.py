@@ -19,18 +19,8 @@ from fivcore.rig import Rig, Scene
 class Normalised:
     """A scene for V > 0 and F = 1.
 
-    Attributes
-    ----------
-    rig : Rig
-    theta : float
-        Degrees, seen from the drive.
-    speed_per_load : float
-        V / F, m/s/N, rounded to 12 digits.
-    mu : float
-    load : float
-        F, N: factor of velocities, displacements and forces.
-    sense : float
-        Sign of V: factor of everything along x.
+    `theta` is in degrees as seen from the drive, `speed_per_load` V / F in m/s/N, rounded to 12 digits. `load`, F
+    in N, is the factor of velocities, displacements and forces, `sense`, the sign of V, that of all along x.
     """
 
     rig: Rig

@@ -14,11 +14,8 @@ from fivcore.jit import Array
 from fivcore.rig import Scene
 from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.record import names_of, times_of
+from fivcore.transient.record import SERIES
 
-METHODS = ("fast", "exact", "paper")
-# Largest number of samples in a record.
-MOST_SAMPLES = 1e8
 BOUNDS = {
     "duration": (1e-9, 1e6, "s"),
     "settle": (0.0, 1e6, "s"),
@@ -27,7 +24,6 @@ BOUNDS = {
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
 }
-REQUIRED = ("duration", "sample_rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,55 +51,48 @@ class Options:
     @property
     def sampling_rate(self) -> float | None:
         """Rate at which rows of a record are taken, Hz; infinite: in every step; None: not at all."""
-        if not self.record:
-            return None
         # Sample times lie between two steps of the method.
-        return self.sample_rate if self.sample_times is None else np.inf
+        return None if not self.record else self.sample_rate if self.sample_times is None else np.inf
 
 
 def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any]) -> Options:
     """Check the arguments of `fivcore.simulate`, by name; a `ValueError` names the first that is wrong."""
-    get = arguments.get
-    numbers: dict[str, Any] = {
-        name: checks.between(name, get(name), *limits)
-        for name, limits in BOUNDS.items()
-        if name in REQUIRED or get(name) is not None
-    }
-    duration, sample_rate = numbers["duration"], numbers["sample_rate"]
-    ramp = checks.number(
-        "ramp", get("ramp"), "0 or a time from 1e-9 to 1000 s", lambda x: x == 0.0 or 1e-9 <= x <= 1e3
-    )
-    law = law_options(*(get(name) for name in ("method", "termination", "modify", "beta2")))
-    method = law["method"]
-    directions = "0, -1 (towards P2's clamp) or 1 (away)"
-    motion = int(checks.number("contact_motion", get("contact_motion"), directions, lambda x: x in (-1, 0, 1)))
-    record = names_of(get("record"))
+    given = dict(arguments)
+    for name, limits in BOUNDS.items():
+        if name in ("duration", "sample_rate") or given[name] is not None:
+            given[name] = checks.between(name, given[name], *limits)
+    duration, rate, times = given["duration"], given["sample_rate"], given["sample_times"]
+    allowed = "0 or a time from 1e-9 to 1000 s"
+    ramp = checks.number("ramp", given["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
+    given |= law_options(*(given[name] for name in ("method", "termination", "modify", "beta2")))
+    allowed = "0, -1 (towards P2's clamp) or 1 (away)"
+    motion = int(checks.number("contact_motion", given["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
+    record = _names(given["record"])
     for name in ("end_early", "leap"):
-        checks.instance(name, get(name), bool)
-    if record and get("sample_times") is None and duration * sample_rate > MOST_SAMPLES:
-        most = MOST_SAMPLES / duration
-        raise ValueError(f"sample_rate = {sample_rate:g}: over this duration it must be at most {most:g} Hz")
+        checks.instance(name, given[name], bool)
+    if record and times is None and duration * rate > 1e8:
+        raise ValueError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     if not 1e-12 <= normalised.speed_per_load <= 1e8:
         raise ValueError(
             f"V / F = {normalised.speed_per_load:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved"
         )
-    initial = None if get("initial") is None else _state(get("initial"), scene, normalised)
-    times = None if get("sample_times") is None else times_of(get("sample_times"), record, duration)
+    given |= {"ramp": ramp, "contact_motion": motion, "record": record, "skip": given.pop("leap")}
+    if given["initial"] is not None:
+        given["initial"] = _state(given["initial"], scene, normalised)
+    if times is not None:
+        given["sample_times"] = _times(times, record, duration)
     if motion:
         ContactMotion(normalised, ramp, motion).check(duration)
-        if method == "exact":
+        if given["method"] == "exact":
             raise ValueError(f"contact_motion = {motion}: for method 'exact' it must be 0")
-    if method == "paper" and "cutoff" in numbers:
-        raise ValueError(f"cutoff = {numbers['cutoff']:g}: the published scheme keeps all modes; leave it out")
-    return Options(
-        ramp=ramp, initial=initial, contact_motion=motion, record=record, sample_times=times,
-        end_early=arguments["end_early"], skip=arguments["leap"], **numbers, **law,
-    )  # fmt: skip
+    if given["method"] == "paper" and given["cutoff"] is not None:
+        raise ValueError(f"cutoff = {given['cutoff']:g}: the published scheme keeps all modes; leave it out")
+    return Options(**given)
 
 
 def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[str, Any]:
     """Check the options that choose a method and its contact law; `fivcore.critical_mu` has them too."""
-    checks.choice("method", method, METHODS)
+    checks.choice("method", method, ("fast", "exact", "paper"))
     checks.choice("termination", termination, TERMINATIONS)
     if modify is not None:
         if not callable(modify):
@@ -120,6 +109,32 @@ def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[
         # Below 0.5 every mode grows.
         beta2 = checks.number("beta2", beta2, "a number from 0.5 to 1", lambda x: 0.5 <= x <= 1.0)
     return {"method": method, "termination": termination, "modify": modify, "beta2": beta2}
+
+
+def _names(record: Any) -> tuple[str, ...]:
+    """Series to keep: all for True, none for False, or those named."""
+    if isinstance(record, (bool, np.bool_)):
+        return tuple(SERIES) if record else ()
+    names = (record,) if isinstance(record, str) else record
+    if not isinstance(names, (tuple, list)) or not names or any(name not in SERIES for name in names):
+        raise ValueError(f"record = {record!r}: it must be a bool or names of series among {', '.join(SERIES)}")
+    return tuple(name for name in SERIES if name in names)
+
+
+def _times(sample_times: Any, names: tuple[str, ...], duration: float) -> Array:
+    if not names:
+        raise ValueError("sample_times: they are for what is recorded, and nothing is; give record = True")
+    try:
+        times = np.asarray(sample_times, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError("sample_times: they must be numbers, s") from None
+    if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0.0):
+        raise ValueError(f"sample_times of shape {times.shape}: they must be a row of finite, ascending times, s")
+    if len(times) and not (times[0] >= 0.0 and times[-1] <= duration):
+        raise ValueError(
+            f"sample_times from {times[0]:g} to {times[-1]:g} s: they must be from 0 to duration = {duration:g} s"
+        )
+    return times
 
 
 def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:

@@ -28,7 +28,7 @@ from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
 from fivcore.transient.published_kernel import SCENE, advance
-from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import SEPARATION, SETTLING, SLIP, STICK, begin
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.

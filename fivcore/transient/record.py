@@ -1,8 +1,9 @@
-"""Time series of a run, at the steps of the method or at given times."""
+"""What the methods hand to the driver after each segment, and the time series recorded from it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,37 @@ from numpy.typing import NDArray
 from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
 
+# Target time between two samples, s.
+INTERVAL = 20e-6
 # Series and their columns in the rows, whose first column is the time.
 SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
+
+
+@dataclass
+class Segment:
+    """Results of a segment, normalised (F = 1).
+
+    `samples` (n, 3) are velocity of B, slip rate and N at the times `t` (n,), followed by `further` samples like
+    the last; `sticks` (k, 2) begin and end of the long sticks that ended; `rows` (m, 6) the record: time, velocity
+    of B, N, T, slip rate and contact state.
+    """
+
+    t: Array
+    samples: Array
+    sticks: Array = field(default_factory=lambda: np.empty((0, 2)))
+    rows: Array = field(default_factory=lambda: np.empty((0, 6)))
+    further: int = 0
+
+
+def count_in(first: int, last: int, every: int) -> int:
+    """Number of multiples of `every` from step `first` up to step `last`, excluded; none if `every` is zero."""
+    return max(-(-last // every) - (-(-first // every)), 0) if every else 0
+
+
+def room_for_sticks(begin: float, end: float, least: float, step: float) -> int:
+    """Largest number of long sticks that end between two times, s; `least` is NaN before the first slip."""
+    # Until the first slip there are none, and after it the least is a fifth of the time since the start.
+    return int((end - begin) / max(0.2 * begin if np.isnan(least) else least, step)) + 2
 
 
 class Record:
@@ -25,16 +55,14 @@ class Record:
         self._times, self._last = times, np.empty((0, 1 + len(SERIES)))
 
     def add(self, rows: Array) -> None:
-        """Take the next rows: t, velocity of B, N, T, slip rate and contact state, normalised."""
-        if not len(rows):
-            return
-        if self._times is None:
+        """Take the next rows of `Segment.rows`."""
+        if self._times is None or not len(rows):
             self._keep(rows)
-            return
-        rows = np.concatenate([self._last, rows])
-        self._last = rows[-1:].copy()
-        t, self._times = np.split(self._times, [np.searchsorted(self._times, rows[-1, 0], side="right")])
-        self._keep(rows, t)
+        else:
+            rows = np.concatenate([self._last, rows])
+            self._last = rows[-1:].copy()
+            t, self._times = np.split(self._times, [np.searchsorted(self._times, rows[-1, 0], side="right")])
+            self._keep(rows, t)
 
     def _keep(self, rows: Array, t: Array | None = None) -> None:
         """Keep the series at the rows or at times `t`; the nearest row stands for what lies outside of all."""
@@ -54,30 +82,3 @@ class Record:
             self._keep(self._last, self._times)
         # Each is taken out before the next is joined: all but one then have one copy in memory.
         return {name: np.concatenate(parts) for name in [*self._parts] if (parts := self._parts.pop(name))}
-
-
-def names_of(record: Any) -> tuple[str, ...]:
-    """Series to keep: all for True, none for False, or those named; anything else is refused."""
-    if isinstance(record, (bool, np.bool_)):
-        return tuple(SERIES) if record else ()
-    names = (record,) if isinstance(record, str) else record
-    if not isinstance(names, (tuple, list)) or not names or any(name not in SERIES for name in names):
-        raise ValueError(f"record = {record!r}: it must be a bool or names of series among {', '.join(SERIES)}")
-    return tuple(name for name in SERIES if name in names)
-
-
-def times_of(sample_times: Any, names: Sequence[str], duration: float) -> Array:
-    """Check the times at which series are kept: ascending, within the run, and of something recorded."""
-    if not names:
-        raise ValueError("sample_times: they are for what is recorded, and nothing is; give record = True")
-    try:
-        times = np.asarray(sample_times, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError("sample_times: they must be numbers, s") from None
-    if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0.0):
-        raise ValueError(f"sample_times of shape {times.shape}: they must be a row of finite, ascending times, s")
-    if len(times) and not (times[0] >= 0.0 and times[-1] <= duration):
-        raise ValueError(
-            f"sample_times from {times[0]:g} to {times[-1]:g} s: they must be from 0 to duration = {duration:g} s"
-        )
-    return times

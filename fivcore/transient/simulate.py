@@ -14,9 +14,6 @@ from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import options_for
 
-# Arguments of which a list gives each scene its own.
-OWN = ("duration", "ramp", "settle", "initial")
-
 
 def simulate(
     scene: Scene,
@@ -47,48 +44,43 @@ def simulate(
     duration : float
         Simulated time, s.
     method : {"fast", "exact", "paper"}
-        "fast": the reduced model in symmetric steps of second order (default); "exact": the same model from
-        event to event, some two hundred times slower; "paper": the published scheme on all modes.
+        Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
+        times slower; the published scheme on all modes.
     ramp : float
-        Time in which the clamp of P2 reaches its velocity, uniformly accelerated, s.
+        Time in which the clamp of P2 is uniformly accelerated to its velocity, s.
     settle : float, optional
-        When statistics start, s since the drive started. Default: 0.1 s after the first slip, and for a scene
-        that never slips its start.
+        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
-        Modal displacements and velocities of all modes and the contact state. Default: at rest under the
-        load, T = 0, stuck.
+        Displacements and velocities of all modes, contact state. Default: at rest under the load, T = 0, stuck.
     contact_motion : {0, -1, 1}
-        0: the contact point is frozen. -1, 1: P2 slides under C, and the point of P2 below C moves towards P2's
-        clamp or away from it (`fivcore.transient.moving_contact`).
+        0: frozen contact point. -1, 1: P2 slides under C, and the point of P2 below C moves towards P2's clamp or
+        away from it (`fivcore.transient.moving_contact`).
     cutoff : float, optional
-        Hz; the termination stands for the modes above; not for "paper", which keeps all. Default: 75 kHz
-        for the paper's rig (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast`).
+        Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 75 kHz for the paper's rig
+        (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
     termination : {"absorbing", "elastic", "none"}
         Element that stands for the modes above the cut-off (`fivcore.contact.reduced`).
     step : float, optional
         Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (2e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
-        Duration from which on a stick is a long one, s. Default: a fifth of the time to the first slip.
+        Shortest long stick, s. Default: a fifth of the time to the first slip.
     record : bool or sequence of str
-        Time series to keep: all, or those named of `velocity_B`, `normal_force`, `tangential_force`,
-        `slip_velocity` and `state`.
+        Series to keep: all, or some of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`, `state`.
     sample_rate : float
         Sampling rate of the series, Hz.
     sample_times : array_like, (n,), optional
-        Ascending times at which the series are kept instead, s: linear between two neighbouring steps of the
-        method, with the state of the step before; beyond the first and the last step those stand.
+        Ascending times of the series instead, s: linear between two steps of the method, with the state of the
+        step before; the first and the last step stand for what lies beyond.
     end_early : bool
-        For "fast" with a frozen contact point: where steady sliding is proved to last (`transient.steady`), fill
-        in the rest of the run. Figures differ by some 1e-9 of their size; `summary["settled_early"]` tells.
-        False: take every step.
+        For "fast" with a frozen contact point: fill in the rest of the run where steady sliding is proved to last
+        (`transient.steady`), which changes figures by some 1e-9 of their size.
     leap : bool
         For "fast" with a frozen contact point: skip the quiet part of long sticks, known in closed form
         (`transient.stick_skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
-        enters its maximum every 20 microseconds. False: take every step.
+        enters its maximum every 20 microseconds.
     modify : callable, optional
-        For "fast" and "exact": a function that returns a changed copy of a reduced model, to measure what a part
-        of it is worth (`fivcore.contact.ablation`). Default: no change.
+        For "fast" and "exact": a function that returns a changed reduced model (`fivcore.contact.ablation`).
     beta2 : float, optional
         For "paper" only, from 0.5 to 1. Default: 0.8, the paper's.
 
@@ -101,8 +93,7 @@ def simulate(
     ValueError
         For a bad argument, naming it, its value and what is allowed.
     ContactError
-        Where the contact force of the method is not unique; found before the first step unless the contact point
-        moves.
+        Where the contact force is not unique; before the first step unless the contact point moves.
     DivergenceError
         Where the motion leaves the range of numbers.
     """
@@ -123,7 +114,7 @@ def simulate_many(
     scenes : sequence of Scene
     duration : float or list of float
     method : {"fast", "exact", "paper"}
-        "fast" computes many scenes in less time than one by one.
+        "fast" takes less time for many scenes together.
     **options
         As for `simulate`. A list, as long as `scenes`, gives each scene its own `duration`, `ramp`, `settle` or
         `initial`; other lists belong to all scenes.
@@ -136,20 +127,19 @@ def simulate_many(
     Raises
     ------
     ValueError
-        For a bad argument, as `simulate` raises it, or a list that is not as long as `scenes`.
+        As `simulate`, or for a list that is not as long as `scenes`.
     """
     bound = signature(simulate).bind(None, duration, method, **options)
     bound.apply_defaults()
-    arguments = dict(bound.arguments)
-    lists = {name: arguments[name] for name in OWN if isinstance(arguments[name], list)}
-    for name, values in lists.items():
-        if len(values) != len(scenes):
-            text = f"{name}: a list of {len(values)}: it must have one entry for each of {len(scenes)} scenes"
-            raise ValueError(text)
-    requests = []
+    arguments, requests = dict(bound.arguments), []
+    del arguments["scene"]
+    own = [name for name in ("duration", "ramp", "settle", "initial") if isinstance(arguments[name], list)]
+    for name in own:
+        if (given := len(arguments[name])) != len(scenes):
+            raise ValueError(f"{name}: a list of {given}: it must have one entry for each of {len(scenes)} scenes")
     for k, scene in enumerate(scenes):
         checks.instance("scene", scene, Scene)
-        own = arguments | {name: values[k] for name, values in lists.items()}
+        options = arguments | {name: arguments[name][k] for name in own}
         normalised = Normalised.of(scene)
-        requests.append((scene, normalised, options_for(scene, normalised, own)))
+        requests.append((scene, normalised, options_for(scene, normalised, options)))
     return drive(requests)

@@ -8,6 +8,8 @@ Quantiles come from histograms whose bins have a constant ratio.
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from scipy.fft import irfft, rfft
 
@@ -49,7 +51,7 @@ class Welch:
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
         power, frequency = self.power, self.frequency[1:-1]
-        # A peak, not the foot of something below or above the band.
+        # Not the foot of something below or above the band.
         peaks = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
         peaks &= (frequency >= BAND[0]) & (frequency <= BAND[1])
         if not peaks.any():
@@ -66,16 +68,15 @@ class Correlation:
 
     def __init__(self) -> None:
         self._power = np.zeros(PADDED // 2 + 1)
-        # Pairs of samples at each lag, and the length of the longest window.
-        self._pairs, self._longest = np.zeros(LONG), 0
+        # Number of windows of each length.
+        self._windows: Counter[int] = Counter()
         self._remainder = np.zeros(0)
 
     def add(self, samples: Array) -> None:
         """Add consecutive samples; a remainder counts from half a window on, or if there is nothing longer."""
-        whole = len(samples) // LONG * LONG
-        remainder = samples[whole:]
-        if whole:
-            self._enter(samples[:whole].reshape(-1, LONG))
+        windows, remainder = np.split(samples, [len(samples) // LONG * LONG])
+        if len(windows):
+            self._enter(windows.reshape(-1, LONG))
         if len(remainder) >= LONG // 2:
             self._enter(remainder[None])
         elif len(remainder) > len(self._remainder):
@@ -83,27 +84,26 @@ class Correlation:
 
     def repeat(self, count: int) -> None:
         """Add `count` samples of one value: they have no power."""
-        for windows, length in ((count // LONG, LONG), (1, count % LONG)):
-            if windows and length >= LONG // 2:
-                self._count(windows, length)
+        self._windows[LONG] += count // LONG
+        self._windows[count % LONG] += count % LONG >= LONG // 2
 
     def _enter(self, windows: Array) -> None:
         self._power += _power(windows, 1.0, PADDED)
-        self._count(*windows.shape)
-
-    def _count(self, windows: int, length: int) -> None:
-        self._pairs[:length] += windows * np.arange(length, 0, -1)
-        self._longest = max(self._longest, length)
+        self._windows[windows.shape[1]] += len(windows)
 
     def near(self, lag: float, around: float) -> float:
         """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
-        if not self._longest and len(self._remainder) > 1:
+        longest = max(+self._windows, default=0)
+        if not longest and len(self._remainder) > 1:
             self._enter(self._remainder[None])
+            longest = len(self._remainder)
         product = irfft(self._power, PADDED)
-        if lag + around >= 0.5 * self._longest or product[0] <= 0.0:
+        if not (lag + around < 0.5 * longest and product[0] > 0.0):
             return float("nan")
-        lags = np.arange(int(lag - around), int(lag + around) + 2)
-        return float(np.max(product[lags] / self._pairs[lags]) / (product[0] / self._pairs[0]))
+        lags = np.r_[0, int(lag - around) : int(lag + around) + 2]
+        pairs = sum(count * np.maximum(length - lags, 0) for length, count in self._windows.items())
+        unit, *others = product[lags] / pairs
+        return float(np.max(others) / unit)
 
 
 class Histogram:
@@ -114,11 +114,8 @@ class Histogram:
 
     def add(self, values: Array, weight: float = 1.0) -> None:
         """Count values, each with a weight."""
-        if not len(values):
-            return
-        bins = np.clip(((np.ascontiguousarray(values).view(np.int64) + _MIDDLE) >> _SHIFT) - _LOWEST, 0, BINS - 1)
-        low, high = bins.min(), bins.max() + 1
-        self.counts[low:high] += weight * np.bincount(bins - low)
+        bins = ((np.ascontiguousarray(values).view(np.int64) + _MIDDLE) >> _SHIFT) - _LOWEST
+        self.counts += weight * np.bincount(np.clip(bins, 0, BINS - 1), minlength=BINS)
 
     def quantile(self, share: float) -> float:
         """Value below which a share of all lies, linear within a bin; NaN where nothing was counted."""
@@ -142,15 +139,16 @@ class Monitor:
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        # Times and velocities of a block that is not complete, and their number.
-        self._waiting, self._held = [np.empty((2, 0))], 0
+        # Times and velocities of a block that is not complete.
+        self._waiting = np.empty((2, 0))
         self._reset(0.0)
 
     def _reset(self, settled_from: float) -> None:
         self._settled_from = settled_from
         self.moving, self.stuck, self.correlation = Welch(self.rate), Welch(self.rate), Correlation()
         self.forces, self.speeds = Histogram(), Histogram()
-        self._count, self._mean, self._squares = 0, 0.0, 0.0
+        # Number, mean and sum of squares about it of the velocities of each block.
+        self._parts: list[tuple[int, float, float]] = []
 
     def add(self, t: Array, velocity: Array, force: Array, slip_rate: Array, settled_from: float) -> None:
         """Take the next samples, (n,) each. If `settled_from` has moved, everything begins anew."""
@@ -159,70 +157,51 @@ class Monitor:
         settled = slice(int(np.searchsorted(t, settled_from)), None)
         self.forces.add(force[settled])
         self.speeds.add(np.abs(slip_rate[settled]))
-        self._wait(t, velocity)
+        self._waiting = np.concatenate([self._waiting, [t, velocity]], axis=1)
 
     def repeat(self, t: float, velocity: float, force: float, slip_rate: float, count: int) -> None:
         """Take `count` more samples like the last one, at `t`, outside of long sticks."""
-        unsettled = int(np.clip(np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1, 0, count))
-        if count > unsettled:
-            self.forces.add(np.array([force]), count - unsettled)
-            self.speeds.add(np.abs([slip_rate]), count - unsettled)
-        # Between the block that is begun and the last one lie whole blocks, of which only the number counts.
-        begun = min(-self._held % BLOCK, count)
-        whole = (count - begun) // BLOCK * BLOCK
-        for first, last in ((0, begun), (begun + whole, count)):
-            times = t + np.arange(first + 1, last + 1) / self.rate
-            self._wait(times, np.full(last - first, velocity))
-        # Statistics may begin within one of them.
-        before = min(max(unsettled - begun, 0), whole)
-        for settled in (-before % BLOCK, (whole - before) // BLOCK * BLOCK):
+        # They complete the block that is begun; of those after it only the number counts.
+        begun = min(-self._waiting.shape[1] % BLOCK, count)
+        times = t + np.arange(1, begun + 1) / self.rate
+        v, N, slip_rates = np.tile([[velocity], [force], [slip_rate]], begun)
+        self.add(times, v, N, slip_rates, self._settled_from)
+        # Statistics may begin within a later block.
+        unsettled = np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1 - begun
+        before = int(np.clip(unsettled, 0, count - begun))
+        first = min(-before % BLOCK, count - begun - before)
+        for settled in (first, count - begun - before - first):
             if settled:
-                self._merge(settled, velocity, 0.0)
+                self.forces.add(np.array([force]), settled)
+                self.speeds.add(np.abs([slip_rate]), settled)
+                self._parts.append((settled, velocity, 0.0))
                 self.correlation.repeat(settled)
 
-    def _wait(self, t: Array, velocity: Array) -> None:
-        self._waiting.append(np.array([t, velocity]))
-        self._held += len(t)
-
-    def _join(self) -> Array:
-        self._waiting = [np.concatenate(self._waiting, axis=1)]
-        return self._waiting[0]
-
-    def process(self, sticks: Array, known_until: float) -> None:
-        """Work on whole blocks that end before `known_until`, given the long `sticks` (k, 2) up to there."""
-        while self._held >= BLOCK and self._join()[0, BLOCK - 1] < known_until:
-            self._block(BLOCK, sticks)
+    def process(self, sticks: Array, known_until: float, least: int = BLOCK) -> None:
+        """Work on blocks of at least `least` samples before `known_until`, given the long `sticks` (k, 2)."""
+        while self._waiting.shape[1] >= least and self._waiting[0, :BLOCK][-1] < known_until:
+            block, self._waiting = np.split(self._waiting, [BLOCK], axis=1)
+            t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
+            if not len(t):
+                continue
+            self._parts.append((len(t), float(velocity.mean()), len(t) * float(velocity.var())))
+            self.correlation.add(velocity)
+            done = 0
+            for first, last in np.searchsorted(t, sticks):
+                self.moving.add(velocity[done:first])
+                self.stuck.add(velocity[max(first, done) : last])
+                done = max(done, last)
+            self.moving.add(velocity[done:])
 
     def close(self, sticks: Array) -> None:
         """Work on the samples that still wait."""
-        self.process(sticks, np.inf)
-        self._block(self._held, sticks)
-
-    def _block(self, count: int, sticks: Array) -> None:
-        block, rest = np.split(self._join(), [count], axis=1)
-        self._waiting, self._held = [rest.copy()], self._held - count
-        t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
-        if not len(t):
-            return
-        mean = float(velocity.mean())
-        self._merge(len(velocity), mean, float(np.sum((velocity - mean) ** 2)))
-        self.correlation.add(velocity)
-        done = 0
-        for first, last in np.searchsorted(t, sticks):
-            self.moving.add(velocity[done:first])
-            self.stuck.add(velocity[max(first, done) : last])
-            done = max(done, last)
-        self.moving.add(velocity[done:])
+        self.process(sticks, np.inf, 1)
 
     @property
     def rms(self) -> float:
         """Root mean square of the velocity of B about its mean."""
-        return float(np.sqrt(self._squares / self._count)) if self._count else float("nan")
-
-    def _merge(self, count: int, mean: float, squares: float) -> None:
-        """Add samples given by their number, mean and sum of squares about it (Chan, Golub, LeVeque 1983)."""
-        total = self._count + count
-        difference = mean - self._mean
-        self._squares += squares + difference**2 * self._count * count / total
-        self._mean += difference * count / total
-        self._count = total
+        if not self._parts:
+            return float("nan")
+        count, mean, squares = np.array(self._parts).T
+        about = mean - np.average(mean, weights=count)
+        return float(np.sqrt(np.sum(squares + count * about**2) / np.sum(count)))

@@ -13,12 +13,9 @@ import numpy as np
 
 from fivcore.jit import contracted, inlined
 
-# Contact states, as in a record's `state`.
+# Contact states, as in a record's `state`; statistics start SETTLING after the first slip, s.
 SEPARATION, STICK, SLIP = 0, 1, 2
-
-# Statistics start this long after the first slip, s.
 SETTLING = 0.1
-
 # Times, NaN where there is none: first slip, first separation, begin of the present stick (none before first slip)
 # and of the last long one, start of the statistics, its delay after the first slip (NaN: the start is given), and
 # the shortest long stick (NaN: a fifth of the time to the first slip).
@@ -27,9 +24,9 @@ EVENTS = ("first_slip", "first_separation", "stick_start", "last_stick", "settle
 SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_time", "slip_time")
 # ... and from the start, the energy balance.
 ENERGIES = ("work", "damped", "friction", "termination", "impact")
+FIELDS = [(name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)]
 # Begin of the list of long sticks, their number, and the number that it has room for.
-LIST = ("sticks_at", "sticks", "stick_room")
-FIELDS = [(name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)] + [(name, "i8") for name in LIST]
+FIELDS += [(name, "i8") for name in ("sticks_at", "sticks", "stick_room")]
 
 
 @inlined
@@ -61,25 +58,22 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
     count references at each call.
     """
     run.switches += 1.0
-    listed = False
+    listed = was == STICK and t - run.stick_start >= run.least_stick and run.sticks < run.stick_room
+    if listed:
+        run.last_stick = run.stick_start
+        run.sticks += 1
     if was == STICK:
-        if t - run.stick_start >= run.least_stick and run.sticks < run.stick_room:
-            run.last_stick = run.stick_start
-            run.sticks += 1
-            listed = True
         run.stick_start = np.nan
-    if contact == STICK:
-        # The stick that a run begins with is not counted.
-        if run.first_slip <= t:
-            run.stick_start = t
-    elif contact == SLIP:
-        if not run.first_slip <= t:
-            run.first_slip = t
-            if not run.least_stick >= 0.0:
-                run.least_stick = 0.2 * t
-            if run.settling >= 0.0:
-                run.settled_from = t + run.settling
-    elif not run.first_separation <= t:
+    # The stick that a run begins with is not counted.
+    if contact == STICK and run.first_slip <= t:
+        run.stick_start = t
+    elif contact == SLIP and not run.first_slip <= t:
+        run.first_slip = t
+        if not run.least_stick >= 0.0:
+            run.least_stick = 0.2 * t
+        if run.settling >= 0.0:
+            run.settled_from = t + run.settling
+    elif contact == SEPARATION and not run.first_separation <= t:
         run.first_separation = t
     return listed
 
@@ -91,7 +85,6 @@ def begin(record: Any, settle: float | None, settling: float, min_stick: float |
     """
     for name in EVENTS:
         record[name] = np.nan
-    record["settled_from"] = 0.0 if settle is None else settle
-    record["settling"] = settling if settle is None else np.nan
+    record["settled_from"], record["settling"] = (0.0, settling) if settle is None else (settle, np.nan)
     record["least_stick"] = np.nan if min_stick is None else min_stick
     return record

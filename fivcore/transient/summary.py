@@ -7,34 +7,19 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import Array
-from fivcore.transient.normalised import Normalised, displacement, slip_distance
+from fivcore.transient.normalised import displacement, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
 
-# Thresholds of the regimes, in the order in which they are decided.
-UNDECIDED_BELOW = 1.3  # no slip, and the drive below this times what slips
-STEADY_SHARE, STEADY_WOBBLE = 0.999, 0.01  # share of time in slip; slip-rate fluctuation in units of V
-LONG_SHARE, LONG_LATE = 0.1, 2.0 / 3.0  # share of time in long sticks; one begins after this share of the run
-PERIODIC_COHERENCE = 0.9
+# Share of time in long sticks from which on a motion is intermittent.
+LONG_SHARE = 0.1
 
 
-def summarise(
-    scene: Normalised,
-    run: Any,
-    monitor: Monitor,
-    sticks: Array,
-    *,
-    duration: float,
-    ramp: float,
-    steadiness: float,
-    released: float,
-    settled_early: bool,
-) -> dict[str, object]:
+def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
-    `run` holds the counters (`statistics.FIELDS`), `sticks` (k, 2) the long sticks that have ended, `steadiness`
-    half the range of the slip rate in the last quarter of the run in units of V, and `released` the decrease of
-    the stored energy; all are normalised. A figure with a unit of speed or force is F times its normalised value,
+    `sticks` (k, 2) are the long sticks that have ended, and `spread` half the range of the slip rate in the last
+    quarter of the run, both normalised. A figure with a unit of speed or force is F times its normalised value,
     one multiplication: a copy of a scene has the same bits whether computed or scaled.
 
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
@@ -51,40 +36,36 @@ def summarise(
       slip and ended within the run; `censored_sticks`: number of those that go on at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
-    - `settled_early`: whether the rest of the run was filled in, being proved steady sliding.
     """
-    F = scene.load
-    counted = {name: float(run[name]) for name, _ in FIELDS}
+    scene, F, duration = run.scene, run.scene.load, run.steps * run.step
+    counted = {name: float(run.record[name][0]) for name, _ in FIELDS}
     states, settled = ("stick", "slip", "separation"), counted["settled_from"]
-    measured = duration > settled and any(counted[f"{state}_time"] > 0.0 for state in states)
-    if not measured:
-        counted |= dict.fromkeys(SETTLED, float("nan"))
     total = sum(counted[f"{state}_time"] for state in states)
+    if not (duration > settled and total > 0.0):
+        counted, total = counted | dict.fromkeys(SETTLED, float("nan")), float("nan")
     share = {state: counted[f"{state}_time"] / total for state in states}
-    slipped = not np.isnan(counted["first_slip"])
-    open_stick = duration - counted["stick_start"] if counted["stick_start"] >= 0.0 else 0.0
-    censored = int(slipped and open_stick >= counted["least_stick"])
+    open_stick = float(np.fmax(duration - counted["stick_start"], 0.0))
+    censored = int(open_stick >= counted["least_stick"])
     quiet = not monitor.rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else monitor.moving.peak()
     period = monitor.rate / dominant
-    coherence = float("nan") if np.isnan(dominant) else monitor.correlation.near(20.0 * period, 0.5 * period)
+    coherence = monitor.correlation.near(20.0 * period, 0.5 * period)
     long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], settled), 0.0)))
-    driven = float(displacement(np.array(duration), scene.speed_per_load, ramp))
+    driven = float(displacement(np.array(duration), scene.speed_per_load, run.options.ramp))
     regime = regime_of(
-        slipped=slipped,
-        measured=measured,
+        slipped=not np.isnan(counted["first_slip"]),
         drive=driven / max(slip_distance(scene), 1e-300),
         slip_share=share["slip"],
-        steadiness=steadiness,
-        stick_share=filled / (duration - settled) if duration > settled else 0.0,
+        steadiness=spread / scene.speed_per_load,
+        stick_share=filled / max(duration - settled, 1e-300),
         last_stick=float(long[-1, 0]) / duration if len(long) else 0.0,
         coherence=coherence,
     )
     if regime == "steady sliding":
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = coherence = float("nan")
-    work, *lost = (counted[name] for name in ENERGIES)
+    released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
     exchanged = float(np.abs([work, released, *lost]).sum())
     return {
         **{f"{state}_fraction": value for state, value in share.items()},
@@ -104,7 +85,6 @@ def summarise(
         "stick_starts": sticks[:, 0].copy(),
         "censored_sticks": censored,
         "energy_residual": abs(work + released - sum(lost)) / max(exchanged, 1e-300),
-        "settled_early": settled_early,
         "regime": regime,
     }
 
@@ -112,7 +92,6 @@ def summarise(
 def regime_of(
     *,
     slipped: bool,
-    measured: bool,
     drive: float,
     slip_share: float,
     steadiness: float,
@@ -123,7 +102,7 @@ def regime_of(
     """Decide the regime, in this order.
 
     - "undecided": no slip, and the clamp has moved less than 1.3 times what slips statically (`drive`); or the run
-      ended before it settled (not `measured`).
+      ended before it settled (`slip_share` is NaN).
     - "stuck": no slip, though the clamp has moved further.
     - "steady sliding": more than 99.9 % of the time after settling in slip (`slip_share`), and half the range of
       the slip rate in the last quarter of the run below 1 % of V (`steadiness`).
@@ -133,11 +112,11 @@ def regime_of(
     - "irregular": everything else.
     """
     if not slipped:
-        return "undecided" if drive < UNDECIDED_BELOW else "stuck"
-    if not measured:
+        return "undecided" if drive < 1.3 else "stuck"
+    if np.isnan(slip_share):
         return "undecided"
-    if slip_share > STEADY_SHARE and steadiness < STEADY_WOBBLE:
+    if slip_share > 0.999 and steadiness < 0.01:
         return "steady sliding"
-    if stick_share > LONG_SHARE and last_stick > LONG_LATE:
+    if stick_share > LONG_SHARE and last_stick > 2.0 / 3.0:
         return "intermittent"
-    return "periodic" if coherence > PERIODIC_COHERENCE else "irregular"
+    return "periodic" if coherence > 0.9 else "irregular"
