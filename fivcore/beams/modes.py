@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
 from threadpoolctl import ThreadpoolController
 
-from fivcore.beams.elements import Family, axial, bending, hermite
+from fivcore.beams.elements import axial, bending, hermite
 from fivcore.jit import Array
 from fivcore.rig import Beam, Rig
 
@@ -88,7 +88,7 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     contact m_total Y + carried^T v = 0, so the elastic modes are those of the cantilever with the mass matrix
     M - carried carried^T / m_total. theta enters only here.
     """
-    along, across = families(beam)
+    along, across = axial(beam), bending(beam)
     na, total = len(along.carried), beam.mass + head_mass
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     # The beam's own axes, from A down to C and across it, in terms of x and y.
@@ -157,14 +157,7 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
 @one_blas_thread()
 def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Eigenvalues and modes of a beam clamped at one end, axial ones and bending ones."""
-    along, across = (natural_modes(each.stiffness, each.mass, each.flexibility_root) for each in families(beam))
-    return along, across
-
-
-@lru_cache(maxsize=16)
-def families(beam: Beam) -> tuple[Family, Family]:
-    """Axial and bending family of a beam."""
-    return axial(beam), bending(beam)
+    return natural_modes(*axial(beam)[:3]), natural_modes(*bending(beam)[:3])
 
 
 def _clean(row: Array) -> Array:

@@ -43,16 +43,6 @@ class Impulse(NamedTuple):
     mobility: Array
 
 
-def corrected(stiffness: Array, damping: Array, shapes: Array, K: Array, C: Array, step: float) -> Impulse:
-    """Correct an element, K and C in proportion, for modes with gap shapes (2, n)."""
-    half = 0.5 * step * shapes @ shapes.T
-    if not K.any() or step == 0.0:
-        return Impulse(np.zeros((2, 2)), K, C, half)
-    defect, drift = ((shapes * each) @ shapes.T for each in at_impulses(stiffness, damping, step))
-    softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
-    return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
-
-
 def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, Array]:
     """Defect of the deflection, and mean velocity (drift), of modes under a steady unit force, at its impulses.
 

@@ -14,7 +14,7 @@ With the termination "none" there is no element, and the kept modes touch rigidl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -24,7 +24,8 @@ from scipy.optimize import brentq
 from fivcore.beams.elements import axial
 from fivcore.beams.free_motion import propagator
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
-from fivcore.contact.impulse import Impulse, corrected
+from fivcore.contact.impulse import Impulse, at_impulses
+from fivcore.contact.law import critical_friction, ratio
 from fivcore.jit import Array
 from fivcore.rig import Rig
 
@@ -32,7 +33,7 @@ from fivcore.rig import Rig
 # what the contact feels along its normal is kept.
 AXIAL = 3.1
 LEAST_KEPT = 3
-MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b")
+MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega; with an undamped element, which dissipates
 # no energy error of the step; without an element, in units of the fastest mode's time; and the largest step.
@@ -56,8 +57,8 @@ class ReducedModel:
         Modal force for a unit acceleration of P2's clamp.
     point_b : ndarray, (n,)
         Displacement of B along x for a unit of each modal coordinate.
-    rest : ndarray, (n,)
-        Static equilibrium under a unit load, T = 0.
+    load : ndarray, (n,)
+        Modal forces of a unit load on A.
     kept : ndarray, (all modes,)
         Which modes of `fivcore.beams.modes.contact_modes` these are.
     K, C : ndarray, (2, 2)
@@ -70,7 +71,7 @@ class ReducedModel:
     tangential: Array
     inertia: Array
     point_b: Array
-    rest: Array
+    load: Array
     kept: NDArray[np.bool_]
     K: Array
     C: Array
@@ -79,11 +80,25 @@ class ReducedModel:
         for part in vars(self).values():
             part.setflags(write=False)
 
+    @cached_property
+    def shapes(self) -> Array:
+        """Normal and tangential gap shapes, (2, n), kg^-1/2."""
+        return np.stack([self.normal, self.tangential])
+
     @property
     def W(self) -> Array:
         """Inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
-        shape = np.stack([self.normal, self.tangential])
-        return np.asarray(shape @ shape.T)
+        return np.asarray(self.shapes @ self.shapes.T)
+
+    @cached_property
+    def rest(self) -> Array:
+        """Static equilibrium under a unit load with T = 0, (n,); the rigid mode closes the gap. Read-only."""
+        rigid = self.stiffness == 0.0
+        rest = np.where(rigid, 0.0, (self.load + self.normal) / np.where(rigid, 1.0, self.stiffness))
+        flexibility = np.linalg.inv(self.K)[0, 0] if self.K.any() else 0.0
+        rest[rigid] = -(flexibility + self.normal @ rest) / self.normal[rigid]
+        rest.setflags(write=False)
+        return rest
 
     def residual(self, kept: NDArray[np.bool_]) -> Array:
         """Static flexibility of the gap in the modes that are not `kept`, (2, 2), m/N."""
@@ -91,8 +106,20 @@ class ReducedModel:
 
     def impulse(self, step: float) -> Impulse:
         """Impulses of `fast` in this step, s, and the element corrected for them."""
-        shapes = np.stack([self.normal, self.tangential])
-        return corrected(self.stiffness, self.damping, shapes, self.K, self.C, step)
+        K, C, half = self.K, self.C, 0.5 * step * self.W
+        if not K.any() or step == 0.0:
+            return Impulse(np.zeros((2, 2)), K, C, half)
+        parts = at_impulses(self.stiffness, self.damping, step)
+        defect, drift = ((self.shapes * part) @ self.shapes.T for part in parts)
+        softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
+        return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
+
+    def critical_mu(self, step: float | None) -> float:
+        """Smallest friction without a unique contact force, in steps of `fast`; None: by the law itself."""
+        if not self.K.any():
+            return ratio(self.W[0, 0], self.W[0, 1])
+        _, K, C, M = self.impulse(step or 0.0)
+        return critical_friction(K, C, M, step or 0.0)
 
     @cached_property
     def contact_frequency(self) -> float:
@@ -125,22 +152,15 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
-    inertia, point_b = np.zeros((2, len(stiffness)))
+    inertia, point_b, load = np.zeros((3, len(stiffness)))
     inertia[n1:] = -axial(rig.p2).carried @ lower.shapes[1:, 0]
-    place = (1.0 - rig.point_b) * rig.p1.elements
-    node = min(int(place), rig.p1.elements - 1)
-    ends = upper.shapes[node : node + 2, 0]
-    point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
-    rest = equilibrium(stiffness, normal, unit_load(rig, theta), 0.0)
-    kept, K, C = np.ones(len(stiffness), dtype=bool), np.zeros((2, 2)), np.zeros((2, 2))
+    # B lies between two nodes, where the displacement is linear.
+    distance = np.arange(rig.p1.elements + 1) - (1.0 - rig.point_b) * rig.p1.elements
+    point_b[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]
+    load[:n1] = -upper.shapes[0, 1]
+    kept, none = np.ones(len(stiffness), dtype=bool), np.zeros((2, 2))
     damping = rig.d1 + rig.d2 * stiffness
-    return ReducedModel(stiffness, damping, normal, tangential, inertia, point_b, rest, kept, K, C)
-
-
-def unit_load(rig: Rig, theta: float) -> Array:
-    """Modal forces of a unit load on A, of all modes of both beams."""
-    upper, lower = rig_bases(rig, theta)
-    return np.concatenate([-upper.shapes[0, 1], np.zeros(len(lower.stiffness))])
+    return ReducedModel(stiffness, damping, normal, tangential, inertia, point_b, load, kept, none, none)
 
 
 def default_cutoff(rig: Rig) -> float:
@@ -173,24 +193,11 @@ def reduced_model(
     # One or two modes left over are no element; with them the finite elements are complete.
     if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
         kept = np.ones(len(kept), dtype=bool)
-    if kept.all() or termination == "none":
-        flexibility = np.zeros((2, 2))
-    else:
+    elif termination != "none":
         K = np.asarray(np.linalg.inv(flexibility))
     tau = relaxation_time(rig, cutoff) if termination == "absorbing" else 0.0
     modal = {name: getattr(full, name)[kept] for name in MODAL}
-    rest = equilibrium(modal["stiffness"], modal["normal"], unit_load(rig, theta)[kept], flexibility[0, 0])
-    return ReducedModel(**modal, rest=rest, kept=kept, K=K, C=tau * K)
-
-
-def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
-    """Modal coordinates under a unit load with N = 1 and T = 0; the rigid mode closes the gap."""
-    elastic = stiffness > 0.0
-    rest = np.zeros(len(stiffness))
-    rest[elastic] = (load + normal)[elastic] / stiffness[elastic]
-    rigid = int(np.flatnonzero(~elastic)[0])
-    rest[rigid] = -(flexibility + normal @ rest) / normal[rigid]
-    return rest
+    return replace(full, **modal, kept=kept, K=K, C=tau * K)
 
 
 @lru_cache(maxsize=64)
