@@ -15,26 +15,8 @@ from fivcore.transient.normalised import State
 from fivcore.transient.simulate import simulate, simulate_many
 
 __all__ = [
-    "Beam",
-    "ContactError",
-    "DivergenceError",
-    "FlutterOnsets",
-    "OnsetCurve",
-    "OnsetCurves",
-    "Rig",
-    "Scene",
-    "SlidingModes",
-    "State",
-    "Transient",
-    "UnstableWindows",
-    "critical_mu",
-    "flutter_onsets",
-    "glued_frequencies",
-    "node_positions",
-    "onset_curves",
-    "simulate",
-    "simulate_many",
-    "sliding_modes",
-    "tune_head_mass",
+    "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "OnsetCurve", "OnsetCurves", "Rig", "Scene",
+    "SlidingModes", "State", "Transient", "UnstableWindows", "critical_mu", "flutter_onsets", "glued_frequencies",
+    "node_positions", "onset_curves", "simulate", "simulate_many", "sliding_modes", "tune_head_mass",
     "unstable_windows",
-]
+]  # fmt: skip

@@ -1,13 +1,11 @@
 """Euler-Bernoulli beam elements with consistent mass, assembled to cantilevers in the beam's own frame.
 
-Node 0 is clamped; the s axis runs from it along the beam. Axial and bending motion do not couple in this frame, so
-they are assembled as two families with the degrees of freedom u (axial displacement), or w and phi = dw/ds
-(deflection and rotation), node after node. u is linear in an element and w cubic (Hermite): the frequencies have
-errors of O(h^2) and O(h^4).
+Node 0 is clamped; the s axis runs from it along the beam. Axial and bending motion do not couple: two families
+with the degrees of freedom u (axial displacement), or w and phi = dw/ds (deflection and rotation), by nodes. u is
+linear in an element and w cubic (Hermite): the frequencies have errors of O(h^2) and O(h^4).
 
 The flexibility's root R, K^-1 = R R^T, has a closed form: the deformation of every element between a node and the
-clamp moves the node like a rigid body. Inverting K would lose digits in proportion to the fourth power of the
-number of elements; R loses none.
+clamp moves the node like a rigid body. Inverting K loses digits as the fourth power of the number of elements.
 """
 
 from __future__ import annotations

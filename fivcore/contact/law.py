@@ -7,12 +7,10 @@ g_N + u_N, the slip rate g_T' + u_T'. Every regime is linear:
 - stick: u_N = -g_N and g_T + u_T is constant, while N > 0 and |T| <= mu N;
 - slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
 
-At touch-down u is continuous and N jumps by C_NN times the closing speed. The forces that sticking needs decide
-between stick and slip: T -+ mu N increases with u_T' wherever C_TT > mu |C_TN|, so that exactly one of stick, slip
-forwards and slip backwards exists. Without an element the kept modes touch rigidly, with restitution 0.
-
-From a critical friction on the contact force is not unique (Painleve's paradox): a divisor of slip is zero. For
-the law itself that is C_TT -+ mu C_TN (K without damping), for a step of `fast` also the one that solves for N.
+At touch-down u is continuous and N jumps by C_NN times the closing speed. T -+ mu N increases with u_T' wherever
+C_TT > mu |C_TN| (K without damping), so that exactly one of stick, slip forwards and slip backwards exists. From the
+critical friction on, where that or the divisor that gives N in a step of `fast` is zero, the contact force is not
+unique (Painleve's paradox). Without an element the kept modes touch rigidly, with restitution 0.
 """
 
 from __future__ import annotations
@@ -41,12 +39,11 @@ class RegimeMaps(NamedTuple):
     entering, landing : ndarray, (2, 4)
         As `stick`, for a step that begins in slip, with u_T at its start, and for one in which the surfaces meet.
     mean_offset : float
-        Time from the start of a step to the mean of a relaxing u_T, s. With it in `entering`, sticking needs more
-        than mu N exactly where sliding would go the right way: a step too has one solution.
+        Time from a step's start to the mean of a relaxing u_T, s; with it in `entering` a step has one solution.
     square_ratio : float
         Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
     landing_offset : float
-        Mean time in stick before the impulse where the surfaces meet, s: half a step.
+        As `mean_offset` where the surfaces meet: half a step.
     """
 
     stick: Array
@@ -85,8 +82,7 @@ def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeM
     offset, square_ratio, separation = step, 1.0, np.zeros((2, 2))
     if C.any():
         decay = step * K[1, 1] / C[1, 1]
-        slow = decay < 1e-4
-        offset = step * (0.5 + decay / 12.0 if slow else float(-1.0 / decay - 1.0 / np.expm1(-decay)))
+        offset = step * float(0.5 + decay / 12.0 if decay < 1e-4 else -1.0 / decay - 1.0 / np.expm1(-decay))
         square_ratio = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
         separation = expm(-step * np.linalg.solve(C, K))
     # (N, T) with the mean of the rates in the dashpot; u_T follows g_T only from the offset on.
@@ -107,7 +103,7 @@ def critical_friction(K: Array, C: Array, M: Array, step: float) -> float:
     if not C.any() or step == 0.0:
         return law
 
-    # At a root the maps that belong to it are infinite.
+    # At a root the maps are infinite.
     @np.errstate(divide="ignore", invalid="ignore")
     def least(mu: Array) -> Array:
         """Smaller of the two divisors at each mu."""

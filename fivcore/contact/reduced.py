@@ -5,9 +5,9 @@ and take energy out of impacts. The element of `fivcore.contact.law` replaces th
 
 - K is the inverse of their static flexibility, cross terms included: sliding stability and all quasi-static motion
   stay those of all modes.
-- C = tau K ("elastic": 0). With all modes an upright P1 that strikes P2 at uniform speed stays in contact until
-  its sound wave returns; the kept modes alone would ring against the element and open at once. tau is the smallest
-  relaxation time that prevents it (`relaxation_time`): one number for a rig and a cut-off.
+- C = tau K ("elastic": 0). With all modes an upright P1 that strikes P2 stays in contact until its sound wave
+  returns; the kept modes alone would ring against the element and open at once. tau (`relaxation_time`), one
+  number for a rig and a cut-off, prevents it.
 
 With the termination "none" there is no element, and the kept modes touch rigidly.
 """
@@ -29,18 +29,11 @@ from fivcore.contact.law import critical_friction, ratio
 from fivcore.jit import Array
 from fivcore.rig import Rig
 
-# The default cut-off lies just above the second axial mode of P1, 3 c / (4 L): with it and the first, most of
-# what the contact feels along its normal is kept.
-AXIAL = 3.1
-LEAST_KEPT = 3
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega; with an undamped element, which dissipates
 # no energy error of the step; without an element, in units of the fastest mode's time; and the largest step.
 STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.82, 0.3, 0.5, 2.35
-# Velocity that a mode may lose in a default step, as a power of e: the contact law takes the mean of a velocity
-# over an impulse, and an impulse that is gone before the next has no such mean.
-MOST_LOST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +93,6 @@ class ReducedModel:
         rest.setflags(write=False)
         return rest
 
-    def residual(self, kept: NDArray[np.bool_]) -> Array:
-        """Static flexibility of the gap in the modes that are not `kept`, (2, 2), m/N."""
-        return residual_flexibility(self.stiffness[~kept], self.normal[~kept], self.tangential[~kept])
-
     def impulse(self, step: float) -> Impulse:
         """Impulses of `fast` in this step, s, and the element corrected for them."""
         K, C, half = self.K, self.C, 0.5 * step * self.W
@@ -134,7 +123,8 @@ class ReducedModel:
         omega, damping = self.contact_frequency, float(self.damping.max())
         share = STEP if self.C.any() else ELASTIC_STEP
         most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
-        most = min(most, MOST_LOST / damping) if damping > 0.0 else most
+        # The law takes the mean of a velocity over an impulse, so a mode may not lose more than e^-2 of it.
+        most = min(most, 2.0 / damping) if damping > 0.0 else most
         digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
         return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
 
@@ -164,9 +154,9 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
 
 
 def default_cutoff(rig: Rig) -> float:
-    """Cut-off of a rig's reduced model, Hz: 75 kHz for the paper's."""
+    """Cut-off of a reduced model, Hz: just above P1's second axial mode, 3 c / (4 L); the paper's: 75 kHz."""
     beam = rig.p1
-    return float(AXIAL * np.sqrt(beam.young_modulus / beam.density) / (4.0 * beam.length))
+    return float(3.1 * np.sqrt(beam.young_modulus / beam.density) / (4.0 * beam.length))
 
 
 @lru_cache(maxsize=64)
@@ -184,12 +174,12 @@ def reduced_model(
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    if kept.sum() < LEAST_KEPT:
-        lowest = float(np.sqrt(np.sort(full.stiffness)[LEAST_KEPT - 1])) / (2.0 * np.pi)
+    if kept.sum() < 3:
+        lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
         raise ValueError(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
         )
-    flexibility, K = full.residual(kept), np.zeros((2, 2))
+    flexibility, K = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept]), np.zeros((2, 2))
     # One or two modes left over are no element; with them the finite elements are complete.
     if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
         kept = np.ones(len(kept), dtype=bool)
@@ -204,24 +194,22 @@ def reduced_model(
 def relaxation_time(rig: Rig, cutoff: float) -> float:
     """Find tau of the element, s: the smallest for which contact, once made, does not ring open; at least d2.
 
-    In the normalised impact P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is
-    linear and homogeneous, so neither speed nor load enters. The smallest normal force within the contact's first
-    two periods, 2 pi / omega each, is a function of tau, and tau its root between 0 and 2 / omega, or one of these
-    where it has no root. It is never below d2, which is the dropped modes' own material damping.
+    P1, upright, moves as a whole onto P2 at rest. While contact lasts the problem is linear and homogeneous:
+    neither speed nor load enters. tau is the root, between 0 and 2 / omega, of the smallest normal force in the
+    contact's first two periods, 2 pi / omega each; d2 is the dropped modes' own material damping.
     """
     full = full_model(rig, 0.0)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    flexibility = 0.0 if kept.all() else float(full.residual(kept)[0, 0])
+    flexibility = float(residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])[0, 0])
     # Where none of the dropped modes moves along the normal of an upright P1 there is nothing to ring against.
     if flexibility == 0.0:
         return rig.d2
-    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
-    spring = 1.0 / flexibility
+    stiffness, normal, spring = full.stiffness[kept], full.normal[kept], 1.0 / flexibility
     start = np.zeros(len(stiffness))
     start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
     omega = float(np.sqrt(spring * (normal @ normal)))
     step = 0.05 / omega
-    a, b, c, d = propagator(stiffness, damping, step)
+    a, b, c, d = propagator(stiffness, full.damping[kept], step)
 
     def lowest(tau: float) -> float:
         """Smallest N after a larger one, relative to the largest, while contact is kept."""
