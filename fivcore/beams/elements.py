@@ -59,13 +59,12 @@ def bending(beam: Beam) -> Family:
     # Cholesky factor of the flexibility of one clamped element at its tip, [[h3/3, h2/2], [h2/2, h]] / EI.
     deflection, coupled, turning = h * np.sqrt(h / 3.0), np.sqrt(0.75 * h), np.sqrt(h / 4.0)
     lever = h * np.maximum(np.subtract.outer(np.arange(n), np.arange(n)), 0)
-    root = np.kron(np.tri(n), [[deflection, 0.0], [coupled, turning]])
-    root += np.kron(lever, [[coupled, turning], [0.0, 0.0]])
-    return _assembled(
-        beam.bending_stiffness / h**3 * k * scale,
-        beam.mass / n / 420.0 * m * scale,
-        root / np.sqrt(beam.bending_stiffness),
+    soft = 1.0 / np.sqrt(beam.bending_stiffness)
+    root = soft * (
+        np.kron(np.tri(n), [[deflection, 0], [coupled, turning]]) + np.kron(lever, [[coupled, 0], [0, 0]])
     )
+    root += np.kron(soft * lever, [[0, turning], [0, 0]])
+    return _assembled(beam.bending_stiffness / h**3 * k * scale, beam.mass / n / 420.0 * m * scale, root)
 
 
 def hermite(beam: Beam, position: float) -> tuple[Array, Array]:
@@ -79,9 +78,10 @@ def hermite(beam: Beam, position: float) -> tuple[Array, Array]:
         Cubic Hermite interpolation of w.
     """
     n, h = beam.elements, beam.length / beam.elements
-    e = min(int(position / h), n - 1)
-    x, axial_row, bending_row = position / h - e, np.zeros(n + 1), np.zeros(2 * n + 2)
-    y = 1.0 - x
+    # A point that rounding puts a hair beside a node belongs to the node.
+    place = round(position / h) if abs(position / h - round(position / h)) < 1e-9 else position / h
+    e = min(int(place), n - 1)
+    x, y, axial_row, bending_row = place - e, 1.0 - (place - e), np.zeros(n + 1), np.zeros(2 * n + 2)
     axial_row[e : e + 2] = y, x
     bending_row[2 * e : 2 * e + 4] = (1.0 + 2.0 * x) * y**2, h * x * y**2, x**2 * (1.0 + 2.0 * y), -h * x**2 * y
     return axial_row[1:], bending_row[2:]

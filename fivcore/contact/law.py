@@ -8,7 +8,7 @@ g_N + u_N, the slip rate g_T' + u_T'. Every regime is linear:
 - slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
 
 At touch-down u is continuous and N jumps by C_NN times the closing speed. T -+ mu N increases with u_T' wherever
-C_TT > mu |C_TN| (K without damping), so that exactly one of stick, slip forwards and slip backwards exists. From the
+C_TT > mu |C_TN| (K without damping): exactly one of stick, slip forwards and slip backwards exists. From the
 critical friction on, where that or the divisor that gives N in a step of `fast` is zero, the contact force is not
 unique (Painleve's paradox). Without an element the kept modes touch rigidly, with restitution 0.
 """
