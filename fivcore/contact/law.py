@@ -94,10 +94,10 @@ def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeM
     return RegimeMaps(stick, slip, separation, entering, offset, square_ratio, landing, 0.5 * step)
 
 
-def critical_friction(K: Array, C: Array, M: Array, step: float) -> float:
+def critical_friction(K: Array, C: Array, M: Array, step: float, mu: float = np.inf) -> float:
     """Smallest friction for which a divisor of slip is zero; a step of zero: that of the law itself.
 
-    Arguments are those of `regime_maps`, K and C in proportion.
+    Arguments are those of `regime_maps`, K and C in proportion; where it exceeds `mu`, a lower bound may do.
     """
     law = ratio(K[1, 1], K[0, 1])
     if not C.any() or step == 0.0:
@@ -112,8 +112,8 @@ def critical_friction(K: Array, C: Array, M: Array, step: float) -> float:
     # The step's own divisors are positive at mu = 0 and smooth up to the law's limit; no mu exceeds 1e6.
     trial = np.linspace(0.0, min(law, 1e6) * (1.0 - 1e-9), 400)
     past = np.flatnonzero(least(trial) <= 0.0)
-    if not len(past):
-        return law
+    if not len(past) or trial[past[0] - 1] > mu:
+        return float(trial[past[0] - 1]) if len(past) else law
     return float(brentq(lambda mu: least(np.array([mu]))[0], *trial[past[0] - 1 : past[0] + 1]))
 
 

@@ -103,12 +103,15 @@ class ReducedModel:
         softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
         return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
 
-    def critical_mu(self, step: float | None) -> float:
-        """Smallest friction without a unique contact force, in steps of `fast`; None: by the law itself."""
+    def critical_mu(self, step: float | None, mu: float = np.inf) -> float:
+        """Smallest friction without a unique contact force, in steps of `fast`; None: by the law itself.
+
+        Where it exceeds `mu`, a lower bound above `mu` may do.
+        """
         if not self.K.any():
             return ratio(self.W[0, 0], self.W[0, 1])
         _, K, C, M = self.impulse(step or 0.0)
-        return critical_friction(K, C, M, step or 0.0)
+        return critical_friction(K, C, M, step or 0.0, mu)
 
     @cached_property
     def contact_frequency(self) -> float:

@@ -46,7 +46,7 @@ class Solver:
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         self.model, self.mu, self.step = model, mu, step
-        critical = model.critical_mu(step)
+        critical = model.critical_mu(step, mu)
         if mu >= critical:
             raise not_unique(mu, critical)
         self.impulse = impulse = model.impulse(step)
