@@ -17,9 +17,6 @@ class SceneError(RuntimeError):
         super().__init__(message)
         self.scene = scene
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (str(self), self.scene)
-
 
 class ContactError(SceneError):
     """The method's contact problem has no unique solution (Painleve); found before the first step."""
@@ -31,5 +28,6 @@ class DivergenceError(SceneError):
 
 def not_unique(mu: float, critical: float) -> ContactError:
     """Make the error for a coefficient of friction at or beyond the critical one."""
-    text = f"mu = {mu:g}: from {critical:.6g} on the contact force of this method is not unique (Painleve)"
-    return ContactError(text)
+    return ContactError(
+        f"mu = {mu:g}: from {critical:.6g} on the contact force of this method is not unique (Painleve)"
+    )

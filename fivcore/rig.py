@@ -10,19 +10,10 @@ from typing import Any
 
 from fivcore import checks
 
-MOST_ELEMENTS = 1000
-
 
 def _set(frozen: Any, **values: Any) -> None:
     for name, value in values.items():
         object.__setattr__(frozen, name, value)
-
-
-def _check(frozen: Any, ranges: dict[str, tuple[float, float, str]]) -> None:
-    """Hold attributes to their ranges (lowest, highest, unit) and make them floats."""
-    for name, limits in ranges.items():
-        label = f"{type(frozen).__name__}: {name}"
-        _set(frozen, **{name: checks.between(label, getattr(frozen, name), *limits)})
 
 
 @dataclass(frozen=True)
@@ -54,9 +45,11 @@ class Beam:
     elements: int
 
     def __post_init__(self) -> None:
-        sizes = dict.fromkeys(("length", "width", "thickness"), (1e-9, 1e6, "m"))
-        _check(self, sizes | {"young_modulus": (1e-3, 1e25, "Pa"), "density": (1e-6, 1e9, "kg/m3")})
-        _set(self, elements=checks.count("Beam: elements", self.elements, MOST_ELEMENTS))
+        ranges = dict.fromkeys(("length", "width", "thickness"), (1e-9, 1e6, "m"))
+        ranges |= {"young_modulus": (1e-3, 1e25, "Pa"), "density": (1e-6, 1e9, "kg/m3")}
+        for name, limits in ranges.items():
+            _set(self, **{name: checks.between(f"Beam: {name}", getattr(self, name), *limits)})
+        _set(self, elements=checks.count("Beam: elements", self.elements, 1000))
 
     @property
     def mass(self) -> float:
@@ -111,11 +104,15 @@ class Rig:
         for name in ("p1", "p2"):
             checks.instance(f"Rig: {name}", getattr(self, name), Beam)
         most, on_p2 = self.p2.length, f"above 0 and at most P2's length, {self.p2.length:g} m"
-        position = checks.number("Rig: contact_position", self.contact_position, on_p2, lambda x: 0.0 < x <= most)
-        _check(self, {"head_mass": (0.0, 1e15, "kg"), "d1": (0.0, 1e12, "1/s"), "d2": (0.0, 1e6, "s")})
-        on_p1 = "a fraction of P1's length, from 0 at C to 1 at A"
-        point_b = checks.number("Rig: point_b", self.point_b, on_p1, lambda x: 0.0 <= x <= 1.0)
-        _set(self, contact_position=position, point_b=point_b)
+        position, on_p1 = self.contact_position, "a fraction of P1's length, from 0 at C to 1 at A"
+        _set(
+            self,
+            contact_position=checks.number("Rig: contact_position", position, on_p2, lambda x: 0.0 < x <= most),
+            head_mass=checks.between("Rig: head_mass", self.head_mass, 0.0, 1e15, "kg"),
+            d1=checks.between("Rig: d1", self.d1, 0.0, 1e12, "1/s"),
+            d2=checks.between("Rig: d2", self.d2, 0.0, 1e6, "s"),
+            point_b=checks.number("Rig: point_b", self.point_b, on_p1, lambda x: 0.0 <= x <= 1.0),
+        )
 
 
 @dataclass(frozen=True)

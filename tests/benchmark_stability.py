@@ -36,7 +36,7 @@ def median(run, repeat: int, prepare=lambda: None) -> float:
 
 def forget() -> None:
     """Drop every basis."""
-    for cached in (bases.lower_basis, bases.upper_basis, bases.cantilever_modes, bases.families):
+    for cached in (bases.lower_basis, bases.upper_basis, bases.cantilever_modes, bases.axial, bases.bending):
         cached.cache_clear()
     secular.sliding_problem.cache_clear()
 

@@ -31,14 +31,12 @@ class Small:
         self, k, normal, tangential, f, K, C, *, mu, step, q, v, c=0.0, V=0.0, contact=SLIP, u=(0.0, 0.0)
     ):
         k, normal, tangential, f, q, v = (np.array(x, dtype=float) for x in (k, normal, tangential, f, q, v))
-        elastic = k > 0.0
-        rest = np.zeros(len(k))
-        rest[elastic] = (f + normal)[elastic] / k[elastic]
         none = np.zeros(len(k))
         kept = np.ones(len(k), dtype=bool)
         self.model = ReducedModel(
-            k, c + none, normal, tangential, none, none.copy(), rest, kept, np.array(K), np.array(C)
+            k, c + none, normal, tangential, none, none.copy(), f, kept, np.array(K), np.array(C)
         )
+        rest = self.model.rest
         self.solver = Solver(self.model, mu, step)
         self.mu, self.V, self.step = mu, V, step
         u = np.array(u)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
 from threadpoolctl import ThreadpoolController
 
-from fivcore.beams.elements import Family, axial, bending, hermite
+from fivcore.beams.elements import axial, bending, hermite
 from fivcore.jit import Array
 from fivcore.rig import Beam, Rig
 
@@ -88,8 +88,8 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     contact m_total Y + carried^T v = 0, so the elastic modes are those of the cantilever with the mass matrix
     M - carried carried^T / m_total. theta enters only here.
     """
-    along, across = families(beam)
-    na, total = len(along.carried), beam.mass + head_mass
+    along, across = axial(beam), bending(beam)
+    na, total = beam.elements, beam.mass + head_mass
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     # The beam's own axes, from A down to C and across it, in terms of x and y.
     axis, transverse = np.array([-sine, -cosine]), np.array([cosine, -sine])
@@ -98,14 +98,12 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     stiffness = block_diag(along.stiffness, across.stiffness)
     root = block_diag(along.flexibility_root, across.flexibility_root)
     values, relative = natural_modes(stiffness, mass, root)
-
-    u, w, rotation = np.zeros((3, beam.elements + 1, len(values)))
-    u[1:], w[1:], rotation[1:] = relative[:na], relative[na::2], relative[na + 1 :: 2]
-    shapes = np.zeros((beam.elements + 1, 3, len(values) + 1))
+    u, w, shapes = relative[:na], relative[na::2], np.zeros((beam.elements + 1, 3, len(values) + 1))
     shapes[:, 1, 0] = 1.0 / np.sqrt(total)
-    shapes[:, 0, 1:] = axis[0] * u + transverse[0] * w
-    shapes[:, 1, 1:] = axis[1] * u + transverse[1] * w - carried @ relative / total
-    shapes[:, 2, 1:] = rotation
+    shapes[1:, 0, 1:] = axis[0] * u + transverse[0] * w
+    shapes[1:, 1, 1:] = axis[1] * u + transverse[1] * w
+    shapes[:, 1, 1:] -= carried @ relative / total
+    shapes[1:, 2, 1:] = relative[na + 1 :: 2]
     s = np.linspace(beam.length, 0.0, beam.elements + 1)
     tip = _clean(shapes[-1, 1]), _clean(shapes[-1, 0])
     return Basis(np.append(0.0, values), *tip, -np.outer(s, axis), shapes)
@@ -118,8 +116,8 @@ def rig_bases(rig: Rig, theta: float) -> tuple[Basis, Basis]:
 
 def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
     """Stiffness, normal and tangential gap shapes of both beams' modes, P1's first."""
-    parts = [(basis.stiffness, basis.normal, basis.tangential) for basis in rig_bases(rig, theta)]
-    stiffness, normal, tangential = (np.concatenate(pair) for pair in zip(*parts, strict=True))
+    parts = [np.stack([basis.stiffness, basis.normal, basis.tangential]) for basis in rig_bases(rig, theta)]
+    stiffness, normal, tangential = np.concatenate(parts, axis=1)
     return stiffness, normal, tangential
 
 
@@ -157,14 +155,7 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
 @one_blas_thread()
 def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Eigenvalues and modes of a beam clamped at one end, axial ones and bending ones."""
-    along, across = (natural_modes(each.stiffness, each.mass, each.flexibility_root) for each in families(beam))
-    return along, across
-
-
-@lru_cache(maxsize=16)
-def families(beam: Beam) -> tuple[Family, Family]:
-    """Axial and bending family of a beam."""
-    return axial(beam), bending(beam)
+    return natural_modes(*axial(beam)[:3]), natural_modes(*bending(beam)[:3])
 
 
 def _clean(row: Array) -> Array:

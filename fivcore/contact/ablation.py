@@ -1,7 +1,7 @@
 """Ablations: modifications of a reduced model, to measure what each part of the contact element is worth.
 
-`fivcore.simulate` and `fivcore.critical_mu` apply their argument `modify` to every reduced model that they build,
-the finer one of the onset included. `functools.partial` sets parameters.
+`fivcore.simulate` and `fivcore.critical_mu` apply `modify` to every reduced model, the onset's finer one included;
+`functools.partial` sets parameters. A modification raises `ValueError` where the model has no element.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def with_relaxation_time(model: ReducedModel, tau: float) -> ReducedModel:
     Raises
     ------
     ValueError
-        Where the model has no element, or for a tau that is not a number from 0 to 1.
+        For a tau that is not a number from 0 to 1.
     """
     return replace(_with_element(model), C=checks.between("tau", tau, 0.0, 1.0, "s") * model.K)
 
@@ -41,13 +41,7 @@ def with_dashpot(model: ReducedModel, factor: float) -> ReducedModel:
 
 
 def without_cross_terms(model: ReducedModel) -> ReducedModel:
-    """Uncouple the element's normal and tangential direction: its flexibility keeps its diagonal, C / K its value.
-
-    Raises
-    ------
-    ValueError
-        Where the model has no element.
-    """
+    """Uncouple the element's normal and tangential direction: its flexibility keeps its diagonal, C / K stays."""
     K = np.diag(1.0 / np.diag(np.linalg.inv(_with_element(model).K)))
     return replace(model, K=K, C=model.C[0, 0] / model.K[0, 0] * K)
 

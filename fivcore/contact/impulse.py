@@ -1,15 +1,13 @@
 """Compliance defect and drift of modes under a lasting force in impulses, and the element corrected by them.
 
-Once in a step the kept modes take an impulse, the step times the force, and between impulses they move exactly:
-their response to a lasting force is a sawtooth. At the impulses, where the contact law is evaluated, a mode's
-deflection is too small by about step^2 / 12 times its shape squared: the end correction of the trapezoidal rule
-for the convolution of force and impulse response, at any frequency of the force up to O(step^4). The element, a
-compliance itself, is made softer by the defect of all modes, step^2 / 12 W. C_NN stays and C remains proportional
-to the stiffness; the second-order error that remains is step^2 / 12 W (omega C)^2 beside the stiffness K.
+Once in a step the kept modes take an impulse, the step times the force, and in between they move exactly. At the
+impulses, where the contact law is evaluated, a mode's deflection is too small by about step^2 / 12 times its shape
+squared: the end correction of the trapezoidal rule for the convolution of force and impulse response, up to
+O(step^4). The element is made softer by the defect of all modes, step^2 / 12 W; C_NN stays and C remains
+proportional to K. The second-order error that remains is step^2 / 12 W (omega C)^2 beside K.
 
-The velocity of a damped mode decays between impulses: its mean under a lasting force is not zero but about damping
-step^2 / 12 times the shape squared. If this drift were not subtracted, the contact would slip and stick again for
-some ten steps where stick ends gently. Defect and drift are exact for a steady force.
+The mean velocity of a damped mode under a lasting force is about damping step^2 / 12 times the shape squared. This
+drift is subtracted, or the contact would slip and stick again for some ten steps where stick ends gently.
 """
 
 from __future__ import annotations
@@ -43,23 +41,13 @@ class Impulse(NamedTuple):
     mobility: Array
 
 
-def corrected(stiffness: Array, damping: Array, shapes: Array, K: Array, C: Array, step: float) -> Impulse:
-    """Correct an element, K and C in proportion, for modes with gap shapes (2, n)."""
-    half = 0.5 * step * shapes @ shapes.T
-    if not K.any() or step == 0.0:
-        return Impulse(np.zeros((2, 2)), K, C, half)
-    defect, drift = ((shapes * each) @ shapes.T for each in at_impulses(stiffness, damping, step))
-    softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
-    return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
-
-
 def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, Array]:
-    """Defect of the deflection, and mean velocity (drift), of modes under a steady unit force, at its impulses.
+    """Defect of the deflection, and mean velocity (drift), of modes at the impulses of a steady unit force; exact.
 
     Parameters
     ----------
     stiffness, damping : ndarray, (n,)
-        Of modes with unit mass, as in `fivcore.beams.free_motion.propagator`.
+        Of modes with unit mass, rad2/s2 and 1/s.
     step : float
         s.
 

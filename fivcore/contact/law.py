@@ -7,10 +7,10 @@ g_N + u_N, the slip rate g_T' + u_T'. Every regime is linear:
 - stick: u_N = -g_N and g_T + u_T is constant, while N > 0 and |T| <= mu N;
 - slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
 
-At touch-down u is continuous and N jumps by C_NN times the closing speed. The forces that sticking needs decide
-between stick and slip: T -+ mu N increases with u_T' wherever C_TT > mu |C_TN|, so that exactly one of stick, slip
-forwards and slip backwards exists (`fivcore.contact.uniqueness`). Without an element the kept modes touch rigidly,
-with restitution 0.
+At touch-down u is continuous and N jumps by C_NN times the closing speed. T -+ mu N increases with u_T' wherever
+C_TT > mu |C_TN| (K without damping): exactly one of stick, slip forwards and slip backwards exists. From the
+critical friction on, where that or the divisor that gives N in a step of `fast` is zero, the contact force is not
+unique (Painleve's paradox). Without an element the kept modes touch rigidly, with restitution 0.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from fivcore.jit import Array
 
@@ -38,12 +39,11 @@ class RegimeMaps(NamedTuple):
     entering, landing : ndarray, (2, 4)
         As `stick`, for a step that begins in slip, with u_T at its start, and for one in which the surfaces meet.
     mean_offset : float
-        Time from the start of a step to the mean of a relaxing u_T, s. With it in `entering`, sticking needs more
-        than mu N exactly where sliding would go the right way: a step too has one solution.
+        Time from a step's start to the mean of a relaxing u_T, s; with it in `entering` a step has one solution.
     square_ratio : float
         Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
     landing_offset : float
-        Mean time in stick before the impulse where the surfaces meet, s: half a step.
+        As `mean_offset` where the surfaces meet: half a step.
     """
 
     stick: Array
@@ -73,73 +73,72 @@ def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeM
     step : float
         s.
     """
+    both = np.array([[mu], [-mu]])
     if not K.any():
-        return _rigid_maps(M, mu)
+        # No mean rates in lasting contact; the kernel halves the forces at touch-down.
+        stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
+        stick[:, 2:], slip[:, 0, 2:] = -np.linalg.inv(M), -1.0 / (M[0, 0] + both * M[0, 1])
+        return RegimeMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
     offset, square_ratio, separation = step, 1.0, np.zeros((2, 2))
     if C.any():
         decay = step * K[1, 1] / C[1, 1]
-        slow = decay < 1e-4
-        offset = step * (0.5 + decay / 12.0 if slow else float(-1.0 / decay - 1.0 / np.expm1(-decay)))
+        offset = step * float(0.5 + decay / 12.0 if decay < 1e-4 else -1.0 / decay - 1.0 / np.expm1(-decay))
         square_ratio = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
         separation = expm(-step * np.linalg.solve(C, K))
-    tangential = np.array([0.0, 1.0])
-    entering, landing = (_stick(K, C + late * K * tangential, M) for late in (offset, 0.5 * step))
-    slip = np.stack([_slip(K, C, M, m, step) for m in (mu, -mu)])
-    return RegimeMaps(_stick(K, C, M), slip, separation, entering, offset, square_ratio, landing, 0.5 * step)
+    # (N, T) with the mean of the rates in the dashpot; u_T follows g_T only from the offset on.
+    stick, entering, landing = (
+        np.linalg.inv(np.eye(2) + damping @ M) @ np.hstack([K, -damping])
+        for damping in (C + late * K * np.eye(2)[1] for late in (0.0, offset, 0.5 * step))
+    )
+    slip = _slip(K, C, M, both, step)[1]
+    return RegimeMaps(stick, slip, separation, entering, offset, square_ratio, landing, 0.5 * step)
 
 
-def _stick(K: Array, C: Array, M: Array) -> Array:
-    """(N, T) from (p, u_T, v_N, v_T) with the mean of the rates in the dashpot."""
-    implicit = np.linalg.inv(np.eye(2) + C @ M)
-    return np.hstack([implicit @ K, -implicit @ C])
+def critical_friction(K: Array, C: Array, M: Array, step: float, mu: float = np.inf) -> float:
+    """Smallest friction for which a divisor of slip is zero; a step of zero: that of the law itself.
+
+    Arguments are those of `regime_maps`, K and C in proportion; where it exceeds `mu`, a lower bound may do.
+    """
+    law = ratio(K[1, 1], K[0, 1])
+    if not C.any() or step == 0.0:
+        return law
+
+    # At a root the maps are infinite.
+    @np.errstate(divide="ignore", invalid="ignore")
+    def least(mu: Array) -> Array:
+        """Smaller of the two divisors at each mu."""
+        return _slip(K, C, M, np.concatenate([mu, -mu])[:, None], step)[0].reshape(2, -1).min(axis=0)
+
+    # The step's own divisors are positive at mu = 0 and smooth up to the law's limit; no mu exceeds 1e6.
+    trial = np.linspace(0.0, min(law, 1e6) * (1.0 - 1e-9), 400)
+    past = np.flatnonzero(least(trial) <= 0.0)
+    if not len(past) or trial[past[0] - 1] > mu:
+        return float(trial[past[0] - 1]) if len(past) else law
+    return float(brentq(lambda mu: least(np.array([mu]))[0], *trial[past[0] - 1 : past[0] + 1]))
 
 
-def _rigid_maps(M: Array, mu: float) -> RegimeMaps:
-    """Maps without an element: zero mean rates in lasting contact; the kernel halves the forces at touch-down."""
-    stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
-    stick[:, 2:] = -np.linalg.inv(M)
-    for i, m in enumerate((mu, -mu)):
-        slip[i, 0, 2] = -1.0 / (M[0, 0] + m * M[0, 1])
-    return RegimeMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
+def ratio(direct: float, cross: float) -> float:
+    """Friction at which the cross term equals the direct one."""
+    return float(abs(direct / cross)) if cross else float("inf")
 
 
-def _slip(K: Array, C: Array, M: Array, m: float, step: float) -> Array:
-    """N and the new u_T for T = m N; rows on (p, u_T, v_N)."""
-    normal, mean, mean_rate = _slipping(K, C, m, step)
-    # v = v_N + (M_NN + m M_NT) N, solved for N.
-    inertia = M[0, 0] + m * M[0, 1]
-    force = normal / (1.0 - inertia * normal[2])
-    if not C.any():
-        return np.stack([force, mean])
-    through = np.array([0.0, 0.0, 1.0]) + inertia * force
-    end = step * (np.array([mean_rate[0], mean_rate[1], 0.0]) + mean_rate[2] * through)
-    return np.stack([force, end + np.array([0.0, 1.0, 0.0])])
-
-
-def _slipping(K: Array, C: Array, m: float, step: float) -> tuple[Array, Array, Array]:
-    """N, and means over the step of u_T and its rate, for T = m N; rows on (p, u_T, v), v the mean rate of g_N."""
+def _slip(K: Array, C: Array, M: Array, m: Array, step: float) -> tuple[Array, Array]:
+    """Slip with T = m N, m (n, 1): divisors (n, 1), and maps (n, 2, 3) from (p, u_T, v_N) to N and the new u_T."""
+    zero = np.zeros_like(m)
     if C.any():
-        # u_T' = rate u_T + on_p p + on_v v.
+        # u_T' = rate u_T + on_p p + on_v v, v the mean rate of g_N; the means of u_T and u_T' over the step.
         divisor = C[1, 1] - m * C[0, 1]
         rate = (m * K[0, 1] - K[1, 1]) / divisor
         on_p, on_v = (m * K[0, 0] - K[1, 0]) / divisor, (C[1, 0] - m * C[0, 0]) / divisor
-        mean_rate = np.expm1(rate * step) / (rate * step) * np.array([on_p, rate, on_v])
-        mean = (mean_rate - np.array([on_p, 0.0, on_v])) / rate
+        mean_rate = np.expm1(rate * step) / (rate * step) * np.hstack([on_p, rate, on_v])
+        mean = (mean_rate - np.hstack([on_p, zero, on_v])) / rate
     else:
-        mean_rate = np.zeros(3)
-        mean = np.array([(m * K[0, 0] - K[1, 0]) / (K[1, 1] - m * K[0, 1]), 0.0, 0.0])
-    return np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate, mean, mean_rate
-
-
-def slip_divisors(K: Array, C: Array, M: Array, mu: float, step: float) -> Array:
-    """Divisors of slip for T = mu N and T = -mu N, (4,); all are above zero where the contact force is unique.
-
-    The first two, C_TT -+ mu C_TN over C_TT (K without damping), decide between stick and slip; the last two are
-    the step's own, 1 for a step of zero.
-    """
-    matrix = C if C.any() else K
-    law = [1.0 - s * mu * matrix[0, 1] / matrix[1, 1] for s in (1.0, -1.0)]
-    if not C.any() or step == 0.0 or min(law) <= 0.0:
-        return np.array([*law, 1.0, 1.0])
-    own = [1.0 - (M[0, 0] + m * M[0, 1]) * _slipping(K, C, m, step)[0][2] for m in (mu, -mu)]
-    return np.array([*law, *own])
+        mean_rate = np.zeros((len(m), 3))
+        mean = np.hstack([(m * K[0, 0] - K[1, 0]) / (K[1, 1] - m * K[0, 1]), zero, zero])
+    normal = np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate
+    # v = v_N + inertia N, solved for N.
+    inertia = M[0, 0] + m * M[0, 1]
+    solved = 1.0 - inertia * normal[:, 2:]
+    force = normal / solved
+    end = step * (mean_rate + mean_rate[:, 2:] * inertia * force) + [0.0, 1.0, 0.0] if C.any() else mean
+    return solved, np.stack([force, end], axis=1)

@@ -5,16 +5,16 @@ and take energy out of impacts. The element of `fivcore.contact.law` replaces th
 
 - K is the inverse of their static flexibility, cross terms included: sliding stability and all quasi-static motion
   stay those of all modes.
-- C = tau K ("elastic": 0). With all modes an upright P1 that strikes P2 at uniform speed stays in contact until
-  its sound wave returns; the kept modes alone would ring against the element and open at once. tau is the smallest
-  relaxation time that prevents it (`relaxation_time`): one number for a rig and a cut-off.
+- C = tau K ("elastic": 0). With all modes an upright P1 that strikes P2 stays in contact until its sound wave
+  returns; the kept modes alone would ring against the element and open at once. tau (`relaxation_time`), one
+  number for a rig and a cut-off, prevents it.
 
 With the termination "none" there is no element, and the kept modes touch rigidly.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -24,22 +24,16 @@ from scipy.optimize import brentq
 from fivcore.beams.elements import axial
 from fivcore.beams.free_motion import propagator
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
-from fivcore.contact.impulse import Impulse, corrected
+from fivcore.contact.impulse import Impulse, at_impulses
+from fivcore.contact.law import critical_friction, ratio
 from fivcore.jit import Array
 from fivcore.rig import Rig
 
-# The default cut-off lies just above the second axial mode of P1, 3 c / (4 L): with it and the first, most of
-# what the contact feels along its normal is kept.
-AXIAL = 3.1
-LEAST_KEPT = 3
-MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b")
+MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega; with an undamped element, which dissipates
 # no energy error of the step; without an element, in units of the fastest mode's time; and the largest step.
 STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.82, 0.3, 0.5, 2.35
-# Velocity that a mode may lose in a default step, as a power of e: the contact law takes the mean of a velocity
-# over an impulse, and an impulse that is gone before the next has no such mean.
-MOST_LOST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +50,8 @@ class ReducedModel:
         Modal force for a unit acceleration of P2's clamp.
     point_b : ndarray, (n,)
         Displacement of B along x for a unit of each modal coordinate.
-    rest : ndarray, (n,)
-        Static equilibrium under a unit load, T = 0.
+    load : ndarray, (n,)
+        Modal forces of a unit load on A.
     kept : ndarray, (all modes,)
         Which modes of `fivcore.beams.modes.contact_modes` these are.
     K, C : ndarray, (2, 2)
@@ -70,7 +64,7 @@ class ReducedModel:
     tangential: Array
     inertia: Array
     point_b: Array
-    rest: Array
+    load: Array
     kept: NDArray[np.bool_]
     K: Array
     C: Array
@@ -79,20 +73,45 @@ class ReducedModel:
         for part in vars(self).values():
             part.setflags(write=False)
 
+    @cached_property
+    def shapes(self) -> Array:
+        """Normal and tangential gap shapes, (2, n), kg^-1/2."""
+        return np.stack([self.normal, self.tangential])
+
     @property
     def W(self) -> Array:
         """Inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
-        shape = np.stack([self.normal, self.tangential])
-        return np.asarray(shape @ shape.T)
+        return np.asarray(self.shapes @ self.shapes.T)
 
-    def residual(self, kept: NDArray[np.bool_]) -> Array:
-        """Static flexibility of the gap in the modes that are not `kept`, (2, 2), m/N."""
-        return residual_flexibility(self.stiffness[~kept], self.normal[~kept], self.tangential[~kept])
+    @cached_property
+    def rest(self) -> Array:
+        """Static equilibrium under a unit load with T = 0, (n,); the rigid mode closes the gap. Read-only."""
+        rigid = self.stiffness == 0.0
+        rest = np.where(rigid, 0.0, (self.load + self.normal) / np.where(rigid, 1.0, self.stiffness))
+        flexibility = np.linalg.inv(self.K)[0, 0] if self.K.any() else 0.0
+        rest[rigid] = -(flexibility + self.normal @ rest) / self.normal[rigid]
+        rest.setflags(write=False)
+        return rest
 
     def impulse(self, step: float) -> Impulse:
         """Impulses of `fast` in this step, s, and the element corrected for them."""
-        shapes = np.stack([self.normal, self.tangential])
-        return corrected(self.stiffness, self.damping, shapes, self.K, self.C, step)
+        K, C, half = self.K, self.C, 0.5 * step * self.W
+        if not K.any() or step == 0.0:
+            return Impulse(np.zeros((2, 2)), K, C, half)
+        parts = at_impulses(self.stiffness, self.damping, step)
+        defect, drift = ((self.shapes * part) @ self.shapes.T for part in parts)
+        softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
+        return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
+
+    def critical_mu(self, step: float | None, mu: float = np.inf) -> float:
+        """Smallest friction without a unique contact force, in steps of `fast`; None: by the law itself.
+
+        Where it exceeds `mu`, a lower bound above `mu` may do.
+        """
+        if not self.K.any():
+            return ratio(self.W[0, 0], self.W[0, 1])
+        _, K, C, M = self.impulse(step or 0.0)
+        return critical_friction(K, C, M, step or 0.0, mu)
 
     @cached_property
     def contact_frequency(self) -> float:
@@ -107,7 +126,8 @@ class ReducedModel:
         omega, damping = self.contact_frequency, float(self.damping.max())
         share = STEP if self.C.any() else ELASTIC_STEP
         most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
-        most = min(most, MOST_LOST / damping) if damping > 0.0 else most
+        # The law takes the mean of a velocity over an impulse, so a mode may not lose more than e^-2 of it.
+        most = min(most, 2.0 / damping) if damping > 0.0 else most
         digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
         return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
 
@@ -125,28 +145,21 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
-    inertia, point_b = np.zeros((2, len(stiffness)))
+    inertia, point_b, load = np.zeros((3, len(stiffness)))
     inertia[n1:] = -axial(rig.p2).carried @ lower.shapes[1:, 0]
-    place = (1.0 - rig.point_b) * rig.p1.elements
-    node = min(int(place), rig.p1.elements - 1)
-    ends = upper.shapes[node : node + 2, 0]
-    point_b[:n1] = ends[0] + (place - node) * (ends[1] - ends[0])
-    rest = equilibrium(stiffness, normal, unit_load(rig, theta), 0.0)
-    kept, K, C = np.ones(len(stiffness), dtype=bool), np.zeros((2, 2)), np.zeros((2, 2))
+    # B lies between two nodes, where the displacement is linear.
+    distance = np.arange(rig.p1.elements + 1) - (1.0 - rig.point_b) * rig.p1.elements
+    point_b[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]
+    load[:n1] = -upper.shapes[0, 1]
+    kept, none = np.ones(len(stiffness), dtype=bool), np.zeros((2, 2))
     damping = rig.d1 + rig.d2 * stiffness
-    return ReducedModel(stiffness, damping, normal, tangential, inertia, point_b, rest, kept, K, C)
-
-
-def unit_load(rig: Rig, theta: float) -> Array:
-    """Modal forces of a unit load on A, of all modes of both beams."""
-    upper, lower = rig_bases(rig, theta)
-    return np.concatenate([-upper.shapes[0, 1], np.zeros(len(lower.stiffness))])
+    return ReducedModel(stiffness, damping, normal, tangential, inertia, point_b, load, kept, none, none)
 
 
 def default_cutoff(rig: Rig) -> float:
-    """Cut-off of a rig's reduced model, Hz: 75 kHz for the paper's."""
+    """Cut-off of a reduced model, Hz: just above P1's second axial mode, 3 c / (4 L); the paper's: 75 kHz."""
     beam = rig.p1
-    return float(AXIAL * np.sqrt(beam.young_modulus / beam.density) / (4.0 * beam.length))
+    return float(3.1 * np.sqrt(beam.young_modulus / beam.density) / (4.0 * beam.length))
 
 
 @lru_cache(maxsize=64)
@@ -164,57 +177,42 @@ def reduced_model(
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    if kept.sum() < LEAST_KEPT:
-        lowest = float(np.sqrt(np.sort(full.stiffness)[LEAST_KEPT - 1])) / (2.0 * np.pi)
+    if kept.sum() < 3:
+        lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
         raise ValueError(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
         )
-    flexibility, K = full.residual(kept), np.zeros((2, 2))
+    flexibility, K = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept]), np.zeros((2, 2))
     # One or two modes left over are no element; with them the finite elements are complete.
     if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
         kept = np.ones(len(kept), dtype=bool)
-    if kept.all() or termination == "none":
-        flexibility = np.zeros((2, 2))
-    else:
+    elif termination != "none":
         K = np.asarray(np.linalg.inv(flexibility))
     tau = relaxation_time(rig, cutoff) if termination == "absorbing" else 0.0
     modal = {name: getattr(full, name)[kept] for name in MODAL}
-    rest = equilibrium(modal["stiffness"], modal["normal"], unit_load(rig, theta)[kept], flexibility[0, 0])
-    return ReducedModel(**modal, rest=rest, kept=kept, K=K, C=tau * K)
-
-
-def equilibrium(stiffness: Array, normal: Array, load: Array, flexibility: float) -> Array:
-    """Modal coordinates under a unit load with N = 1 and T = 0; the rigid mode closes the gap."""
-    elastic = stiffness > 0.0
-    rest = np.zeros(len(stiffness))
-    rest[elastic] = (load + normal)[elastic] / stiffness[elastic]
-    rigid = int(np.flatnonzero(~elastic)[0])
-    rest[rigid] = -(flexibility + normal @ rest) / normal[rigid]
-    return rest
+    return replace(full, **modal, kept=kept, K=K, C=tau * K)
 
 
 @lru_cache(maxsize=64)
 def relaxation_time(rig: Rig, cutoff: float) -> float:
     """Find tau of the element, s: the smallest for which contact, once made, does not ring open; at least d2.
 
-    In the normalised impact P1, upright, moves as a whole onto P2 at rest. As long as contact lasts the problem is
-    linear and homogeneous, so neither speed nor load enters. The smallest normal force within the contact's first
-    two periods, 2 pi / omega each, is a function of tau, and tau its root between 0 and 2 / omega, or one of these
-    where it has no root. It is never below d2, which is the dropped modes' own material damping.
+    P1, upright, moves as a whole onto P2 at rest. While contact lasts the problem is linear and homogeneous:
+    neither speed nor load enters. tau is the root, between 0 and 2 / omega, of the smallest normal force in the
+    contact's first two periods, 2 pi / omega each; d2 is the dropped modes' own material damping.
     """
     full = full_model(rig, 0.0)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    flexibility = 0.0 if kept.all() else float(full.residual(kept)[0, 0])
+    flexibility = float(residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])[0, 0])
     # Where none of the dropped modes moves along the normal of an upright P1 there is nothing to ring against.
     if flexibility == 0.0:
         return rig.d2
-    stiffness, damping, normal = full.stiffness[kept], full.damping[kept], full.normal[kept]
-    spring = 1.0 / flexibility
+    stiffness, normal, spring = full.stiffness[kept], full.normal[kept], 1.0 / flexibility
     start = np.zeros(len(stiffness))
     start[stiffness == 0.0] = -1.0 / normal[stiffness == 0.0]
     omega = float(np.sqrt(spring * (normal @ normal)))
     step = 0.05 / omega
-    a, b, c, d = propagator(stiffness, damping, step)
+    a, b, c, d = propagator(stiffness, full.damping[kept], step)
 
     def lowest(tau: float) -> float:
         """Smallest N after a larger one, relative to the largest, while contact is kept."""

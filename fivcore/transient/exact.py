@@ -19,7 +19,6 @@ import numpy as np
 
 from fivcore.contact.ablation import modified
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
-from fivcore.contact.uniqueness import check_unique, critical_mu_of
 from fivcore.errors import ContactError, DivergenceError, not_unique
 from fivcore.jit import Array
 from fivcore.transient.exact_kernels import SCENE, S, integrate, prescribed, sample, search, switch
@@ -56,7 +55,9 @@ class ExactRun:
         model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
         self.model = modified(model, options.modify)
         _require_element(self.model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff)
-        check_unique(self.model, scene.mu, None)
+        critical = self.model.critical_mu(None)
+        if scene.mu >= critical:
+            raise not_unique(scene.mu, critical)
         model, rate = self.model, options.sampling_rate
         self.step = STEP if options.step is None else options.step
         self.steps = max(round(options.duration / self.step), 1)
@@ -73,7 +74,7 @@ class ExactRun:
         self._longest = 2.5 / float(np.abs(eigenvalues.imag).max())
         if float(eigenvalues.real.max()) * DWELL > MOST_GROWTH:
             raise ContactError(
-                f"{not_unique(scene.mu, critical_mu_of(model, None))}, and so close to it slip grows by more"
+                f"{not_unique(scene.mu, critical)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
             )
         stored = np.sum(model.stiffness * model.rest**2)

@@ -12,7 +12,7 @@ from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.impulse import between_impulses
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel
-from fivcore.contact.uniqueness import check_unique
+from fivcore.errors import not_unique
 from fivcore.jit import Array
 from fivcore.transient import fast_scene as at
 
@@ -46,7 +46,9 @@ class Solver:
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         self.model, self.mu, self.step = model, mu, step
-        check_unique(model, mu, step)
+        critical = model.critical_mu(step, mu)
+        if mu >= critical:
+            raise not_unique(mu, critical)
         self.impulse = impulse = model.impulse(step)
         self.maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step)
         # The mean rate of a gap over an impulse is less than that of the element within it, by what impulses miss.

@@ -14,7 +14,7 @@ import numpy as np
 
 from fivcore.beams.elements import hermite
 from fivcore.beams.modes import lower_basis, residual_flexibility, rig_bases
-from fivcore.contact.reduced import ReducedModel, equilibrium, full_model, unit_load
+from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.jit import Array
 from fivcore.rig import Rig
 from fivcore.transient.normalised import Normalised, displacement
@@ -83,13 +83,12 @@ def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
 
 def moved_model(model: ReducedModel, scene: Normalised, position: float) -> ReducedModel:
     """Return the model with D at `position`, m from P2's clamp; its modes and tau stay."""
-    kept, K, C, flexibility = model.kept, model.K, model.C, 0.0
+    kept, K, C = model.kept, model.K, model.C
     full, n1 = full_model(scene.rig, scene.theta), len(rig_bases(scene.rig, scene.theta)[0].stiffness)
     normal, tangential = shapes_at(scene.rig, position)
     normal, tangential = np.append(full.normal[:n1], normal), np.append(full.tangential[:n1], tangential)
     if K.any():
         residual = residual_flexibility(full.stiffness[~kept], normal[~kept], tangential[~kept])
-        K, flexibility = np.asarray(np.linalg.inv(residual)), float(residual[0, 0])
+        K = np.asarray(np.linalg.inv(residual))
         C = np.asarray(model.C[0, 0] / model.K[0, 0] * K)
-    rest = equilibrium(model.stiffness, normal[kept], unit_load(scene.rig, scene.theta)[kept], flexibility)
-    return replace(model, normal=normal[kept], tangential=tangential[kept], rest=rest, K=K, C=C)
+    return replace(model, normal=normal[kept], tangential=tangential[kept], K=K, C=C)

@@ -19,9 +19,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fivcore.contact.law import ratio
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
-from fivcore.contact.uniqueness import ratio
 from fivcore.errors import not_unique
 from fivcore.jit import Array
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
