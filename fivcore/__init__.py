@@ -5,20 +5,10 @@ Nothing here knows of sweeps, files or figures. Units are SI; only theta is in d
 
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.rig import Beam, Rig, Scene
-from fivcore.stability import (
-    FlutterOnsets,
-    OnsetCurve,
-    OnsetCurves,
-    SlidingModes,
-    UnstableWindows,
-    flutter_onsets,
-    glued_frequencies,
-    node_positions,
-    onset_curves,
-    sliding_modes,
-    tune_head_mass,
-    unstable_windows,
-)
+from fivcore.stability.glued import glued_frequencies, tune_head_mass
+from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
+from fivcore.stability.onsets import FlutterOnsets, flutter_onsets
+from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.transient import State, Transient, critical_mu, simulate, simulate_many
 
 __all__ = [

@@ -30,7 +30,7 @@ TAIL_TERMS = 26
 # 1.7 times the band's angular frequency. Roots are counted within RADIUS.
 MOST_REPORTED = 4.0
 RADIUS = 6.0
-# Fills places for which there is no eigenvalue: far beyond any band.
+# Where a guess goes that finds no root: far beyond any band.
 OUTSIDE = 1e12
 MOST_SWEEPS, MOST_TRIALS = 200, 6
 # In place of a count that could not be made.
@@ -51,9 +51,8 @@ class SlidingProblem:
     tail: Array
     # Where the search for roots starts: from the roots without friction.
     guesses: Complex
-    # Eigenvalues that the contact does not feel, (k,); the beams' modes each consists of, and their amplitudes.
+    # Eigenvalues that the contact does not feel, (k,).
     hidden: Array
-    hidden_modes: list[tuple[list[int], list[float]]]
 
 
 @lru_cache(maxsize=128)
@@ -69,15 +68,11 @@ def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
     # A mode the contact does not see keeps its eigenvalue: its root is nearer to the pole than rounding.
     static = np.sum(residues[0, p > 0.0] / p[p > 0.0])
     seen = np.abs(residues).max(axis=0) > 1e-17 * static * p
-    hidden = [(p[i], ([order[i]], [1.0])) for i in np.nonzero(~seen)[0]]
-    p, residues, order = p[seen], residues[:, seen], order[seen]
+    hidden, p, residues = p[~seen], p[seen], residues[:, seen]
     # Of two modes with one frequency, one combination leaves the gap closed and is hidden.
     single = np.diff(p, prepend=-np.inf) > 4.0 * EPS * p
-    for i in np.nonzero(~single)[0]:
-        i, j = order[i - 1 : i + 1]
-        hidden.append((stiffness[j] / unit, ([i, j], [normal[j], -normal[i]])))
+    hidden = np.append(hidden, p[~single])
     p, residues = p[single], np.add.reduceat(residues, np.nonzero(single)[0], axis=1)
-    hidden = sorted(each for each in hidden if each[0] <= RADIUS)
 
     # At least one pole beyond the band, so that every root in it lies between two that are kept.
     near = max(int(np.searchsorted(p, NEAR**2)), min(int(np.searchsorted(p, 1.0)) + 2, len(p)))
@@ -95,20 +90,10 @@ def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
     if np.any(tail):
         # One more for what friction may bring in from outside, above all along the negative real axis.
         guesses = np.append(guesses, RADIUS * (-1.0 + 0.1j))
-    values = np.array([each[0] for each in hidden])
-    return SlidingProblem(unit, p, residues, tail, guesses, values, [each[1] for each in hidden])
+    return SlidingProblem(unit, p, residues, tail, guesses, np.sort(hidden[hidden <= RADIUS]))
 
 
-def sliding_roots(problem: SlidingProblem, mu: Array) -> Complex:
-    """Scaled eigenvalues for each mu, (mu, places), all within RADIUS among them; OUTSIDE where there is none."""
-    found = [_roots(problem, float(each)) for each in mu]
-    roots = np.full((len(mu), max(map(len, found), default=0)), OUTSIDE, dtype=complex)
-    for row, values in zip(roots, found, strict=True):
-        row[: len(values)] = values
-    return roots
-
-
-def _roots(problem: SlidingProblem, mu: float) -> Complex:
+def sliding_roots(problem: SlidingProblem, mu: float) -> Complex:
     """All roots within RADIUS, and perhaps others; an ArithmeticError if the count says that one is missing."""
     c, tail = (each[0] + mu * each[1] for each in (problem.residues, problem.tail))
     roots, more = problem.guesses.copy(), 0
