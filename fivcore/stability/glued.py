@@ -24,10 +24,8 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     Parameters
     ----------
     rig : Rig
-    theta : float
-        Degrees.
-    count : int
-        How many, from the lowest.
+    theta, count : float, int
+        Degrees; how many, from the lowest.
 
     Returns
     -------
@@ -53,16 +51,13 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     """Head mass that makes `frequency` the first natural frequency of the glued rig, kg.
 
-    The rig's own head mass plays no part. With h(omega) the receptance at A of the glued beams, a mass M added to
-    the head resonates with them where omega^2 M h = 1.
+    The rig's own plays no part. A mass M added at A resonates where omega^2 M h = 1, h the glued receptance there.
 
     Parameters
     ----------
     rig : Rig
-    theta : float
-        Degrees.
-    frequency : float
-        Hz; below the first glued frequency without a head mass, above that with a head of HEAVIEST.
+    theta, frequency : float
+        Degrees; Hz, below the first glued frequency without a head mass, above that with a head of HEAVIEST.
 
     Raises
     ------

@@ -1,9 +1,8 @@
 """Flutter over an interval of inclinations: curves of onsets, and windows in which a pair of modes is unstable.
 
-A sample holds every point at its angle: all flutter onsets, or all growing modes. Neighbouring samples are linked
-where each point has one clear counterpart. Otherwise the interval between them is halved until all have, or until
-it is so short that a point is said to end in it. Roots and extremes along a branch are bracketed (Brent,
-Algorithms for Minimization without Derivatives, 1973), with a sample at every angle tried.
+Points of neighbouring samples, all flutter onsets or growing modes at an angle, are linked where each has one
+clear counterpart. Otherwise the interval is halved, until a point is said to end in it. Roots and extremes along a
+branch are bracketed (Brent, Algorithms for Minimization without Derivatives, 1973).
 """
 
 from __future__ import annotations
@@ -79,10 +78,8 @@ class UnstableWindows(ReadOnlyArrays):
 
     Attributes
     ----------
-    theta_from, theta_to : ndarray, (n,)
-        Ends, degrees.
-    frequency_from, frequency_to : ndarray, (n,)
-        Of the growing mode there, Hz: fmax where it goes on growing beyond the band, 0 where it diverges.
+    theta_from, theta_to, frequency_from, frequency_to : ndarray, (n,)
+        Ends, degrees; the growing mode's frequency there, Hz: fmax where it leaves the band, 0 where it diverges.
     open_from, open_to : ndarray of bool, (n,)
         Whether the window goes on beyond what was asked.
     peak_growth_rate, peak_theta, peak_frequency : ndarray, (n,)
@@ -114,15 +111,13 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     Returns
     -------
     OnsetCurves
-        At the given angles the numbers of `flutter_onsets`. A branch with both ends between two neighbouring
-        samples is not seen, nor one that turns back and forth there.
+        Values at the given angles are those of `flutter_onsets`. A branch with both ends between two samples is
+        not seen, nor one that turns back and forth there.
 
     Raises
     ------
-    ValueError
-        For an argument out of range.
-    ArithmeticError
-        If onsets cannot be isolated at an angle, or told apart between two.
+    ValueError, ArithmeticError
+        For an argument out of range; if onsets cannot be isolated at an angle, or told apart between two.
     """
     checks.instance("rig", rig, Rig)
     angles = checks.array("theta", theta, checks.theta_degrees)
@@ -156,32 +151,25 @@ def unstable_windows(
 ) -> UnstableWindows:
     """Intervals of theta in which a pair of modes of steady sliding (V > 0) is unstable at one friction.
 
-    A window opens or closes where a branch of onsets or recoveries passes `mu` (`onset_curves`), where a growing
-    mode enters or leaves the band, and where it begins or ceases to oscillate; divergence makes no window.
+    A window opens or closes where a branch of onsets or recoveries passes `mu`, where a growing mode enters or
+    leaves the band, and where it begins or ceases to oscillate; divergence makes no window.
 
     Parameters
     ----------
     rig : Rig
-    mu : float
-        Coefficient of friction.
-    theta_min, theta_max : float
-        Degrees.
-    fmax : float
-        Band, Hz.
+    mu, theta_min, theta_max, fmax : float
+        Coefficient of friction; range, degrees; band, Hz.
 
     Returns
     -------
     UnstableWindows
-        Ends to 1e-11 degrees. Of the modes that grow at the samples, half a degree apart at most, none is missed.
-        Between two of them a window is seen if its branch of onsets is below four times `mu` at one; not, if a
-        mode that grows violently enters the band and leaves it there without an onset.
+        Ends to 1e-11 degrees. No mode that grows at one of the samples, half a degree apart, is missed; between
+        two of them a window is seen if its branch of onsets is below four times `mu` at one.
 
     Raises
     ------
-    ValueError
-        For an argument out of range.
-    ArithmeticError
-        If onsets cannot be told apart.
+    ValueError, ArithmeticError
+        For an argument out of range; if onsets cannot be told apart.
     """
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
@@ -204,12 +192,10 @@ def unstable_windows(
     for modes in _follow(growing, samples, 1e-11, _window_ends):
         k = int(np.argmax([mode.level for mode in modes]))
         best = _extreme(growing, modes[max(k - 1, 0) : k + 2], 1.0)
-        # The end of a window rather than the last mode before it.
         peak = max(modes[0], modes[-1], best, key=lambda mode: mode.level)
         windows.append([mode[:3] for mode in (modes[0], modes[-1], peak)])
     at, level, frequency = np.array(windows).reshape(-1, 3, 3).transpose(2, 1, 0)
     ends = frequency[:2]
-    # Oscillation ceases; the mode leaves the band.
     ends[2.0 * np.pi * ends < 1e-4 * level[:2]] = 0.0
     ends[ends > (1.0 - 1e-9) * band] = band
     order = np.lexsort((at[0], ends[0]))
@@ -223,10 +209,9 @@ class Point(NamedTuple):
     """An onset, a recovery or a growing mode at one angle, in degrees."""
 
     theta: float
-    # Friction of an onset or growth rate (1/s) of a mode; Hz.
+    # Friction of an onset or growth rate (1/s) of a mode; Hz; coordinates in which distances are measured.
     level: float
     frequency: float
-    # Coordinates in which the distance of points is measured.
     place: complex
     # False for a recovery; only points of one kind are linked.
     rises: bool = True
@@ -248,7 +233,7 @@ def _onsets(rig: Rig, fmax: float, mu_max: float, theta: float, *, exact: bool =
     crossings = onset_crossings(rig, theta, fmax if exact else 1.1 * fmax, mu_max if exact else 2.0 * mu_max)
     points: list[Point] = []
     for mu, frequency, rises in sorted(crossings, key=lambda each: each[1]):
-        # Onset and recovery this close are one zero and its rounding, close to a fold.
+        # This close to a fold they are one zero and its rounding.
         if points and points[-1].rises != rises and frequency - points[-1].frequency < 1e-8 * frequency:
             points.pop()
             continue

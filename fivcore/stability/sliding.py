@@ -1,9 +1,8 @@
 """Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
 
-V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the
-load F not at all. Proportional damping maps the undamped eigenvalue lambda to the pair phi with
-phi^2 + (d1 + d2 lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation
-(`fivcore.stability.secular`) whatever the damping.
+V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F not at
+all. Proportional damping maps the undamped eigenvalue lambda (`fivcore.stability.secular`) to the pair phi with
+phi^2 + (d1 + d2 lambda) phi + lambda = 0.
 """
 
 from __future__ import annotations
@@ -34,14 +33,11 @@ class ReadOnlyArrays:
 class SlidingModes(ReadOnlyArrays):
     """Modes of steady sliding within a band, ascending in frequency; missing ones are NaN.
 
-    The leading dimensions, written `...`, are those of theta and mu broadcast; the last is the mode.
-
     Attributes
     ----------
-    frequency : ndarray, (..., modes)
-        Im(phi) / 2 pi, Hz; zero for a mode that does not oscillate.
-    growth_rate : ndarray, (..., modes)
-        Re(phi), 1/s: above zero the steady sliding state is unstable (the paper's eta with its sign turned).
+    frequency, growth_rate : ndarray, (..., modes)
+        Im(phi) / 2 pi, Hz, zero for a mode that does not oscillate; Re(phi), 1/s, above zero for a mode that grows
+        (the paper's eta with its sign turned). The leading dimensions are those of theta and mu broadcast.
     eigenvalue : ndarray, (..., modes)
         The undamped eigenvalue lambda, rad2/s2.
     uncoupled : ndarray of bool, (..., modes)
@@ -51,7 +47,7 @@ class SlidingModes(ReadOnlyArrays):
     fmax : float
         The band, Hz: modes above it are not listed, nor, unless damping is heavy, those that grow or decay at more
         than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that depend
-        on mesh and basis; a result means something only with its band and damping.
+        on mesh and basis.
     rig : Rig
     """
 
@@ -71,10 +67,9 @@ class SlidingModes(ReadOnlyArrays):
 
     @property
     def shape(self) -> Complex:
-        """(..., modes, nodes, 3): displacement along x, along y, and rotation at the nodes.
+        """(..., modes, nodes, 3): displacement along x, along y, and rotation; the largest translation is 1.
 
         P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`).
-        Scaled so that the largest translation is 1; computed on access.
         """
         nodes = self.rig.p1.elements + self.rig.p2.elements + 2
         shapes = np.full((*self.frequency.shape, nodes, 3), complex(np.nan, np.nan))
@@ -103,32 +98,20 @@ class SlidingModes(ReadOnlyArrays):
 def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingModes:
     """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
 
+    Eigenvalues are those of the finite-element model with all its modes, without truncation.
+
     Parameters
     ----------
     rig : Rig
-    theta : float or array_like
-        Inclination of P1, degrees; broadcast against `mu`. A basis is built once for each distinct theta.
-    mu : float or array_like
-        Coefficient of friction.
+    theta, mu : float or array_like
+        Degrees; coefficient of friction, broadcast against each other.
     fmax : float
         Band, Hz.
 
-    Returns
-    -------
-    SlidingModes
-
     Raises
     ------
-    ValueError
-        For an argument out of range.
-    ArithmeticError
-        If the eigenvalues found do not match their number by the argument principle, so that one could have
-        been missed; the message names the mu.
-
-    Notes
-    -----
-    The eigenvalues are those of the finite-element model with all its modes: no truncation error. The mode
-    near 8 kHz that does not depend on mu is P2's axial one, which the contact drives but never feels.
+    ValueError, ArithmeticError
+        For an argument out of range; if one could have been missed, by their number after the argument principle.
     """
     checks.instance("rig", rig, Rig)
     band = checks.band(fmax)
@@ -164,8 +147,7 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
         np.take_along_axis(each, order, axis=1).reshape(*angles.shape, order.shape[1])
         for each in (phi, values, hidden)
     )
-    frequency = phi.imag / (2.0 * np.pi)
-    return SlidingModes(frequency, phi.real.copy(), values, hidden, angles, frictions, band, rig)
+    return SlidingModes(phi.imag / (2.0 * np.pi), phi.real.copy(), values, hidden, angles, frictions, band, rig)
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
