@@ -77,8 +77,9 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     # Where the head mass is many times the beam's, the free translation all but cancels in the receptance; a
     # second step from the first answer then gives full accuracy.
     for _ in range(2):
-        stiffness, *contact = contact_modes(replace(bare, head_mass=mass), angle)
-        head = rig_bases(replace(bare, head_mass=mass), angle)[0].shapes[0, 1]
+        loaded = replace(bare, head_mass=mass)
+        stiffness, *contact = contact_modes(loaded, angle)
+        head = rig_bases(loaded, angle)[0].shapes[0, 1]
         rows = np.stack([np.pad(head, (0, len(stiffness) - len(head))), *contact])
         h = (rows / (stiffness - square)) @ rows.T
         mass += float(np.linalg.det(h[1:, 1:]) / (square * np.linalg.det(h)))
