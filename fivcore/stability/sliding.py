@@ -141,7 +141,6 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     phi[phi.imag > 2.0 * np.pi * band] = complex(np.nan, np.nan)
     missing = np.isnan(phi)
     values[missing], hidden[missing] = complex(np.nan, np.nan), False
-    # NaN sorts last.
     order = np.lexsort((phi.real, phi.imag), axis=-1)[:, : np.count_nonzero(~missing, axis=1).max(initial=0)]
     phi, values, hidden = (
         np.take_along_axis(each, order, axis=1).reshape(*angles.shape, order.shape[1])
