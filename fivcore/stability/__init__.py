@@ -1,1 +1,1 @@
-"""Linear stability: glued modes, complex modes of steady sliding, flutter onsets, curves and windows in theta."""
+"""Linear stability: `glued` modes, modes of steady `sliding`, flutter `onsets` and their `intervals` in theta."""

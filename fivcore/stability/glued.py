@@ -17,28 +17,25 @@ HEAVIEST = 1e9  # kg, the largest head mass that tuning gives
 def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     """Natural frequencies of the undamped rig with both translations of C tied to P2, rotations free.
 
+    Those of the finite-element model with all its modes, to rounding. Each is bisected with the number of
+    eigenvalues below a frequency, so that none is missed (Wittrick and Williams, Q. J. Mech. Appl. Math. 24, 1971,
+    263-284).
+
     Parameters
     ----------
     rig : Rig
-    theta : float
-        Degrees.
-    count : int
-        How many, from the lowest.
+    theta, count : float, int
+        Degrees; how many, from the lowest.
 
     Returns
     -------
     ndarray, (count,)
-        Hz, ascending: those of the finite-element model with all its modes, to rounding.
+        Hz, ascending.
 
     Raises
     ------
     ValueError
         For an argument out of range.
-
-    Notes
-    -----
-    Each is bisected with the number of eigenvalues below a frequency, so that none is missed (Wittrick and
-    Williams, Q. J. Mech. Appl. Math. 24, 1971, 263-284).
     """
     checks.instance("rig", rig, Rig)
     stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
@@ -46,27 +43,21 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     # Two constraints raise the k-th eigenvalue, at most to the free one two places above. Each mode has a bracket
     # of its own, so that its bits do not depend on the count.
     free = np.sort(stiffness)
-    floor = free[free > 0.0][0] * 1e-24
-    squares = [
-        _bisect(k, max(free[k] * (1.0 - 1e-9), floor), free[k + 2] * (1.0 + 1e-9), stiffness, normal, tangential)
-        for k in range(wanted)
-    ]
+    low, high = np.maximum(free * (1.0 - 1e-9), free[free > 0.0][0] * 1e-24), free[2:] * (1.0 + 1e-9)
+    squares = [_eigenvalue(k, low[k], high[k], stiffness, normal, tangential) for k in range(wanted)]
     return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
 
 
 def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     """Head mass that makes `frequency` the first natural frequency of the glued rig, kg.
 
-    The rig's own head mass plays no part. With h(omega) the receptance at A of the glued beams without a head, a
-    head mass M resonates with them where omega^2 M h = 1.
+    The rig's own plays no part. A mass M added at A resonates where omega^2 M h = 1, h the glued receptance there.
 
     Parameters
     ----------
     rig : Rig
-    theta : float
-        Degrees.
-    frequency : float
-        Hz; below the first glued frequency without a head mass, above that with a head of HEAVIEST.
+    theta, frequency : float
+        Degrees; Hz, below the first glued frequency without a head mass, above that with a head of HEAVIEST.
 
     Raises
     ------
@@ -82,47 +73,37 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
         f"above {lowest:.6g} Hz, with a head of {HEAVIEST:g} kg, and below {highest:.6g} Hz, without one",
         lambda x: lowest < x < highest,
     )
-    square = (2.0 * np.pi * target) ** 2
-    first = _missing_mass(bare, angle, square)
+    square, mass = (2.0 * np.pi * target) ** 2, 0.0
     # Where the head mass is many times the beam's, the free translation all but cancels in the receptance; a
     # second step from the first answer then gives full accuracy.
-    return first + _missing_mass(replace(bare, head_mass=first), angle, square)
-
-
-def _missing_mass(rig: Rig, theta: float, square: float) -> float:
-    """Mass (kg) to add to the head for `square` (rad2/s2) to become an eigenvalue of the glued rig."""
-    stiffness, normal, tangential = contact_modes(rig, theta)
-    upper, _ = rig_bases(rig, theta)
-    head = np.zeros_like(stiffness)
-    head[: len(upper.stiffness)] = upper.shapes[0, 1]
-    rows = np.stack([head, normal, tangential])
-    h = (rows / (stiffness - square)) @ rows.T
-    # One over the receptance of A with the contact glued; the determinant below is zero once M is right.
-    return float(np.linalg.det(h[1:, 1:]) / (square * np.linalg.det(h)))
+    for _ in range(2):
+        loaded = replace(bare, head_mass=mass)
+        stiffness, *contact = contact_modes(loaded, angle)
+        head = rig_bases(loaded, angle)[0].shapes[0, 1]
+        rows = np.stack([np.pad(head, (0, len(stiffness) - len(head))), *contact])
+        h = (rows / (stiffness - square)) @ rows.T
+        mass += float(np.linalg.det(h[1:, 1:]) / (square * np.linalg.det(h)))
+    return mass
 
 
 @kernel
-def _below(square: float, stiffness: Array, normal: Array, tangential: Array) -> int:
-    """Number of glued eigenvalues below `square`: the separate beams' less those that the contact raises."""
-    below, nn, nt, tt = 0, 0.0, 0.0, 0.0
-    for i in range(len(stiffness)):
-        distance = stiffness[i] - square
-        below += distance < 0.0
-        soft = 1.0 / distance
-        nn += normal[i] * normal[i] * soft
-        nt += normal[i] * tangential[i] * soft
-        tt += tangential[i] * tangential[i] * soft
-    if nn * tt - nt * nt < 0.0:
-        return below - 1
-    return below - 2 if nn + tt < 0.0 else below
-
-
-@kernel
-def _bisect(k: int, low: float, high: float, stiffness: Array, normal: Array, tangential: Array) -> float:
-    """The smallest square with more than k glued eigenvalues below it, to rounding."""
+def _eigenvalue(k: int, low: float, high: float, stiffness: Array, normal: Array, tangential: Array) -> float:
+    """The smallest square with more than k glued eigenvalues below it, bisected to rounding."""
     middle = 0.5 * (low + high)
     while low < middle < high:
-        if _below(middle, stiffness, normal, tangential) > k:
+        # Those of the separate beams less those that the contact raises.
+        below, nn, nt, tt = 0, 0.0, 0.0, 0.0
+        for i in range(len(stiffness)):
+            soft = 1.0 / (stiffness[i] - middle)
+            below += soft < 0.0
+            nn += normal[i] * normal[i] * soft
+            nt += normal[i] * tangential[i] * soft
+            tt += tangential[i] * tangential[i] * soft
+        if nn * tt - nt * nt < 0.0:
+            below -= 1
+        elif nn + tt < 0.0:
+            below -= 2
+        if below > k:
             high = middle
         else:
             low = middle

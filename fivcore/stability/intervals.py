@@ -1,19 +1,17 @@
 """Flutter over an interval of inclinations: curves of onsets, and windows in which a pair of modes is unstable.
 
-A sample holds every point at its angle: all flutter onsets, or all growing modes. Two neighbouring samples are
-linked where each point has one clear counterpart in the other. Where one has none, the interval between them is
-halved until all have, or until it is so short that a point is said to end in it. Roots and extremes along a branch
-are found by bracketing (Brent, Algorithms for Minimization without Derivatives, 1973), with a sample at every
-angle tried.
+Points of neighbouring samples, all flutter onsets or growing modes at an angle, are linked where each has one
+clear counterpart. Otherwise the interval is halved, until a point is said to end in it. Roots and extremes along a
+branch are bracketed (Brent, Algorithms for Minimization without Derivatives, 1973).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from itertools import groupby, pairwise
-from typing import Any
+from itertools import chain, groupby, pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,24 +22,6 @@ from fivcore.jit import Array
 from fivcore.rig import Rig
 from fivcore.stability.onsets import onset_crossings
 from fivcore.stability.sliding import ReadOnlyArrays, sliding_modes
-
-# A counterpart is clear if it is at most FAR away and no rival is nearer than twice as far.
-FAR, CLEAR = 0.3, 0.5
-# Shorter intervals (degrees) are not searched for an extreme.
-NARROW = 1e-6
-# Samples are at most so many degrees apart.
-SPACING = 0.5
-# Onsets are sampled up to these multiples of the largest friction and of the band, to bracket where branches end.
-MORE_FRICTION, MORE_BAND = 2.0, 1.1
-# Windows look at onsets up to this many times their friction, for branches that dip to it between two samples.
-HEADROOM = 4.0
-# Degrees: the interval in which a fold is known to lie, or a growing mode to end; and the distance from an onset
-# at which its growing mode is looked for.
-FOLD, END, BESIDE = 1e-9, 1e-11, 1e-8
-# Onset and recovery closer than this share of their frequency are one zero and its rounding, close to a fold.
-SAME = 1e-8
-# At the end of a window a mode with a smaller share of oscillation in |phi| ceases to oscillate.
-CEASED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +38,7 @@ class OnsetCurve(ReadOnlyArrays):
         Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
         the other kind.
     lowest : tuple of float
-        Where mu is least: theta, mu and frequency.
+        theta, mu and frequency where mu is least.
     """
 
     theta: Array
@@ -98,11 +78,8 @@ class UnstableWindows(ReadOnlyArrays):
 
     Attributes
     ----------
-    theta_from, theta_to : ndarray, (n,)
-        Ends, degrees.
-    frequency_from, frequency_to : ndarray, (n,)
-        Frequency of the growing mode there, Hz. At fmax it goes on growing beyond the band; at 0 it ceases to
-        oscillate and diverges.
+    theta_from, theta_to, frequency_from, frequency_to : ndarray, (n,)
+        Ends, degrees; the growing mode's frequency there, Hz: fmax where it leaves the band, 0 where it diverges.
     open_from, open_to : ndarray of bool, (n,)
         Whether the window goes on beyond what was asked.
     peak_growth_rate, peak_theta, peak_frequency : ndarray, (n,)
@@ -134,27 +111,36 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     Returns
     -------
     OnsetCurves
-        At the given angles the numbers of `flutter_onsets`. The branches pass through these, through further
-        samples where they are steep, and through their ends and lowest points.
+        Values at the given angles are those of `flutter_onsets`. A branch with both ends between two samples is
+        not seen, nor one that turns back and forth there.
 
     Raises
     ------
-    ValueError
-        For an argument out of range.
-    ArithmeticError
-        If onsets cannot be isolated at an angle, or told apart between two.
-
-    Notes
-    -----
-    A branch with both ends between two neighbouring samples is not seen, nor one that turns back and forth there.
+    ValueError, ArithmeticError
+        For an argument out of range; if onsets cannot be isolated at an angle, or told apart between two.
     """
     checks.instance("rig", rig, Rig)
     angles = checks.array("theta", theta, checks.theta_degrees)
     if angles.ndim != 1 or not len(angles) or np.any(np.diff(angles) <= 0.0):
         raise ValueError(f"theta of shape {angles.shape}: it must be a list of ascending angles, each once")
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    search = _Onsets(rig, band, most)
-    curves = [curve for branch in search.branches(angles) for curve in search.curves(branch)]
+    sample, curves = partial(_onsets, rig, band, most), []
+    for branch in _branches(sample, angles):
+        points = list(branch)
+        for p, q in pairwise(branch):
+            if p.outside != q.outside:
+                at = _root(sample, p, q, lambda at: max(at.level / most, at.frequency / band) - 1.0)
+                if at.level / most > at.frequency / band:
+                    points.append(at._replace(outside=False, level=most, end="mu_max"))
+                else:
+                    points.append(at._replace(outside=False, frequency=band, end="fmax"))
+        parts = [
+            list(part) for outside, part in groupby(sorted(points), lambda point: point.outside) if not outside
+        ]
+        for part in parts:
+            lowest = min(part, key=lambda point: point.level)
+            at, mu, frequency = np.array([point[:3] for point in part]).T.copy()
+            curves.append(OnsetCurve(at, mu, frequency, part[0].rises, (part[0].end, part[-1].end), lowest[:3]))
     curves.sort(key=lambda curve: curve.lowest[2])
     onsets, recoveries = (tuple(curve for curve in curves if curve.rises is kind) for kind in (True, False))
     return OnsetCurves(onsets, recoveries, angles, *_table(angles, onsets), *_table(angles, recoveries))
@@ -165,36 +151,25 @@ def unstable_windows(
 ) -> UnstableWindows:
     """Intervals of theta in which a pair of modes of steady sliding (V > 0) is unstable at one friction.
 
-    A window opens or closes where a branch of onsets or recoveries passes `mu` (`onset_curves`), where a growing
-    mode enters or leaves the band, and where it begins or ceases to oscillate; divergence makes no window.
+    A window opens or closes where a branch of onsets or recoveries passes `mu`, where a growing mode enters or
+    leaves the band, and where it begins or ceases to oscillate; divergence makes no window.
 
     Parameters
     ----------
     rig : Rig
-    mu : float
-        Coefficient of friction.
-    theta_min, theta_max : float
-        Degrees.
-    fmax : float
-        Band, Hz.
+    mu, theta_min, theta_max, fmax : float
+        Coefficient of friction; range, degrees; band, Hz.
 
     Returns
     -------
     UnstableWindows
-        Ends to 1e-11 degrees.
+        Ends to 1e-11 degrees. No mode that grows at one of the samples, half a degree apart, is missed; between
+        two of them a window is seen if its branch of onsets is below four times `mu` at one.
 
     Raises
     ------
-    ValueError
-        For an argument out of range.
-    ArithmeticError
-        If onsets cannot be told apart.
-
-    Notes
-    -----
-    No mode that grows at one of the samples, half a degree apart at most, is missed. Between two of them a window
-    is seen if the branch of onsets it belongs to is below four times `mu` at one; not, if a mode that grows
-    violently enters the band and leaves it there without an onset.
+    ValueError, ArithmeticError
+        For an argument out of range; if onsets cannot be told apart.
     """
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
@@ -204,27 +179,39 @@ def unstable_windows(
     )
     band = checks.band(fmax)
     angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
-    onsets = _Onsets(rig, band, HEADROOM * friction).passing(angles, friction) if friction > 0.0 else []
-    stops = _dense(angles) + [theta + side for theta in onsets for side in (-BESIDE, BESIDE)]
-    samples = [growing(theta) for theta in sorted(set(stops)) if first <= theta <= last]
-    branches = _follow(growing, samples, END, _window_ends)
-    windows = [(_end(branch[0], band), _end(branch[-1], band), _peak(growing, branch)) for branch in branches]
-    windows.sort(key=lambda window: (window[0].frequency, window[0].theta))
-    table = np.array([[(at.theta, at.frequency, at.level) for at in window] for window in windows])
-    theta, frequency, level = table.reshape(-1, 3, 3).transpose(2, 1, 0).copy()
-    ends = theta[0], theta[1], frequency[0], frequency[1], theta[0] == first, theta[1] == last
-    return UnstableWindows(*ends, peak_growth_rate=level[2], peak_theta=theta[2], peak_frequency=frequency[2])
+    # Onsets well above the friction belong to branches that may dip to it between two samples.
+    onsets = partial(_onsets, rig, band, 4.0 * friction)
+    stops = set(_dense(angles))
+    for branch in _branches(onsets, angles) if friction > 0.0 else []:
+        for p, q in pairwise(branch):
+            if (p.level > friction) != (q.level > friction):
+                theta = _root(onsets, p, q, lambda at: at.level - friction).theta
+                stops |= {theta - 1e-8, theta + 1e-8}
+    samples = [growing(theta) for theta in sorted(stops) if first <= theta <= last]
+    windows = []
+    for modes in _follow(growing, samples, 1e-11, _window_ends):
+        k = int(np.argmax([mode.level for mode in modes]))
+        best = _extreme(growing, modes[max(k - 1, 0) : k + 2], 1.0)
+        peak = max(modes[0], modes[-1], best, key=lambda mode: mode.level)
+        windows.append([mode[:3] for mode in (modes[0], modes[-1], peak)])
+    at, level, frequency = np.array(windows).reshape(-1, 3, 3).transpose(2, 1, 0)
+    ends = frequency[:2]
+    ends[2.0 * np.pi * ends < 1e-4 * level[:2]] = 0.0
+    ends[ends > (1.0 - 1e-9) * band] = band
+    order = np.lexsort((at[0], ends[0]))
+    low, high, peak = at[:, order]
+    low_frequency, high_frequency, peak_frequency = frequency[:, order]
+    limits = low, high, low_frequency, high_frequency, low == first, high == last
+    return UnstableWindows(*limits, level[2, order], peak, peak_frequency)
 
 
-@dataclass(frozen=True, eq=False)
-class Point:
+class Point(NamedTuple):
     """An onset, a recovery or a growing mode at one angle, in degrees."""
 
     theta: float
-    # Friction of an onset or growth rate (1/s) of a mode; Hz.
+    # Friction of an onset or growth rate (1/s) of a mode; Hz; coordinates in which distances are measured.
     level: float
     frequency: float
-    # Coordinates in which the distance of points is measured.
     place: complex
     # False for a recovery; only points of one kind are linked.
     rises: bool = True
@@ -241,73 +228,42 @@ Sampler = Callable[[float], Sample]
 Ending = Callable[[list[Point], list[Point], float], Pairs]
 
 
-@dataclass(frozen=True)
-class _Onsets:
-    """Samples and branches of onsets and recoveries of one rig, for a band (Hz) and a largest friction."""
+def _onsets(rig: Rig, fmax: float, mu_max: float, theta: float, *, exact: bool = False) -> Sample:
+    """Onsets and recoveries up to the limits if `exact`, else beyond, to bracket where branches pass them."""
+    crossings = onset_crossings(rig, theta, fmax if exact else 1.1 * fmax, mu_max if exact else 2.0 * mu_max)
+    points: list[Point] = []
+    for mu, frequency, rises in sorted(crossings, key=lambda each: each[1]):
+        # This close to a fold they are one zero and its rounding.
+        if points and points[-1].rises != rises and frequency - points[-1].frequency < 1e-8 * frequency:
+            points.pop()
+            continue
+        # A distance of 1 is a tenth of the frequency or a factor of e in friction.
+        place = complex(10.0 * np.log(frequency), np.log(mu))
+        points.append(Point(theta, mu, frequency, place, rises, mu > mu_max or frequency > fmax))
+    return theta, points
 
-    rig: Rig
-    fmax: float
-    mu_max: float
 
-    def sample(self, theta: float, *, wider: bool = True) -> Sample:
-        """Onsets and recoveries within the limits, with the numbers of `flutter_onsets`, or within wider ones."""
-        limits = (MORE_BAND * self.fmax, MORE_FRICTION * self.mu_max) if wider else (self.fmax, self.mu_max)
-        points: list[Point] = []
-        for mu, frequency, rises in sorted(onset_crossings(self.rig, theta, *limits), key=lambda each: each[1]):
-            if points and points[-1].rises != rises and frequency - points[-1].frequency < SAME * frequency:
-                points.pop()
-                continue
-            # A distance of 1 is a tenth of the frequency or a factor of e in friction.
-            place = complex(10.0 * np.log(frequency), np.log(mu))
-            outside = mu > self.mu_max or frequency > self.fmax
-            points.append(Point(theta, mu, frequency, place, rises, outside))
-        return theta, points
-
-    def branches(self, theta: Array) -> list[list[Point]]:
-        """Every branch at ascending angles, with its folds and the extremes of its friction."""
-        samples = [self.sample(angle, wider=False) for angle in _dense(theta)]
-        if len(samples) == 1:
-            return [[point] for point in samples[0][1]]
-        return [self._with_extremes(branch) for branch in _follow(self.sample, samples, FOLD, _folds)]
-
-    def _with_extremes(self, branch: list[Point]) -> list[Point]:
-        """A branch with the points between its own at which friction is least or largest."""
-        found = {point.theta: point for point in branch}
+def _branches(sample: partial[Sample], theta: Array) -> list[list[Point]]:
+    """Every branch at ascending angles, with its folds and the extremes of its friction."""
+    samples = [sample(angle, exact=True) for angle in _dense(theta)]
+    if len(samples) == 1:
+        return [[point] for point in samples[0][1]]
+    branches = []
+    for branch in _follow(sample, samples, 1e-9, _folds):
         # The slope at an end of the range tells whether there is an extreme before the next point.
         beside = [
-            _locate(self.sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
+            _locate(sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
             for pair, end in ((branch[:2], branch[0]), (branch[-2:], branch[-1]))
             if end.end == "range" and not end.outside
         ]
-        points = sorted([*branch, *beside], key=lambda point: point.theta)
-        for p, at, q in zip(points, points[1:], points[2:], strict=False):
-            if (at.level > p.level) == (at.level > q.level):
-                best = _extreme(self.sample, [p, at, q], 1.0 if at.level > p.level else -1.0)
-                found[best.theta] = best
-        return sorted(found.values(), key=lambda point: point.theta)
-
-    def curves(self, branch: list[Point]) -> list[OnsetCurve]:
-        """The parts of a branch within the limits."""
-        edges = [self._edge(p, q) for p, q in pairwise(branch) if p.outside != q.outside]
-        points = sorted([*branch, *edges], key=lambda point: point.theta)
-        parts = groupby(points, lambda point: point.outside)
-        return [_curve(list(part)) for outside, part in parts if not outside]
-
-    def _edge(self, p: Point, q: Point) -> Point:
-        """Where a branch passes a limit."""
-        edge = _root(self.sample, p, q, lambda at: max(at.level / self.mu_max, at.frequency / self.fmax) - 1.0)
-        if edge.level / self.mu_max > edge.frequency / self.fmax:
-            return replace(edge, level=self.mu_max, outside=False, end="mu_max")
-        return replace(edge, frequency=self.fmax, outside=False, end="fmax")
-
-    def passing(self, theta: Array, mu: float) -> list[float]:
-        """Angles at which branches pass a friction."""
-        return [
-            _root(self.sample, p, q, lambda at: at.level - mu).theta
-            for branch in self.branches(theta)
-            for p, q in pairwise(branch)
-            if (p.level > mu) != (q.level > mu)
-        ]
+        points = sorted([*branch, *beside])
+        extremes = {
+            _extreme(sample, (p, at, q), 1.0 if at.level > p.level else -1.0)
+            for p, at, q in zip(points, points[1:], points[2:], strict=False)
+            if (at.level > p.level) == (at.level > q.level)
+        }
+        branches.append(sorted(extremes | set(branch)))
+    return branches
 
 
 def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
@@ -315,86 +271,64 @@ def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
     pairs: Pairs = []
     for ended in (before, after):
         for p in (point for point in ended if not point.outside):
-            q = _closest(p, [point for point in ended if point.rises != p.rises])
-            if q is None or _closest(q, [point for point in ended if point.rises == p.rises]) is not p:
+            kinds = [[point for point in ended if (point.rises == p.rises) is same] for same in (True, False)]
+            q = _counterpart(p, *kinds)
+            if q is None:
                 raise ArithmeticError(
                     f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
                 )
             mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
-            fold = replace(p, theta=theta, level=mu, frequency=frequency, end="fold")
+            fold = p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
             pairs.append((p, fold) if ended is before else (fold, p))
     return pairs
 
 
-def _curve(points: list[Point]) -> OnsetCurve:
-    theta, mu, frequency = np.array([(each.theta, each.level, each.frequency) for each in points]).T.copy()
-    k = int(np.argmin(mu))
-    lowest = (float(theta[k]), float(mu[k]), float(frequency[k]))
-    return OnsetCurve(theta, mu, frequency, points[0].rises, (points[0].end, points[-1].end), lowest)
-
-
 def _dense(theta: Array) -> list[float]:
-    """The given angles and, where they are far apart, others between them."""
-    parts = [np.linspace(a, b, int(np.ceil((b - a) / SPACING)) + 1)[:-1] for a, b in pairwise(theta)]
+    """The given angles and others between them, at most half a degree apart."""
+    parts = [np.linspace(a, b, int(np.ceil(2.0 * (b - a))) + 1)[:-1] for a, b in pairwise(theta)]
     return [float(angle) for angle in np.concatenate([*parts, theta[-1:]])]
 
 
-def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> tuple[Array, Array]:
-    """Friction and frequency of each curve at the given angles, (theta, curve)."""
-    mu, frequency = np.full((2, len(theta), len(curves)), np.nan)
+def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> Array:
+    """Friction and frequency of each curve at the given angles, (2, theta, curve)."""
+    table = np.full((2, len(theta), len(curves)), np.nan)
     for k, curve in enumerate(curves):
         _, given, own = np.intersect1d(theta, curve.theta, return_indices=True)
-        mu[given, k], frequency[given, k] = curve.mu[own], curve.frequency[own]
-    return mu, frequency
+        table[:, given, k] = curve.mu[own], curve.frequency[own]
+    return table
 
 
 def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
     """Modes that grow while they oscillate."""
     modes = sliding_modes(rig, theta, mu, fmax)
     both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
-    growing = [(growth, frequency) for growth, frequency in both if growth > 0.0 and frequency > 0.0]
     return theta, [
-        Point(theta, *each, complex(np.log(complex(each[0], 2.0 * np.pi * each[1])))) for each in growing
+        Point(theta, rate, frequency, complex(np.log(complex(rate, 2.0 * np.pi * frequency))))
+        for rate, frequency in both
+        if rate > 0.0 and frequency > 0.0
     ]
 
 
 def _window_ends(before: list[Point], after: list[Point], theta: float) -> Pairs:
     """Pairs of a growing mode and the end of its window."""
-    begun, ended = ([replace(mode, theta=theta) for mode in modes] for modes in (after, before))
-    return [*zip(before, ended, strict=True), *zip(begun, after, strict=True)]
-
-
-def _end(mode: Point, fmax: float) -> Point:
-    """The end of a window, with the frequency `fmax` where the mode leaves the band and 0 where it diverges."""
-    if 2.0 * np.pi * mode.frequency < CEASED * mode.level:
-        return replace(mode, frequency=0.0)
-    return replace(mode, frequency=fmax) if mode.frequency > (1.0 - 1e-9) * fmax else mode
-
-
-def _peak(growing: Sampler, window: list[Point]) -> Point:
-    """Where a mode grows fastest; the end of its window rather than the last mode before it."""
-    k = max(range(len(window)), key=lambda k: window[k].level)
-    best = _extreme(growing, window[max(k - 1, 0) : k + 2], 1.0)
-    return max(window[0], window[-1], best, key=lambda mode: mode.level)
+    ended = [(mode, mode._replace(theta=theta)) for mode in before]
+    return ended + [(mode._replace(theta=theta), mode) for mode in after]
 
 
 def _follow(sampler: Sampler, samples: list[Sample], shortest: float, ending: Ending) -> list[list[Point]]:
     """Branches through ascending samples, each ascending in theta, from intervals down to `shortest` degrees."""
-    pairs = [pair for left, right in pairwise(samples) for pair in _link(sampler, left, right, shortest, ending)]
-    following = {id(first): second for first, second in pairs}
-    followers = {id(second) for _, second in pairs}
-    branches = [[first] for first, _ in pairs if id(first) not in followers]
-    for branch in branches:
-        while id(branch[-1]) in following:
-            branch.append(following[id(branch[-1])])
-    return branches
+    branches: dict[Point, list[Point]] = {}
+    for left, right in pairwise(samples):
+        for first, second in _link(sampler, left, right, shortest, ending):
+            branches[second] = [*branches.pop(first, [first]), second]
+    return list(branches.values())
 
 
 def _link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending: Ending) -> Pairs:
     """Pairs of neighbours on each branch between two samples."""
     pairs, clear = _counterparts(left[1], right[1])
-    linked = {id(point) for pair in pairs for point in pair}
-    before, after = ([point for point in points if id(point) not in linked] for _, points in (left, right))
+    linked = set(chain.from_iterable(pairs))
+    before, after = ([point for point in points if point not in linked] for _, points in (left, right))
     middle = 0.5 * (left[0] + right[0])
     if right[0] - left[0] <= shortest or (clear and all(point.outside for point in before + after)):
         return pairs + ending(before, after, middle)
@@ -403,28 +337,29 @@ def _link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending
 
 
 def _counterparts(left: list[Point], right: list[Point]) -> tuple[Pairs, bool]:
-    """Pairs of mutually nearest points, and whether all are clear."""
+    """Pairs of mutually nearest points, and whether all are clear: no rival is nearer than twice as far."""
     pairs, all_clear = [], True
     for p in left:
-        q = _closest(p, [point for point in right if point.rises == p.rises])
-        if q is None or _closest(q, [point for point in left if point.rises == p.rises]) is not p:
+        q = _counterpart(p, *([point for point in points if point.rises == p.rises] for points in (left, right)))
+        if q is None:
             continue
-        distance = abs(p.place - q.place)
         rivals = [point.place for point in left + right if point is not p and point is not q]
         rival = min((min(abs(place - p.place), abs(place - q.place)) for place in rivals), default=np.inf)
-        clear = distance <= CLEAR * rival
-        if distance <= FAR and (clear or not (p.outside and q.outside)):
+        distance = abs(p.place - q.place)
+        clear = distance <= 0.5 * rival
+        if distance <= 0.3 and (clear or not (p.outside and q.outside)):
             pairs.append((p, q))
             all_clear = all_clear and clear
     return pairs, all_clear
 
 
-def _closest(p: Point, points: list[Point]) -> Point | None:
-    """The nearest to p of some points, if there are any."""
-    return min(points, key=lambda point: abs(point.place - p.place), default=None)
+def _counterpart(p: Point, own: list[Point], others: list[Point]) -> Point | None:
+    """The nearest to p of others, if p is the nearest to it of its own."""
+    q = min(others, key=lambda point: abs(point.place - p.place), default=None)
+    return q if q and min(own, key=lambda point: abs(point.place - q.place)) is p else None
 
 
-def _locate(sampler: Sampler, near: list[Point], theta: float) -> Point:
+def _locate(sampler: Sampler, near: Sequence[Point], theta: float) -> Point:
     """The point at `theta` of the branch that passes through some neighbours, ascending in theta."""
     place = np.interp(theta, [point.theta for point in near], [point.place for point in near])
     known = [point for point in near if point.theta == theta]
@@ -440,10 +375,10 @@ def _root(sampler: Sampler, p: Point, q: Point, function: Callable[[Point], floa
     return _locate(sampler, [p, q], theta)
 
 
-def _extreme(sampler: Sampler, near: list[Point], sign: float) -> Point:
+def _extreme(sampler: Sampler, near: Sequence[Point], sign: float) -> Point:
     """Where the level is largest (`sign` = 1) or least (-1) between the first and the last of neighbours."""
     best, ends = max(near, key=lambda point: sign * point.level), (near[0].theta, near[-1].theta)
-    if ends[1] - ends[0] < NARROW:
+    if ends[1] - ends[0] < 1e-6:
         return best
     theta = fminbound(lambda x: -sign * _locate(sampler, near, x).level, *ends, xtol=1e-8)
     return max(best, _locate(sampler, near, float(theta)), key=lambda point: sign * point.level)

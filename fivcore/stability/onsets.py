@@ -1,16 +1,11 @@
 """Flutter onsets: the friction at which steady sliding loses its stability, by isolated roots.
 
-On the imaginary axis, phi = i omega, the undamped eigenvalue is lambda = x - i y with y >= 0 the effect of
-damping, and mu = -A / B with A = h_NN(lambda), B = h_NT(lambda). An onset is a frequency at which this mu is real,
-and that is a zero of
-
-    W = A_i B_r - A_r B_i,        A = A_r - i y A_i,   B = B_r - i y B_i.
-
-Dividing the imaginary parts by y keeps W finite without damping, where A_i and B_i become derivatives and W = 0
-says that two real eigenvalues meet. A and B are multiplied by (p_n - lambda) of the nearest pole, which removes it
-and changes no zero. No pair of zeros is missed: an interval is left only when a bound on |W''| shows that W keeps
-its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max]. Kernels take omega in units of
-2 pi fmax, p in units of its square, d1 and d2 to match.
+On the imaginary axis, phi = i omega, the undamped eigenvalue is lambda = x - i y and mu = -A / B with A = h_NN,
+B = h_NT there. mu is real, at an onset, where W = A_i B_r - A_r B_i = 0 with A = A_r - i y A_i, B = B_r - i y B_i;
+without damping, y = 0, two real eigenvalues meet there. A and B are multiplied by (p_n - lambda) of the nearest
+pole, which changes no zero. No pair of zeros is missed: an interval is left only when a bound on |W''| shows that
+W keeps its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max]. Kernels take omega in units
+of 2 pi fmax, p in units of its square, d1 and d2 to match.
 """
 
 from __future__ import annotations
@@ -26,8 +21,6 @@ from fivcore.jit import Array, kernel
 from fivcore.rig import Rig
 from fivcore.stability.secular import nearest_pole
 
-# Intervals narrower than this (of the band) are not halved any more: two zeros so close count as one.
-NARROWEST = 1e-13
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
 MOST_INTERVALS = 100_000
 
@@ -36,16 +29,13 @@ MOST_INTERVALS = 100_000
 class FlutterOnsets:
     """Where growth rates pass through zero as mu rises, ascending in mu.
 
-    An eigenvalue that grows without crossing the imaginary axis within the band has no onset: a divergence that
-    comes in from beyond it, or a mode that enters the band while growing. No onset is therefore no proof of
-    stability; `sliding_modes` at the mu in question is.
+    A divergence or a growing mode that enters the band from beyond it has no onset. No onset is therefore no proof
+    of stability; `sliding_modes` at the mu in question is.
 
     Attributes
     ----------
-    mu, frequency : ndarray, (n,)
-        Friction and frequency (Hz) at which a growth rate rises through zero.
-    recovery_mu, recovery_frequency : ndarray, (m,)
-        Where one falls back through zero.
+    mu, frequency, recovery_mu, recovery_frequency : ndarray, (n,) or (m,)
+        Friction and frequency (Hz) at which a growth rate rises through zero, or falls back through it.
     """
 
     mu: Array
@@ -55,31 +45,20 @@ class FlutterOnsets:
 
 
 def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
-    """All flutter onsets and recoveries of steady sliding (V > 0) in a band.
+    """All flutter onsets and recoveries of steady sliding (V > 0) in a band, refined to rounding (Brent).
+
+    Two onsets less than 1e-13 of the band apart are not reported.
 
     Parameters
     ----------
     rig : Rig
-    theta : float
-        Degrees.
-    fmax, mu_max : float
-        Band, Hz; largest friction of interest.
-
-    Returns
-    -------
-    FlutterOnsets
+    theta, fmax, mu_max : float
+        Degrees; band, Hz; largest friction of interest.
 
     Raises
     ------
-    ValueError
-        For an argument out of range.
-    ArithmeticError
-        If the onsets cannot be isolated.
-
-    Notes
-    -----
-    Onsets are isolated, then refined to rounding (Brent). Without damping an onset is where two real eigenvalues
-    meet, a recovery where a pair parts again. Two onsets less than 1e-13 of the band apart are not reported.
+    ValueError, ArithmeticError
+        For an argument out of range; if the onsets cannot be isolated.
     """
     checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
@@ -173,8 +152,8 @@ def _judge(
     q = np.hypot(1.0, d2 * low)
     l1 = (2.0 * high + d1 + high * (high + d1) * d2 / q) / q
     l2 = (2.0 + 2.0 * d2 * l1) / q
-    # Sums over |p_n - p_i| u^k, weighted with |a_i| and |b_i|, where 1 / u is the least |p_i - lambda|.
-    a2, a3, a4, b2, b3, b4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # Sums over |p_n - p_i| u^k (|a_i| + i |b_i|), where 1 / u is the least |p_i - lambda|.
+    s2, s3, s4 = 0j, 0j, 0j
     for i in range(len(p)):
         shift = abs(p[n] - p[i])
         if shift == 0.0:
@@ -183,18 +162,13 @@ def _judge(
         if clear <= 0.0:
             return 2
         u = 1.0 / clear
-        share = abs(a[i]) * shift * u * u
-        a2 += share
-        a3 += share * u
-        a4 += share * u * u
-        share = abs(b[i]) * shift * u * u
-        b2 += share
-        b3 += share * u
-        b4 += share * u * u
-    # Bounds on first and second derivatives: of A and B whole (w), of the parts divided by y (i).
-    aw1, aw2, ai1, ai2 = l1 * a2, 2.0 * l1 * l1 * a3 + l2 * a2, 2.0 * l1 * a3, 6.0 * l1 * l1 * a4 + 2.0 * l2 * a3
-    bw1, bw2, bi1, bi2 = l1 * b2, 2.0 * l1 * l1 * b3 + l2 * b2, 2.0 * l1 * b3, 6.0 * l1 * l1 * b4 + 2.0 * l2 * b3
-
+        share = complex(abs(a[i]), abs(b[i])) * (shift * u * u)
+        s2 += share
+        s3 += share * u
+        s4 += share * (u * u)
+    # Bounds on first and second derivatives of A + i B: whole (w), and of the parts divided by y (i).
+    w1, w2, i1, i2 = l1 * s2, 2.0 * l1 * l1 * s3 + l2 * s2, 2.0 * l1 * s3, 6.0 * l1 * l1 * s4 + 2.0 * l2 * s3
+    aw1, bw1, ai1, bi1 = w1.real, w1.imag, i1.real, i1.imag
     # An onset outside (0, mu_max] is not wanted.
     ra, rb = receptances(middle, n, p, a, b, d1, d2)
     size_a, size_b = np.hypot(ra.real, y * ra.imag), np.hypot(rb.real, y * rb.imag)
@@ -203,10 +177,9 @@ def _judge(
         return 0
     if product > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
         return 0
-
     ar, br = abs(ra.real) + aw1 * half, abs(rb.real) + bw1 * half
     ai, bi = abs(ra.imag) + ai1 * half, abs(rb.imag) + bi1 * half
-    curvature = ai2 * br + 2.0 * ai1 * bw1 + ai * bw2 + aw2 * bi + 2.0 * aw1 * bi1 + ar * bi2
+    curvature = i2.real * br + 2.0 * ai1 * bw1 + ai * w2.imag + w2.real * bi + 2.0 * aw1 * bi1 + ar * i2.imag
     bound = curvature * width * width
     w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
     if (w_low > 0.0) == (w_high > 0.0):
@@ -223,7 +196,8 @@ def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, b
         n = nearest_pole(axis_point(0.5 * (low + high), d1, d2)[0], p)
         verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)
         judged += 1
-        if verdict == 2 and high - low > NARROWEST:
+        # Two zeros this close count as one.
+        if verdict == 2 and high - low > 1e-13:
             width = 0.5 * (high - low)
             continue
         if verdict != 0:

@@ -1,14 +1,10 @@
 """The characteristic equation of steady sliding: one scalar equation that has every eigenvalue as a root.
 
-With the contact held closed and the friction force at its limit, T = mu N, the undamped eigenvalues lambda
-(squared angular frequencies; section 3.4 of the paper) of the coupled rig are the roots of
-
-    f(lambda) = h_NN + mu h_NT = sum_i (a_i + mu b_i) / (p_i - lambda) = 0,    a = n n,  b = n t,
-
-where p, n, t are the squared frequencies and the normal and tangential gap shapes of the separate beams' modes.
-Poles near the band are kept; the many beyond it enter as a power series, exact to rounding in the band. The
-Ehrlich-Aberth iteration on P(lambda) = f(lambda) prod_i (p_i - lambda) finds all roots together and converges to
-each once (Aberth, Math. Comp. 27, 1973, 339-344). The argument principle counts them independently.
+With the contact closed and T = mu N, the undamped eigenvalues lambda (rad2/s2; section 3.4 of the paper) are the
+roots of f(lambda) = h_NN + mu h_NT = sum_i (a_i + mu b_i) / (p_i - lambda) = 0, a = n n, b = n t, where p, n, t
+are the squared frequencies and the normal and tangential gap shapes of the separate beams' modes. Poles far beyond
+the band enter as a power series, exact to rounding. The Ehrlich-Aberth iteration on P = f prod_i (p_i - lambda)
+finds all roots together (Aberth, Math. Comp. 27, 1973, 339-344). The argument principle counts them independently.
 """
 
 from __future__ import annotations
@@ -22,19 +18,11 @@ from fivcore.beams.modes import contact_modes
 from fivcore.jit import Array, Complex, kernel
 from fivcore.rig import Rig
 
-# Poles up to this many times the band (in frequency) are kept; the power series of the others then gains a factor
-# of 25 a term within the band and of 4 on the circle of RADIUS.
-NEAR = 5.0
-TAIL_TERMS = 26
-# Eigenvalues up to this many times the band's lambda belong to a result, so that a mode may grow or decay at up to
-# 1.7 times the band's angular frequency. Roots are counted within RADIUS.
+# In units of the band's lambda: eigenvalues reported are at most the first, roots are counted within the second.
 MOST_REPORTED = 4.0
 RADIUS = 6.0
-# Fills places for which there is no eigenvalue: far beyond any band.
+# Where a guess goes that finds no root: far beyond any band.
 OUTSIDE = 1e12
-MOST_SWEEPS, MOST_TRIALS = 200, 6
-# In place of a count that could not be made.
-NO_COUNT = -1_000_000
 EPS = 2.220446049250313e-16
 
 
@@ -47,13 +35,12 @@ class SlidingProblem:
     # Poles near the band, (n,); their residues a without friction and b for each unit of mu, (2, n).
     poles: Array
     residues: Array
-    # Power series of the far poles, likewise, (2, TAIL_TERMS).
+    # Power series of the far poles, likewise, (2, terms).
     tail: Array
     # Where the search for roots starts: from the roots without friction.
     guesses: Complex
-    # Eigenvalues that the contact does not feel, (k,); the beams' modes each consists of, and their amplitudes.
+    # Eigenvalues that the contact does not feel, (k,).
     hidden: Array
-    hidden_modes: list[tuple[list[int], list[float]]]
 
 
 @lru_cache(maxsize=128)
@@ -65,27 +52,21 @@ def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
     unit = omega * max(omega, np.hypot(omega, rig.d1) / np.hypot(1.0, rig.d2 * omega))
     order = np.argsort(stiffness, kind="stable")
     p, residues = stiffness[order] / unit, (normal * np.stack([normal, tangential]))[:, order] / unit
-
     # A mode the contact does not see keeps its eigenvalue: its root is nearer to the pole than rounding.
     static = np.sum(residues[0, p > 0.0] / p[p > 0.0])
     seen = np.abs(residues).max(axis=0) > 1e-17 * static * p
-    hidden = [(p[i], ([order[i]], [1.0])) for i in np.nonzero(~seen)[0]]
-    p, residues, order = p[seen], residues[:, seen], order[seen]
+    hidden, p, residues = p[~seen], p[seen], residues[:, seen]
     # Of two modes with one frequency, one combination leaves the gap closed and is hidden.
     single = np.diff(p, prepend=-np.inf) > 4.0 * EPS * p
-    for i in np.nonzero(~single)[0]:
-        i, j = order[i - 1 : i + 1]
-        hidden.append((stiffness[j] / unit, ([i, j], [normal[j], -normal[i]])))
+    hidden = np.append(hidden, p[~single])
     p, residues = p[single], np.add.reduceat(residues, np.nonzero(single)[0], axis=1)
-    hidden = sorted(each for each in hidden if each[0] <= RADIUS)
-
-    # At least one pole beyond the band, so that every root in it lies between two that are kept.
-    near = max(int(np.searchsorted(p, NEAR**2)), min(int(np.searchsorted(p, 1.0)) + 2, len(p)))
-    powers = p[near:] ** -np.arange(1.0, TAIL_TERMS + 1.0)[:, None]
+    # Poles are kept up to five times the band's frequency, so that the power series of the others gains a factor
+    # of 25 a term in the band and of 4 at RADIUS; and one beyond the band, so that every root lies between two.
+    near = max(int(np.searchsorted(p, 25.0)), min(int(np.searchsorted(p, 1.0)) + 2, len(p)))
+    powers = p[near:] ** -np.arange(1.0, 27.0)[:, None]
     # Not a matrix product: BLAS would round differently with the number of its threads.
     tail = (residues[:, None, near:] * powers).sum(axis=-1)
     p, residues = p[:near], residues[:, :near].copy()
-
     # Without friction the residues are positive: one root between any two poles, here as if there were no others.
     a = residues[0]
     roots = ((a[:-1] * p[1:] + a[1:] * p[:-1]) / (a[:-1] + a[1:])).astype(complex)
@@ -95,24 +76,14 @@ def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
     if np.any(tail):
         # One more for what friction may bring in from outside, above all along the negative real axis.
         guesses = np.append(guesses, RADIUS * (-1.0 + 0.1j))
-    values = np.array([each[0] for each in hidden])
-    return SlidingProblem(unit, p, residues, tail, guesses, values, [each[1] for each in hidden])
+    return SlidingProblem(unit, p, residues, tail, guesses, np.sort(hidden[hidden <= RADIUS]))
 
 
-def sliding_roots(problem: SlidingProblem, mu: Array) -> Complex:
-    """Scaled eigenvalues for each mu, (mu, places), all within RADIUS among them; OUTSIDE where there is none."""
-    found = [_roots(problem, float(each)) for each in mu]
-    roots = np.full((len(mu), max(map(len, found), default=0)), OUTSIDE, dtype=complex)
-    for row, values in zip(roots, found, strict=True):
-        row[: len(values)] = values
-    return roots
-
-
-def _roots(problem: SlidingProblem, mu: float) -> Complex:
+def sliding_roots(problem: SlidingProblem, mu: float) -> Complex:
     """All roots within RADIUS, and perhaps others; an ArithmeticError if the count says that one is missing."""
     c, tail = (each[0] + mu * each[1] for each in (problem.residues, problem.tail))
     roots, more = problem.guesses.copy(), 0
-    for _ in range(MOST_TRIALS):
+    for _ in range(6):
         missing = find_roots(roots, problem.poles, c, tail)
         if not missing:
             return roots
@@ -148,10 +119,7 @@ def value(z: complex, p: Array, c: Array, tail: Array) -> complex:
 
 @kernel
 def newton_step(z: complex, p: Array, c: Array, tail: Array) -> tuple[complex, bool]:
-    """P(z) / P'(z), with the pole nearest to z taken out of f so that it may be reached.
-
-    Also tells whether f(z) is no more than the rounding of its terms: then z cannot be bettered.
-    """
+    """P(z) / P'(z), the nearest pole taken out of f, and whether f(z) is no more than rounding of its terms."""
     nearest = nearest_pole(z.real, p)
     rest, slope = 0j, 0j
     for k in range(len(tail) - 1, -1, -1):
@@ -176,14 +144,10 @@ def newton_step(z: complex, p: Array, c: Array, tail: Array) -> tuple[complex, b
 
 @kernel
 def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
-    """Move the guesses `z` (in place) to as many different roots; one that does not settle goes OUTSIDE.
-
-    A guess has settled when its steps are too short to matter, or when f is rounding there and the steps get
-    no shorter, which near a double root happens earlier.
-    """
+    """Move the guesses `z` (in place) to as many different roots; one that does not settle goes OUTSIDE."""
     n = len(z)
     last = np.full(n, np.inf)
-    for _ in range(MOST_SWEEPS):
+    for _ in range(200):
         for j in range(n):
             if last[j] < 0.0:
                 continue
@@ -195,6 +159,7 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
             step = step / (1.0 - step * crowd)
             z[j] -= step
             length = abs(step)
+            # Near a double root f is rounding, and steps get no shorter, before they are too short to matter.
             if length <= 4.0 * EPS * abs(z[j]) or (rounding and length >= last[j]):
                 length = -1.0
             last[j] = length
@@ -207,11 +172,7 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
 
 @kernel
 def winding(p: Array, c: Array, tail: Array) -> int:
-    """Roots minus poles of f within RADIUS, by the argument principle; NO_COUNT if it cannot say.
-
-    f is real on the real axis, so the upper half circle does. Arcs are halved until f changes by less than
-    half its size along either half of each.
-    """
+    """Roots minus poles of f within RADIUS by the argument principle on half the circle; -1e6 if it fails."""
     turned, angle, width = 0.0, 0.0, np.pi / 32.0
     here = value(complex(RADIUS), p, c, tail)
     while angle < np.pi:
@@ -224,7 +185,7 @@ def winding(p: Array, c: Array, tail: Array) -> int:
             angle += width
             width *= 2.0
         elif width < 1e-12:
-            return NO_COUNT
+            return -1_000_000
         else:
             width *= 0.5
     return int(np.rint(turned / np.pi))
@@ -232,11 +193,7 @@ def winding(p: Array, c: Array, tail: Array) -> int:
 
 @kernel
 def find_roots(z: Complex, p: Array, c: Array, tail: Array) -> int:
-    """Move the guesses `z` (in place) to roots and return how many within RADIUS are missing.
-
-    Rounding is taken out of the symmetry: real roots become real, pairs conjugate to the last bit. A root near the
-    real axis whose mirror image is no other root is real.
-    """
+    """Move the guesses `z` (in place) to roots, real or exactly conjugate; return how many are missing."""
     aberth(z, p, c, tail)
     missing = winding(p, c, tail)
     for pole in p:
@@ -257,10 +214,7 @@ def find_roots(z: Complex, p: Array, c: Array, tail: Array) -> int:
 
 @kernel
 def damp(values: Complex, d1: float, d2: float, phi: Complex) -> None:
-    """Fill `phi` with the root of phi^2 + (d1 + d2 lambda) phi + lambda = 0 with Im >= 0, for each lambda.
-
-    Of two real roots the larger: the one that grows, or the one that decays more slowly.
-    """
+    """Root `phi` of phi^2 + (d1 + d2 lambda) phi + lambda = 0 with Im >= 0, or the larger of two real roots."""
     for j in range(len(values)):
         half = 0.5 * (d1 + d2 * values[j])
         root = np.sqrt(half * half - values[j])

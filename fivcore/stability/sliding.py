@@ -1,9 +1,8 @@
 """Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
 
-V > 0 throughout: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the
-load F not at all. Proportional damping maps the undamped eigenvalue lambda to the pair phi with
-phi^2 + (d1 + d2 lambda) phi + lambda = 0, so every eigenvalue comes from one scalar equation
-(`fivcore.stability.secular`) whatever the damping.
+V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F not at
+all. Proportional damping maps the undamped eigenvalue lambda (`fivcore.stability.secular`) to the pair phi with
+phi^2 + (d1 + d2 lambda) phi + lambda = 0.
 """
 
 from __future__ import annotations
@@ -18,11 +17,7 @@ from fivcore import checks
 from fivcore.beams.modes import contact_modes, rig_bases
 from fivcore.jit import Array, Complex
 from fivcore.rig import Rig
-from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
-
-# One mode: phi and lambda, and which of the hidden modes it is, or -1.
-MODE = np.dtype([("phi", complex), ("eigenvalue", complex), ("hidden", np.int64)])
-MISSING = np.array((complex(np.nan, np.nan), complex(np.nan, np.nan), -1), dtype=MODE)
+from fivcore.stability.secular import EPS, MOST_REPORTED, damp, sliding_problem, sliding_roots
 
 
 class ReadOnlyArrays:
@@ -38,33 +33,32 @@ class ReadOnlyArrays:
 class SlidingModes(ReadOnlyArrays):
     """Modes of steady sliding within a band, ascending in frequency; missing ones are NaN.
 
-    The leading dimensions, written `...`, are those of theta and mu broadcast; the last is the mode.
-
     Attributes
     ----------
-    frequency : ndarray, (..., modes)
-        Im(phi) / 2 pi, Hz; zero for a mode that does not oscillate.
-    growth_rate : ndarray, (..., modes)
-        Re(phi), 1/s: above zero the steady sliding state is unstable (the paper's eta with its sign turned).
+    frequency, growth_rate : ndarray, (..., modes)
+        Im(phi) / 2 pi, Hz, zero for a mode that does not oscillate; Re(phi), 1/s, above zero for a mode that grows
+        (the paper's eta with its sign turned). The leading dimensions are those of theta and mu broadcast.
     eigenvalue : ndarray, (..., modes)
         The undamped eigenvalue lambda, rad2/s2.
+    uncoupled : ndarray of bool, (..., modes)
+        Whether the contact does not feel the mode, so that it is there at any mu.
     theta, mu : ndarray, (...)
         Degrees and 1.
     fmax : float
         The band, Hz: modes above it are not listed, nor, unless damping is heavy, those that grow or decay at more
         than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that depend
-        on mesh and basis; a result means something only with its band and damping.
+        on mesh and basis.
     rig : Rig
     """
 
     frequency: Array
     growth_rate: Array
     eigenvalue: Complex
+    uncoupled: NDArray[np.bool_]
     theta: Array
     mu: Array
     fmax: float
     rig: Rig
-    _hidden: NDArray[np.int64]
 
     @property
     def unstable(self) -> NDArray[np.bool_]:
@@ -72,73 +66,52 @@ class SlidingModes(ReadOnlyArrays):
         return np.asarray(self.growth_rate > 0.0)
 
     @property
-    def uncoupled(self) -> NDArray[np.bool_]:
-        """(..., modes): whether the contact does not feel the mode, so that it is there at any mu."""
-        return np.asarray(self._hidden >= 0)
-
-    @property
     def shape(self) -> Complex:
-        """(..., modes, nodes, 3): displacement along x, along y, and rotation at the nodes.
+        """(..., modes, nodes, 3): displacement along x, along y, and rotation; the largest translation is 1.
 
         P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`).
-        Scaled so that the largest translation is 1; computed on access.
         """
         nodes = self.rig.p1.elements + self.rig.p2.elements + 2
         shapes = np.full((*self.frequency.shape, nodes, 3), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
-            shapes[index] = self._shape(index)
-        return shapes
-
-    def _shape(self, index: tuple[Any, ...]) -> Complex:
-        theta, mu, hidden = float(self.theta[index[:-1]]), self.mu[index[:-1]], self._hidden[index]
-        upper, lower = rig_bases(self.rig, theta)
-        stiffness, normal, tangential = contact_modes(self.rig, theta)
-        q = np.zeros(len(stiffness), dtype=complex)
-        if hidden >= 0:
-            which, amplitudes = sliding_problem(self.rig, theta, self.fmax).hidden_modes[hidden]
-            q[which] = amplitudes
-        else:
-            # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
+            theta, mu = float(self.theta[index[:-1]]), self.mu[index[:-1]]
+            upper, lower = rig_bases(self.rig, theta)
+            stiffness, normal, tangential = contact_modes(self.rig, theta)
             force, distance = normal + mu * tangential, stiffness - self.eigenvalue[index]
-            nearest = int(np.argmin(np.where(force != 0.0, np.abs(distance), np.inf)))
-            others = np.arange(len(q)) != nearest
-            q[nearest] = force[nearest]
-            q[others] = force[others] * distance[nearest] / distance[others]
-        split = len(upper.stiffness)
-        shape = np.concatenate([upper.shapes @ q[:split], lower.shapes @ q[split:]])
-        translations = shape[:, :2].ravel()
-        return np.asarray(shape / translations[np.argmax(np.abs(translations))])
+            if self.uncoupled[index]:
+                # One mode alone, or of two with one frequency the combination that leaves the gap closed.
+                i, j = np.flatnonzero(np.abs(distance) <= 8.0 * EPS * stiffness)[[0, -1]]
+                q = np.zeros_like(distance)
+                q[[i, j]] = (1.0, 1.0) if i == j else (normal[j], -normal[i])
+            else:
+                # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
+                nearest = np.argmin(np.where(force != 0.0, np.abs(distance), np.inf))
+                others = np.arange(len(force)) != nearest
+                q = force * np.divide(distance[nearest], distance, out=np.ones_like(distance), where=others)
+            split = len(upper.stiffness)
+            shape = np.concatenate([upper.shapes @ q[:split], lower.shapes @ q[split:]])
+            translations = shape[:, :2].ravel()
+            shapes[index] = shape / translations[np.argmax(np.abs(translations))]
+        return shapes
 
 
 def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingModes:
     """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
 
+    Eigenvalues are those of the finite-element model with all its modes, without truncation.
+
     Parameters
     ----------
     rig : Rig
-    theta : float or array_like
-        Inclination of P1, degrees; broadcast against `mu`. A basis is built once for each distinct theta.
-    mu : float or array_like
-        Coefficient of friction.
+    theta, mu : float or array_like
+        Degrees; coefficient of friction, broadcast against each other.
     fmax : float
         Band, Hz.
 
-    Returns
-    -------
-    SlidingModes
-
     Raises
     ------
-    ValueError
-        For an argument out of range.
-    ArithmeticError
-        If the eigenvalues found do not match their number by the argument principle, so that one could have
-        been missed; the message names the mu.
-
-    Notes
-    -----
-    The eigenvalues are those of the finite-element model with all its modes: no truncation error. The mode
-    near 8 kHz that does not depend on mu is P2's axial one, which the contact drives but never feels.
+    ValueError, ArithmeticError
+        For an argument out of range; if one could have been missed, by their number after the argument principle.
     """
     checks.instance("rig", rig, Rig)
     band = checks.band(fmax)
@@ -151,17 +124,29 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
             f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
         ) from None
     angles, frictions = angles.copy(), frictions.copy()
-    parts = []
-    for angle in np.unique(angles):
-        at = np.nonzero(angles.ravel() == angle)[0]
-        parts.append((at, _modes(rig, float(angle), frictions.flat[at], band)))
-    found = np.full((frictions.size, max((part.shape[1] for _, part in parts), default=0)), MISSING)
-    for at, part in parts:
-        found[at, : part.shape[1]] = part
-    found = found.reshape(*angles.shape, found.shape[1])
-    frequency, growth_rate = found["phi"].imag / (2.0 * np.pi), found["phi"].real.copy()
-    eigenvalue, hidden = found["eigenvalue"].copy(), found["hidden"].copy()
-    return SlidingModes(frequency, growth_rate, eigenvalue, angles, frictions, band, rig, hidden)
+    problems = {angle: sliding_problem(rig, angle, band) for angle in np.unique(angles).tolist()}
+    points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))
+    found = [(problems[angle], sliding_roots(problems[angle], friction)) for angle, friction in points]
+    places = max((len(roots) + len(problem.hidden) for problem, roots in found), default=0)
+    values = np.full((len(found), places), complex(np.nan, np.nan))
+    hidden = np.zeros(values.shape, dtype=bool)
+    for row, uncoupled, (problem, roots) in zip(values, hidden, found, strict=True):
+        count = len(roots) + len(problem.hidden)
+        row[: len(roots)], row[len(roots) : count] = roots, problem.hidden
+        uncoupled[len(roots) : count] = True
+        row[np.abs(row) > MOST_REPORTED] = complex(np.nan, np.nan)
+        row *= problem.unit
+    phi = np.empty_like(values)
+    damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
+    phi[phi.imag > 2.0 * np.pi * band] = complex(np.nan, np.nan)
+    missing = np.isnan(phi)
+    values[missing], hidden[missing] = complex(np.nan, np.nan), False
+    order = np.lexsort((phi.real, phi.imag), axis=-1)[:, : np.count_nonzero(~missing, axis=1).max(initial=0)]
+    phi, values, hidden = (
+        np.take_along_axis(each, order, axis=1).reshape(*angles.shape, order.shape[1])
+        for each in (phi, values, hidden)
+    )
+    return SlidingModes(phi.imag / (2.0 * np.pi), phi.real.copy(), values, hidden, angles, frictions, band, rig)
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
@@ -169,20 +154,3 @@ def node_positions(rig: Rig, theta: float) -> Array:
     checks.instance("rig", rig, Rig)
     upper, lower = rig_bases(rig, checks.theta_degrees(theta))
     return np.concatenate([upper.nodes, lower.nodes])
-
-
-def _modes(rig: Rig, theta: float, mu: Array, fmax: float) -> NDArray[np.void]:
-    """Modes in the band, (mu, modes), ascending in frequency."""
-    problem = sliding_problem(rig, theta, fmax)
-    roots = sliding_roots(problem, mu)
-    values = np.asarray(problem.unit * np.hstack([roots, np.tile(problem.hidden, (len(mu), 1))]), dtype=complex)
-    found = np.full(values.shape, MISSING)
-    found["hidden"][:, roots.shape[1] :] = np.arange(len(problem.hidden))
-    phi = np.empty_like(values)
-    damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
-    found["phi"], found["eigenvalue"] = phi, values
-    found[(phi.imag > 2.0 * np.pi * fmax) | (np.abs(values) > MOST_REPORTED * problem.unit)] = MISSING
-    # NaN sorts last.
-    order = np.lexsort((found["phi"].real, found["phi"].imag), axis=-1)
-    modes = int(np.isfinite(found["phi"]).sum(axis=1).max(initial=0))
-    return np.take_along_axis(found, order[:, :modes], axis=1)
