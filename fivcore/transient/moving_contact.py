@@ -13,10 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fivcore.beams.elements import hermite
-from fivcore.beams.modes import lower_basis, residual_flexibility, rig_bases
+from fivcore.beams.modes import lower_basis, residual_flexibility
 from fivcore.contact.reduced import ReducedModel, full_model
-from fivcore.jit import Array
-from fivcore.rig import Rig
 from fivcore.transient.normalised import Normalised, displacement
 
 # Length of a segment along P2, m.
@@ -59,10 +57,9 @@ class ContactMotion:
             raise ValueError(
                 f"contact_motion = {self.direction}: it must be 0, for at {start:g} m the contact is at P2's end"
             )
-        # Within the ramp D moves by speed t^2 / (2 ramp), after it by speed (t - ramp / 2).
-        longest = room / abs(self.speed) + 0.5 * self.ramp
-        if longest < self.ramp:
-            longest = float(np.sqrt(2.0 * self.ramp * room / abs(self.speed)))
+        # D moves by speed t^2 / (2 ramp) within the ramp and by speed (t - ramp / 2) after it.
+        half, longest = 0.5 * self.ramp, room / abs(self.speed)
+        longest = longest + half if longest > half else 2.0 * float(np.sqrt(half * longest))
         if duration > longest:
             end = "P2's clamp" if self.direction < 0 else "P2's free end"
             raise ValueError(
@@ -71,22 +68,15 @@ class ContactMotion:
             )
 
 
-def shapes_at(rig: Rig, position: float) -> tuple[Array, Array]:
-    """Normal and tangential gap shapes of P2's modes, (modes of P2,), with D at `position`, m from the clamp."""
-    basis = lower_basis(rig.p2, rig.contact_position)
-    axial_row, bending_row = hermite(rig.p2, position)
-    along, across, rotation = np.moveaxis(basis.shapes[1:], 0, 1)
-    # Not matrix products: BLAS would round differently with the number of its threads.
-    normal = np.einsum("i,in->n", bending_row[0::2], across) + np.einsum("i,in->n", bending_row[1::2], rotation)
-    return -normal, -np.einsum("i,in->n", axial_row, along)
-
-
 def moved_model(model: ReducedModel, scene: Normalised, position: float) -> ReducedModel:
     """Return the model with D at `position`, m from P2's clamp; its modes and tau stay."""
-    kept, K, C = model.kept, model.K, model.C
-    full, n1 = full_model(scene.rig, scene.theta), len(rig_bases(scene.rig, scene.theta)[0].stiffness)
-    normal, tangential = shapes_at(scene.rig, position)
-    normal, tangential = np.append(full.normal[:n1], normal), np.append(full.tangential[:n1], tangential)
+    rig, kept, K, C = scene.rig, model.kept, model.K, model.C
+    full, shapes = full_model(rig, scene.theta), lower_basis(rig.p2, rig.contact_position).shapes[1:]
+    axial_row, bending_row = hermite(rig.p2, position)
+    # Not matrix products: BLAS would round differently with the number of its threads.
+    bending = np.einsum("ij,ijn->n", -bending_row.reshape(-1, 2), shapes[:, 1:])
+    normal = np.append(full.normal[: -len(bending)], bending)
+    tangential = np.append(full.tangential[: -len(bending)], np.einsum("i,in->n", -axial_row, shapes[:, 0]))
     if K.any():
         residual = residual_flexibility(full.stiffness[~kept], normal[~kept], tangential[~kept])
         K = np.asarray(np.linalg.inv(residual))

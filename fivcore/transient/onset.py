@@ -11,6 +11,7 @@ further than without impulses. Coordinates are deviations from the equilibrium u
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -24,31 +25,23 @@ from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.published import ADDED_DAMPING
 
-# Ratio of the steps, and of the cut-offs.
 FINER, HIGHER = 5, 5.0
-# Time before the first slip in which what the change of model excites dies away; longest time to the first
-# separation; time after it, s.
+# Before the first slip, until what the change of model excites is gone; longest to separation; after it, s.
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
-# Above this material damping d2, s, nothing grows above the cut-off.
-MOST_DAMPING = 1e-7
 
 
 def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
     """Build the finer solver; None where damping, the element or uniqueness of the contact force rule it out."""
-    if scene.rig.d2 > MOST_DAMPING:
+    # With more material damping, s, nothing grows above the cut-off.
+    if scene.rig.d2 > 1e-7:
         return None
     rig = replace(scene.rig, d2=scene.rig.d2 + ADDED_DAMPING)
     model = reduced_model(rig, scene.theta, HIGHER * default_cutoff(rig), options.termination)
     # With every mode kept there is no element whose state `prolong` could find.
-    if not model.K.any():
-        return None
-    model = modified(model, options.modify)
-    if step / FINER > model.largest_step:
-        return None
-    try:
-        return frozen_solver(model, scene.mu, step / FINER)
-    except ContactError:
-        return None
+    if model.K.any() and step / FINER <= modified(model, options.modify).largest_step:
+        with suppress(ContactError):
+            return frozen_solver(modified(model, options.modify), scene.mu, step / FINER)
+    return None
 
 
 def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
@@ -56,28 +49,22 @@ def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Ar
 
     The added modes and the new element follow the contact force statically.
     """
-    model = many.model
-    common = few.model.kept[model.kept]
+    model, common = many.model, few.model.kept[many.model.kept]
     force = few.impulse.stiffness @ u
-    displaced, moving = np.zeros(len(common)), np.zeros(len(common))
-    displaced[common], moving[common] = q - few.between_impulses(force), v
-    more = ~common
-    push = model.normal[more] * (force[0] - 1.0) + model.tangential[more] * force[1]
-    displaced[more] = push / model.stiffness[more]
-    return (
-        displaced + many.between_impulses(force),
-        moving,
-        np.asarray(np.linalg.solve(many.impulse.stiffness, force)),
-    )
+    displaced, moving = many.between_impulses(force), np.zeros(len(common))
+    displaced[common] += q - few.between_impulses(force)
+    push = model.normal * (force[0] - 1.0) + model.tangential * force[1]
+    displaced[~common] += push[~common] / model.stiffness[~common]
+    moving[common] = v
+    return displaced, moving, np.asarray(np.linalg.solve(many.impulse.stiffness, force))
 
 
 def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: bool) -> tuple[Array, Array, Array]:
     """Transfer them to the model with fewer modes; the element's state takes over the gap of the lost modes."""
-    model = many.model
-    common = few.model.kept[model.kept]
+    model, common = many.model, few.model.kept[many.model.kept]
     force = many.impulse.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
-    lost = np.stack([model.normal[~common], model.tangential[~common]]) @ (still + model.rest)[~common]
+    lost = np.stack([model.normal, model.tangential])[:, ~common] @ (still + model.rest)[~common]
     # Each element includes the compliance defect of its own step (`fivcore.contact.impulse`).
     defect = (few.impulse.defect - many.impulse.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect

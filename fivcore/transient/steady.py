@@ -1,24 +1,15 @@
 """Steady-state certificate: a proof that slip never ends and comes ever closer to steady sliding.
 
-At constant drive a step in slip is an affine map of x = (q, v, u_T) (`fivcore.contact.step_map`), x' = M x + b;
-steady sliding, with N = 1, is its fixed point x*. Slip goes on while N > 0, the contact is closed and the forces
-that stick would need have T > mu N and T > 0. These readings are affine in x too.
-
-With computed eigenvalues z and eigenvectors X of M let y = X^-1 (x - x*) and E = X^-1 (M X - X diag(z)), the error
-of the eigenvectors: a step takes y to diag(z) y + E y. Let rho be the largest |z| and e the maximum norm of E.
-Where rho + e < 1, the largest |y_j| never grows, and no |y_j| exceeds its present value by more than e / (1 - rho)
-times the largest. A reading R x then stays within sum_j |R X|_j times that bound of its steady value. Where this
-is less than what would end slip, slip never ends. M has all kept modes, at any frequency.
-
-A run is ended only when the bounds on N, slip rate and velocity of B are below `TOLERANCE`, nine decades below
-what could end slip. The rounding of single steps (1e-16 each; at most 1 / `LEAST_DECAY` of them add up) is
-therefore left out. With the paper's rig at V / F below some 1e-5 m/s/N it exceeds the tolerance; such a run takes
-every step.
+A step in slip maps x = (q, v, u_T) to M x + b (`fivcore.contact.step_map`), with the fixed point x*. With computed
+eigenvalues z and eigenvectors X of M, y = X^-1 (x - x*) becomes diag(z) y + E y, E = X^-1 (M X - X diag(z)). Let
+rho be the largest |z| and e the maximum norm of E. Where rho + e < 1 the largest |y_j| never grows, and no |y_j|
+exceeds its present value by more than e / (1 - rho) times the largest. A reading R x then stays within
+sum_j |R X|_j times that bound of its steady value. Slip goes on while N > 0, the contact is closed and the forces
+that stick would need have T > mu N and T > 0: four readings.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -26,42 +17,62 @@ import numpy as np
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel
-from fivcore.contact.step_map import eigenvectors, slip_map
+from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, Complex
 from fivcore.transient.statistics import SLIP
 
-# Deviations from steady sliding that may be left when a run is ended: of N in units of F, of speeds in units of V.
+# A run ends where N, in units of F, and speeds, in units of V, stay so close to steady sliding: nine decades below
+# what could end slip. Rounding (1e-16 a step, over at most 1 / LEAST_DECAY steps) is therefore left out. With the
+# paper's rig at V / F below some 1e-5 m/s/N it exceeds the tolerance; such a run takes every step.
 TOLERANCE = 1e-9
-# A proof is tried once the slip rate varies by no more than this, in units of V.
-NEAR = 10.0 * TOLERANCE
-# The least that every mode must lose in a step.
-LEAST_DECAY = 1e-9
-# Readings: those of a record, penetration and u_T, T that stick would need and its excess over mu N.
-VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION, U_T, STICK_FORCE, EXCESS = range(8)
+# Variation of the slip rate (units of V) below which a proof is tried; the least that a mode must lose in a step.
+NEAR, LEAST_DECAY = 10.0 * TOLERANCE, 1e-9
+# Readings: those of a record, penetration, and behind them T that stick would need and its excess over mu N.
+VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION = range(5)
 
 
-@dataclass(frozen=True, eq=False)
 class SteadySliding:
-    """Steady sliding at constant drive with T = mu N.
+    """Steady sliding at constant drive with T = mu N; some milliseconds, or `numpy.linalg.LinAlgError`.
+
+    Parameters
+    ----------
+    model : ReducedModel
+        With an element: without one only rounding holds the gap of a lasting contact.
+    mu, step : float
 
     Attributes
     ----------
     eigenvalues : ndarray of complex, (2n + 1,)
-        log(z) / step, 1/s; one of them is the element's own.
+        log(z) / step, 1/s: those of `fivcore.sliding_modes` for the kept modes, and the element's own.
     decays : bool
         Whether all of them decay, by more than their errors.
     state : ndarray, (2n + 1,)
         x*: q, v and u_T before an impulse.
     """
 
-    eigenvalues: Complex
-    decays: bool
-    state: Array
-    _rows: Array
-    _relaxing: Array
-    _weights: Array
-    _inverse: Complex
-    _error: float
+    @one_blas_thread()
+    def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
+        impulse, n, b = model.impulse(step), model.normal, model.point_b
+        M, slip = impulse.mobility, step_map(model, impulse, step, mu)
+        maps = regime_maps(impulse.stiffness, impulse.damping, M, mu, step)
+        # Two more columns: the unit load, whose share of the impulse comes first, and a unit of V.
+        load = [impulse.defect[0, 0] - n @ model.rest, 0.0, -M[0, 0], -M[1, 0]]
+        p, u_T, _, rate_T = seen = np.column_stack([slip.seen, load, [0.0, 0.0, 0.0, -1.0]])
+        (N, T, following), (stick_N, stick_T) = slip.law @ seen, maps.entering @ seen
+        net = N - np.eye(len(N))[-2]
+        velocity = 0.5 * step * (b @ n * net + b @ model.tangential * T)
+        velocity[len(n) : -3] += b
+        slip_rate = rate_T + M[1, 0] * N + M[1, 1] * T + (following - u_T) / step
+        self._rows = np.stack([velocity, N, T, slip_rate, p, stick_T, stick_T - mu * stick_N])
+        constant = np.append((slip.impulse @ [net[-2], T[-2]])[:-1], following[-2])
+        self.state = np.linalg.solve(np.eye(len(constant)) - slip.matrix, constant)
+        z, X, self._inverse, error = eigenvectors(slip)
+        self._weights = np.abs(self._rows[:, :-2] @ X)
+        # Without a dashpot u_T has no memory: a zero among the eigenvalues.
+        self.eigenvalues: Complex = np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
+        decay = max(1.0 - float(np.abs(z).max()), LEAST_DECAY)
+        self.decays, self._share = decay > max(LEAST_DECAY, 2.0 * error), error / decay
+        self._left = float(maps.separation[0, 0])
 
     def readings(self, speed: float) -> Array:
         """Return the readings in steady sliding at V = `speed`."""
@@ -70,77 +81,36 @@ class SteadySliding:
     def start(self, speed: float) -> tuple[Array, Array, Array]:
         """Return q and v before an impulse, and the element's state after a step."""
         q, v = self.state[:-1].reshape(2, -1).copy()
-        return q, v, self.readings(speed)[[PENETRATION, U_T]]
+        return q, v, np.array([self.readings(speed)[PENETRATION], self.state[-1]])
 
     def row(self, speed: float) -> tuple[float, ...]:
         """Return a record's velocity of B, N, T, slip rate and contact state."""
-        return (*self.readings(speed)[: SLIP_RATE + 1].tolist(), float(SLIP))
+        return (*self.readings(speed)[:PENETRATION].tolist(), float(SLIP))
 
     @one_blas_thread()
     def bounds(self, x: Array) -> Array:
-        """Bound how far each reading can ever be from its steady value if slip goes on from `x`."""
+        """Bound how far each reading can ever be from its steady value if slip goes on from `x` and decays."""
         parts = np.abs(self._inverse @ (x - self.state))
-        return np.asarray(self._weights @ (parts + self._error * parts.max()))
+        return np.asarray(self._weights @ (parts + self._share * parts.max()))
 
     def is_permanent(self, q: Array, v: Array, u: Array, speed: float) -> bool:
         """Whether slip never ends from here on and stays within `TOLERANCE` of steady sliding at V = `speed`.
 
         q and v, (n,), are those before an impulse in slip, u, (2,), is the element's state after the last step.
         """
-        if not self.decays:
-            return False
-        bound, steady = self.bounds(np.concatenate([q, v, u[1:]])), self.readings(speed)
-        if bound[NORMAL] > TOLERANCE or max(bound[SLIP_RATE], bound[VELOCITY]) > TOLERANCE * speed:
-            return False
-        # Contact opens where the penetration falls below the u_N that relaxes from the last step's element state.
-        last = [max(bound[PENETRATION], abs(u[0] - steady[PENETRATION])), bound[U_T]]
-        bound[PENETRATION] += np.abs(self._relaxing) @ last
-        steady[PENETRATION] -= self._relaxing @ steady[[PENETRATION, U_T]]
-        positive = [NORMAL, PENETRATION, STICK_FORCE, EXCESS]
-        return bool(np.all(bound[positive] < steady[positive]))
+        bound, least = self.bounds(np.concatenate([q, v, u[1:]])), self.readings(speed)
+        # Contact opens where the penetration falls below what relaxation, the same for u_N and u_T, leaves of u_N.
+        bound[PENETRATION] = (1.0 + self._left) * max(bound[PENETRATION], abs(u[0] - least[PENETRATION]))
+        least[PENETRATION] *= 1.0 - self._left
+        # In slip T is mu N.
+        least[:PENETRATION] = TOLERANCE * speed, min(TOLERANCE, least[NORMAL]), np.inf, TOLERANCE * speed
+        return self.decays and bool(np.all(bound < least))
 
 
 @lru_cache(maxsize=64)
-@one_blas_thread()
 def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding | None:
-    """Build the map of slip with T = mu N, its fixed point and its spectrum; some milliseconds.
-
-    The spectrum is that of `fivcore.sliding_modes` for the kept modes, in its band and above, with the element's
-    damping.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        With an element: without one only rounding holds the gap of a lasting contact.
-    mu, step : float
-
-    Returns
-    -------
-    SteadySliding or None
-        None where the matrix has no full set of eigenvectors, or no unique fixed point.
-    """
-    impulse, n, b, half = model.impulse(step), model.normal, model.point_b, 0.5 * step
-    slip, M = slip_map(model, impulse, mu, step, 0), impulse.mobility
-    maps = regime_maps(impulse.stiffness, impulse.damping, M, mu, step)
-    # Two more columns: the unit load, whose share of the impulse comes first, and a unit of V.
-    load = [impulse.defect[0, 0] - n @ model.rest, 0.0, -M[0, 0], -M[1, 0]]
-    seen = np.column_stack([slip.seen, load, [0.0, 0.0, 0.0, -1.0]])
-    (N, T, following), (p, u_T, _, rate_T) = slip.law @ seen, seen
-    stick_N, stick_T = maps.entering @ seen
-    slip_rate = rate_T + M[1, 0] * N + M[1, 1] * T + (following - u_T) / step
-    velocity = half * (b @ n * N + b @ model.tangential * T)
-    velocity += np.concatenate([np.zeros(len(n)), b, [0.0, -half * (b @ n), 0.0]])
-    rows = np.stack([velocity, N, T, slip_rate, p, u_T, stick_T, stick_T - mu * stick_N])
-    constant = slip.impulse @ [N[-2] - 1.0, T[-2]]
-    constant[-1] = following[-2]
+    """Steady sliding; None where slip has no full set of eigenvectors, or no unique fixed point."""
     try:
-        z, X, inverse, error = eigenvectors(slip)
-        state = np.linalg.solve(np.eye(len(constant)) - slip.matrix, constant)
+        return SteadySliding(model, mu, step)
     except np.linalg.LinAlgError:
         return None
-    decay = 1.0 - float(np.abs(z).max())
-    decays = decay > max(LEAST_DECAY, 2.0 * error)
-    # Without a dashpot u_T has no memory: a zero among the eigenvalues.
-    eigenvalues = (np.log(z + np.finfo(float).tiny) / step).astype(complex)
-    weights, share = np.abs(rows[:, :-2] @ X), error / decay if decays else np.inf
-    return SteadySliding(eigenvalues, decays, state, rows, maps.separation[0], weights, inverse, share)
