@@ -13,21 +13,19 @@ gap or cone were overstepped meanwhile, the decision changes the element's displ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.uniqueness import check_unique, critical_mu_of
 from fivcore.errors import ContactError, DivergenceError, not_unique
 from fivcore.jit import Array
-from fivcore.transient.exact_kernels import SCENE, S, integrate, prescribed, sample, search, switch
+from fivcore.transient.exact_kernels import SCENE, S, observe, search, waves_at
 from fivcore.transient.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
-from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
-from fivcore.transient.statistics import SEPARATION, SETTLING, STICK, begin
+from fivcore.transient.statistics import SEPARATION, STICK
+from fivcore.transient.stepped import SteppedRun
 
 # An event this soon after another is not acted on, s.
 DWELL = 1e-10
@@ -40,7 +38,7 @@ BOUNDARY, HELD = -1, -2
 STEP, SEGMENT = 1e-6, 0.04
 
 
-class ExactRun:
+class ExactRun(SteppedRun):
     """One run in progress; `held` counts the events within DWELL of the last one.
 
     Raises
@@ -51,102 +49,64 @@ class ExactRun:
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
 
+    READ_AT = 0.5
+
     def __init__(self, scene: Normalised, options: Options) -> None:
-        self.scene, self.options, self.ramp = scene, options, options.ramp
         model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
-        self.model = modified(model, options.modify)
-        _require_element(self.model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff)
-        check_unique(self.model, scene.mu, None)
-        model, rate = self.model, options.sampling_rate
-        self.step = STEP if options.step is None else options.step
-        self.steps = max(round(options.duration / self.step), 1)
-        every = max(round(INTERVAL / self.step), 1)
-        self.rate = 1.0 / (every * self.step)
-        self.record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
-        self.record["sample_every"] = every
-        self.record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
-        self.segments: list[Segment] = []
+        self.model = model = modified(model, options.modify)
+        cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
+        if not model.K.any():
+            raise ValueError(
+                f"cutoff = {cutoff:g}: it keeps every mode of this rig, and method 'exact' needs an element for"
+                " the others; use a lower cutoff or method 'fast'"
+            )
+        if not model.C.any():
+            raise ValueError(
+                f"cutoff = {cutoff:g}: the relaxation time of this rig's element is 0, and method 'exact' needs a"
+                " dashpot; use another cutoff or method 'fast'"
+            )
+        check_unique(model, scene.mu, None)
+        step = STEP if options.step is None else options.step
+        super().__init__(scene, options, step, round(SEGMENT / step), SCENE)
         self._shape = np.stack([model.normal, model.tangential])
         self._regimes = regimes(model, scene.mu)
-        eigenvalues = np.concatenate([regime.eigenvalues for regime in self._regimes])
-        self._finest = 0.25 / float(np.abs(eigenvalues).max())
-        self._longest = 2.5 / float(np.abs(eigenvalues.imag).max())
-        if float(eigenvalues.real.max()) * DWELL > MOST_GROWTH:
+        if max(regime.eigenvalues.real.max() for regime in self._regimes) * DWELL > MOST_GROWTH:
             raise ContactError(
                 f"{not_unique(scene.mu, critical_mu_of(model, None))}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
             )
         stored = np.sum(model.stiffness * model.rest**2)
         self._size = float(stored + scene.speed_per_load**2 * np.sum(model.inertia**2))
-        self._taken, self._now, self.held = 0, 0.0, 0
-        self._sticks = np.empty((0, 2))
-        self._begin(options.initial)
-
-    def _begin(self, initial: State | None) -> None:
-        """Enter the first regime in the full state (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`."""
-        model, n = self.model, len(self.model.stiffness)
+        self._now, self.held = 0.0, 0
+        # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`.
+        initial, n = options.initial, len(model.stiffness)
         contact = STICK if initial is None else initial.contact
         y = np.zeros(2 * n + 2)
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
             y[n : 2 * n] = initial.velocity[model.kept]
             # The element's displacement is that of the modes that are not kept.
-            full = full_model(self.scene.rig, self.scene.theta)
+            full = full_model(scene.rig, scene.theta)
             dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
             y[2 * n :] = dropped @ initial.displacement - np.linalg.solve(model.K, [1.0, 0.0])
-        if self.ramp == 0.0:
-            y[n : 2 * n] += model.inertia * self.scene.speed_per_load
+        if options.ramp == 0.0:
+            y[n : 2 * n] += model.inertia * scene.speed_per_load
         self.record["contact"] = contact
         self._first_energy = self._energy_of(y)
         self._decide(0.0, y, contact)
 
-    @property
-    def done(self) -> bool:
-        """Whether the run has come to its end."""
-        return self._taken >= self.steps
-
-    @property
-    def time(self) -> float:
-        """Time up to which the run has come, s."""
-        return self._taken * self.step
-
-    @staticmethod
-    def advance(runs: Sequence[ExactRun]) -> None:
-        """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
-        for run in runs:
-            run._advance()
-
-    def _advance(self) -> None:
-        record, step, first = self.record, self.step, self._taken
-        every, row_every = int(record["sample_every"][0]), int(record["row_every"][0])
-        last = min(first + max(round(SEGMENT / step), 1), self.steps)
-        samples = np.empty((count_in(first, last, every), 3))
-        rows = np.empty((count_in(first, last, row_every), 6))
-        # A step may hold more than one event.
-        room = room_for_sticks(first * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
-        self._sticks = np.empty((room, 2))
-        record["samples"] = record["rows"] = record["sticks"] = 0
-        record["stick_room"] = room
-        self._pass_through(first, last, samples, rows)
-        self._taken = last
-        begun = -(-first // every)
-        t = np.asarray((np.arange(begun, begun + len(samples)) * every + 0.5) * step)
-        self.segments = [Segment(t, samples, self._sticks[: int(record["sticks"][0])].copy(), rows)]
-
-    def _pass_through(self, i: int, target: int, samples: Array, rows: Array) -> None:
-        """Go on from step `i` to the end of step `target` - 1, through as many regimes as it takes."""
-        model, step, goal = self.model, self.step, target * self.step
+    def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
+        goal = last * self.step
         while True:
-            r, end, until = self._regime, goal, target
+            r, end, until = self._regime, goal, last
             if self._stop < goal:
-                end, until = self._stop, min(max(int(np.ceil(self._stop / step - 0.5)), i), target)
-            motion = (r.eigenvalues, self._amplitudes, *r.outputs, self._start)
-            sample(motion, self._origin, step, i, until, self.record, samples, rows)
-            integrate(
-                motion, self._now - self._origin, end - self._origin, self._finest, self._longest,
-                model.damping, model.inertia, model.C, self.record,
+                end, until = self._stop, min(max(int(np.ceil(self._stop / self.step - 0.5)), first), last)
+            motion = (r.eigenvalues, self._amplitudes, r.outputs, self._start)
+            observe(
+                motion, min(self._which, SLIP_UP), self._origin, self._now, end, self.step, first, until,
+                self.record, samples, rows, sticks,
             )  # fmt: skip
-            i, self._now = until, end
+            first, self._now = until, end
             if self._stop >= goal or not np.isfinite(self._amplitudes).all():
                 return
             self._next_regime()
@@ -161,8 +121,8 @@ class ExactRun:
         """
         model, r, n = self.model, self._regimes[which], len(self.model.stiffness)
         end, acceleration = self.steps * self.step, 0.0
-        if t < self.ramp:
-            end, acceleration = min(self.ramp, end), self.scene.speed_per_load / self.ramp
+        if t < self.options.ramp:
+            end, acceleration = min(self.options.ramp, end), self.scene.speed_per_load / self.options.ramp
         start = np.array([0.0, self._clamp_velocity(t), acceleration, 1.0, 0.0, 0.0, 0.0, 0.0])
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
@@ -170,7 +130,7 @@ class ExactRun:
             j = int(np.argmin(model.stiffness))
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
         self._which, self._regime, self._origin, self._start = which, r, t, start
-        self._amplitudes = r.amplitudes[0] @ y + r.amplitudes[1] @ start[:6]
+        self._amplitudes = np.append(r.entry @ np.append(y, start[:6]), np.ones(6))
         entered, energy = self._state_at(t), self._energy_of(y)
         # A mode slower than all others by many orders of magnitude responds to the drive with a displacement so
         # large that the digits of the motion are lost in it.
@@ -181,9 +141,8 @@ class ExactRun:
                 f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it"
             )
         self.record["impact"] += energy - self._energy_of(entered)
-        switch(self.record, min(which, 2), t, self._sticks)
-        margins, left = r.margins[0] * self._amplitudes, max(end - t, 0.0)
-        length, self._event = search(r.eigenvalues, margins, r.margins[1], start, np.array(orders), left)
+        margins, left = r.margins * self._amplitudes, max(end - t, 0.0)
+        length, self._event = search(r.eigenvalues, margins, start, np.array(orders), left)
         self._stop = end if self._event == BOUNDARY else t + length
         if self._event != BOUNDARY and length < DWELL:
             self._stop, self._event = t + DWELL, HELD
@@ -224,19 +183,13 @@ class ExactRun:
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
 
     def _clamp_velocity(self, t: float) -> float:
-        return self.scene.speed_per_load * t / self.ramp if t < self.ramp else self.scene.speed_per_load
+        ramp = self.options.ramp
+        return self.scene.speed_per_load * (t / ramp if t < ramp else 1.0)
 
     def _state_at(self, t: float) -> Array:
-        r, s = self._regime, t - self._origin
-        modal, forced = r.state
-        waves = self._amplitudes * np.exp(r.eigenvalues * s)
-        return np.asarray((modal @ waves).real + forced @ prescribed(self._start, s))
-
-    def state_at(self, t: float) -> Array:
-        """Go on to time `t` without statistics; return modal displacements, velocities and the element's state."""
-        while self._stop <= t:
-            self._next_regime()
-        return self._state_at(t)
+        waves = np.empty_like(self._amplitudes)
+        waves_at(self._regime.eigenvalues, self._start, t - self._origin, waves)
+        return np.asarray((self._regime.state @ (self._amplitudes * waves)).real)
 
     def _energy_of(self, y: Array) -> float:
         model, n = self.model, len(self.model.stiffness)
@@ -247,28 +200,10 @@ class ExactRun:
         """Energy of the modes about the equilibrium, the element and the load, normalised."""
         return self._energy_of(self._state_at(self._now))
 
-    def released_energy(self) -> float:
-        """Decrease of the stored energy since the start, normalised."""
-        return self._first_energy - self.stored_energy()
-
     def calm(self, floor: float) -> bool:
         """Set amplitudes below `floor` to zero; False where one is not finite."""
         self._amplitudes[np.abs(self._amplitudes) < floor] = 0.0
         return bool(np.isfinite(self._amplitudes).all())
-
-
-def _require_element(model: ReducedModel, cutoff: float) -> None:
-    """Refuse a model in which nothing, or a spring alone, stands for the modes above the cut-off."""
-    if not model.K.any():
-        raise ValueError(
-            f"cutoff = {cutoff:g}: it keeps every mode of this rig, and method 'exact' needs an element for the"
-            " others; use a lower cutoff or method 'fast'"
-        )
-    if not model.C.any():
-        raise ValueError(
-            f"cutoff = {cutoff:g}: the relaxation time of this rig's element is 0, and method 'exact' needs a"
-            " dashpot; use another cutoff or method 'fast'"
-        )
 
 
 def states_at(
@@ -281,4 +216,9 @@ def states_at(
     """
     end = float(times[-1]) + DWELL
     run = ExactRun(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
-    return np.stack([run.state_at(float(t))[:-2] for t in times])
+    states = []
+    for t in times:
+        while run._stop <= t:
+            run._next_regime()
+        states.append(run._state_at(float(t))[:-2])
+    return np.stack(states)

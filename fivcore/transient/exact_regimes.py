@@ -1,18 +1,13 @@
 """Contact regimes of `method="exact"` as linear systems in their own eigenbases.
 
 The state x is (q, v) of the kept modes, with u_T in slip and (u_N, u_T) in separation. With the prescribed motion
-d of `fivcore.transient.exact_kernels`, x' = M x + B d and
+d of `fivcore.transient.exact_kernels`, d' = D d, x' = M x + B d and M z_k = lambda_k z_k,
 
-    x(s) = Re sum_k c_k z_k exp(lambda_k s) + E d(s),     M z_k = lambda_k z_k,
+    x(s) = Re sum_k c_k z_k exp(lambda_k s) + E d(s),     M E + B = E D,
 
 where k runs over one eigenvalue of each conjugate pair. Eigenpairs are refined by first-order perturbation, which
 converges with second order: with Z^-1 M Z = diag(lambda) + R, lambda_k grows by R_kk and Z by Z X,
 X_jk = R_jk / (lambda_k - lambda_j).
-
-Refinement and E use `np.longdouble`, with a mantissa of 64 bits on x86-64. Where it has the 53 bits of double
-(MSVC, macOS on arm64) two to three digits are lost: with the paper's rig at 20 mm/s states up to the first
-separation change by 5e-9 of the motion, events by 2e-13 s, and the energy residual grows from 6e-15 to 5e-13
-(`tests/test_exact.py` replaces the type). A rig with d1 = 1e5 1/s then raises `fivcore.DivergenceError`.
 """
 
 from __future__ import annotations
@@ -32,34 +27,36 @@ from fivcore.transient.statistics import SEPARATION, STICK
 SLIP_UP, SLIP_DOWN = 2, 3
 # Largest condition number of an eigenbasis, number of refinements.
 WORST, REFINEMENTS = 1e9, 2
-# Types of the refinement.
+# Types of the refinement, with a mantissa of 64 bits on x86-64. Where it has the 53 bits of double (MSVC, macOS on
+# arm64) two to three digits are lost: with the paper's rig at 20 mm/s states up to the first separation change by
+# 5e-9 of the motion, events by 2e-13 s, and the energy residual grows from 6e-15 to 5e-13. A rig with d1 = 1e5 1/s
+# then raises `fivcore.DivergenceError`.
 REAL: Any = np.longdouble
 COMPLEX: Any = np.clongdouble
 
 
 class Regime(NamedTuple):
-    """One linear regime in its eigenbasis, as real parts of factors of c plus factors of d.
+    """One linear regime in its eigenbasis: factors of w, of which real parts count.
 
     Attributes
     ----------
     eigenvalues : ndarray of complex, (m,)
         1/s.
-    amplitudes : ndarray of complex, (m, 2n + 2) and (m, 6)
-        c at the start from the full state (q, v, u_N, u_T) and from d; c of a pair of eigenvalues counts twice.
-    state : ndarray of complex, (2n + 2, m), and ndarray, (2n + 2, 6)
+    entry : ndarray of complex, (m, 2n + 8)
+        c at the start from the full state (q, v, u_N, u_T) and d; c of a pair of eigenvalues counts twice.
+    state : ndarray of complex, (2n + 2, m + 6)
         The full state.
-    outputs : ndarray, (m, n + 6), (m, n + 6) and (6, n + 6)
-        Modal velocities and the signals of `fivcore.transient.exact_kernels`, transposed: real and imaginary part
-        of the factors of c, and factors of d.
-    margins : ndarray of complex, (k, m), and ndarray, (k, 6)
+    margins : ndarray of complex, (k, m + 6)
         The functions that stay positive within the regime.
+    outputs : ndarray, (2, m + 6, 9 + n)
+        The outputs of `fivcore.transient.exact_kernels`, transposed: real and imaginary parts.
     """
 
     eigenvalues: Complex
-    amplitudes: tuple[Complex, Complex]
-    state: tuple[Complex, Array]
-    outputs: tuple[Array, Array, Array]
-    margins: tuple[Complex, Array]
+    entry: Complex
+    state: Complex
+    margins: Complex
+    outputs: Array
 
 
 @lru_cache(maxsize=32)
@@ -71,9 +68,8 @@ def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
 
 def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     """Write one regime's equations as rows of factors of (x, d), and change to its eigenbasis."""
-    parts = (model.stiffness, model.damping, model.normal, model.tangential, model.inertia, model.point_b)
-    k, c, normal, tangential, inertia, point_b = (part.astype(REAL) for part in parts)
-    K, C = model.K.astype(REAL), model.C.astype(REAL)
+    modal = (model.stiffness, model.damping, model.normal, model.tangential, model.inertia, model.point_b)
+    k, c, normal, tangential, inertia, point_b, K, C = (part.astype(REAL) for part in (*modal, model.K, model.C))
     n, rigid = len(k), int(np.argmin(model.stiffness))
     # P1's rigid mode is part of d in separation, u_N is -g_N in contact, and u_T follows the clamp in stick.
     dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
@@ -86,8 +82,7 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     load = np.stack([d[ONE], 0.0 * d[ONE]])
     rate, force = np.zeros((2, *u.shape), dtype=REAL)
     if which == SEPARATION:
-        adjugate = np.array([[C[1, 1], -C[0, 1]], [-C[1, 0], C[0, 0]]])
-        rate = -(adjugate @ (K @ u + load)) / (C[0, 0] * C[1, 1] - C[0, 1] * C[1, 0])
+        rate = -np.linalg.inv(model.C) @ (K @ u + load)
     else:
         m = mu if which == SLIP_UP else -mu
         u[0], rate[0] = -g_N, -rate_N
@@ -105,44 +100,29 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     margins = {
         SEPARATION: [g_N + u[0]], STICK: [N, mu * N - T, mu * N + T], SLIP_UP: [N, -speed], SLIP_DOWN: [N, speed],
     }[which]  # fmt: skip
-    moving, r = np.vstack([v, acceleration, rate])[x], int(np.sum(x < n))
+    outputs = np.vstack([rate, C @ rate, inertia @ v, point_b @ v, N, T, speed, np.sqrt(c)[:, None] * v])
+    moving, size, r = np.vstack([v, acceleration, rate])[x], len(x), int(np.sum(x < n))
     # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.
     omega = np.sqrt(np.maximum(-np.diag(moving[r : 2 * r, :r]).astype(float), 1.0))
-    scale = np.concatenate([omega, np.ones(r), np.full(len(x) - 2 * r, np.sqrt(float(K[1, 1])))])
-    taken = np.eye(2 * n + 2, dtype=REAL)[x]
-    outputs = np.vstack([v, N, T, speed, rate, point_b @ v])
-    return _in_eigenbasis(moving, scale, taken, np.vstack([q, v, u]), outputs, np.stack(margins))
-
-
-def _in_eigenbasis(moving: Any, scale: Array, taken: Any, state: Any, outputs: Any, margins: Any) -> Regime:
-    """A regime from x' (`moving`), x from the full state (`taken`), and other rows of factors of (x, d)."""
-    size = len(moving)
-    matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:]
-    inverse = np.linalg.inv(matrix.astype(float))
-    steady: Any = np.zeros((size, 6), dtype=REAL)
-    # E has columns e with M e_S = -b_S, M e_P = e_S - b_P, M e_A = e_P - b_A and M e_1 = -b_1.
-    for slot in (S, P, A, ONE):
-        right = -scale * forcing[:, slot]
-        if slot in (P, A):
-            right += steady[:, slot - 1]
-        for _ in range(REFINEMENTS + 1):
-            steady[:, slot] += inverse @ (right - matrix @ steady[:, slot])
+    scale = np.concatenate([omega, np.ones(r), np.full(size - 2 * r, np.sqrt(model.K[1, 1]))])
+    matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
+    # D is nilpotent where B is not zero: three iterations solve for E, the others refine.
+    inverse, steady, D = np.linalg.inv(matrix.astype(float)), np.zeros_like(forcing), np.zeros((6, 6))
+    D[S, P] = D[P, A] = 1.0
+    for _ in range(3 + REFINEMENTS):
+        steady += inverse @ (steady @ D - forcing - matrix @ steady)
     eigenvalues, vectors, back = _eigenbasis(matrix)
     kept = eigenvalues.imag >= 0.0
     eigenvalues, vectors, steady = eigenvalues[kept], vectors[:, kept] / scale[:, None], steady / scale[:, None]
     back = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[:, None] * back[kept] * scale
-
-    def factors(rows: Any) -> tuple[Complex, Array]:
-        modal, forced = rows[:, :size] @ vectors, rows[:, :size] @ steady + rows[:, size:]
-        return modal.astype(complex), forced.astype(float)
-
-    modal, forced = factors(outputs)
+    # (x, d) from w.
+    change = np.block([[vectors, steady], [np.zeros((6, vectors.shape[1])), np.eye(6)]])
+    entry = back @ np.hstack([np.eye(2 * n + 2)[x], -steady])
+    state, watched, seen = (
+        (rows @ change).astype(complex) for rows in (np.vstack([q, v, u]), np.stack(margins), outputs)
+    )
     return Regime(
-        eigenvalues.astype(complex),
-        ((back @ taken).astype(complex), (-back @ steady).astype(complex)),
-        factors(state),
-        (modal.real.T.copy(), modal.imag.T.copy(), forced.T.copy()),
-        factors(margins),
+        eigenvalues.astype(complex), entry.astype(complex), state, watched, np.stack([seen.real.T, seen.imag.T])
     )
 
 
@@ -159,15 +139,15 @@ def _eigenbasis(matrix: Any) -> tuple[Any, Any, Any]:
             "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
             " mu or theta in the eighth digit"
         )
-    back = np.linalg.inv(basis).astype(COMPLEX) * units
+    back, one = np.linalg.inv(basis).astype(COMPLEX) * units, np.eye(len(values))
     for _ in range(REFINEMENTS):
-        back = back + back @ (np.eye(len(values)) - vectors @ back)
+        back = back + back @ (one - vectors @ back)
         residual = back @ (matrix @ vectors - vectors * values)
         values = values + np.diag(residual)
         distance = values - values[:, None]
         # Eigenvalues that coincide here are decoupled, since the condition number is small.
         close = np.abs(distance) <= 1e-9 * np.abs(values)
         vectors = vectors + vectors @ np.where(close, 0.0, residual / np.where(close, 1.0, distance))
-    back = back + back @ (np.eye(len(values)) - vectors @ back)
+    back = back + back @ (one - vectors @ back)
     # Rounding must not make a real eigenvalue one of a pair.
     return np.where(real, values.real, values), vectors, back

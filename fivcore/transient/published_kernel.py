@@ -72,14 +72,12 @@ def advance(
     """Take the steps up to `last` of one scene; the record and the state change in place.
 
     `scenes` (1,) is the record, `modes` holds k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the
-    shape at B, `f` the constant modal force, `slide` the changes of the gap shapes in a step (empty where the
-    contact point stays); `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free, each
-    (n,). A row of `samples` is velocity of B, slip rate and N, one of `rows` time, velocity of B, N, T, slip rate
-    and contact state, one of `sticks` begin and end of a long stick.
+    shape at B, `f` the constant modal force, `slide` (2, n) the changes of the gap shapes in a step, empty where
+    the contact point stays; `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free,
+    each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.segment.Segment`.
     """
     scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes
-    slideN, slideT = slide
     dt, b, V, ramp = scene.dt, scene.b, scene.speed, scene.ramp
     n = q.shape[0]
     while scene.now < last:
@@ -129,17 +127,12 @@ def advance(
             predicted = (f[j] - k[j] * x - c[j] * star) * inverse[j]
             q[j], vs[j], a[j] = x, star, predicted
             free[j] = x + dt * (star + b * dt * predicted) + 0.5 * dt * dt * predicted
-        if slideN.shape[0] == 0:
-            scene.gap_N, scene.gap_T = _gaps(normal, tangential, free)
-        else:
-            gN, gT, along = 0.0, 0.0, 0.0
-            for j in range(n):
-                normal[j] += slideN[j]
-                tangential[j] += slideT[j]
-                gN += normal[j] * free[j]
-                gT += tangential[j] * free[j]
-                # A change of g_T by the change of its shape is no slip.
-                along += slideT[j] * q[j]
-            scene.gap_N, scene.gap_T = gN, gT
-            scene.last_gT += along
+        along = 0.0
+        for j in range(slide.shape[1]):
+            normal[j] += slide[0, j]
+            tangential[j] += slide[1, j]
+            along += slide[1, j] * q[j]
+        scene.gap_N, scene.gap_T = _gaps(normal, tangential, free)
+        # A change of g_T by the change of its shape is no slip.
+        scene.last_gT += along
         scene.now = now + 1
