@@ -263,9 +263,9 @@ def stepped(
     record["gap_N"], record["gap_T"] = normal @ reach, tangential @ reach
     record["last_gT"], record["last_T"], record["contact"] = tangential @ q, last_T, SLIP
     record["sample_every"], record["row_every"], record["stick_room"] = steps, 1, steps
-    rows, samples, still = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3)), np.zeros(0)
+    rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3))
     modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
-    advance(record, steps, modes, f, (still, still), q, vs, a, reach, samples, rows, np.empty((steps, 2)))
+    advance(record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, np.empty((steps, 2)))
     return rows, q
 
 
