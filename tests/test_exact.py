@@ -11,7 +11,7 @@ import pytest
 from fivcore import ContactError, DivergenceError, Rig, Scene, simulate
 from fivcore.contact.ablation import with_relaxation_time
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
-from fivcore.transient import exact_kernels, exact_regimes
+from fivcore.transient import exact, exact_kernels
 from fivcore.transient import fast_scene as at
 from fivcore.transient.exact import DWELL, HELD, ExactRun, states_at
 from fivcore.transient.exact_kernels import DRAG, PULL, Q_R, V_R, A, P, S, search, waves_at
@@ -523,19 +523,19 @@ def until_separation(duration=0.012):
 
 @pytest.mark.skipif(np.finfo(LONG).eps > 1e-18, reason="this machine has no extended precision")
 def test_where_extended_precision_is_double_the_loss_is_what_is_told(monkeypatch):
-    """The figures at `fivcore.transient.exact_regimes.REAL`."""
+    """The figures at `fivcore.transient.exact.REAL`."""
     damped = Scene(0.02, 5.0, 0.2, 9.0, Rig(d1=1e5))
     states, events, residual, stiffness = until_separation()
     simulate(damped, 1e-3, "exact")
-    monkeypatch.setattr(exact_regimes, "REAL", np.float64)
-    monkeypatch.setattr(exact_regimes, "COMPLEX", np.complex128)
-    exact_regimes.regimes.cache_clear()
+    monkeypatch.setattr(exact, "REAL", np.float64)
+    monkeypatch.setattr(exact, "COMPLEX", np.complex128)
+    exact.regimes.cache_clear()
     try:
         there, later, lost, _ = until_separation()
         with pytest.raises(DivergenceError, match="lost in the rounding"):
             simulate(damped, 1e-3, "exact")
     finally:
-        exact_regimes.regimes.cache_clear()
+        exact.regimes.cache_clear()
     weights = np.concatenate([stiffness, np.ones(len(stiffness))])
     change = np.sqrt((weights * (there - states) ** 2).sum(axis=1) / (weights * states**2).sum(axis=1))
     assert 1e-11 < change.max() < 1e-8

@@ -11,8 +11,7 @@ from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
-from fivcore.transient.published_kernel import SCENE, advance
+from fivcore.transient.published import BETA2, SCENE, STEP, TAU, PaperRun, advance, largest_step
 from fivcore.transient.segment import count_in
 from fivcore.transient.statistics import begin
 from tests.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.segment import INTERVAL, Segment, count_in, room_for_sticks
@@ -15,14 +14,16 @@ from fivcore.transient.statistics import SETTLING, begin
 
 
 class SteppedRun:
-    """One run in progress.
+    """One run in progress; a segment has `length` steps and does not pass step `_cut`.
 
-    A method's own `_take(first, last, samples, rows, sticks)` goes through the steps from `first` up to `last` and
-    fills the buffers; it reads at `READ_AT` of a step. A segment has `length` steps and does not pass `_cut`.
+    A method's own `_take(first, last, samples, rows, sticks)` goes through steps and fills the buffers, which are
+    read at `READ_AT` of a step.
     """
 
     READ_AT = 1.0
     _cut, _first_energy = -1, 0.0
+    _take: Any
+    stored_energy: Any
 
     def __init__(self, scene: Normalised, options: Options, step: float, length: float, fields: Any) -> None:
         self.scene, self.options, self.step = scene, options, step
@@ -63,13 +64,6 @@ class SteppedRun:
             t = np.asarray((np.arange(-(-now // every), -(-last // every)) * every + run.READ_AT) * step)
             run.segments = [Segment(t, samples, sticks[: int(record["sticks"][0])].copy(), rows)]
 
-    def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
-        raise NotImplementedError
-
-    def stored_energy(self) -> float:
-        """Energy of the modes, the element and the load, normalised."""
-        raise NotImplementedError
-
     def released_energy(self) -> float:
         """Decrease of the stored energy since the start, normalised."""
-        return self._first_energy - self.stored_energy()
+        return float(self._first_energy - self.stored_energy())
