@@ -19,8 +19,7 @@ from fivcore.beams.elements import hermite
 from fivcore.beams.modes import rig_bases
 from fivcore.contact.reduced import full_model
 from fivcore.jit import kernel
-from fivcore.transient.published import BETA2, STEP, TAU
-from fivcore.transient.published_kernel import published_contact
+from fivcore.transient.published import BETA2, STEP, TAU, published_contact
 from studies.accuracy_track import Track
 
 Array = NDArray[np.float64]

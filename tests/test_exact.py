@@ -11,10 +11,10 @@ import pytest
 from fivcore import ContactError, DivergenceError, Rig, Scene, simulate
 from fivcore.contact.ablation import with_relaxation_time
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
-from fivcore.transient import exact_kernels, exact_regimes
+from fivcore.transient import exact, exact_kernels
 from fivcore.transient import fast_scene as at
 from fivcore.transient.exact import DWELL, HELD, ExactRun, states_at
-from fivcore.transient.exact_kernels import DRAG, PULL, Q_R, V_R, A, P, S, prescribed, search
+from fivcore.transient.exact_kernels import DRAG, PULL, Q_R, V_R, A, P, S, search, waves_at
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_solver import take
 from fivcore.transient.normalised import Normalised, State, displacement, slip_distance
@@ -261,10 +261,11 @@ def test_energy_of_other_rigs(seed):
     assert energy_residual(run) < 1e-10
 
 
-def value_and_slope(eigenvalues, amplitudes, forced, start, s):
+def value_and_slope(eigenvalues, factors, start, s):
     """One function of `search` and its derivative at s."""
-    d = prescribed(start, s)
-    waves = amplitudes * np.exp(eigenvalues * s)
+    m, out = len(eigenvalues), np.empty(len(factors), dtype=complex)
+    waves_at(eigenvalues, start, s, out)
+    waves, d, forced = factors[:m] * np.exp(eigenvalues * s), out[m:].real, factors[m:].real
     slope = forced[S] * d[P] + forced[P] * d[A] + forced[Q_R] * d[V_R]
     slope += forced[V_R] * (start[PULL] - start[DRAG] * d[V_R])
     return waves.sum().real + forced @ d, (waves * eigenvalues).sum().real + slope
@@ -282,15 +283,12 @@ class Watched(ExactRun):
             self.distances.append(abs(f / slope))
             # Between events nothing watched is negative.
             for t in np.linspace(self._origin + DWELL, self._stop - DWELL, 7):
-                self.least = min([self.least, *(self.watch(i, t)[0] for i in range(len(self._regime.margins[0])))])
+                self.least = min([self.least, *(self.watch(i, t)[0] for i in range(len(self._regime.margins)))])
         super()._next_regime()
 
     def watch(self, i: int, t: float) -> tuple[float, float]:
         r = self._regime
-        modal, forced = r.margins
-        return value_and_slope(
-            r.eigenvalues, modal[i] * self._amplitudes, forced[i], self._start, t - self._origin
-        )
+        return value_and_slope(r.eigenvalues, r.margins[i] * self._amplitudes, self._start, t - self._origin)
 
 
 def test_events_are_where_their_function_vanishes():
@@ -304,14 +302,14 @@ def test_events_are_where_their_function_vanishes():
     assert run.least > -1e-12
 
 
-NO_DRIFT, NO_START = np.zeros((1, 6)), np.zeros(8)
+NO_START = np.zeros(8)
 NO_START[3] = 1.0
 
 
 def waves(*terms):
-    """Rates and amplitudes for `search`, from pairs."""
+    """Rates and factors for `search`, from pairs of rate and amplitude, without drift."""
     rates = np.array([rate for rate, _ in terms], dtype=complex)
-    return rates, np.array([[amplitude for _, amplitude in terms]], dtype=complex)
+    return rates, np.array([[*(amplitude for _, amplitude in terms), *np.zeros(6)]], dtype=complex)
 
 
 def test_a_pair_of_crossings_between_samples_is_found():
@@ -319,11 +317,11 @@ def test_a_pair_of_crossings_between_samples_is_found():
     for dip in (1e-6, 1e-9, 1e-12):
         # 1 - dip + cos: negative for about sqrt(8 dip) / omega, 4.5 ns down to 4.5 ps.
         system = waves((0.0, 1.0 - dip), (1j * omega, np.exp(1j * phase)))
-        time, which = search(*system, NO_DRIFT, NO_START, np.zeros(1, dtype=np.int64), 1e-3)
+        time, which = search(*system, NO_START, np.zeros(1, dtype=np.int64), 1e-3)
         assert which == 0
         assert time == pytest.approx((np.pi - phase - np.sqrt(2.0 * dip)) / omega, abs=2e-14)
         near = waves((0.0, 1.0 + dip), (1j * omega, np.exp(1j * phase)))
-        assert search(*near, NO_DRIFT, NO_START, np.zeros(1, dtype=np.int64), 1e-4) == (1e-4, -1)
+        assert search(*near, NO_START, np.zeros(1, dtype=np.int64), 1e-4) == (1e-4, -1)
 
 
 def test_the_first_crossing_of_random_sums_is_found():
@@ -334,14 +332,16 @@ def test_the_first_crossing_of_random_sums_is_found():
         parts = rng.normal(size=(1, 6)) + 1j * rng.normal(size=(1, 6))
         drift, start = np.zeros((1, 6)), np.array([1e-3, 2.0, 1e3, 1.0, 0.0, 0.0, 0.0, 0.0])
         drift[0, :4] = rng.normal(), rng.normal(), 0.0, 12.0 * rng.uniform()
-        drift[0, 3] += max(0.0, 0.1 - value_and_slope(rates, parts[0], drift[0], start, 0.0)[0])
-        time, which = search(rates, parts, drift, start, np.zeros(1, dtype=np.int64), 1e-4)
+        factors = np.hstack([parts, drift])
+        factors[0, 9] += max(0.0, 0.1 - value_and_slope(rates, factors[0], start, 0.0)[0])
+        drift = factors[:, 6:].real
+        time, which = search(rates, factors, start, np.zeros(1, dtype=np.int64), 1e-4)
         t = np.linspace(0.0, 1e-4, 20_001)
         f = (parts[0] * np.exp(np.outer(t, rates))).real.sum(axis=1)
         f += drift[0, 0] * (1e-3 + 2.0 * t + 500.0 * t**2) + drift[0, 1] * (2.0 + 1e3 * t) + drift[0, 3]
         assert (f[t < time - 1e-12] > 0.0).all()
         if which == 0:
-            value, slope = value_and_slope(rates, parts[0], drift[0], start, time)
+            value, slope = value_and_slope(rates, factors[0], start, time)
             assert abs(value / slope) < 1e-13
             found += 1
         else:
@@ -358,10 +358,10 @@ def test_what_begins_at_zero_departs_and_returns(order):
         2: (waves((0.0, 1.0), (1j * omega, -1.0 - 2.0j), (2j * omega, 1.0j)), 7.0 * np.pi / 6.0),
     }
     (rates, parts), expected = sums[order]
-    time, which = search(rates, parts, NO_DRIFT, NO_START, np.array([order], dtype=np.int64), 5.0 / omega)
+    time, which = search(rates, parts, NO_START, np.array([order], dtype=np.int64), 5.0 / omega)
     assert which == 0
     assert omega * time == pytest.approx(expected, abs=1e-8)
-    assert search(rates, -parts, NO_DRIFT, NO_START, np.array([order], dtype=np.int64), 1.0) == (0.0, 0)
+    assert search(rates, -parts, NO_START, np.array([order], dtype=np.int64), 1.0) == (0.0, 0)
 
 
 class Landing(ExactRun):
@@ -392,8 +392,7 @@ def test_touch_down_on_the_dashpot():
     ((t, closing, lost),) = run.landings
     C, r = run.model.C, run._regime
     jump = -(C[0, 0] - C[0, 1] ** 2 / C[1, 1]) * closing[0]
-    modal, forced = r.margins
-    N, _ = value_and_slope(r.eigenvalues, modal[0] * run._amplitudes, forced[0], run._start, 0.0)
+    N, _ = value_and_slope(r.eigenvalues, r.margins[0] * run._amplitudes, run._start, 0.0)
     assert t == pytest.approx(1e-7, rel=0.01)
     assert pytest.approx(jump, rel=1e-9) == N
     assert abs(lost) < 1e-12 * closing[0] ** 2
@@ -524,19 +523,19 @@ def until_separation(duration=0.012):
 
 @pytest.mark.skipif(np.finfo(LONG).eps > 1e-18, reason="this machine has no extended precision")
 def test_where_extended_precision_is_double_the_loss_is_what_is_told(monkeypatch):
-    """The figures of `fivcore.transient.exact_regimes`."""
+    """The figures at `fivcore.transient.exact.REAL`."""
     damped = Scene(0.02, 5.0, 0.2, 9.0, Rig(d1=1e5))
     states, events, residual, stiffness = until_separation()
     simulate(damped, 1e-3, "exact")
-    monkeypatch.setattr(exact_regimes, "REAL", np.float64)
-    monkeypatch.setattr(exact_regimes, "COMPLEX", np.complex128)
-    exact_regimes.regimes.cache_clear()
+    monkeypatch.setattr(exact, "REAL", np.float64)
+    monkeypatch.setattr(exact, "COMPLEX", np.complex128)
+    exact.regimes.cache_clear()
     try:
         there, later, lost, _ = until_separation()
         with pytest.raises(DivergenceError, match="lost in the rounding"):
             simulate(damped, 1e-3, "exact")
     finally:
-        exact_regimes.regimes.cache_clear()
+        exact.regimes.cache_clear()
     weights = np.concatenate([stiffness, np.ones(len(stiffness))])
     change = np.sqrt((weights * (there - states) ** 2).sum(axis=1) / (weights * states**2).sum(axis=1))
     assert 1e-11 < change.max() < 1e-8
@@ -556,6 +555,8 @@ def test_distance_driven_until_the_first_slip():
 
 
 def test_the_quadrature_is_gausss():
-    points, weights = np.polynomial.legendre.leggauss(8)
+    nodes = np.array([0.18343464249564978, 0.525532409916329, 0.7966664774136267, 0.9602898564975362])
+    halves = np.array([0.36268378337836166, 0.3137066458778869, 0.22238103445337443, 0.10122853629037706])
+    points, weights = np.append(-nodes[::-1], nodes), np.append(halves[::-1], halves)
     np.testing.assert_allclose(exact_kernels.POINTS, points, rtol=1e-14)
     np.testing.assert_allclose(exact_kernels.WEIGHTS, weights, rtol=1e-14)

@@ -11,8 +11,7 @@ from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
-from fivcore.transient.published_kernel import SCENE, advance
+from fivcore.transient.published import BETA2, SCENE, STEP, TAU, PaperRun, advance, largest_step
 from fivcore.transient.record import count_in
 from fivcore.transient.statistics import begin
 from tests.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
@@ -263,9 +262,9 @@ def stepped(
     record["gap_N"], record["gap_T"] = normal @ reach, tangential @ reach
     record["last_gT"], record["last_T"], record["contact"] = tangential @ q, last_T, SLIP
     record["sample_every"], record["row_every"], record["stick_room"] = steps, 1, steps
-    rows, samples, still = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3)), np.zeros(0)
+    rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3))
     modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
-    advance(record, steps, modes, f, (still, still), q, vs, a, reach, samples, rows, np.empty((steps, 2)))
+    advance(record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, np.empty((steps, 2)))
     return rows, q
 
 

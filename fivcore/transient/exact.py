@@ -1,10 +1,14 @@
 """`method="exact"`: the reduced model with the absorbing element, integrated from event to event.
 
-In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear.
-It is propagated by its eigenvalues (`exact_regimes`) to the first zero of one of the regime's margins, found by a
-certified search (`exact_kernels`). So there is neither order nor time step: `step` is the grid on whose midpoints
-statistics and series are read. The error is rounding, some 1e-13 of the motion until the first slip, which flutter
-then amplifies to 1e-10 at the first separation.
+In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear in
+x: (q, v) of the kept modes, with u_T in slip and u in separation. With the prescribed motion d of
+`fivcore.transient.exact_kernels`, d' = D d, x' = M x + B d and M z_k = lambda_k z_k,
+
+    x(s) = Re sum_k c_k z_k exp(lambda_k s) + E d(s),     M E + B = E D,
+
+up to the first zero of a margin, found by a certified search. So there is neither order nor time step: `step` is
+the grid on whose midpoints statistics and series are read. The error is rounding, some 1e-13 of the motion until
+the first slip, which flutter then amplifies to 1e-10 at the first separation.
 
 An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
@@ -13,20 +17,21 @@ gap or cone were overstepped meanwhile, the decision changes the element's displ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.ablation import modified
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.errors import ContactError, DivergenceError, not_unique
-from fivcore.jit import Array
-from fivcore.transient.exact_kernels import SCENE, S, integrate, prescribed, sample, search, switch
-from fivcore.transient.exact_regimes import SLIP_DOWN, SLIP_UP, regimes
+from fivcore.jit import Array, Complex
+from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
-from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
-from fivcore.transient.statistics import SEPARATION, SETTLING, STICK, begin
+from fivcore.transient.statistics import SEPARATION, STICK
+from fivcore.transient.stepped import SteppedRun
 
 # An event this soon after another is not acted on, s.
 DWELL = 1e-10
@@ -37,9 +42,19 @@ MOST_GROWTH, LOST = 10.0, 1e-9
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, and length of a segment, s.
 STEP, SEGMENT = 1e-6, 0.04
+# Slip with T = mu N and with T = -mu N; the other regimes have the numbers of `fivcore.transient.statistics`.
+SLIP_UP, SLIP_DOWN = 2, 3
+# Largest condition number of an eigenbasis, number of refinements.
+WORST, REFINEMENTS = 1e9, 2
+# Types of the refinement, with a mantissa of 64 bits on x86-64. Where it has the 53 bits of double (MSVC, macOS on
+# arm64) two to three digits are lost: with the paper's rig at 20 mm/s states up to the first separation change by
+# 5e-9 of the motion, events by 2e-13 s, and the energy residual grows from 6e-15 to 5e-13. A rig with d1 = 1e5 1/s
+# then raises `fivcore.DivergenceError`.
+REAL: Any = np.longdouble
+COMPLEX: Any = np.clongdouble
 
 
-class ExactRun:
+class ExactRun(SteppedRun):
     """One run in progress; `held` counts the events within DWELL of the last one.
 
     Raises
@@ -50,104 +65,66 @@ class ExactRun:
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
 
+    READ_AT = 0.5
+
     def __init__(self, scene: Normalised, options: Options) -> None:
-        self.scene, self.options, self.ramp = scene, options, options.ramp
         model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
-        self.model = modified(model, options.modify)
-        _require_element(self.model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff)
-        critical = self.model.critical_mu(None)
+        self.model = model = modified(model, options.modify)
+        cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
+        if not model.K.any():
+            raise ValueError(
+                f"cutoff = {cutoff:g}: it keeps every mode of this rig, and method 'exact' needs an element for"
+                " the others; use a lower cutoff or method 'fast'"
+            )
+        if not model.C.any():
+            raise ValueError(
+                f"cutoff = {cutoff:g}: the relaxation time of this rig's element is 0, and method 'exact' needs a"
+                " dashpot; use another cutoff or method 'fast'"
+            )
+        critical = model.critical_mu(None)
         if scene.mu >= critical:
             raise not_unique(scene.mu, critical)
-        model, rate = self.model, options.sampling_rate
-        self.step = STEP if options.step is None else options.step
-        self.steps = max(round(options.duration / self.step), 1)
-        every = max(round(INTERVAL / self.step), 1)
-        self.rate = 1.0 / (every * self.step)
-        self.record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
-        self.record["sample_every"] = every
-        self.record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
-        self.segments: list[Segment] = []
+        step = STEP if options.step is None else options.step
+        super().__init__(scene, options, step, round(SEGMENT / step), SCENE)
         self._shape = np.stack([model.normal, model.tangential])
         self._regimes = regimes(model, scene.mu)
-        eigenvalues = np.concatenate([regime.eigenvalues for regime in self._regimes])
-        self._finest = 0.25 / float(np.abs(eigenvalues).max())
-        self._longest = 2.5 / float(np.abs(eigenvalues.imag).max())
-        if float(eigenvalues.real.max()) * DWELL > MOST_GROWTH:
+        if max(regime.eigenvalues.real.max() for regime in self._regimes) * DWELL > MOST_GROWTH:
             raise ContactError(
                 f"{not_unique(scene.mu, critical)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
             )
         stored = np.sum(model.stiffness * model.rest**2)
         self._size = float(stored + scene.speed_per_load**2 * np.sum(model.inertia**2))
-        self._taken, self._now, self.held = 0, 0.0, 0
-        self._sticks = np.empty((0, 2))
-        self._begin(options.initial)
-
-    def _begin(self, initial: State | None) -> None:
-        """Enter the first regime in the full state (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`."""
-        model, n = self.model, len(self.model.stiffness)
+        self._now, self.held = 0.0, 0
+        # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`.
+        initial, n = options.initial, len(model.stiffness)
         contact = STICK if initial is None else initial.contact
         y = np.zeros(2 * n + 2)
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
             y[n : 2 * n] = initial.velocity[model.kept]
             # The element's displacement is that of the modes that are not kept.
-            full = full_model(self.scene.rig, self.scene.theta)
+            full = full_model(scene.rig, scene.theta)
             dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
             y[2 * n :] = dropped @ initial.displacement - np.linalg.solve(model.K, [1.0, 0.0])
-        if self.ramp == 0.0:
-            y[n : 2 * n] += model.inertia * self.scene.speed_per_load
+        if options.ramp == 0.0:
+            y[n : 2 * n] += model.inertia * scene.speed_per_load
         self.record["contact"] = contact
         self._first_energy = self._energy_of(y)
         self._decide(0.0, y, contact)
 
-    @property
-    def done(self) -> bool:
-        """Whether the run has come to its end."""
-        return self._taken >= self.steps
-
-    @property
-    def time(self) -> float:
-        """Time up to which the run has come, s."""
-        return self._taken * self.step
-
-    @staticmethod
-    def advance(runs: Sequence[ExactRun]) -> None:
-        """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
-        for run in runs:
-            run._advance()
-
-    def _advance(self) -> None:
-        record, step, first = self.record, self.step, self._taken
-        every, row_every = int(record["sample_every"][0]), int(record["row_every"][0])
-        last = min(first + max(round(SEGMENT / step), 1), self.steps)
-        samples = np.empty((count_in(first, last, every), 3))
-        rows = np.empty((count_in(first, last, row_every), 6))
-        # A step may hold more than one event.
-        room = room_for_sticks(first * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
-        self._sticks = np.empty((room, 2))
-        record["samples"] = record["rows"] = record["sticks"] = 0
-        record["stick_room"] = room
-        self._pass_through(first, last, samples, rows)
-        self._taken = last
-        begun = -(-first // every)
-        t = np.asarray((np.arange(begun, begun + len(samples)) * every + 0.5) * step)
-        self.segments = [Segment(t, samples, self._sticks[: int(record["sticks"][0])].copy(), rows)]
-
-    def _pass_through(self, i: int, target: int, samples: Array, rows: Array) -> None:
-        """Go on from step `i` to the end of step `target` - 1, through as many regimes as it takes."""
-        model, step, goal = self.model, self.step, target * self.step
+    def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
+        goal = last * self.step
         while True:
-            r, end, until = self._regime, goal, target
+            r, end, until = self._regime, goal, last
             if self._stop < goal:
-                end, until = self._stop, min(max(int(np.ceil(self._stop / step - 0.5)), i), target)
-            motion = (r.eigenvalues, self._amplitudes, *r.outputs, self._start)
-            sample(motion, self._origin, step, i, until, self.record, samples, rows)
-            integrate(
-                motion, self._now - self._origin, end - self._origin, self._finest, self._longest,
-                model.damping, model.inertia, model.C, self.record,
+                end, until = self._stop, min(max(int(np.ceil(self._stop / self.step - 0.5)), first), last)
+            motion = (r.eigenvalues, self._amplitudes, r.outputs, self._start)
+            observe(
+                motion, min(self._which, SLIP_UP), self._origin, self._now, end, self.step, first, until,
+                self.record, samples, rows, sticks,
             )  # fmt: skip
-            i, self._now = until, end
+            first, self._now = until, end
             if self._stop >= goal or not np.isfinite(self._amplitudes).all():
                 return
             self._next_regime()
@@ -162,8 +139,8 @@ class ExactRun:
         """
         model, r, n = self.model, self._regimes[which], len(self.model.stiffness)
         end, acceleration = self.steps * self.step, 0.0
-        if t < self.ramp:
-            end, acceleration = min(self.ramp, end), self.scene.speed_per_load / self.ramp
+        if t < self.options.ramp:
+            end, acceleration = min(self.options.ramp, end), self.scene.speed_per_load / self.options.ramp
         start = np.array([0.0, self._clamp_velocity(t), acceleration, 1.0, 0.0, 0.0, 0.0, 0.0])
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
@@ -171,7 +148,7 @@ class ExactRun:
             j = int(np.argmin(model.stiffness))
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
         self._which, self._regime, self._origin, self._start = which, r, t, start
-        self._amplitudes = r.amplitudes[0] @ y + r.amplitudes[1] @ start[:6]
+        self._amplitudes = np.append(r.entry @ np.append(y, start[:6]), np.ones(6))
         entered, energy = self._state_at(t), self._energy_of(y)
         # A mode slower than all others by many orders of magnitude responds to the drive with a displacement so
         # large that the digits of the motion are lost in it.
@@ -182,9 +159,8 @@ class ExactRun:
                 f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it"
             )
         self.record["impact"] += energy - self._energy_of(entered)
-        switch(self.record, min(which, 2), t, self._sticks)
-        margins, left = r.margins[0] * self._amplitudes, max(end - t, 0.0)
-        length, self._event = search(r.eigenvalues, margins, r.margins[1], start, np.array(orders), left)
+        margins, left = r.margins * self._amplitudes, max(end - t, 0.0)
+        length, self._event = search(r.eigenvalues, margins, start, np.array(orders), left)
         self._stop = end if self._event == BOUNDARY else t + length
         if self._event != BOUNDARY and length < DWELL:
             self._stop, self._event = t + DWELL, HELD
@@ -225,19 +201,13 @@ class ExactRun:
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
 
     def _clamp_velocity(self, t: float) -> float:
-        return self.scene.speed_per_load * t / self.ramp if t < self.ramp else self.scene.speed_per_load
+        ramp = self.options.ramp
+        return self.scene.speed_per_load * (t / ramp if t < ramp else 1.0)
 
     def _state_at(self, t: float) -> Array:
-        r, s = self._regime, t - self._origin
-        modal, forced = r.state
-        waves = self._amplitudes * np.exp(r.eigenvalues * s)
-        return np.asarray((modal @ waves).real + forced @ prescribed(self._start, s))
-
-    def state_at(self, t: float) -> Array:
-        """Go on to time `t` without statistics; return modal displacements, velocities and the element's state."""
-        while self._stop <= t:
-            self._next_regime()
-        return self._state_at(t)
+        waves = np.empty_like(self._amplitudes)
+        waves_at(self._regime.eigenvalues, self._start, t - self._origin, waves)
+        return np.asarray((self._regime.state @ (self._amplitudes * waves)).real)
 
     def _energy_of(self, y: Array) -> float:
         model, n = self.model, len(self.model.stiffness)
@@ -248,28 +218,10 @@ class ExactRun:
         """Energy of the modes about the equilibrium, the element and the load, normalised."""
         return self._energy_of(self._state_at(self._now))
 
-    def released_energy(self) -> float:
-        """Decrease of the stored energy since the start, normalised."""
-        return self._first_energy - self.stored_energy()
-
     def calm(self, floor: float) -> bool:
         """Set amplitudes below `floor` to zero; False where one is not finite."""
         self._amplitudes[np.abs(self._amplitudes) < floor] = 0.0
         return bool(np.isfinite(self._amplitudes).all())
-
-
-def _require_element(model: ReducedModel, cutoff: float) -> None:
-    """Refuse a model in which nothing, or a spring alone, stands for the modes above the cut-off."""
-    if not model.K.any():
-        raise ValueError(
-            f"cutoff = {cutoff:g}: it keeps every mode of this rig, and method 'exact' needs an element for the"
-            " others; use a lower cutoff or method 'fast'"
-        )
-    if not model.C.any():
-        raise ValueError(
-            f"cutoff = {cutoff:g}: the relaxation time of this rig's element is 0, and method 'exact' needs a"
-            " dashpot; use another cutoff or method 'fast'"
-        )
 
 
 def states_at(
@@ -282,4 +234,121 @@ def states_at(
     """
     end = float(times[-1]) + DWELL
     run = ExactRun(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
-    return np.stack([run.state_at(float(t))[:-2] for t in times])
+    states = []
+    for t in times:
+        while run._stop <= t:
+            run._next_regime()
+        states.append(run._state_at(float(t))[:-2])
+    return np.stack(states)
+
+
+class Regime(NamedTuple):
+    """One linear regime in its eigenbasis; real parts of the products of these factors count.
+
+    Eigenvalues are in 1/s. `entry` gives c at the start from the full state (q, v, u_N, u_T) and d, where c of a
+    pair of eigenvalues counts twice. From w follow the full `state`, the `margins`, which stay positive within the
+    regime, and, in real and imaginary parts and transposed, the `outputs` of `fivcore.transient.exact_kernels`.
+    """
+
+    eigenvalues: Complex  # (m,)
+    entry: Complex  # (m, 2n + 8)
+    state: Complex  # (2n + 2, m + 6)
+    margins: Complex  # (k, m + 6)
+    outputs: Array  # (2, m + 6, 9 + n)
+
+
+@lru_cache(maxsize=32)
+@one_blas_thread()
+def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
+    """Return the four regimes of a model with an absorbing element."""
+    return tuple(_regime(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
+
+
+def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
+    """Write one regime's equations as rows of factors of (x, d), and change to its eigenbasis."""
+    modal = (model.stiffness, model.damping, model.normal, model.tangential, model.inertia, model.point_b)
+    k, c, normal, tangential, inertia, point_b, K, C = (part.astype(REAL) for part in (*modal, model.K, model.C))
+    n, rigid = len(k), int(np.argmin(model.stiffness))
+    # P1's rigid mode is part of d in separation, u_N is -g_N in contact, and u_T follows the clamp in stick.
+    dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
+    x = np.delete(np.arange(2 * n + 2), dependent)
+    unit = np.delete(np.eye(2 * n + 8, dtype=REAL), dependent, axis=1)
+    q, v, u, d = np.split(unit, [n, 2 * n, 2 * n + 2])
+    if which == SEPARATION:
+        q[rigid], v[rigid] = d[Q_R], d[V_R]
+    g_N, rate_N, rate_T = normal @ q, normal @ v, tangential @ v - d[P]
+    load = np.stack([d[ONE], 0.0 * d[ONE]])
+    rate, force = np.zeros((2, *u.shape), dtype=REAL)
+    if which == SEPARATION:
+        rate = -np.linalg.inv(model.C) @ (K @ u + load)
+    else:
+        m = mu if which == SLIP_UP else -mu
+        u[0], rate[0] = -g_N, -rate_N
+        if which == STICK:
+            u[1], rate[1] = d[S] - tangential @ q, -rate_T
+        else:
+            # T = m N: K_T u + C_T u' = m (K_N u + C_N u' + 1), solved for u_T'.
+            stiff, viscous = K[1] - m * K[0], C[1] - m * C[0]
+            rate[1] = -(stiff @ u + viscous[0] * rate[0] - m * d[ONE]) / viscous[1]
+        force = K @ u + C @ rate + load
+    acceleration = -c[:, None] * v - k[:, None] * q + np.outer(inertia, d[A])
+    acceleration += np.stack([normal, tangential]).T @ (force - load)
+    speed = 0.0 * rate_T if which == STICK else rate_T + rate[1]
+    N, T = force
+    margins = {
+        SEPARATION: [g_N + u[0]], STICK: [N, mu * N - T, mu * N + T], SLIP_UP: [N, -speed], SLIP_DOWN: [N, speed],
+    }[which]  # fmt: skip
+    outputs = np.vstack([rate, C @ rate, inertia @ v, point_b @ v, N, T, speed, np.sqrt(c)[:, None] * v])
+    moving, size, r = np.vstack([v, acceleration, rate])[x], len(x), int(np.sum(x < n))
+    # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.
+    omega = np.sqrt(np.maximum(-np.diag(moving[r : 2 * r, :r]).astype(float), 1.0))
+    scale = np.concatenate([omega, np.ones(r), np.full(size - 2 * r, np.sqrt(model.K[1, 1]))])
+    matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
+    # D is nilpotent where B is not zero: three iterations solve for E, the others refine.
+    inverse, steady, D = np.linalg.inv(matrix.astype(float)), np.zeros_like(forcing), np.zeros((6, 6))
+    D[S, P] = D[P, A] = 1.0
+    for _ in range(3 + REFINEMENTS):
+        steady += inverse @ (steady @ D - forcing - matrix @ steady)
+    eigenvalues, vectors, back = _eigenbasis(matrix)
+    kept = eigenvalues.imag >= 0.0
+    eigenvalues, vectors, steady = eigenvalues[kept], vectors[:, kept] / scale[:, None], steady / scale[:, None]
+    back = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[:, None] * back[kept] * scale
+    # (x, d) from w.
+    change = np.block([[vectors, steady], [np.zeros((6, vectors.shape[1])), np.eye(6)]])
+    entry = back @ np.hstack([np.eye(2 * n + 2)[x], -steady])
+    state, watched, seen = (
+        (rows @ change).astype(complex) for rows in (np.vstack([q, v, u]), np.stack(margins), outputs)
+    )
+    return Regime(
+        eigenvalues.astype(complex), entry.astype(complex), state, watched, np.stack([seen.real.T, seen.imag.T])
+    )
+
+
+def _eigenbasis(matrix: Any) -> tuple[Any, Any, Any]:
+    """Eigenvalues, eigenvectors Z and their inverse, refined by first-order perturbation, of second order.
+
+    With Z^-1 M Z = diag(lambda) + R, lambda_k grows by R_kk and Z by Z X, X_jk = R_jk / (lambda_k - lambda_j).
+    """
+    values, vectors = (part.astype(COMPLEX) for part in np.linalg.eig(matrix.astype(float)))
+    real = values.imag == 0.0
+    # Rows are scaled to the same size before the condition number is judged: close to the friction at which slip
+    # loses its unique force, u_T is larger than all else by orders of magnitude, and no two eigenvalues coincide.
+    units = 1.0 / np.abs(vectors).sum(axis=1)
+    basis = (units[:, None] * vectors).astype(complex)
+    if np.linalg.cond(basis) > WORST:
+        raise ValueError(
+            "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
+            " mu or theta in the eighth digit"
+        )
+    back, one = np.linalg.inv(basis).astype(COMPLEX) * units, np.eye(len(values))
+    for _ in range(REFINEMENTS):
+        back = back + back @ (one - vectors @ back)
+        residual = back @ (matrix @ vectors - vectors * values)
+        values = values + np.diag(residual)
+        distance = values - values[:, None]
+        # Eigenvalues that coincide here are decoupled, since the condition number is small.
+        close = np.abs(distance) <= 1e-9 * np.abs(values)
+        vectors = vectors + vectors @ np.where(close, 0.0, residual / np.where(close, 1.0, distance))
+    back = back + back @ (one - vectors @ back)
+    # Rounding must not make a real eigenvalue one of a pair.
+    return np.where(real, values.real, values), vectors, back

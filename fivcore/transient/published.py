@@ -11,11 +11,12 @@ T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T 
 a = a* + force / (1 + b dt c), v = v* + b dt a and q = q + dt v + dt^2 a / 2.
 
 This is Newmark's method with beta = 0 and gamma = b. For b > 1/2 it is of first order and adds (b - 1/2) dt to d2.
+The kernel adds its sums in a fixed order, with the same bits on every machine: the yardstick of other methods.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +24,12 @@ from fivcore.contact.law import ratio
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import not_unique
-from fivcore.jit import Array
+from fivcore.jit import Array, inlined, kernel
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
-from fivcore.transient.normalised import Normalised, State
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.published_kernel import SCENE, advance
-from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
-from fivcore.transient.statistics import SEPARATION, SETTLING, SLIP, STICK, begin
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
+from fivcore.transient.stepped import SteppedRun
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
 STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
@@ -37,6 +37,15 @@ STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
 ADDED_DAMPING = (BETA2 - 0.5) * STEP
 # Length of a segment, s.
 SEGMENT = 0.02
+# The modal damping is sampled every so many steps for the energy balance.
+SAMPLED = 64
+
+# Step, beta2, dt / tau, friction, drive, gaps that unit forces close within a step (W); free gaps of the present
+# step, g_T and T at the end of the last one; contact state, the present step, the step from which statistics
+# count, intervals and numbers of samples and rows of the record.
+_NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
+_WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
+SCENE = np.dtype([*FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE)])
 
 
 def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
@@ -51,13 +60,12 @@ def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
     return (damped + float(np.sqrt(0.5 * beta2 + damped**2))) / (0.5 * beta2 * omega)
 
 
-class PaperRun:
+class PaperRun(SteppedRun):
     """One run in progress."""
 
     def __init__(self, scene: Normalised, options: Options) -> None:
-        self.scene, self.options = scene, options
         self.model = model = full_model(scene.rig, scene.theta)
-        self.step = dt = STEP if options.step is None else options.step
+        dt = STEP if options.step is None else options.step
         self._b = b = BETA2 if options.beta2 is None else options.beta2
         limit = largest_step(model.stiffness, model.damping, b)
         if dt > limit:
@@ -69,40 +77,30 @@ class PaperRun:
         critical = ratio(W[0] * (1.0 + r) / r, W[1])
         if scene.mu >= critical:
             raise not_unique(scene.mu, critical)
-        self.steps = max(round(options.duration / dt), 1)
-        direction, rate = options.contact_motion, options.sampling_rate
-        self._motion = ContactMotion(scene, options.ramp, direction) if direction else None
-        self._slide = (np.zeros(0), np.zeros(0))
+        direction, ramp, speed = options.contact_motion, options.ramp, scene.speed_per_load
+        self._motion = ContactMotion(scene, ramp, direction) if direction else None
+        length = STRETCH / (abs(self._motion.speed) * dt) if self._motion else round(SEGMENT / dt)
+        super().__init__(scene, options, dt, length, SCENE)
+        self._slide = np.zeros((2, 0))
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
-        # Number of steps of the ramp; none ends at step -1.
-        self._ramp_ends = round(options.ramp / dt) if options.ramp > 0.0 else -1
-        sample_every = max(round(INTERVAL / dt), 1)
-        self.rate = 1.0 / (sample_every * dt)
-        self.segments: list[Segment] = []
-        self.record = record = begin(np.zeros(1, SCENE), options.settle, SETTLING, options.min_stick)
+        record = self.record
         record["dt"], record["b"], record["r"], record["mu"] = dt, b, r, scene.mu
-        record["speed"], record["ramp"] = scene.speed_per_load, options.ramp
+        record["speed"], record["ramp"] = speed, ramp
         record["W_NN"], record["W_NT"], record["W_TT"] = W
-        record["sample_every"] = sample_every
-        record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * dt)), 1)
         record["settle"] = int(np.ceil(record["settled_from"][0] / dt - 1.0))
-        self._start(options.initial)
-
-    def _start(self, initial: State | None) -> None:
-        model, dt, ramp, record = self.model, self.step, self.options.ramp, self.record
-        speed = self.scene.speed_per_load
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
         self._load = model.stiffness * model.rest - model.normal
         q, T = model.rest.copy(), 0.0
         v, a = np.zeros((2, len(q)))
-        record["contact"] = STICK if initial is None else initial.contact
+        initial, record["contact"] = options.initial, STICK
         if initial is not None:
+            record["contact"] = initial.contact
             q, v = initial.displacement.copy(), initial.velocity.copy()
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
                 slip_rate = model.tangential @ v - (speed if ramp == 0.0 else 0.0)
-                m = -self.scene.mu * float(np.sign(slip_rate)) if initial.contact == SLIP else 0.0
+                m = -scene.mu * float(np.sign(slip_rate)) if initial.contact == SLIP else 0.0
                 push = model.normal + m * model.tangential
                 N = -float(model.normal @ a) / float(model.normal @ push)
                 a, T = a + push * N, m * N
@@ -110,12 +108,13 @@ class PaperRun:
             v = v + model.inertia * speed
         record["last_gT"], record["last_T"] = model.tangential @ q, T
         self._first_energy = self._energy_of(q, v)
-        # Modal force of P2's inertia within the ramp.
+        self._q, self._vs = q, v + dt * (1.0 - b) * a
+        # Within the ramp P2's inertia acts. A segment ends where the ramp does.
         self._push = model.inertia * speed / ramp if ramp > 0.0 else np.zeros(len(q))
         self._f = self._load + self._push
-        self._q, self._vs = q, v + dt * (1.0 - self._b) * a
+        self._cut = round(ramp / dt)
         self._predict()
-        if self._ramp_ends == 0:
+        if ramp > 0.0 and self._cut == 0:
             self._end_ramp(0)
 
     def _predict(self) -> None:
@@ -125,50 +124,26 @@ class PaperRun:
         free = q + dt * (vs + self._b * dt * a) + 0.5 * dt**2 * a
         self.record["gap_N"], self.record["gap_T"] = model.normal @ free, model.tangential @ free
 
-    @property
-    def done(self) -> bool:
-        """Whether the run has come to its end."""
-        return bool(self.record["now"][0] >= self.steps)
-
-    @property
-    def time(self) -> float:
-        """Time up to which the run has come, s."""
-        return float(self.record["now"][0]) * self.step
-
-    @staticmethod
-    def advance(runs: Sequence[PaperRun]) -> None:
-        """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
-        for run in runs:
-            run._advance()
-
-    def _advance(self) -> None:
-        record, motion, dt = self.record, self._motion, self.step
-        now = int(record["now"][0])
-        length = round(SEGMENT / dt) if motion is None else int(STRETCH / (abs(motion.speed) * dt))
-        last = min(now + max(length, 1), self.steps)
-        if now < self._ramp_ends:
-            last = min(last, self._ramp_ends)
-        if motion is not None:
-            self._follow(motion, now, last)
-        model, every = self.model, int(record["sample_every"][0])
-        samples = np.empty((count_in(now, last, every), 3))
-        rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
-        room = room_for_sticks(now * dt, last * dt, float(record["least_stick"][0]), dt)
-        sticks = np.empty((room, 2))
-        record["samples"] = record["rows"] = record["sticks"] = 0
-        record["stick_room"] = room
+    def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
+        if self._motion is not None:
+            # The contact point is taken along with P2.
+            model, after = (
+                moved_model(self.model, self.scene, self._motion.position((i + 1) * self.step))
+                for i in (first, last)
+            )
+            shift = np.stack([after.normal - model.normal, after.tangential - model.tangential])
+            self.model, self._slide = model, shift / (last - first)
+            W = contact_closing(model, self.step, self._b)
+            self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
+        model, before = self.model, self._q.copy()
         # The kernel moves the gap shapes along with the contact point.
         shapes = (model.normal.copy(), model.tangential.copy())
         modes = (model.stiffness, model.damping, self._inverse, *shapes, model.point_b)
-        before, free = self._q.copy(), np.empty_like(self._q)
-        state = (self._q, self._vs, self._a)
-        advance(record, last, modes, self._f, self._slide, *state, free, samples, rows, sticks)
+        state = (self._q, self._vs, self._a, np.empty_like(self._q))
+        advance(self.record, last, modes, self._f, self._slide, *state, samples, rows, sticks)
         # The accelerating clamp works on the inertia of P2; its work on the contact is counted in the kernel.
-        record["work"] += np.sum((self._f - self._load) * (self._q - before))
-        first = -(-now // every)
-        t = np.asarray((np.arange(first, first + len(samples)) * every + 1.0) * dt)
-        self.segments = [Segment(t, samples, sticks[: int(record["sticks"][0])].copy(), rows)]
-        if last == self._ramp_ends:
+        self.record["work"] += np.sum((self._f - self._load) * (self._q - before))
+        if last == self._cut:
             self._end_ramp(last)
 
     def _end_ramp(self, step: int) -> None:
@@ -182,27 +157,12 @@ class PaperRun:
             self.model = moved_model(self.model, self.scene, self._motion.position((step + 1) * self.step))
         self._predict()
 
-    def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
-        """Take the contact point along with P2 through steps `first` to `last`."""
-        model, after = (
-            moved_model(self.model, self.scene, motion.position((i + 1) * self.step)) for i in (first, last)
-        )
-        steps = last - first
-        self._slide = ((after.normal - model.normal) / steps, (after.tangential - model.tangential) / steps)
-        self.model = model
-        W = contact_closing(model, self.step, self._b)
-        self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
-
     def stored_energy(self) -> float:
         """Energy of the modes and the load, normalised; v* stands for the velocity."""
         return self._energy_of(self._q, self._vs)
 
     def _energy_of(self, q: Array, v: Array) -> float:
         return float(0.5 * np.sum(v**2 + self.model.stiffness * q**2) - self._load @ q)
-
-    def released_energy(self) -> float:
-        """Decrease of the stored energy since the start, normalised."""
-        return self._first_energy - self.stored_energy()
 
     def calm(self, floor: float) -> bool:
         """Set numbers below `floor` to zero; False where one is not finite."""
@@ -213,7 +173,120 @@ class PaperRun:
 
 def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[float, float, float]:
     """Gaps that unit forces close within one step, m/N: NN, NT, TT."""
-    inverse = 1.0 / (1.0 + beta2 * step * model.damping)
-    scale = step**2 * (beta2 + 0.5)
+    inverse, scale = 1.0 / (1.0 + beta2 * step * model.damping), step**2 * (beta2 + 0.5)
     n, t = model.normal, model.tangential
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
+
+
+@inlined
+def _gaps(normal: Any, tangential: Any, q: Any) -> Any:
+    """Normal and tangential gap, each added four at a time."""
+    n0, n1, n2, n3, t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    whole = q.shape[0] // 4 * 4
+    for j in range(0, whole, 4):
+        n0 += normal[j] * q[j]
+        n1 += normal[j + 1] * q[j + 1]
+        n2 += normal[j + 2] * q[j + 2]
+        n3 += normal[j + 3] * q[j + 3]
+        t0 += tangential[j] * q[j]
+        t1 += tangential[j + 1] * q[j + 1]
+        t2 += tangential[j + 2] * q[j + 2]
+        t3 += tangential[j + 3] * q[j + 3]
+    for j in range(whole, q.shape[0]):
+        n0 += normal[j] * q[j]
+        t0 += tangential[j] * q[j]
+    return (n0 + n1) + (n2 + n3), (t0 + t1) + (t2 + t3)
+
+
+@inlined
+def published_contact(
+    gN: float, gT: float, last_gT: float, last_T: float, WNN: float, WNT: float, WTT: float, mu: float, r: float
+) -> Any:
+    """Contact state, N and T from the free gaps and the gaps W that unit forces close within the step."""
+    if gN > 0.0:
+        return SEPARATION, 0.0, 0.0
+    back = gT - last_gT
+    determinant = WNN * WTT - WNT * WNT
+    N = (back * WNT - gN * WTT) / determinant
+    T = (gN * WNT - back * WNN) / determinant
+    if N > 0.0 and abs(T) < mu * N:
+        return STICK, N, T
+    m = mu if T > 0.0 else -mu
+    N = (-gN - WNT * last_T / (1.0 + r)) / (WNN + m * WNT * r / (1.0 + r))
+    if N <= 0.0:
+        return SEPARATION, 0.0, 0.0
+    return SLIP, N, (last_T + r * m * N) / (1.0 + r)
+
+
+@kernel
+def advance(
+    scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any,
+    rows: Any, sticks: Any,
+) -> None:  # fmt: skip
+    """Take the steps up to `last` of one scene; the record and the state change in place.
+
+    `scenes` (1,) is the record, `modes` holds k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the
+    shape at B, `f` the constant modal force, `slide` (2, n) the changes of the gap shapes in a step, empty where
+    the contact point stays; `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free,
+    each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.record.Segment`.
+    """
+    scene = scenes[0]
+    k, c, inverse, normal, tangential, point_b = modes
+    dt, b, V, ramp = scene.dt, scene.b, scene.speed, scene.ramp
+    n = q.shape[0]
+    while scene.now < last:
+        now = scene.now
+        t = (now + 1.0) * dt
+        X = 0.5 * V * t * t / ramp if t < ramp else V * (t - 0.5 * ramp)
+        if now == scene.settle:
+            clear(scene)
+        gT, was = scene.gap_T - X, scene.contact
+        contact, N, T = published_contact(
+            scene.gap_N, gT, scene.last_gT, scene.last_T, scene.W_NN, scene.W_NT, scene.W_TT, scene.mu, scene.r
+        )
+        shifted = gT + scene.W_NT * N + scene.W_TT * T
+        slip_rate = (shifted - scene.last_gT) / dt
+        scene.last_gT, scene.last_T, scene.contact = shifted, T, contact
+        count_step(scene, contact, N, abs(slip_rate), dt)
+        if contact != was:
+            if enter(scene, was, contact, t):
+                sticks[scene.sticks - 1] = (scene.last_stick, t)
+            if scene.settled_from < np.inf:
+                scene.settle = int(np.ceil(scene.settled_from / dt - 1.0))
+        scene.work += dt * T * (V * t / ramp if t < ramp else V)
+        scene.friction -= dt * T * slip_rate
+        sampled = now % scene.sample_every == 0
+        written = scene.row_every > 0 and now % scene.row_every == 0
+        if sampled or written:
+            x = 0.0
+            for j in range(n):
+                x += point_b[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
+            if sampled:
+                samples[scene.samples] = (x, slip_rate, N)
+                scene.samples += 1
+            if written:
+                rows[scene.rows] = (t, x, N, T, slip_rate, float(contact))
+                scene.rows += 1
+        if now % SAMPLED == 0:
+            x = 0.0
+            for j in range(n):
+                x += c[j] * vs[j] * vs[j]
+            scene.damped += SAMPLED * dt * x
+        # Correct this step with the force found and predict the next.
+        for j in range(n):
+            acceleration = a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]
+            v = vs[j] + b * dt * acceleration
+            x = q[j] + dt * v + 0.5 * dt * dt * acceleration
+            star = v + dt * (1.0 - b) * acceleration
+            predicted = (f[j] - k[j] * x - c[j] * star) * inverse[j]
+            q[j], vs[j], a[j] = x, star, predicted
+            free[j] = x + dt * (star + b * dt * predicted) + 0.5 * dt * dt * predicted
+        along = 0.0
+        for j in range(slide.shape[1]):
+            normal[j] += slide[0, j]
+            tangential[j] += slide[1, j]
+            along += slide[1, j] * q[j]
+        scene.gap_N, scene.gap_T = _gaps(normal, tangential, free)
+        # A change of g_T by the change of its shape is no slip.
+        scene.last_gT += along
+        scene.now = now + 1

@@ -1,0 +1,69 @@
+"""What runs of "exact" and "paper" have in common: a grid of steps, the record, and a segment's buffers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fivcore.transient.normalised import Normalised
+from fivcore.transient.options import Options
+from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.statistics import SETTLING, begin
+
+
+class SteppedRun:
+    """One run in progress; a segment has `length` steps and does not pass step `_cut`.
+
+    A method's own `_take(first, last, samples, rows, sticks)` goes through steps and fills the buffers, which are
+    read at `READ_AT` of a step.
+    """
+
+    READ_AT = 1.0
+    _cut, _first_energy = -1, 0.0
+    _take: Any
+    stored_energy: Any
+
+    def __init__(self, scene: Normalised, options: Options, step: float, length: float, fields: Any) -> None:
+        self.scene, self.options, self.step = scene, options, step
+        self.steps, self._length = max(round(options.duration / step), 1), max(int(length), 1)
+        every, rate = max(round(INTERVAL / step), 1), options.sampling_rate
+        self.rate = 1.0 / (every * step)
+        self.segments: list[Segment] = []
+        self.record = begin(np.zeros(1, fields), options.settle, SETTLING, options.min_stick)
+        self.record["sample_every"] = every
+        self.record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * step)), 1)
+
+    @property
+    def done(self) -> bool:
+        """Whether the run has come to its end."""
+        return bool(self.record["now"][0] >= self.steps)
+
+    @property
+    def time(self) -> float:
+        """Time up to which the run has come, s."""
+        return float(self.record["now"][0]) * self.step
+
+    @staticmethod
+    def advance(runs: Sequence[SteppedRun]) -> None:
+        """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
+        for run in runs:
+            record, step, now = run.record, run.step, int(run.record["now"][0])
+            last = min(now + run._length, run.steps, run._cut if now < run._cut else run.steps)
+            every = int(record["sample_every"][0])
+            samples = np.empty((count_in(now, last, every), 3))
+            rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
+            # A step of "exact" may hold more than one event.
+            room = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
+            sticks = np.empty((room, 2))
+            record["samples"] = record["rows"] = record["sticks"] = 0
+            record["stick_room"] = room
+            run._take(now, last, samples, rows, sticks)
+            record["now"] = last
+            t = np.asarray((np.arange(-(-now // every), -(-last // every)) * every + run.READ_AT) * step)
+            run.segments = [Segment(t, samples, sticks[: int(record["sticks"][0])].copy(), rows)]
+
+    def released_energy(self) -> float:
+        """Decrease of the stored energy since the start, normalised."""
+        return float(self._first_energy - self.stored_energy())
