@@ -33,11 +33,10 @@ from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspac
 
 # Samples are taken every so many steps, or at multiples of that.
 SAMPLED = 10
-# Segments, s: where motion may be settling, for that is looked for after each, and elsewhere. Of several threads
-# only one at a time can do what is done between two segments.
+# Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
 MOST_STEPS = 1_000_000
-# Rows of a record are handed over when there are about so many: of all runs under way they would fill the memory.
+# Rows of a record that are handed over at once, about.
 MOST_ROWS = 10_000
 
 

@@ -7,12 +7,10 @@ step. N, T, the velocity of B and the closing of the gap ("readings" below) foll
 
 A skip evaluates the readings where samples are due. Between two samples, m steps apart, no reading is off the
 straight line between them by more than the sum over all eigenvectors of |amplitude| min(2, |m log z|^2 / 8). Where
-N, mu N - |T| and the closing stay above that bound, no step in between can end stick. A skip leaves the state that
-its steps would have left, but for rounding.
+N, mu N - |T| and the closing stay above that bound, no step in between can end stick.
 
-Damping and the dashpot lose a quadratic form of the amplitudes in each step. Its sum over the steps of a skip is
-the difference of another quadratic form between the two ends of the skip, from geometric series in the products of
-two eigenvalues. The energy balance does not enter.
+Damping and the dashpot lose a quadratic form of the amplitudes in each step. Geometric series in the products of
+two eigenvalues sum it over a skip, so the energy balance does not enter.
 """
 
 from __future__ import annotations
@@ -30,11 +28,8 @@ from fivcore.transient import fast_scene as at
 from fivcore.transient.fast_solver import Solver
 from fivcore.transient.statistics import STICK
 
-# Eigenvectors are used where the residual of M X = X diag(z) is below this, in units in which energy is a sum of
-# squares.
-ACCURATE = 1e-10
-# Each |z| must exceed this: readings of the step before are divided by z.
-LEAST = 1e-3
+# Largest error of the eigenvectors, and smallest |z|, by which readings of the step before are divided.
+ACCURATE, LEAST = 1e-10, 1e-3
 # Eigenvalues come in so many; empty places have zero amplitude.
 EIGHT = 8
 
