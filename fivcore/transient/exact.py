@@ -48,8 +48,8 @@ SLIP_UP, SLIP_DOWN = 2, 3
 WORST, REFINEMENTS = 1e9, 2
 # Types of the refinement, with a mantissa of 64 bits on x86-64. Where it has the 53 bits of double (MSVC, macOS on
 # arm64) two to three digits are lost: with the paper's rig at 20 mm/s states up to the first separation change by
-# 5e-9 of the motion, events by 2e-13 s, and the energy residual grows from 6e-15 to 5e-13. A rig with d1 = 1e5 1/s
-# then raises `fivcore.DivergenceError`.
+# up to 5e-8 of the motion, events by 2e-12 s, and the energy residual grows from 1e-14 to 1e-12. A rig with
+# d1 = 1e5 1/s then raises `fivcore.DivergenceError`.
 REAL: Any = np.longdouble
 COMPLEX: Any = np.clongdouble
 
