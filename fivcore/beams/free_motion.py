@@ -8,19 +8,9 @@ from fivcore.jit import Array
 
 
 def propagator(stiffness: Array, damping: Array, step: float) -> Array:
-    """Matrix of the exact solution of q'' + c q' + k q = 0 over one step.
+    """Exact solution of q'' + c q' + k q = 0 over a step, s, as rows a, b, c, d of q -> a q + b v, v -> c q + d v.
 
-    Parameters
-    ----------
-    stiffness, damping : ndarray, (n,)
-        k in rad2/s2 and c in 1/s, of any size: oscillating, overdamped or free (k = 0).
-    step : float
-        Duration, s.
-
-    Returns
-    -------
-    ndarray, (4, n)
-        Rows a, b, c, d of q -> a q + b v, v -> c q + d v.
+    (4, n). k and c, (n,), in rad2/s2 and 1/s, may have any size: oscillating, overdamped or free (k = 0).
     """
     half = 0.5 * damping
     root = np.sqrt((half**2 - stiffness).astype(complex))

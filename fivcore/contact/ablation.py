@@ -25,13 +25,7 @@ def modified(model: ReducedModel, modify: Modify | None) -> ReducedModel:
 
 
 def with_relaxation_time(model: ReducedModel, tau: float) -> ReducedModel:
-    """Give the element the relaxation time `tau`, s: C = tau K; 0 makes it elastic.
-
-    Raises
-    ------
-    ValueError
-        For a tau that is not a number from 0 to 1.
-    """
+    """Give the element the relaxation time `tau`, a number from 0 (elastic) to 1 s: C = tau K."""
     return replace(_with_element(model), C=checks.between("tau", tau, 0.0, 1.0, "s") * model.K)
 
 

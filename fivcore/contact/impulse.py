@@ -42,19 +42,9 @@ class Impulse(NamedTuple):
 
 
 def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, Array]:
-    """Defect of the deflection, and mean velocity (drift), of modes at the impulses of a steady unit force; exact.
+    """Defect of the deflection, s2, and mean velocity (drift), s, of modes at the impulses of a steady unit force.
 
-    Parameters
-    ----------
-    stiffness, damping : ndarray, (n,)
-        Of modes with unit mass, rad2/s2 and 1/s.
-    step : float
-        s.
-
-    Returns
-    -------
-    defect, drift : ndarray, (n,)
-        s2, and s.
+    Both (n,) and exact, for modes of unit mass, stiffness in rad2/s2 and damping in 1/s, (n,), and a step in s.
     """
     decay, spring = 0.5 * damping * step, stiffness * step**2
     phase, small = np.sqrt((spring - decay**2).astype(complex)), spring < SMALL**2

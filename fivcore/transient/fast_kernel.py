@@ -79,13 +79,9 @@ def follow_shapes(x: Any, first: Any, count: Any) -> Any:
 
 @contracted
 def solve_contact(scene: Any, p: float, gT: float, vN: float, vT: float) -> Any:
-    """Contact state, N, T, the element's state after the step, and its u_T in the regime that the step is in.
+    """Contact state, N, T, the element's state after the step, and u_T at the start of the regime of the step.
 
-    Parameters
-    ----------
-    scene : record
-    p, gT, vN, vT : float
-        Penetration, g_T and the rates of the gaps before the impulse.
+    p, gT, vN, vT are penetration, g_T and the rates of the gaps before the impulse.
     """
     was, uN, u = scene.contact, scene.u_N, scene.u_T
     left = scene.relax_NN * uN + scene.relax_NT * u
@@ -127,12 +123,7 @@ def solve_contact(scene: Any, p: float, gT: float, vN: float, vT: float) -> Any:
 
 @contracted
 def apply_contact(scene: Any) -> Any:
-    """Contact forces of a scene's present step, with all that is counted in every step.
-
-    Returns
-    -------
-    N, T, slip rate : float
-    """
+    """N, T and slip rate in a scene's present step, with all that is counted in every step."""
     step, was = scene.step, scene.contact
     t = (scene.now + 0.5) * step
     if t < scene.ramp:
@@ -207,16 +198,9 @@ def plan(scene: Any) -> None:
 def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> None:
     """Take every scene to the end of its segment or to where a skip is to be tried.
 
-    Parameters
-    ----------
-    order : ndarray of int, (m,)
-        Which of the scenes, in the order in which they begin.
-    scenes : ndarray of `fast_scene.SCENE`, (any,)
-    modes : ndarray, (any,)
-        Blocks of modes; a scene says where its own begin.
-    samples, rows, sticks : ndarray, (any, 3), (any, 6), (any, 2)
-        Where a scene says: velocity of B, slip rate and N; time, velocity of B, N, T, slip rate and contact state;
-        begin and end of long sticks.
+    `order` (m,) are the numbers of the scenes, records of `fast_scene.SCENE`. A scene says where its own part
+    begins of `modes`, blocks in a row; of `samples` (any, 3), velocity of B, slip rate and N; of `rows` (any, 6),
+    time, velocity of B, N, T, slip rate and contact state; and of `sticks` (any, 2), begin and end.
     """
     turn = np.empty(GROUP, dtype=np.int64)
     count, waiting = 0, 0

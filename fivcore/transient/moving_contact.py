@@ -23,16 +23,7 @@ STRETCH = 5e-6
 
 @dataclass(frozen=True)
 class ContactMotion:
-    """Position of the contact point in time.
-
-    Attributes
-    ----------
-    scene : Normalised
-    ramp : float
-        Of the drive, s.
-    direction : int
-        -1: towards P2's clamp, +1: away from it.
-    """
+    """Position of the contact point in time; `ramp` in s, `direction` -1 (towards P2's clamp) or 1 (away)."""
 
     scene: Normalised
     ramp: float

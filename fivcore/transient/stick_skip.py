@@ -75,14 +75,9 @@ class SkipTables:
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
-    """Tables of a skip; None where the map of stick has no decaying eigenvectors.
+    """Tables of a skip, samples being `sample_every` steps apart; None where stick has no decaying eigenvectors.
 
-    Parameters
-    ----------
-    solver : Solver
-        With an element: without one stick and its end are not told apart by forces alone.
-    sample_every : int
-        Steps between two samples.
+    Without an element there are none either: forces alone do not tell stick and its end apart.
     """
     model, step = solver.model, solver.step
     if not model.K.any():
@@ -226,14 +221,8 @@ def rotate(factors: Any, first: Any, stride: Any, work: Any, vector: Any, out: A
 def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
     """Take scenes from a sample to the last one before which stick cannot have ended, if that is farther.
 
-    Parameters
-    ----------
-    order, scenes, modes, samples, rows
-        Those of `transient.fast_kernel.advance`, all scenes of `order` at a sample.
-    tables : ndarray, (any,)
-        Those of all scenes one behind the other; a scene says where its own begin.
-    work : ndarray, (any,)
-        See `workspace_for`.
+    Parameters are those of `transient.fast_kernel.advance`, with all scenes of `order` at a sample; the tables of
+    the scenes one behind the other, a scene says where its own begin; and a workspace of `workspace_for`.
     """
     for i in order:
         scene = scenes[i]
