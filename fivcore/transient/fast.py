@@ -417,7 +417,7 @@ class FastRun:
         return np.array([self.record["u_N"][0], self.record["u_T"][0]])
 
     def stored_energy(self) -> float:
-        """Of the modes about the equilibrium, the element and the load, normalised."""
+        """Energy of the modes about the equilibrium, the element and the load, normalised."""
         return self._energy_of(self._row(at.Q) + self._shift, self._row(at.V), self._element)
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
@@ -429,7 +429,7 @@ class FastRun:
         return float(energy)
 
     def released_energy(self) -> float:
-        """What has been taken out of the store since the start."""
+        """Decrease of the stored energy since the start, normalised."""
         return self._first_energy - self.stored_energy()
 
     def calm(self, floor: float) -> bool:

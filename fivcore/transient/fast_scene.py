@@ -1,4 +1,4 @@
-"""What `method="fast"` keeps of a scene: a record of numbers, and the rows of its blocks of modes."""
+"""Data of a scene in `method="fast"`: a record of numbers, and the rows of its blocks of modes."""
 
 from __future__ import annotations
 

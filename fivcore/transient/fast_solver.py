@@ -1,4 +1,4 @@
-"""What the steps of `method="fast"` need of a model, a friction and a step; made once and shared by scenes."""
+"""Coefficients of a model, a friction and a step for `method="fast"`, made once and shared by scenes."""
 
 from __future__ import annotations
 

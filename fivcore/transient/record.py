@@ -1,4 +1,4 @@
-"""What the methods hand to the driver after each segment, and the time series recorded from it."""
+"""Segments, which the methods hand to the driver, and the time series recorded from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs of "exact" and "paper" have in common: a grid of steps, the record, and a segment's buffers."""
+"""Base of the runs of "exact" and "paper": a grid of steps, the record, and a segment's buffers."""
 
 from __future__ import annotations
 
