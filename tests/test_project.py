@@ -87,6 +87,13 @@ def test_imports_form_no_circle(package, owed):
     assert len(in_circles(module_imports(package))) <= owed
 
 
+def test_the_core_is_small_and_needs_nothing_within_numba():
+    files = [file.read_text() for file in (HOME / "fivcore").rglob("*.py")]
+    assert sum(text.count("\n") for text in files) <= 5900
+    assert not imported("fivcore") & {"llvmlite", "ctypes"}
+    assert not any(re.search(r"numba\.(core|extending|types|np)\b", text) for text in files)
+
+
 def test_the_top_level_is_as_agreed():
     if not (HOME / ".git").exists():
         pytest.skip("git alone knows which files belong to the project")
