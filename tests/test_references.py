@@ -41,7 +41,10 @@ FOUND = ("value", "bound", "margin")
 
 def scatter(name: str) -> tuple[float, float] | None:
     """What two runs of a chaotic figure may differ by; None where only the same bits could be asked."""
-    found = [limits for part, limits in SCATTER.items() if part in name and not name.startswith("member_")]
+    # The spread of four members is as uncertain as it is large.
+    if name.startswith("member_") or name.endswith("_std"):
+        return None
+    found = [limits for part, limits in SCATTER.items() if part in name]
     return found[0] if found else None
 
 
