@@ -19,7 +19,7 @@ class SceneError(RuntimeError):
 
 
 class ContactError(SceneError):
-    """The method's contact problem has no unique solution (Painleve); found before the first step."""
+    """The method's contact problem has no unique solution (Painleve)."""
 
 
 class DivergenceError(SceneError):

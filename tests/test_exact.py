@@ -513,6 +513,11 @@ def test_without_an_absorbing_element_it_refuses_and_what_it_advises_works(scene
         simulate(scene, 1e-4, "exact", cutoff=cutoff, modify=partial(with_relaxation_time, tau=1e-7))
 
 
+def test_a_slow_mode_costs_no_digits():
+    """At d1 = 1e5 1/s the slowest mode creeps, and the forced solution is ten decades above the motion."""
+    simulate(Scene(0.143067, 5.0, 0.0, 9.0, Rig(d1=1e5)), 1e-3, "exact")
+
+
 def until_separation(duration=0.012):
     """Times, states and energy residual of the paper's rig, and when the contact slips and separates first."""
     run = run_for(exact_run(duration=duration))

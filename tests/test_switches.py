@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, critical_mu, simulate
-from fivcore.contact.ablation import modified, with_relaxation_time, without_cross_terms
+from fivcore.contact.ablation import modified, with_dashpot, with_relaxation_time, without_cross_terms
 from fivcore.contact.reduced import full_model, reduced_model, relaxation_time
 from fivcore.contact.step_map import at_most
 from fivcore.transient.published import BETA2, TAU, contact_closing, largest_step
@@ -38,6 +38,17 @@ def test_tau_scales_the_dashpot_and_nothing_else():
         np.testing.assert_allclose(model.C, factor * own.C, rtol=1e-14)
         assert np.array_equal(model.K, own.K)
         assert np.array_equal(model.rest, own.rest)
+
+
+@pytest.mark.parametrize("d2", [1e-2, 1.0, 1e3])
+def test_the_relaxation_time_is_at_least_the_material_damping(d2):
+    """Where the dropped modes creep, the normal force of the impact only rises."""
+    assert relaxation_time(Rig(d2=d2), CUTOFF) == d2
+
+
+def test_a_factor_of_the_dashpot_is_checked():
+    with pytest.raises(ValueError, match=r"factor = -1"):
+        with_dashpot(reduced_model(Rig(), 5.0, CUTOFF), -1.0)
 
 
 def test_without_cross_terms_normal_and_tangential_flexibility_stay():

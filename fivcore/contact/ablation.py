@@ -30,8 +30,8 @@ def with_relaxation_time(model: ReducedModel, tau: float) -> ReducedModel:
 
 
 def with_dashpot(model: ReducedModel, factor: float) -> ReducedModel:
-    """Multiply the element's damping by `factor`, and with it its relaxation time."""
-    return replace(_with_element(model), C=factor * model.C)
+    """Multiply the element's damping and relaxation time by `factor`, a number from 0 to 1e6."""
+    return replace(_with_element(model), C=checks.between("factor", factor, 0.0, 1e6, "1") * model.C)
 
 
 def without_cross_terms(model: ReducedModel) -> ReducedModel:

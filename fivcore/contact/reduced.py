@@ -222,7 +222,7 @@ def relaxation_time(rig: Rig, cutoff: float) -> float:
             q, v = a * q + b * v, c * q + d * v
             N[k] = -implicit * (normal @ (q + tau * v))
             v += step * N[k] * normal
-        return float(N[np.maximum.accumulate(N) > N].min() / N.max())
+        return float(N[np.maximum.accumulate(N) > N].min(initial=N.max()) / N.max())
 
     tau, longest = 0.0, 2.0 / omega
     if lowest(0.0) < 0.0:

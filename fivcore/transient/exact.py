@@ -78,7 +78,7 @@ class ExactRun(SteppedRun):
             )
         if not model.C.any():
             raise ValueError(
-                f"cutoff = {cutoff:g}: the relaxation time of this rig's element is 0, and method 'exact' needs a"
+                f"cutoff = {cutoff:g}: the relaxation time of the element is 0, and method 'exact' needs a"
                 " dashpot; use another cutoff or method 'fast'"
             )
         critical = model.critical_mu(None)
@@ -304,10 +304,10 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     omega = np.sqrt(np.maximum(-np.diag(moving[r : 2 * r, :r]).astype(float), 1.0))
     scale = np.concatenate([omega, np.ones(r), np.full(size - 2 * r, np.sqrt(model.K[1, 1]))])
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
-    # D is nilpotent where B is not zero: three iterations solve for E, the others refine.
+    # D is nilpotent where B is not zero: three iterations solve for E, three more refine all of it.
     inverse, steady, D = np.linalg.inv(matrix.astype(float)), np.zeros_like(forcing), np.zeros((6, 6))
     D[S, P] = D[P, A] = 1.0
-    for _ in range(3 + REFINEMENTS):
+    for _ in range(3 * (1 + REFINEMENTS)):
         steady += inverse @ (steady @ D - forcing - matrix @ steady)
     eigenvalues, vectors, back = _eigenbasis(matrix)
     kept = eigenvalues.imag >= 0.0

@@ -90,6 +90,7 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     try:
         z, vectors, into, error = eigenvectors(stick)
         still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
+        dashpot = np.linalg.cholesky(solver.dissipation).T if solver.dissipation.any() else np.zeros((2, 2))
     except np.linalg.LinAlgError:
         return None
     if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
@@ -120,7 +121,6 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     B = model.point_b @ (x[size:] + 0.5 * step * gaps.T @ net)
     readings = np.stack([N, B, T, seen[0] - solver.maps.separation[0] @ earlier])
     # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
-    dashpot = np.linalg.cholesky(solver.dissipation).T if solver.dissipation.any() else np.zeros((2, 2))
     rates = np.sqrt(step) * np.vstack([
         np.sqrt(model.damping)[:, None] * (x[size:] + 0.5 * step * gaps.T @ net),
         dashpot @ (seen[2:] + mobility @ force),

@@ -24,7 +24,8 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
 
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
     - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to 10 kHz
-      outside and within long sticks (windows of 20 ms, Hann). Steady sliding has no dominant frequency.
+      outside and within long sticks (windows of 20 ms, Hann). Steady sliding has no dominant frequency and so no
+      coherence.
     - `coherence`: autocorrelation of the velocity of B after 20 periods of the dominant frequency, the
       largest within half a period of there.
     - `velocity_rms`: of the velocity of B about its mean, m/s.
