@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from studies.runner import Finished
     from sweeps import Status
-    from sweeps.plan import Plan
+    from sweeps.plan.plan import Plan
 
 # So many failed points are listed.
 LISTED = 20
@@ -86,7 +86,7 @@ def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
 
 def status_text(found: Status) -> str:
     """A status as lines."""
-    from sweeps.plan import duration
+    from sweeps.plan.plan import duration
 
     rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
     rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]

@@ -16,7 +16,7 @@ from studies.program import command
 
 if TYPE_CHECKING:
     from studies.runner import Finished
-    from sweeps.plan import Plan
+    from sweeps.plan.plan import Plan
 
 
 @command("plan", "Dry run: what a run would compute and cost.")
@@ -103,7 +103,7 @@ def draw_map(
     from studies import maps, runner
     from studies.progress import progress
     from sweeps import check_free
-    from sweeps.refine import passes
+    from sweeps.refine.refine import passes
 
     with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)

@@ -25,7 +25,7 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
     fiv list fig5
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry
-    from sweeps.plan import duration
+    from sweeps.plan.plan import duration
 
     with InputErrors(verbose):
         studies = [registry.load(name) for name in ((study,) if study else registry.NAMES)]

@@ -22,9 +22,9 @@ from studies.runs import BATCH_MULTIPLE, run_all
 from studies.study import Study, constants, rig_of, suggest
 from studies.tables import Part
 from sweeps import Axis, Grid, Plan, Refinement, Sweep, open_results, refined
-from sweeps.batch import INTERPOLATED_MEANING, STATUS_MEANINGS
-from sweeps.monitor import Progress
-from sweeps.refine import one_backend
+from sweeps.compute.batch import INTERPOLATED_MEANING, STATUS_MEANINGS
+from sweeps.refine.refine import one_backend
+from sweeps.watch.monitor import Progress
 
 NAME = "map"
 # Largest error of interpolation of a refined map, in units of the range of its values.

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 import click
 
 from sweeps import Snapshot
-from sweeps.monitor import Progress
-from sweeps.plan import duration
+from sweeps.plan.plan import duration
+from sweeps.watch.monitor import Progress
 
 # Between two plain lines, s.
 INTERVAL = 5.0

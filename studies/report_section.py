@@ -17,8 +17,8 @@ from studies.report_again import again
 from studies.report_parts import command, table, told
 from studies.report_points import Points, points_of
 from studies.study import Study
-from sweeps.batch import INTERPOLATED_MEANING, STATUS_MEANINGS
-from sweeps.plan import duration
+from sweeps.compute.batch import INTERPOLATED_MEANING, STATUS_MEANINGS
+from sweeps.plan.plan import duration
 
 STATUS = (*STATUS_MEANINGS.split(), INTERPOLATED_MEANING)
 FAILED = STATUS.index("failed")

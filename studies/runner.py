@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, cast
 import sweeps
 from studies import registry
 from studies.flags import with_words
-from sweeps.execute import check_backend
+from sweeps.compute.run import check_backend
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
     from studies.study import Study
-    from sweeps.monitor import Progress
+    from sweeps.watch.monitor import Progress
 
 
 # What a figure may be written as, and what keeps its date out of it: the same result is the same file.

@@ -4,13 +4,13 @@ It knows no physics. A sweep is declared, planned, executed and stored; each ste
 """
 
 from sweeps.errors import AbandonedError, LockedError, SchedulerError, StoreError, SweepStoppedError
-from sweeps.final import open_results
 from sweeps.grid import Axis, Grid, Variable
-from sweeps.monitor import Snapshot
-from sweeps.plan import Plan
-from sweeps.refine import Refinement, refine, refined
-from sweeps.status import Status, check_free, status
+from sweeps.plan.plan import Plan
+from sweeps.refine.refine import Refinement, refine, refined
+from sweeps.storage.netcdf import open_results
 from sweeps.sweep import Sweep
+from sweeps.watch.monitor import Snapshot
+from sweeps.watch.status import Status, check_free, status
 
 __all__ = [
     "AbandonedError",

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from sweeps.fingerprint.identity import plain
 from sweeps.grid import Axis, Grid, Points, Variable, check_names
-from sweeps.identity import plain
 
 if TYPE_CHECKING:
-    from sweeps.plan import Plan
-    from sweeps.refine import Refinement
+    from sweeps.plan.plan import Plan
+    from sweeps.refine.refine import Refinement
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +126,6 @@ class Sweep:
         StoreError
             If the store cannot be used or belongs to something else; the message says what differs.
         """
-        from sweeps.planning import make_plan
+        from sweeps.plan.planning import make_plan
 
         return make_plan(self, store, fresh, retry_failed)

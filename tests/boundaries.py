@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import distance_transform_cdt
 
-from sweeps import lattice
+from sweeps.refine import lattice
 
 
 def explored(truth, levels, rule, copies=None):

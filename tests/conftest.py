@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from sweeps import planning
+from sweeps.plan import planning
 from tests.identity_parts import FILES, Package
 from tests.waves import BROKEN, LOG
 

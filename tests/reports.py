@@ -4,7 +4,7 @@ from contextlib import nullcontext
 
 from studies import maps, runner
 from studies.spec import evenly
-from sweeps.refine import passes
+from sweeps.refine.refine import passes
 
 SHORT = {"members": 2.0, "least": 0.5, "load_ups": 1.0, "most": 1.0}
 

@@ -24,10 +24,10 @@ from sweeps import (
     Sweep,
     SweepStoppedError,
     Variable,
-    cluster,
-    planning,
 )
-from sweeps.store import Store
+from sweeps.compute import cluster
+from sweeps.plan import planning
+from sweeps.storage.store import Store
 
 HOME = Path(__file__).resolve().parents[1]
 MEGABYTE = 1 << 20

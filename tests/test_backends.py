@@ -16,8 +16,9 @@ import pytest
 import xarray as xr
 from threadpoolctl import threadpool_info
 
-from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, cluster, open_results
-from sweeps.cluster import WINDOW
+from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, open_results
+from sweeps.compute import cluster
+from sweeps.compute.cluster import WINDOW
 from tests.sweep_programs import HOME, cut, make, start, wait_for
 from tests.test_crashes import COMPARED, end
 
@@ -99,12 +100,12 @@ def test_no_more_is_submitted_than_the_workers_need(address, monkeypatch):
         nonlocal most
         most = max(most, len(snapshot.now))
 
-    monkeypatch.setattr("sweeps.monitor.SHOWN", 1000)
+    monkeypatch.setattr("sweeps.watch.monitor.SHOWN", 1000)
     make(points=40).plan().run(address, None, watch)
     assert WINDOW < most <= WINDOW * 2
 
     # What is sent for a batch does not grow with the grid.
-    monkeypatch.setattr("sweeps.planning.BATCH_BYTES", 48.0 * 5)
+    monkeypatch.setattr("sweeps.plan.planning.BATCH_BYTES", 48.0 * 5)
     plan = make(points=100).plan()
     size = len(plan.batches[0])
     sizes.clear()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
-from sweeps.batch import MOST_LETTERS, Work, rounded
+from sweeps.compute.batch import MOST_LETTERS, Work, rounded
 
 CALLS: list[int] = []
 RAISED: list[Exception] = []

@@ -167,7 +167,7 @@ def test_ncdump_reads_every_file(fresh):
 
 def test_a_large_file_passes_too(suite, tmp_path, monkeypatch):
     """One whose variables are streamed from shard to file."""
-    monkeypatch.setattr("sweeps.layout.LARGE", 1000)
+    monkeypatch.setattr("sweeps.storage.manifest.LARGE", 1000)
 
     def series(points):
         return {"y": points["x"][:, None] * np.arange(100.0)}

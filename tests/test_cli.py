@@ -249,7 +249,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path):
     environment["DASK_SCHEDULER_ADDRESS"] = "tcp://127.0.0.1:9"
     # Less patient than it is.
     impatient = (
-        "import sys\nimport sweeps.cluster\nfrom studies.cli import main\nsweeps.cluster.PATIENCE = 2.0\n"
+        "import sys\nfrom sweeps.compute import cluster\nfrom studies.cli import main\ncluster.PATIENCE = 2.0\n"
         "sys.argv = ['fiv', 'run', 'fig5', '--set', 'mu=0:0.5:401', '-q']\nmain()"
     )
     run = [sys.executable, "-c", impatient]

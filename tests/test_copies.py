@@ -6,7 +6,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sweeps import Axis, Grid, Sweep, Variable, open_results, planning
+from sweeps import Axis, Grid, Sweep, Variable, open_results
+from sweeps.plan import planning
 
 # What was computed, and which computations fail; not part of a sweep's identity, as arguments would be.
 LOG: list[tuple] = []

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import lock, open_results
-from sweeps.store import Store
+from sweeps import open_results
+from sweeps.storage import lock
+from sweeps.storage.store import Store
 from tests.sweep_programs import cut, make, start, wait_for
 
 COMPARED = ["square", "powers", "status", "error"]

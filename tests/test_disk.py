@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from sweeps import LockedError, StoreError, lock, open_results
-from sweeps.shards import ShardFolder
-from sweeps.store import Store
+from sweeps import LockedError, StoreError, open_results
+from sweeps.storage import lock
+from sweeps.storage.parts import ShardFolder
+from sweeps.storage.store import Store
 from tests.sweep_programs import cut, make, start, wait_for
 from tests.test_crashes import check, end, finished_points
 

@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from sweeps.sources import differing, sources
+from sweeps.fingerprint.sources import differing, sources
 from tests import waves
 from tests.identity_parts import FILES, HOME, NAMED, Caller, Colour, Inner, Outer, maker, run
 
@@ -245,7 +245,7 @@ def test_every_process_finds_the_same(package):
     code = BARE + textwrap.dedent("""
         import json, sys
         import ident.main
-        from sweeps.sources import sources
+        from sweeps.fingerprint.sources import sources
         def maker(held):
             return lambda points: held
         print(json.dumps([sources(f), sources(ident.main.compute), sources(maker({"x", "y", "z"}))]))
@@ -260,7 +260,7 @@ def test_every_process_finds_the_same(package):
 def test_a_script_is_read_from_its_file(tmp_path):
     text = """
         import json
-        from sweeps.sources import sources
+        from sweeps.fingerprint.sources import sources
         FACTOR = 2
         def f(points):
             return FACTOR
@@ -283,7 +283,7 @@ def test_scripts_differ_by_what_their_names_stand_for(tmp_path):
         textwrap.dedent("""
             import json, os, time
             import numpy as np
-            from sweeps.sources import sources
+            from sweeps.fingerprint.sources import sources
             start = time.time()
             K = float(os.environ["K"])
             T = np.loadtxt("coef.txt")
@@ -315,7 +315,7 @@ def test_an_installed_project_is_known_by_its_distribution(tmp_path):
         (place / name).write_text(text)
     code = """
         import json, three, one, sweeps
-        from sweeps.sources import sources
+        from sweeps.fingerprint.sources import sources
         print(json.dumps([sweeps.__file__, sorted(sources(lambda points: one.f(points))), sorted(sources(one.f))]))
         """
     file, _, found = json.loads(run(code, place))

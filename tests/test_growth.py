@@ -11,7 +11,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sweeps import Axis, Grid, open_results, planning
+from sweeps import Axis, Grid, open_results
+from sweeps.plan import planning
 from tests.waves import BROKEN, LOG, NAMES, VARIABLES, number, product, sweep, wave
 
 pytestmark = pytest.mark.usefixtures("small_pieces")

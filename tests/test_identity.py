@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sweeps.sources import differing, sources
+from sweeps.fingerprint.sources import differing, sources
 from tests.identity_parts import HOME, run
 
 # What makes no difference.
@@ -203,7 +203,7 @@ def test_a_star_brings_only_the_names_that_are_used(package):
 def test_a_star_brings_a_script_no_more_than_it_uses(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "import json\nfrom sweeps import *\nfrom sweeps.sources import sources\n"
+        "import json\nfrom sweeps import *\nfrom sweeps.fingerprint.sources import sources\n"
         "def f(points):\n    return points\nprint(json.dumps(sources(f)))\n"
     )
     assert set(json.loads(run(script, HOME))) == {"__main__"}
@@ -293,7 +293,7 @@ def test_the_project_itself(tmp_path):
         """
         import ast, json, pathlib
         from studies import fig7
-        from sweeps.sources import differing, sources
+        from sweeps.fingerprint.sources import differing, sources
 
         def changed(name, function):
             path = pathlib.Path(name)
@@ -319,7 +319,7 @@ def test_the_project_itself(tmp_path):
         "studies.transients",
         "studies.fig7",
     } <= set(before)
-    assert not {"studies.figures", "studies.registry", "matplotlib", "sweeps.plan"} & set(before)
+    assert not {"studies.figures", "studies.registry", "matplotlib", "sweeps.plan.plan"} & set(before)
     assert changed == [
         [],
         [],
@@ -332,7 +332,7 @@ def test_a_run_leaves_the_projects_own_identity():
     code = """
         import json
         from studies import fig7, scenes
-        from sweeps.sources import sources
+        from sweeps.fingerprint.sources import sources
         print(json.dumps(sources(fig7.histories, scenes.motions)))
         from fivcore import Rig, Scene, simulate
         simulate(Scene(1e-3, 10.0, 0.3, 20.0, Rig()), 1e-3)

@@ -23,7 +23,14 @@ def small_memory(monkeypatch):
     """All variables but those of a few bytes a point are large; blocks of a file hold a few points."""
 
     def small_memory(yes):
-        for name in ("layout", "store", "stream", "final", "planning", "finished"):
+        for name in (
+            "storage.manifest",
+            "storage.store",
+            "storage.stream",
+            "storage.netcdf",
+            "plan.planning",
+            "storage.existing",
+        ):
             module = importlib.import_module(f"sweeps.{name}")
             for limit, value in (
                 ("LARGE", 150 if yes else 1 << 40),

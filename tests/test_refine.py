@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, label
 
-from sweeps import Axis, Grid, Refinement, Sweep, Variable, lattice, open_results, refine, refined, status
-from sweeps.lattice import Rule
+from sweeps import Axis, Grid, Refinement, Sweep, Variable, open_results, refine, refined, status
+from sweeps.refine import lattice
+from sweeps.refine.lattice import Rule
 from tests.boundaries import distances, explored
 from tests.waves import BROKEN, LOG, interrupted
 
 # `sweeps.refine` is the function.
-engine = import_module("sweeps.refine")
+engine = import_module("sweeps.refine.refine")
 CLASSES = Rule(whole=True)
 
 
@@ -364,7 +365,7 @@ def test_skipped_points_are_left_out(tmp_path):
 
 
 def test_more_points_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("sweeps.layout.LARGE", 1000)
+    monkeypatch.setattr("sweeps.storage.manifest.LARGE", 1000)
     monkeypatch.setattr(engine, "LARGE", 1000)
     with pytest.raises(ValueError, match="289 points of height are too many to refine; it must be at most 125"):
         hills().plan(tmp_path / "hills.nc")

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sweeps.reproduce import one_liner
+from sweeps.compute.reproduce import one_liner
 from tests.identity_parts import Caller, Colour, Inner, Outer, maker, run
 
 

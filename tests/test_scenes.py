@@ -152,7 +152,7 @@ def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
 
 
 def test_the_line_that_reproduces_a_failure_raises_it_again():
-    from sweeps.batch import FAILED, Work
+    from sweeps.compute.batch import FAILED, Work
 
     sweep = scenes.STUDY.sweep(SHORT | {"mu": [0.2, 5.0], "theta": -40.0, "V": -1e-3, "F": 9.0})
     work = Work(sweep.name, sweep.function, sweep.constants, sweep.variables, dict.fromkeys(sweep.variables, ()))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results
-from sweeps.planning import make_batches
+from sweeps.plan.planning import make_batches
 
 X = Axis([0.5, 1.0, 2.0], "m", "length")
 Y = Axis([3, 4], "s", "time")

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.definitions import Reach, installed
+from sweeps.fingerprint.definitions import Reach, installed
 
 # What a name of a module may stand for to be compared: scalars, and arrays of NumPy's numbers and times.
 SCALARS = (type(None), bool, int, float, complex, str, bytes)

@@ -22,14 +22,14 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from sweeps.assemble import ShardSource, Source
 from sweeps.errors import StoreError
-from sweeps.finished import COMPUTED, ComputedSource, FileSource, blocks
+from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
-from sweeps.identity import differences
-from sweeps.keys import column
-from sweeps.layout import LARGE, Layout
-from sweeps.shards import NETCDF, ShardFolder
+from sweeps.plan.keys import column
+from sweeps.storage.existing import COMPUTED, ComputedSource, FileSource, blocks
+from sweeps.storage.manifest import LARGE, Layout
+from sweeps.storage.merge import ShardSource, Source
+from sweeps.storage.parts import NETCDF, ShardFolder
 
 # What a file or a layout says of its sweep.
 ATTRIBUTES = ("configuration", "identity", "presentation")

@@ -20,7 +20,7 @@ def source() -> str:
 
 def _checkout() -> str:
     """The commit of the checkout that this code runs from, if it runs from one."""
-    home = Path(__file__).resolve().parents[1]
+    home = Path(__file__).resolve().parents[2]
     # Only a checkout of this project counts, not a repository that happens to hold its installation.
     if not (home / ".git").exists():
         return ""

@@ -21,17 +21,25 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.batch import DONE, FAILED, INTERPOLATED, INTERPOLATED_MEANING, PENDING, SKIPPED, STATUS_MEANINGS
-from sweeps.lattice import Rule, closure, finest_known, survey
-from sweeps.layout import LARGE
+from sweeps.compute.batch import (
+    DONE,
+    FAILED,
+    INTERPOLATED,
+    INTERPOLATED_MEANING,
+    PENDING,
+    SKIPPED,
+    STATUS_MEANINGS,
+)
+from sweeps.refine.lattice import Rule, closure, finest_known, survey
+from sweeps.storage.manifest import LARGE
 
 if TYPE_CHECKING:
-    from sweeps.assemble import Gathered
     from sweeps.grid import Variable
-    from sweeps.layout import Layout
-    from sweeps.monitor import Progress
-    from sweeps.plan import Plan
+    from sweeps.plan.plan import Plan
+    from sweeps.storage.manifest import Layout
+    from sweeps.storage.merge import Gathered
     from sweeps.sweep import Sweep
+    from sweeps.watch.monitor import Progress
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
 
@@ -148,7 +156,7 @@ def one_backend(plan: Plan, scheduler: str, workers: int | None) -> Iterator[tup
         yield scheduler, workers
         return
     # Imported here: it takes long, and few runs need it.
-    from sweeps.cluster import connected
+    from sweeps.compute.cluster import connected
 
     with connected(None, workers) as client:
         yield str(client.scheduler_info()["address"]), None

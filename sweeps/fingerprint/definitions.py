@@ -22,7 +22,7 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
-from sweeps.syntax import DEFINITIONS, Chain, acts, bare, bound, dumped, first_line, references
+from sweeps.fingerprint.syntax import DEFINITIONS, Chain, acts, bare, bound, dumped, first_line, references
 
 
 class Piece:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.grid import Axis, Grid, Variable
-from sweeps.keys import Columns, Index, column
-from sweeps.shards import NETCDF
+from sweeps.plan.keys import Columns, Index, column
+from sweeps.storage.parts import NETCDF
 
 # A variable with more bytes than this is never in memory as a whole.
 LARGE = 32_000_000

@@ -18,11 +18,11 @@ from dask.delayed import delayed
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from sweeps.batch import FAILED, Table, Work
+from sweeps.compute.batch import FAILED, Table, Work
 from sweeps.errors import AbandonedError
 from sweeps.grid import Points
-from sweeps.keys import Columns
-from sweeps.shards import encode
+from sweeps.plan.keys import Columns
+from sweeps.storage.parts import encode
 
 Batch = NDArray[np.intp]
 

@@ -11,10 +11,10 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.assemble import Gathered, Source, attributes, scaled
 from sweeps.errors import StoreError
-from sweeps.layout import Layout
-from sweeps.shards import NETCDF
+from sweeps.storage.manifest import Layout
+from sweeps.storage.merge import Gathered, Source, attributes, scaled
+from sweeps.storage.parts import NETCDF
 
 # Of a large variable's chunks: a reader who wants one point should not read a hundred others.
 CHUNK_BYTES = 1 << 18

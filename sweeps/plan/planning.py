@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from sweeps.assemble import Source, gather
-from sweeps.batch import FAILED, PENDING, Table, Work
+from sweeps.compute.batch import FAILED, PENDING, Table, Work
+from sweeps.fingerprint.identity import configuration, identity, presentation
 from sweeps.grid import Axis, Grid, Points
-from sweeps.identity import configuration, identity, presentation
-from sweeps.keys import Index, key_columns
-from sweeps.layout import Layout
-from sweeps.plan import Plan
-from sweeps.refine import wanted_points
-from sweeps.store import Kept, Store, check_replaceable, kept
+from sweeps.plan.keys import Index, key_columns
+from sweeps.plan.plan import Plan
+from sweeps.refine.refine import wanted_points
+from sweeps.storage.manifest import Layout
+from sweeps.storage.merge import Source, gather
+from sweeps.storage.store import Kept, Store, check_replaceable, kept
 
 if TYPE_CHECKING:
     from sweeps.sweep import Sweep

@@ -26,13 +26,13 @@ from dask.system import CPU_COUNT
 from distributed.utils import silence_logging_cmgr
 from threadpoolctl import threadpool_limits
 
-from sweeps.backends import Batch, Job, Result, finish, packed
-from sweeps.batch import Work
+from sweeps.compute.batch import Work
+from sweeps.compute.local import Batch, Job, Result, finish, packed
+from sweeps.compute.reproduce import one_liner
 from sweeps.errors import SchedulerError
+from sweeps.fingerprint.sources import sources
 from sweeps.grid import Points
-from sweeps.keys import Columns
-from sweeps.reproduce import one_liner
-from sweeps.sources import sources
+from sweeps.plan.keys import Columns
 
 # Batches submitted for each worker: one to work on, one waiting.
 WINDOW = 2

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.batch import DONE, FAILED, PENDING, SKIPPED, STATUS_MEANINGS, Table, rounded
+from sweeps.compute.batch import DONE, FAILED, PENDING, SKIPPED, STATUS_MEANINGS, Table, rounded
 from sweeps.grid import Variable
-from sweeps.layout import Layout
-from sweeps.shards import ShardFolder
+from sweeps.storage.manifest import Layout
+from sweeps.storage.parts import ShardFolder
 
 # Letters of all error texts together, and of each at least.
 LETTERS, LEAST_LETTERS = 30_000_000, 60

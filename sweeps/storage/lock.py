@@ -9,8 +9,8 @@ from contextlib import contextmanager, suppress
 from filelock import FileLock, Timeout
 
 from sweeps.errors import LockedError, StoreError, reason
-from sweeps.monitor import owner, read_state, write_state
-from sweeps.store import Store
+from sweeps.storage.store import Store
+from sweeps.watch.monitor import owner, read_state, write_state
 
 # s. A reader who asks whether there is a run holds the lock for a moment.
 PATIENCE = 0.2

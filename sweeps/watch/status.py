@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.assemble import gather
-from sweeps.batch import DONE, FAILED, INTERPOLATED, PENDING, SKIPPED
+from sweeps.compute.batch import DONE, FAILED, INTERPOLATED, PENDING, SKIPPED
 from sweeps.errors import StoreError
-from sweeps.final import open_results
-from sweeps.layout import Layout
-from sweeps.lock import is_locked, taken
-from sweeps.monitor import read_state
-from sweeps.store import Store, sources_of
+from sweeps.storage.lock import is_locked, taken
+from sweeps.storage.manifest import Layout
+from sweeps.storage.merge import gather
+from sweeps.storage.netcdf import open_results
+from sweeps.storage.store import Store, sources_of
+from sweeps.watch.monitor import read_state
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from sweeps.assemble import Source
-    from sweeps.batch import Table, Work
-    from sweeps.layout import Layout
-    from sweeps.monitor import Progress
+    from sweeps.compute.batch import Table, Work
+    from sweeps.storage.manifest import Layout
+    from sweeps.storage.merge import Source
     from sweeps.sweep import Sweep
+    from sweeps.watch.monitor import Progress
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,7 +161,7 @@ class Plan:
             After the first interrupt, when what was under way is finished and kept. After the second at once: as
             AbandonedError if threads still compute, for which a normal exit would wait.
         """
-        from sweeps.execute import execute
+        from sweeps.compute.run import execute
 
         return execute(self, scheduler, workers, progress, fail_fast)
 

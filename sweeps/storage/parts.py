@@ -18,7 +18,7 @@ from zlib import crc32
 import netCDF4
 import numpy as np
 
-from sweeps.batch import Table
+from sweeps.compute.batch import Table
 from sweeps.grid import Variable
 
 # The netCDF library is not made for several threads at once.

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.assemble import scaled
-from sweeps.batch import rounded
+from sweeps.compute.batch import rounded
+from sweeps.fingerprint.sources import differing, sources
 from sweeps.grid import Axis, Grid
-from sweeps.sources import differing, sources
+from sweeps.storage.merge import scaled
 
 if TYPE_CHECKING:
     from sweeps.sweep import Sweep

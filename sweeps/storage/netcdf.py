@@ -18,15 +18,15 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from sweeps.assemble import Source, dataset, gather
-from sweeps.batch import DONE, FAILED, Table
+from sweeps.compute.batch import DONE, FAILED, Table
 from sweeps.errors import StoreError, reason
-from sweeps.finished import COMPUTED
-from sweeps.layout import Layout
-from sweeps.provenance import source
-from sweeps.shards import NETCDF, WIDE, flush_folder, write_table
-from sweeps.store import Store, sources_of
-from sweeps.stream import chunk, stream
+from sweeps.fingerprint.provenance import source
+from sweeps.storage.existing import COMPUTED
+from sweeps.storage.manifest import Layout
+from sweeps.storage.merge import Source, dataset, gather
+from sweeps.storage.parts import NETCDF, WIDE, flush_folder, write_table
+from sweeps.storage.store import Store, sources_of
+from sweeps.storage.stream import chunk, stream
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
 # A file up to this size is read at once, so that it stays free to be replaced.

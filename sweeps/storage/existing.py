@@ -11,12 +11,12 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.assemble import KeyedSource, Pairs, pairs
-from sweeps.batch import DONE, FAILED, Table
+from sweeps.compute.batch import DONE, FAILED, Table
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
-from sweeps.layout import Layout
-from sweeps.shards import NETCDF, as_texts, read_table
+from sweeps.storage.manifest import Layout
+from sweeps.storage.merge import KeyedSource, Pairs, pairs
+from sweeps.storage.parts import NETCDF, as_texts, read_table
 
 # The group of a file that holds computations as they were before they were scaled to their points.
 COMPUTED = "computed"

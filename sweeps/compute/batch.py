@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps.compute.reproduce import one_liner
 from sweeps.grid import Points, Variable
-from sweeps.keys import Columns
-from sweeps.reproduce import one_liner
+from sweeps.plan.keys import Columns
 
 PENDING, DONE, FAILED, SKIPPED, INTERPOLATED = range(5)
 STATUS_MEANINGS = "pending done failed skipped"

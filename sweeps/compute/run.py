@@ -13,18 +13,18 @@ import numpy as np
 import xarray as xr
 from dask.system import CPU_COUNT
 
-from sweeps.assemble import MemorySource, ShardSource, Source, dataset, gather
-from sweeps.backends import Batch, Result, in_process, packed
+from sweeps.compute.local import Batch, Result, in_process, packed
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
-from sweeps.final import attach, leftovers, open_results, stored_only, write
 from sweeps.grid import Points
-from sweeps.keys import Columns, column
-from sweeps.lock import announce, locked
-from sweeps.monitor import Monitor, Progress
-from sweeps.store import Store
+from sweeps.plan.keys import Columns, column
+from sweeps.storage.lock import announce, locked
+from sweeps.storage.merge import MemorySource, ShardSource, Source, dataset, gather
+from sweeps.storage.netcdf import attach, leftovers, open_results, stored_only, write
+from sweeps.storage.store import Store
+from sweeps.watch.monitor import Monitor, Progress
 
 if TYPE_CHECKING:
-    from sweeps.plan import Plan
+    from sweeps.plan.plan import Plan
 
 LOCAL = ("threads", "sync", "processes")
 
@@ -163,7 +163,7 @@ class _Run:
             in_process(self, batches, count if scheduler == "threads" else None)
             return
         # Imported here: it takes long, and few runs need it.
-        from sweeps.cluster import connected, on_cluster
+        from sweeps.compute.cluster import connected, on_cluster
 
         with connected(None if scheduler == "processes" else scheduler, count) as client:
             on_cluster(client, self, batches)
