@@ -16,7 +16,7 @@ from studies.program import command
 
 if TYPE_CHECKING:
     from studies.runner import Finished
-    from sweeps.plan.plan import Plan
+    from sweeps import Plan
 
 
 @command("plan", "Dry run: what a run would compute and cost.")
@@ -103,7 +103,6 @@ def draw_map(
     from studies import maps, runner
     from studies.progress import progress
     from sweeps import check_free
-    from sweeps.refine.refine import passes
 
     with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)
@@ -111,11 +110,11 @@ def draw_map(
         sweep = maps.sweep_of(plane, quantity, maps.fixed_of(fixed), halvings, tolerance)
         file = maps.file_of(plane, quantity, out)
         check_free(file)
-        plans = passes(sweep, file, fresh=fresh, retry_failed=retry_failed)
-        planned = next(plans)
+        planned = sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
 
     def execute() -> Finished:
-        return maps.execute(planned, plans, backend, lambda todo: progress(todo, quiet), fail_fast)
+        with progress(planned.todo, quiet) as told:
+            return maps.execute(planned, backend, told, fail_fast)
 
     carry_out(planned, execute, yes, quiet, verbose)
 

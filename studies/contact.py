@@ -145,7 +145,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Forces and motion at the contact (Figs. 8 to 10)",
         derive=partial(transients.with_flags, regime=transients.REGIMES, state=transients.STATES),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

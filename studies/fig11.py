@@ -89,7 +89,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Velocity of B at two inclinations (Fig. 11)",
         derive=partial(transients.with_flags, regime=transients.REGIMES),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

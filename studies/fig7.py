@@ -96,7 +96,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Velocity of B at several speeds (Fig. 7)",
         derive=partial(finish, rig=rig, theta=theta),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

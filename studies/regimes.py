@@ -199,10 +199,10 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
             "member": Axis(np.arange(1, fixed["members"] + 1), "1", "member of the ensemble"),
         },
         # P1's modes and the contact law's matrices are made anew for each theta.
-        together=("theta",),
+        order_by=("theta",),
         title="Regimes of vibration over speed and friction",
         derive=partial(with_verdicts, rig=rig),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, cast
 import sweeps
 from studies import registry
 from studies.flags import with_words
-from sweeps.compute.run import check_backend
+from sweeps import check_backend
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
     from studies.study import Study
-    from sweeps.watch.monitor import Progress
+    from sweeps import Progress
 
 
 # What a figure may be written as, and what keeps its date out of it: the same result is the same file.
@@ -137,7 +137,7 @@ def execute(
     study = registry.load(planned.sweep.name) if study is None else study
     assert planned.store is not None
     dataset = planned.run(scheduler, workers, progress, fail_fast=fail_fast)
-    whole = dataset if planned.points == planned.layout.grid.size else sweeps.open_results(planned.store)
+    whole = dataset if planned.points == planned.manifest.grid.size else sweeps.open_results(planned.store)
     return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
 
 

@@ -123,10 +123,10 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         key=key,
         scale=scale,
         # The modes of P1 and the contact law's matrices are made anew for each theta.
-        together=("theta",),
+        order_by=("theta",),
         title="Motion of scenes over V, theta, mu and F",
         derive=partial(transients.with_flags, regime=transients.REGIMES),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

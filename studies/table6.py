@@ -125,7 +125,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Stability and motion over the inclination (Table 6)",
         derive=partial(beside, rig=rig, mu=settings["mu"], V=settings["V"]),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

@@ -6,12 +6,21 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Points = dict[str, NDArray[Any]]
+# One array a column, one entry a row.
+Columns = list[NDArray[Any]]
+
+# What has become of a point.
+PENDING, DONE, FAILED, SKIPPED, INTERPOLATED = range(5)
+STATUS_FLAGS = {PENDING: "pending", DONE: "done", FAILED: "failed", SKIPPED: "skipped"}
+# Points of a refined sweep only.
+INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
 DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
 # What a sweep's file holds besides axes and results; names that begin with `failure_` are its own as well.
@@ -71,6 +80,8 @@ class Variable:
         compressed. Default: all.
     scale : str
         The factor of the sweep's `scale` by which a copy's value is multiplied; "" for none.
+    flags : mapping of int to str, optional
+        What each value of a whole number means; the file has them as CF flags, blanks replaced by underscores.
     """
 
     units: str = "1"
@@ -79,6 +90,7 @@ class Variable:
     dtype: str = "float64"
     digits: int | None = None
     scale: str = ""
+    flags: Mapping[int, str] | None = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         if self.dtype not in DTYPES:
@@ -95,6 +107,16 @@ class Variable:
         digits = self.digits
         if digits is not None and not (type(digits) is int and 1 <= digits <= 15):
             raise ValueError(f"Variable: digits = {digits!r}: it must be a whole number from 1 to 15")
+        flags = self.flags
+        if flags is not None and not (
+            whole
+            and flags
+            and all(isinstance(code, (int, np.integer)) and code > self.missing for code in flags)
+            and all(isinstance(word, str) and word for word in flags.values())
+        ):
+            raise ValueError(
+                f"Variable: flags = {flags!r}: they must be texts by whole numbers, with a dtype of those"
+            )
 
     @property
     def missing(self) -> float:
@@ -145,9 +167,10 @@ class Grid:
             if together not in groups:
                 groups.append(together)
         for group in groups:
-            rows = self.rows(group)
-            if len(set(rows)) < len(rows):
-                twice = next(row for row in rows if rows.count(row) > 1)
+            first = Index([axes[name].values for name in group]).first()
+            again = np.flatnonzero(first != np.arange(len(first)))
+            if len(again):
+                twice = next(iter(self.rows(group, slice(again[0], again[0] + 1))))
                 raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
         object.__setattr__(self, "_groups", tuple(groups))
 
@@ -201,38 +224,155 @@ class Grid:
         Where both are sorted the sum is; otherwise what is new comes last.
         """
         axes = dict(self.axes)
-        for group in self._groups:
-            own, new = self.rows(group), other.rows(group)
-            present = set(own)
-            rows = own + [row for row in new if row not in present]
-            if len(rows) == len(own):
+        for group, place in zip(self._groups, self.embed(other).places, strict=True):
+            if place is None or np.all(place >= 0):
                 continue
-            for backwards in (False, True):
-                if all(each == sorted(each, reverse=backwards) for each in (own, new)):
-                    rows.sort(reverse=backwards)
+            every = [
+                np.concatenate([axes[name].values, other.axes[name].values[place < 0]], dtype=kind)
+                for name, kind in ((name, _common(axes[name], other.axes[name])) for name in group)
+            ]
+            for step in (1, -1):
+                if all(_ascending([grid.axes[name].values[::step] for name in group]) for grid in (self, other)):
+                    order = np.lexsort(every[::-1])[::step]
+                    every = [values[order] for values in every]
                     break
-            for name, values in zip(group, zip(*rows, strict=True), strict=True):
-                axis = self.axes[name]
-                axes[name] = Axis(
-                    np.array(values, dtype=_common(axis, other.axes[name])), axis.units, axis.long_name
-                )
+            for name, values in zip(group, every, strict=True):
+                axes[name] = Axis(values, axes[name].units, axes[name].long_name)
         zipped = [group for group in self._groups if len(group) > 1]
         return Grid(axes, zipped, self.skip)
 
-    @cached_property
-    def _places(self) -> list[dict[tuple[Any, ...], int]]:
-        """Where the values along each dimension stand."""
-        return [{row: n for n, row in enumerate(self.rows(group))} for group in self._groups]
+    def embed(self, other: Grid) -> Embedding:
+        """Where the points of `other`, a grid of the same axes, lie in this one."""
+        places: list[NDArray[np.intp] | None] = []
+        for group, index in zip(self._groups, self._indices, strict=True):
+            own, asked = ([grid.axes[name].values for name in group] for grid in (self, other))
+            same = all(map(np.array_equal, own, asked))
+            places.append(None if same else index.find(asked))
+        return Embedding(other.shape, self.shape, tuple(places))
 
-    def place(self, other: Grid, block: tuple[slice, ...] = ()) -> NDArray[np.intp]:
-        """Where each point of `other`, or of a block of it, lies in this grid, by value; -1 where it does not."""
-        flat, inside = np.zeros((), dtype=np.intp), np.ones((), dtype=bool)
-        parts = [*block, *[slice(None)] * (len(self._groups) - len(block))]
-        for group, part, known in zip(self._groups, parts, self._places, strict=True):
-            along = np.array([known.get(row, -1) for row in other.rows(group, part)], dtype=np.intp)
-            flat = flat[..., None] * len(known) + along
-            inside = inside[..., None] & (along >= 0)
-        return np.where(inside, flat, -1).ravel()
+    def at(self, values: Columns) -> NDArray[np.intp]:
+        """The point with each row of the axes' values; -1 where there is none."""
+        names = list(self.axes)
+        along = [
+            index.find([values[names.index(name)] for name in group])
+            for index, group in zip(self._indices, self._groups, strict=True)
+        ]
+        return _flat(along, self.shape)
+
+    @cached_property
+    def _indices(self) -> list[Index]:
+        """What finds values along each dimension."""
+        return [Index([self.axes[name].values for name in group]) for group in self._groups]
+
+
+@dataclass(frozen=True, eq=False)
+class Embedding:
+    """Where the points of one grid lie in another, by value.
+
+    Attributes
+    ----------
+    inner, outer : tuple of int
+        Shapes of the two.
+    places : tuple
+        Along each dimension where the values of the inner grid stand in the outer one, -1 where they do not; None
+        where both have the same values.
+    """
+
+    inner: tuple[int, ...]
+    outer: tuple[int, ...]
+    places: tuple[NDArray[np.intp] | None, ...]
+
+    @property
+    def whole(self) -> bool:
+        """Whether the two are one grid."""
+        return all(place is None for place in self.places)
+
+    def __call__(self, points: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The outer grid's point of each of the inner one's; -1 where there is none."""
+        if self.whole:
+            return points
+        index = np.unravel_index(points, self.inner)
+        along = [k if place is None else place[k] for k, place in zip(index, self.places, strict=True)]
+        return _flat(along, self.outer)
+
+    def along(self, dim: int) -> NDArray[np.intp] | slice:
+        """What selects the inner grid along a dimension of the outer one that holds all of it."""
+        place = self.places[dim]
+        return slice(None) if place is None else place
+
+
+class Index:
+    """Rows that can be looked up by value.
+
+    Attributes
+    ----------
+    code : ndarray of int64
+        A number for each row; equal rows have the same.
+    """
+
+    def __init__(self, columns: Columns) -> None:
+        self._stages: list[tuple[NDArray[Any], NDArray[np.int64] | None]] = []
+        self.code, kinds = np.zeros(len(columns[0]), dtype=np.int64), 1
+        for column in columns:
+            if _ascending([column]):
+                values, place = column, np.arange(len(column))
+            else:
+                values, place = np.unique(column, return_inverse=True)
+            packed = None
+            if kinds * len(values) >= 2**62:
+                packed, code = np.unique(self.code, return_inverse=True)
+                self.code, kinds = code.ravel().astype(np.int64), len(packed)
+            self.code = self.code * len(values) + place.ravel()
+            kinds *= max(len(values), 1)
+            self._stages.append((values, packed))
+        self._order = None if _ascending([self.code]) else np.argsort(self.code, kind="stable")
+        self._sorted = self.code if self._order is None else self.code[self._order]
+
+    def first(self) -> NDArray[np.intp]:
+        """For each row the first that equals it."""
+        if self._order is None:
+            return np.arange(len(self.code))
+        begins = np.concatenate([[True], self._sorted[1:] != self._sorted[:-1]])
+        found = np.empty(len(self.code), dtype=np.intp)
+        # The sort is stable: of equal rows the first comes first.
+        found[self._order] = self._order[np.flatnonzero(begins)][np.cumsum(begins) - 1]
+        return found
+
+    def find(self, columns: Columns) -> NDArray[np.intp]:
+        """For each row of other columns the first of these that equals it; -1 where none does."""
+        count = len(columns[0])
+        if not len(self.code):
+            return np.full(count, -1, dtype=np.intp)
+        present, code = np.ones(count, dtype=bool), np.zeros(count, dtype=np.int64)
+        for column, (values, packed) in zip(columns, self._stages, strict=True):
+            if packed is not None:
+                code, found = _search(packed, code)
+                present &= found
+            place, found = _search(values, column)
+            code, present = code * len(values) + place, present & found
+        place, found = _search(self._sorted, code)
+        return np.where(present & found, place if self._order is None else self._order[place], -1)
+
+
+def _search(values: NDArray[Any], requested: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Where in the sorted `values` each of the requested stands, and whether it does."""
+    place = np.minimum(np.searchsorted(values, requested), len(values) - 1)
+    return place, np.asarray(values[place] == requested)
+
+
+def _ascending(columns: Columns) -> bool:
+    """Whether the rows are sorted and no two are equal."""
+    if len(columns) == 1:
+        return bool(np.all(columns[0][1:] > columns[0][:-1]))
+    rows = list(zip(*(column.tolist() for column in columns), strict=True))
+    return all(before < after for before, after in pairwise(rows))
+
+
+def _flat(along: Sequence[NDArray[np.intp]], shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Points by their places along each dimension; -1 where one of these is."""
+    inside = np.logical_and.reduce([place >= 0 for place in along])
+    flat = np.ravel_multi_index([np.maximum(place, 0) for place in along], shape)
+    return np.where(inside, flat, -1)
 
 
 def _common(one: Axis, other: Axis) -> np.dtype[Any]:

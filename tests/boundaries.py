@@ -6,6 +6,11 @@ from scipy.ndimage import distance_transform_cdt
 from sweeps.refine import lattice
 
 
+def refine(sweep, store, *backend, **options):
+    """The refined sweep, planned and run."""
+    return sweep.plan(store, **options).run(*backend)
+
+
 def explored(truth, levels, rule, copies=None):
     """The refined map of a full one, which of its points were computed, and in how many passes.
 

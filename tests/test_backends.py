@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info
 
 from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, open_results
 from sweeps.compute import cluster
-from sweeps.compute.cluster import WINDOW
+from sweeps.compute.local import WINDOW
 from tests.sweep_programs import HOME, cut, make, start, wait_for
 from tests.test_crashes import COMPARED, end
 
@@ -27,7 +27,7 @@ QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"da
 
 @pytest.fixture(autouse=True)
 def _many_batches(monkeypatch):
-    cut(12, monkeypatch)
+    cut(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -105,16 +105,19 @@ def test_no_more_is_submitted_than_the_workers_need(address, monkeypatch):
     assert WINDOW < most <= WINDOW * 2
 
     # What is sent for a batch does not grow with the grid.
-    monkeypatch.setattr("sweeps.plan.planning.BATCH_BYTES", 48.0 * 5)
-    plan = make(points=100).plan()
-    size = len(plan.batches[0])
+    monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 48.0 * 5)
     sizes.clear()
-    plan.run(address)
+    make(points=100).plan().run(address)
     small, count = max(sizes), len(sizes)
-    big = make(points=1_000_000).plan()
-    object.__setattr__(big, "batches", tuple(batch[:size] for batch in big.batches[:count]))
     sizes.clear()
-    big.run(address)
+
+    def enough(snapshot):
+        if len(sizes) >= count:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        make(points=1_000_000).plan().run(address, None, enough)
+    assert len(sizes) >= count
     assert max(sizes) <= small + 64
 
 
@@ -181,7 +184,7 @@ import only_here
 from tests.sweep_programs import cut
 from tests.test_backends import simple
 from sweeps import SchedulerError
-cut(8)
+cut()
 try:
     simple(only_here.f).plan().run({address!r})
 except SchedulerError as problem:
@@ -292,7 +295,7 @@ def test_within_a_thread_and_within_a_worker(address):
     thread.join()
 
     def nested(scheduler):
-        cut(12)
+        cut()
         try:
             return values(make(points=24).plan().run(scheduler, 2))
         except SchedulerError as problem:
@@ -308,7 +311,7 @@ def test_within_a_thread_and_within_a_worker(address):
 
 
 def test_rows_of_a_megabyte_need_little_memory(tmp_path):
-    process = start(store=tmp_path / "rows.nc", points=300, rows=True, batches=40)
+    process = start(store=tmp_path / "rows.nc", points=300, rows=True)
     peak = int(wait_for(process, "peak").split()[1])
     end(process)
     assert open_results(tmp_path / "rows.nc")["row"].shape == (300, 1 << 17)

@@ -15,8 +15,9 @@ import xarray as xr
 from compliance_checker.runner import CheckSuite
 
 from studies import maps, registry
-from sweeps import Axis, Grid, Sweep, Variable, refine
+from sweeps import Axis, Grid, Sweep, Variable
 from tests import trials
+from tests.boundaries import refine
 
 RESULTS = Path(__file__).parents[1] / "results"
 KEPT = sorted(RESULTS.glob("*/*.nc"))

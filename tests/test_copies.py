@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
-from sweeps.plan import planning
+from sweeps.plan import batches
 
 # What was computed, and which computations fail; not part of a sweep's identity, as arguments would be.
 LOG: list[tuple] = []
@@ -20,8 +20,7 @@ STEP = Axis([1, 2, 3])
 def _in_small_pieces(monkeypatch):
     LOG.clear()
     BROKEN["keys"] = set()
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
+    monkeypatch.setattr(batches, "BATCH_BYTES", 400.0)
 
 
 def key(points):
@@ -238,7 +237,7 @@ def test_a_failure_is_one_however_many_points_it_has(tmp_path, scaled):
 @settings(max_examples=15, deadline=None)
 def test_bits_do_not_depend_on_what_was_there_before(tmp_path_factory, before, scaled, together, skipping):
     path = tmp_path_factory.mktemp("copies") / "o.nc"
-    options = {"scaled": scaled, "together": together}
+    options = {"scaled": scaled, "order_by": together}
     LOG.clear()
     for v, nv, f, nf in before:
         sweep(V=(v, nv), F=(f, nf), mu=(0.5,), **options).plan(path).run()

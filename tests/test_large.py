@@ -25,10 +25,7 @@ def small_memory(monkeypatch):
     def small_memory(yes):
         for name in (
             "storage.manifest",
-            "storage.store",
-            "storage.stream",
             "storage.netcdf",
-            "plan.planning",
             "storage.existing",
         ):
             module = importlib.import_module(f"sweeps.{name}")
@@ -93,7 +90,7 @@ COPIED = {
 PLAIN_COPIES = {"function": unit, "key": COPIED["key"]}
 CASES = {
     "plain": {},
-    "another order": {"together": ("c", "b")},
+    "another order": {"order_by": ("c", "b")},
     "copies": PLAIN_COPIES,
     "copies with factors": COPIED,
     "zipped": {"grid": Grid({name: Axis([1.0, 2.0, 3.0]) for name in "abc"}, zipped=("a", "c"))},

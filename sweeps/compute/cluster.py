@@ -1,4 +1,9 @@
-"""Getting batches done by a Dask cluster, of processes on this machine or of workers elsewhere."""
+"""The back end of Dask clusters: processes on this machine, or workers elsewhere.
+
+What is the same for all batches travels once, as a plug-in of the workers: who joins later has it too. A worker
+that sees the store's folder, which a file there with the run's name proves, writes its parts itself and returns a
+receipt; from any other the part itself travels.
+"""
 
 # mypy: disallow-untyped-calls=False, disallow-any-generics=False
 
@@ -9,12 +14,15 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
+from functools import partial
 from multiprocessing import resource_tracker
+from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
 
@@ -24,27 +32,19 @@ import distributed
 import numpy as np
 from dask.system import CPU_COUNT
 from distributed.utils import silence_logging_cmgr
-from threadpoolctl import threadpool_limits
+from numpy.typing import NDArray
 
-from sweeps.compute.batch import Work
-from sweeps.compute.local import Batch, Job, Result, finish, packed
-from sweeps.compute.reproduce import one_liner
+from sweeps.compute.local import TICK, Died, Job, Outcome, Receipt, perform
 from sweeps.errors import SchedulerError
 from sweeps.fingerprint.sources import sources
-from sweeps.grid import Points
-from sweeps.plan.keys import Columns
+from sweeps.storage.parts import PartFolder
 
-# Batches submitted for each worker: one to work on, one waiting.
-WINDOW = 2
 # Seconds to wait for a scheduler's answer and its first worker.
 PATIENCE = 10.0
 # Seconds to wait for another worker when there is none left; restarting one takes a few.
 BEREFT = 60.0
-# Seconds between looks at whether to stop.
-TICK = 0.25
-# A point has failed when the worker that had nothing else to do died so many times.
-DEATHS = 2
-
+# Seconds between counts of the workers.
+COUNTED = 1.0
 
 # How Dask runs workers of our own.
 CONFIGURATION = {
@@ -80,7 +80,7 @@ def connected(address: str | None, workers: int | None) -> Iterator[distributed.
 @contextmanager
 def _theirs(address: str) -> Iterator[distributed.Client]:
     try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False, direct_to_workers=True)
     except (OSError, ValueError, TypeError) as problem:
         raise SchedulerError(
             f"scheduler = {address!r}: no Dask scheduler answers there ({type(problem).__name__}); start one, "
@@ -130,7 +130,11 @@ def _own(workers: int) -> Iterator[distributed.Client]:
             ) from problem
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        with cluster, distributed.Client(cluster, set_as_default=False) as client, client.as_current():
+        with (
+            cluster,
+            distributed.Client(cluster, set_as_default=False, direct_to_workers=True) as client,
+            client.as_current(),
+        ):
             try:
                 yield client
             except BaseException:
@@ -142,96 +146,205 @@ def _own(workers: int) -> Iterator[distributed.Client]:
                 raise
 
 
-def on_cluster(client: distributed.Client, job: Job, batches: Iterator[Batch]) -> None:
-    """Keep a window of batches on a cluster until there are none.
+class Payload(distributed.WorkerPlugin):
+    """What every batch of a run needs, at a worker.
 
-    Batches on a worker that dies are done again at the end, one at a time, so that none suffers for another. One
-    at which workers die is halved, down to the point that does it, which then has failed.
+    Parameters
+    ----------
+    run : str
+        Name of the run, and of the plug-in.
+    content : bytes
+        The job, pickled.
+    expected : dict or None
+        Digests of the function's code, where a worker imports it.
+    parts : str
+        The folder of the parts as the client sees it; "" for none.
     """
-    run, parcel = uuid4().hex, _parcel(job.work)
-    expected = sources(job.work.function) if _importable(job.work.function) else None
-    under_way: dict[distributed.Future, Batch] = {}
-    suspects: list[tuple[Batch, int]] = []
-    alone: int | None = None  # how often the one under way has died before, if it is a suspect
 
-    def submit(batch: Batch) -> None:
-        told = (*job.arguments(batch), job.as_shard, expected)
-        future = client.submit(_remote, run, parcel, *told, pure=False)
-        under_way[future] = batch
-        job.begun(batch)
+    idempotent = True
 
-    halted = False
-    while True:
-        if job.stopped():
-            if under_way and not halted:
-                # What waits at a worker comes back as it is; only the worker knows what it has begun.
-                client.run(_halt, run, on_error="ignore")
-                halted = True
-        elif alone is None:
-            # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
-            slots = (1 if job.fail_fast else WINDOW) * max(_workers(client), 1)
-            while len(under_way) < slots and (batch := next(batches, None)) is not None:
-                submit(batch)
-            if not under_way and suspects:
-                batch, alone = suspects.pop()
-                submit(batch)
-        if not under_way:
-            return
-        for future in _arrived(client, list(under_way)):
-            batch = under_way.pop(future)
-            try:
-                result = _result(future)
-            except distributed.KilledWorker:
-                if alone is not None and len(batch) == 1 and alone + 1 == DEATHS:
-                    job.finished(batch, _killed(job, batch))
-                else:
-                    job.withdrawn(batch)
-                    suspects += _suspected(batch, alone)
-            else:
-                if result is None:
-                    job.withdrawn(batch)
-                else:
-                    job.finished(batch, result)
-            alone = None
+    def __init__(self, run: str, content: bytes, expected: dict[str, str] | None, parts: str) -> None:
+        self.name, self.content, self.expected, self.parts = run, content, expected, parts
+
+    def setup(self, worker: distributed.Worker) -> None:
+        """Join a worker; what may fail waits for the first batch."""
+        self.halted = False
+        self._lock = threading.Lock()
+        self._job: Job | None = None
+        self._folder: PartFolder | None = None
+
+    def _unpacked(self) -> Job:
+        with self._lock:
+            if self._job is None:
+                job: Job = cloudpickle.loads(self.content)
+                if self.expected is not None and sources(job.task.function) != self.expected:
+                    raise RuntimeError(
+                        "this worker has another version of the code; install the same one everywhere"
+                    )
+                folder = Path(self.parts)
+                with suppress(OSError):
+                    if self.parts and probe(folder, self.name).read_text() == self.name:
+                        self._folder = PartFolder(folder)
+                self._job = job
+            return self._job
+
+    def compute(self, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
+        """A batch; None if it is not to begin."""
+        if self.halted:
+            return None
+        receipt = perform(self._unpacked(), np.asarray(points))
+        if self._folder is not None and receipt.content is not None:
+            # What cannot be written from here may be from where the client is.
+            with suppress(OSError):
+                self._folder.put(name, receipt.content)
+                return receipt._replace(content=None)
+        return receipt
 
 
-def _suspected(batch: Batch, alone: int | None) -> list[tuple[Batch, int]]:
-    """What is to be tried alone now that a worker has died at a batch, and how often it has died alone already."""
-    if alone is None:
-        return [(batch, 0)]
-    if len(batch) == 1:
-        return [(batch, alone + 1)]
-    return [(half, 0) for half in np.array_split(batch, 2)]
+def probe(parts: Path, run: str) -> Path:
+    """The file by which workers find out whether they see a folder."""
+    return parts / f".{run}.probe.tmp"
 
 
-def _arrived(client: distributed.Client, futures: list[distributed.Future]) -> list[distributed.Future]:
-    """Those that are done, after a moment; perhaps none."""
-    begin = time.monotonic()
-    while True:
-        with suppress(TimeoutError), _answering():
-            return list(distributed.wait(futures, timeout=TICK, return_when="FIRST_COMPLETED").done)
-        if _workers(client):
+def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Any:
+    plugin: Any = distributed.get_worker().plugins[run]
+    return plugin.compute(name, points)
+
+
+def _halt(run: str, dask_worker: distributed.Worker) -> None:
+    plugin: Any = dask_worker.plugins[run]
+    plugin.halted = True
+
+
+class Cluster:
+    """Workers of a Dask cluster.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    job : Job
+    folder : PartFolder, optional
+        Where parts go.
+    """
+
+    def __init__(self, client: distributed.Client, job: Job, folder: PartFolder | None) -> None:
+        self.client, self.run = client, f"sweeps-{uuid4().hex}"
+        self._done: SimpleQueue[distributed.Future] = SimpleQueue()
+        self._counted = self._seen = time.monotonic()
+        self._threads = self._count()
+        # The worker that is kept free, and the batch that is alone there.
+        self._free = ""
+        self._alone: distributed.Future | None = None
+        self._probe = None if folder is None else probe(folder.path, self.run)
+        importable = _importable(job.task.function)
+        expected = sources(job.task.function) if importable else None
+        self._payload = Payload(self.run, _packed(job), expected, "" if folder is None else str(folder.path))
+
+    def __enter__(self) -> Cluster:
+        if self._probe is not None:
+            self._probe.write_text(self.run)
+        with _answering():
+            self.client.register_plugin(self._payload)
+        return self
+
+    def __exit__(self, *problem: Any) -> None:
+        with suppress(Exception):
+            self.client.unregister_worker_plugin(self.run)
+        if self._probe is not None:
+            self._probe.unlink(missing_ok=True)
+
+    @property
+    def workers(self) -> int:
+        """How many batches are computed at a time."""
+        return max(sum(self._threads.values()), 1)
+
+    def room(self, window: int) -> int:
+        """How many batches may be handed out at a time, so many for each thread."""
+        if time.monotonic() - self._counted > COUNTED:
+            self._threads = self._count()
+            self._counted = time.monotonic()
+        return window * sum(count for worker, count in self._threads.items() if worker != self._free)
+
+    def _count(self) -> dict[str, int]:
+        with _answering():
+            return dict(self.client.nthreads())
+
+    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> distributed.Future:
+        """Have a batch computed and kept as the part of that name; `alone`: on a worker that has nothing else."""
+        first, last = int(points[0]), int(points[-1])
+        neighbours = last - first == len(points) - 1 and bool(np.all(np.diff(points) == 1))
+        options: dict[str, Any] = {}
+        if self._free:
+            others = [worker for worker in self._threads if worker != self._free]
+            options = {"workers": [self._free] if alone else others, "allow_other_workers": True}
+        with _answering():
+            future = self.client.submit(
+                _compute, self.run, name, range(first, last + 1) if neighbours else points, pure=False, **options
+            )
+        if alone:
+            self._alone = future
+        future.add_done_callback(self._done.put)
+        return future
+
+    def arrived(self) -> list[tuple[distributed.Future, Outcome]]:
+        """What has come of batches meanwhile; waits a moment where there is nothing.
+
+        Raises
+        ------
+        SchedulerError
+            If the scheduler does not answer, or there have been no workers for long.
+        """
+        futures: list[distributed.Future] = []
+        with suppress(Empty):
+            futures.append(self._done.get(timeout=TICK))
+            while True:
+                futures.append(self._done.get_nowait())
+        if not futures:
+            self._threads = self._count()
+            self._seen = time.monotonic() if self._threads else self._seen
+            if time.monotonic() - self._seen > BEREFT:
+                raise SchedulerError("the cluster has no workers left; what was finished is kept")
             return []
-        if time.monotonic() - begin > BEREFT:
-            raise SchedulerError("the cluster has no workers left; what was finished is kept")
+        self._seen = time.monotonic()
+        if self._alone in futures:
+            self._free, self._alone = "", None
+        finished = [future for future in futures if future.status == "finished"]
+        with _answering():
+            receipts = dict(zip(finished, self.client.gather(finished, direct=True), strict=True))
+        return [(f, receipts[f] if f in receipts else _problem(f)) for f in futures]
+
+    def halt(self) -> None:
+        """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""
+        self.client.run(_halt, self.run, on_error="ignore")
+
+    def isolate(self) -> bool:
+        """Keep a worker free for a batch that is to be alone; whether it is free."""
+        if self._alone is not None:
+            return False
+        with _answering():
+            self._threads = self._count()
+            at_work = self.client.processing()
+        if self._free not in self._threads:
+            self._free = min(self._threads, key=lambda worker: len(at_work.get(worker, ())), default="")
+        return bool(self._free) and not at_work.get(self._free)
 
 
-def _workers(client: distributed.Client) -> int:
-    with _answering():
-        return len(client.nthreads())
-
-
-def _result(future: distributed.Future) -> Result | None:
-    """What has come of a batch; None if it was not begun."""
+def _problem(future: distributed.Future) -> Outcome:
+    """Why there is nothing of a batch."""
+    if future.status == "cancelled":
+        return SchedulerError(GONE)
     try:
         with _answering():
-            result: Result | None = future.result()
-    except (distributed.KilledWorker, SchedulerError):
-        raise
-    except Exception as problem:  # noqa: BLE001 - whatever a worker raises before it comes to the points
-        told = " ".join(f"{type(problem).__name__}: {problem}".split())
-        raise SchedulerError(f"the workers cannot compute this: {told}") from None
-    return result
+            problem = future.exception()
+    except SchedulerError as gone:
+        return gone
+    if isinstance(problem, distributed.KilledWorker):
+        return Died()
+    text = " ".join(f"{type(problem).__name__}: {problem}".split())
+    return SchedulerError(f"the workers cannot compute this: {text}")
+
+
+GONE = "the scheduler does not answer any more; what was finished is kept"
 
 
 @contextmanager
@@ -239,56 +352,18 @@ def _answering() -> Iterator[None]:
     """What Dask raises when the scheduler has gone, in our words."""
     try:
         yield
-    except TimeoutError:
-        raise
-    except (CancelledError, distributed.client.FuturesCancelledError, OSError):
-        raise SchedulerError("the scheduler does not answer any more; what was finished is kept") from None
+    except (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError):
+        raise SchedulerError(GONE) from None
 
 
-def _killed(job: Job, batch: Batch) -> Result:
-    """A point at which workers die, as a point that failed."""
-    work = job.work
-    points, key = job.arguments(batch)
-    table = Work(work.name, _died, {}, work.variables, work.shapes).table(points, key)
-    table.reproduce[0] = one_liner(
-        work.function, {name: values[0] for name, values in points.items()}, work.constants
-    )
-    return packed(work, table, job.as_shard)
-
-
-def _died(points: Points) -> dict[str, Any]:
-    raise RuntimeError(f"the process that computed this point died, {DEATHS} times out of {DEATHS}")
-
-
-def _parcel(work: Work) -> bytes:
-    """The work as it is sent, packed once for all batches."""
+def _packed(job: Job) -> bytes:
+    """What is sent to every worker."""
     try:
-        return bytes(cloudpickle.dumps(work))
+        return bytes(cloudpickle.dumps(job))
     except Exception as problem:  # noqa: BLE001 - any object may refuse in its own way
         raise SchedulerError(
-            f"the function of sweep {work.name} cannot be sent to other processes: {problem}"
+            f"the function of sweep {job.task.name} cannot be sent to other processes: {problem}"
         ) from None
-
-
-# Of a worker: runs of which it is to begin no more batches.
-HALTED: set[str] = set()
-
-
-def _halt(run: str) -> None:
-    HALTED.add(run)
-
-
-def _remote(
-    run: str, parcel: bytes, points: Points, key: Columns, as_shard: bool, expected: dict[str, str] | None
-) -> Result | None:
-    """What a worker does; `expected` are the digests of the function's code, if that is not sent."""
-    if run in HALTED:
-        return None
-    work = _unpacked(parcel)
-    if expected is not None and _sources(work.function) != expected:
-        raise RuntimeError("this worker has another version of the code; install the same one everywhere")
-    with threadpool_limits(1, user_api="blas"):
-        return finish(work, points, key, as_shard)
 
 
 def _importable(function: Any) -> bool:
@@ -299,14 +374,3 @@ def _importable(function: Any) -> bool:
     if module is None or module.__name__ == "__main__":
         return False
     return getattr(module, getattr(function, "__qualname__", ""), None) is function
-
-
-@lru_cache(maxsize=4)
-def _unpacked(parcel: bytes) -> Work:
-    work: Work = cloudpickle.loads(parcel)
-    return work
-
-
-@lru_cache(maxsize=4)
-def _sources(function: Any) -> dict[str, str]:
-    return sources(function)

@@ -1,59 +1,68 @@
-"""A plan's way from batches to the dataset: compute, keep, put together."""
+"""A plan's way from batches to the dataset: compute, keep, merge. One loop serves every back end."""
 
 from __future__ import annotations
 
 import os
 import signal
 import threading
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from collections import deque
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from dask.system import CPU_COUNT
+from numpy.typing import NDArray
 
-from sweeps.compute.local import Batch, Result, in_process, packed
+from sweeps.compute.batch import Task
+from sweeps.compute.local import WINDOW, Backend, Died, Job, Local, Outcome, Receipt, receipt_of
+from sweeps.compute.reproduce import one_liner
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
 from sweeps.grid import Points
-from sweeps.plan.keys import Columns, column
-from sweeps.storage.lock import announce, locked
-from sweeps.storage.merge import MemorySource, ShardSource, Source, dataset, gather
+from sweeps.plan.batches import BatchSizes, Queue
+from sweeps.plan.plan import PlanData, Selection
+from sweeps.plan.planning import ROW_BYTES, select
+from sweeps.storage.lock import locked
+from sweeps.storage.merge import DamagedError, dataset, gather
 from sweeps.storage.netcdf import attach, leftovers, open_results, stored_only, write
+from sweeps.storage.sources import PartSource, ResultSource, Source
 from sweeps.storage.store import Store
 from sweeps.watch.monitor import Monitor, Progress
 
-if TYPE_CHECKING:
-    from sweeps.plan.plan import Plan
-
 LOCAL = ("threads", "sync", "processes")
+# A point has failed when the worker that had nothing else to do died so many times.
+DEATHS = 2
 
 
 def execute(
-    plan: Plan, scheduler: str, workers: int | None, progress: Progress | None, fail_fast: bool
+    plan: PlanData, scheduler: str, workers: int | None, progress: Progress | None, fail_fast: bool
 ) -> xr.Dataset:
     """Run a plan; see `Plan.run`."""
     check_backend(scheduler, workers)
     if plan.store is None:
-        run = _Run(plan, None, Monitor(plan.todo, progress, None), fail_fast)
-        run.compute(scheduler, workers)
-        found = dataset(plan.layout, gather(plan.layout, run.tables))
-        return attach(plan.layout, found, plan.sweep.derive)
+        sources = _Run(plan, None, list(plan.sources), progress, fail_fast).compute(scheduler, workers)
+        found = gather(plan.manifest, sources, [*plan.manifest.variables, "wall_time"])
+        return attach(plan.manifest, dataset(plan.manifest, found), plan.sweep.derive)
     store = Store(plan.store)
     if plan.whole:
         _tidy(store)
-        return _asked(plan, store)
+        return _requested(plan, store)
     with locked(store):
         if store.stamp() != plan.stamp:
             raise StoreError(f"{store.file} has changed since this was planned; plan again")
         sources = [source for source in plan.sources if source.name not in plan.damaged]
-        known = {source.name for source in sources}
-        _prepare(plan, store, known)
-        _Run(plan, store, Monitor(plan.todo, progress, store.progress), fail_fast).compute(scheduler, workers)
-        sources += [ShardSource(store.shards, name) for name in store.shards.names() if name not in known]
-        write(store, plan.layout, sources, plan.sweep.derive)
+        _prepare(plan, store, {source.name for source in sources})
+        sources = _Run(plan, store, sources, progress, fail_fast).compute(scheduler, workers)
+        try:
+            write(store, plan.manifest, sources, plan.sweep.derive)
+        except DamagedError as problem:
+            # The next plan computes its points again.
+            (store.parts / problem.part).unlink(missing_ok=True)
+            text = f"{problem.part} in {store.parts} got damaged; plan and run again"
+            raise StoreError(text) from None
         store.clear()
-    return _asked(plan, store)
+    return _requested(plan, store)
 
 
 def check_backend(scheduler: str, workers: int | None) -> None:
@@ -68,24 +77,23 @@ def check_backend(scheduler: str, workers: int | None) -> None:
         raise SchedulerError(f"workers = {workers!r}: it must be a whole number, 1 or above")
 
 
-def _prepare(plan: Plan, store: Store, known: Collection[str]) -> None:
-    """Make the folder of shards, remove what is of no use, and say what is to come."""
+def _prepare(plan: PlanData, store: Store, known: Collection[str]) -> None:
+    """Make the folder of parts, remove what is of no use, and say what is to come."""
     try:
-        if plan.layout.fresh and not plan.sources:
-            store.clear()
+        if plan.manifest.fresh and not plan.sources:
+            store.manifest.unlink(missing_ok=True)
         store.parts.mkdir(parents=True, exist_ok=True)
-        # What a killed run left half written, and shards that are damaged or of another layout.
+        # What a killed run left half written, and parts that are damaged or of another manifest.
         for path in [*store.parts.glob(".*.tmp"), *leftovers(store)]:
             path.unlink(missing_ok=True)
-        for name in store.shards.names():
+        for name in store.folder.names():
             if name not in known:
                 (store.parts / name).unlink()
-        announce(store)
-        temporary = store.layout.with_name(".layout.tmp")
-        plan.layout.save(temporary)
+        temporary = store.manifest.with_name(".manifest.tmp")
+        plan.manifest.save(temporary)
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
-        os.replace(temporary, store.layout)
+        os.replace(temporary, store.manifest)
     except (OSError, RuntimeError) as problem:
         raise StoreError(_unwritten(store, problem)) from problem
 
@@ -94,30 +102,27 @@ def _tidy(store: Store) -> None:
     """Remove what a run left that was killed when its file was written already."""
     if store.parts.exists() or store.lock.exists():
         with suppress(StoreError), locked(store):
-            if not store.layout.exists():
+            if not store.manifest.exists():
                 store.clear()
 
 
-def _asked(plan: Plan, store: Store) -> xr.Dataset:
-    """Of the file, the points that were asked for, in the order in which they were."""
+def _requested(plan: PlanData, store: Store) -> xr.Dataset:
+    """Of the file, the points that were requested, in the order in which they were."""
     try:
         found = open_results(store.file)
     except ValueError as problem:
         raise StoreError(f"{problem}; move it away, or start over with fresh (--fresh)") from None
-    grid, asked = plan.layout.grid, plan.sweep.grid
-    if asked.shape == grid.shape and np.array_equal(plan.asked, np.arange(grid.size)):
+    if plan.embedding.whole:
         return found
-    place = np.stack(np.unravel_index(plan.asked.reshape(asked.shape), grid.shape))
-    chosen = {}
-    for k, dim in enumerate(grid.dims):
-        first = tuple(slice(None) if j == k else 0 for j in range(len(grid.dims)))
-        chosen[dim] = place[(k, *first)]
-    some = stored_only(plan.layout, found).isel(chosen)
+    manifest, grid = plan.manifest, plan.manifest.grid
+    some = stored_only(manifest, found).isel({dim: plan.embedding.along(k) for k, dim in enumerate(grid.dims)})
     if "failure" in some.dims:
-        points = plan.layout.at([column(some[f"failure_{name}"].values) for name in grid.axes])
-        ours = np.isin(plan.layout.original[points], plan.layout.original[plan.asked])
+        at = [np.asarray(some[f"failure_{name}"].values) for name in grid.axes]
+        points = grid.at([values.astype(str) if values.dtype.kind == "O" else values for values in at])
+        own = manifest.representatives(np.flatnonzero(plan.requested))
+        ours = np.isin(manifest.representatives(points), own)
         some = some.isel(failure=ours) if ours.any() else some.drop_dims("failure")
-    return attach(plan.layout, some, plan.sweep.derive)
+    return attach(manifest, some, plan.sweep.derive)
 
 
 def _unwritten(store: Store, problem: BaseException) -> str:
@@ -126,28 +131,47 @@ def _unwritten(store: Store, problem: BaseException) -> str:
 
 
 class _Run:
-    """One execution of a plan's batches: the job of a back end."""
+    """One execution of a plan's batches.
 
-    def __init__(self, plan: Plan, store: Store | None, monitor: Monitor, fail_fast: bool) -> None:
-        self.plan, self.store, self.monitor, self.fail_fast = plan, store, monitor, fail_fast
-        self.folder = None if store is None else store.shards
-        self.work, self.as_shard = plan.work, store is not None
-        self.tables: list[Source] = []
-        # A plain flag: a signal's handler sets it, and must not wait for the lock within an event.
-        self.interrupted = False
+    Parameters
+    ----------
+    plan : PlanData
+    store : Store or None
+    sources : list of Source
+        Where what is at hand is kept.
+    progress : callable, optional
+    fail_fast : bool
+    """
+
+    def __init__(
+        self,
+        plan: PlanData,
+        store: Store | None,
+        sources: list[Source],
+        progress: Progress | None,
+        fail_fast: bool,
+    ) -> None:
+        self.plan, self.store, self.sources, self.fail_fast = plan, store, sources, fail_fast
+        self.folder = None if store is None else store.folder
+        self.job = Job(plan.task, plan.manifest.grid, "" if store is None else plan.manifest.token)
+        self.monitor = Monitor(plan.todo, progress, None if store is None else store.progress)
+        # Plain flags: a signal's handler sets them, and must not wait for a lock.
+        self.interrupted = self.abandoned = False
         self.failure = ""
+        self._under_way: dict[Any, tuple[str, NDArray[np.intp], int | None]] = {}
+        # Batches at which a worker died, and how often each has died alone.
+        self._suspects: list[tuple[NDArray[np.intp], int]] = []
+        # What has come back and is not kept yet.
+        self._arrivals: deque[tuple[Any, Outcome]] = deque()
 
-    def compute(self, scheduler: str, workers: int | None) -> None:
-        """Do every batch; with a store each becomes a shard, without one a table in memory."""
+    def compute(self, scheduler: str, workers: int | None) -> Sequence[Source]:
+        """Do every batch, of a refined sweep pass after pass; where all results are kept."""
         with self._interruptible():
             try:
-                for table in self.plan.probes:
-                    self._keep(packed(self.work, table, self.as_shard))
-                    self.monitor.before(len(table), table.failed)
-                if self.plan.batches and not self.stopped():
-                    self._batches(scheduler, workers)
+                if self.plan.todo:
+                    self._passes(scheduler, workers)
             finally:
-                # Lanes that were abandoned come too late from now on.
+                # Threads that were given up come too late from now on.
                 if self.folder is not None:
                     self.folder.close()
                 self.monitor.close()
@@ -155,53 +179,128 @@ class _Run:
             raise SweepStoppedError(f"stopped at the first failure: {self.failure}")
         if self.interrupted:
             raise KeyboardInterrupt
+        return self.sources
 
-    def _batches(self, scheduler: str, workers: int | None) -> None:
-        batches, most = iter(self.plan.batches), len(self.plan.batches)
-        count = min(workers or CPU_COUNT, most)
+    def _passes(self, scheduler: str, workers: int | None) -> None:
+        plan, selection = self.plan, self.plan.selection
+        most = plan.todo if plan.sweep.refinement is None else plan.points
+        with ExitStack() as stack:
+            backend = self._backend(stack, scheduler, min(workers or CPU_COUNT, most))
+            while selection.todo:
+                self._loop(selection, backend)
+                if plan.sweep.refinement is None or self._stopped():
+                    return
+                selection = select(plan.sweep, plan.manifest, plan.embedding, plan.requested, self.sources)
+                self.monitor.more(selection.todo)
+
+    def _backend(self, stack: ExitStack, scheduler: str, workers: int) -> Backend:
         if scheduler in ("threads", "sync"):
-            in_process(self, batches, count if scheduler == "threads" else None)
-            return
+            return stack.enter_context(Local(self.job, self.folder, workers if scheduler == "threads" else None))
         # Imported here: it takes long, and few runs need it.
-        from sweeps.compute.cluster import connected, on_cluster
+        from sweeps.compute.cluster import Cluster, connected
 
-        with connected(None if scheduler == "processes" else scheduler, count) as client:
-            on_cluster(client, self, batches)
+        client = stack.enter_context(connected(None if scheduler == "processes" else scheduler, workers))
+        return stack.enter_context(Cluster(client, self.job, self.folder))
 
-    def arguments(self, batch: Batch) -> tuple[Points, Columns]:
-        """The points of a batch, and their keys."""
-        return self.plan.layout.grid.points(batch), self.plan.layout.slot_key(batch)
+    def _loop(self, selection: Selection, backend: Backend) -> None:
+        """Hand out batches as long as there are any, and take what comes of them."""
+        sweep, manifest = self.plan.sweep, self.plan.manifest
+        queue = Queue(manifest.grid, selection.due, sweep.order_by)
+        row = sum(manifest.row_bytes(name) for name in sweep.variables) + ROW_BYTES
+        sizes = BatchSizes(row, sweep.batch_multiple, backend.workers)
+        # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
+        window, halted = 1 if self.fail_fast else WINDOW, False
+        try:
+            while True:
+                if self._stopped():
+                    if self._under_way and not halted:
+                        backend.halt()
+                        halted = True
+                else:
+                    if self._suspects and backend.isolate():
+                        self._submit(backend, *self._suspects.pop())
+                    while queue.left and len(self._under_way) < backend.room(window):
+                        self._submit(backend, queue.take(sizes.next(queue.left)))
+                if not self._under_way and (self._stopped() or not self._suspects):
+                    return
+                self._arrivals.extend(backend.arrived())
+                while self._arrivals:
+                    handle, outcome = self._arrivals.popleft()
+                    name, points, deaths = self._under_way.pop(handle)
+                    if isinstance(outcome, Died):
+                        outcome = self._suspected(points, deaths)
+                    if isinstance(outcome, Receipt):
+                        sizes.finished(outcome.rows, outcome.seconds)
+                    rows, failed = self._keep(name, points, outcome)
+                    self.monitor.end(int(points[0]), rows, failed)
+        except BaseException:
+            if isinstance(backend, Local) and not self.abandoned:
+                self._drain(backend)
+            raise
 
-    def begun(self, batch: Batch) -> None:
-        """The batch has been given to a worker."""
-        ends = self.plan.layout.grid.points(batch[[0, -1]])
+    def _submit(self, backend: Backend, points: NDArray[np.intp], deaths: int | None = None) -> None:
+        """Hand out a batch; one at which a worker died, to a worker of its own."""
+        ends = self.plan.manifest.grid.points(points[[0, -1]])
         spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
-        self.monitor.begin(int(batch[0]), ", ".join(spans))
+        self.monitor.begin(int(points[0]), ", ".join(spans))
+        name = "" if self.folder is None else self.folder.next_name()
+        handle = backend.submit(name, points, deaths is not None)
+        self._under_way[handle] = name, points, deaths
 
-    def finished(self, batch: Batch, result: Result) -> None:
-        """The batch is done."""
-        self._keep(result)
-        self.monitor.end(int(batch[0]), result.rows, result.failed)
+    def _keep(self, name: str, points: NDArray[np.intp], outcome: Outcome) -> tuple[int, int]:
+        """Keep what came of a batch; how many of its points were done, and how many of these failed."""
+        if isinstance(outcome, (OSError, RuntimeError)) and self.store is not None:
+            raise StoreError(_unwritten(self.store, outcome)) from outcome
+        if isinstance(outcome, BaseException):
+            raise outcome
+        if not isinstance(outcome, Receipt):
+            return 0, 0
+        self.failure = self.failure or outcome.first_failure
+        if outcome.result is not None:
+            self.sources.append(ResultSource(points, outcome.result))
+        elif self.folder is not None and self.store is not None:
+            if outcome.content is not None:
+                try:
+                    self.folder.put(name, outcome.content)
+                except (OSError, RuntimeError) as problem:
+                    raise StoreError(_unwritten(self.store, problem)) from problem
+            self.sources.append(PartSource(self.folder, name))
+        return outcome.rows, outcome.failed
 
-    def withdrawn(self, batch: Batch) -> None:
-        """The batch was taken back before it was begun."""
-        self.monitor.end(int(batch[0]), 0, 0)
+    def _drain(self, backend: Local) -> None:
+        """Finish and keep what threads have begun: they cannot be ended."""
+        backend.halt()
+        while self._under_way:
+            for handle, outcome in [*self._arrivals, *backend.arrived()]:
+                name, points, _ = self._under_way.pop(handle)
+                # The first problem is the one that is raised.
+                with suppress(Exception):
+                    self._keep(name, points, outcome)
+            self._arrivals.clear()
 
-    def stopped(self) -> bool:
+    def _suspected(self, points: NDArray[np.intp], deaths: int | None) -> Outcome:
+        """What is to be tried alone now that a worker has died at a batch; a point that has failed, as that."""
+        if deaths is None:
+            self._suspects.append((points, 0))
+        elif len(points) > 1:
+            self._suspects += [(half, 0) for half in np.array_split(points, 2)]
+        elif deaths + 1 < DEATHS:
+            self._suspects.append((points, deaths + 1))
+        else:
+            return self._killed(points)
+        return None
+
+    def _killed(self, points: NDArray[np.intp]) -> Receipt:
+        """A point at which workers die, as a point that failed."""
+        job, task, values = self.job, self.plan.task, self.plan.manifest.grid.points(points)
+        result = Task(task.name, _died, {}, task.variables, task.shapes).compute(values)
+        line = one_liner(task.function, {name: each[0] for name, each in values.items()}, task.constants)
+        result.failures[0] = result.failures[0]._replace(reproduce=line)
+        return receipt_of(job, points, values, result, 0.0)
+
+    def _stopped(self) -> bool:
         """Whether no more batches are to begin."""
         return self.interrupted or bool(self.fail_fast and self.failure)
-
-    def _keep(self, result: Result) -> None:
-        if result.failed:
-            self.failure = self.failure or result.first_failure
-        if result.table is not None:
-            self.tables.append(MemorySource(result.table))
-        if self.store is None or self.folder is None or result.content is None:
-            return
-        try:
-            self.folder.put(result.content)
-        except (OSError, RuntimeError) as problem:
-            raise StoreError(_unwritten(self.store, problem)) from problem
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
@@ -213,6 +312,7 @@ class _Run:
 
         def interrupt(number: int, frame: Any) -> None:
             if self.interrupted:
+                self.abandoned = True
                 raise KeyboardInterrupt
             self.interrupted = True
             self.monitor.stop()
@@ -222,6 +322,10 @@ class _Run:
             yield
         finally:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _died(points: Points) -> dict[str, Any]:
+    raise RuntimeError(f"the process that computed this point died, {DEATHS} times out of {DEATHS}")
 
 
 def _span(first: Any, last: Any) -> str:

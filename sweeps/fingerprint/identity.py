@@ -9,24 +9,21 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sweeps.compute.batch import rounded
+from sweeps.compute.values import rounded, scaled
 from sweeps.fingerprint.sources import differing, sources
 from sweeps.grid import Axis, Grid
-from sweeps.storage.merge import scaled
-
-if TYPE_CHECKING:
-    from sweeps.sweep import Sweep
+from sweeps.plan.declaration import Declaration
 
 LISTED = 20
 # What differs is told in this order.
 LEADING = ("constants", "axes", "groups", "variables", "coords")
 
 
-def configuration(sweep: Sweep, grid: Grid) -> str:
+def configuration(sweep: Declaration, grid: Grid) -> str:
     """Everything the values depend on, as one line of JSON; long axes by their ends and length.
 
     The axes are those of the file's grid; their values are the coordinates of the same file.
@@ -35,7 +32,7 @@ def configuration(sweep: Sweep, grid: Grid) -> str:
     return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)})
 
 
-def identity(sweep: Sweep) -> dict[str, Any]:
+def identity(sweep: Declaration) -> dict[str, Any]:
     """What stored results are compared by; JSON can hold it.
 
     Raises
@@ -64,7 +61,7 @@ def identity(sweep: Sweep) -> dict[str, Any]:
     return loaded
 
 
-def presentation(sweep: Sweep) -> str:
+def presentation(sweep: Declaration) -> str:
     """Digest of what else the file shows: names, titles, what is derived, and what counts as skipped."""
     shown: dict[str, Any] = {
         "title": sweep.title,

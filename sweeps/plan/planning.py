@@ -1,127 +1,202 @@
-"""Deciding what a sweep will do: what is asked, what is at hand, what is one computation, and how it is cut."""
+"""Deciding what a sweep will do: what is requested, what is at hand, and what is one computation.
+
+No function of the user's is called but `skip`, `key` and `scale`, and what is at hand is known without its values.
+Of each point the plan holds a few flags; a number only where points are skipped, or are copies of others.
+"""
 
 from __future__ import annotations
 
 import json
 import math
-import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
-from sweeps.compute.batch import FAILED, PENDING, Table, Work
+from sweeps.compute.batch import Task
 from sweeps.fingerprint.identity import configuration, identity, presentation
-from sweeps.grid import Axis, Grid, Points
-from sweeps.plan.keys import Index, key_columns
-from sweeps.plan.plan import Plan
+from sweeps.grid import FAILED, PENDING, Axis, Embedding, Grid, Index
+from sweeps.plan.declaration import Declaration
+from sweeps.plan.keys import factors, key_columns
+from sweeps.plan.plan import PlanData, Selection
 from sweeps.refine.refine import wanted_points
-from sweeps.storage.manifest import Layout
-from sweeps.storage.merge import Source, gather
-from sweeps.storage.store import Kept, Store, check_replaceable, kept
+from sweeps.storage.existing import Existing, check_replaceable, existing
+from sweeps.storage.manifest import Manifest
+from sweeps.storage.merge import gather, surveyed
+from sweeps.storage.sources import Source
+from sweeps.storage.store import Store
 
-if TYPE_CHECKING:
-    from sweeps.sweep import Sweep
-
-# A batch long enough to hide its own cost, short enough to spread and to show progress, small enough to hold.
-BATCH_SECONDS = 1.0
-BATCH_BYTES = 12e6
-# A short sweep is cut finer, so that all workers have something, but not below this.
-LEAST_BATCHES, SHORTEST = 16, 0.02
-# Towards the end a batch is this share of what is left, down to so long, s: workers end at the same time.
-LAST_SHARE, LAST_SECONDS = 0.125, 0.25
-# Probes: so many points each, at these places of the work, while they are expected to take less than this, s.
-PROBE_SIZES, PROBE_SECONDS = (1, 1, 8, 8, 8, 8, 8, 8), 0.15
-PROBE_PLACES = (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 # Bytes of a point besides its results: status, error, computing time.
 ROW_BYTES = 16
 # What rounding and compression leave of a rounded float.
 COMPRESSED = 0.6
+# Points that are made at a time, where they are only looked at.
+BLOCK = 1 << 18
 
 
-def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed: bool) -> Plan:
+def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_failed: bool) -> PlanData:
     """The plan of a sweep; see `Sweep.plan`."""
     place = None if store is None else Store(store)
     attributes: dict[str, str] = {}
-    present: Kept | None = None
+    present: Existing | None = None
     if place is not None:
         place.check_place(sweep.name)
-        told = identity(sweep)
-        attributes = {"identity": json.dumps(told), "presentation": presentation(sweep)}
+        fingerprint = identity(sweep)
+        attributes = {"identity": json.dumps(fingerprint), "presentation": presentation(sweep)}
         if fresh:
             check_replaceable(place, sweep.name)
         else:
-            present = kept(place, sweep.name, told)
+            present = existing(place, sweep.name, fingerprint)
             # A run that started over and was interrupted goes on as that.
-            fresh = present is not None and present.fresh
+            fresh = present is not None and present.manifest is not None and present.manifest.fresh
     stamp = () if place is None else place.stamp()
 
     grid = sweep.grid if present is None else _grown(present.grid, sweep.grid)
     attributes["configuration"] = configuration(sweep, grid)
-    asked = grid.place(sweep.grid)
-    skipped = sweep.grid.skipped(sweep.grid.points())
-    wanted = asked[~skipped]
-    sources: list[Source] = [] if present is None else present.sources
-    layout = _layout(sweep, grid, wanted, attributes, fresh)
-    refinement = sweep.refinement
-    unseen = [name for name in sweep.variables if refinement is None or name != refinement.variable]
-    known = gather(layout, sources, unseen)
-    status = known.status
-    if refinement is not None:
-        wanted = asked[wanted_points(sweep, refinement, layout, asked, known) & ~skipped]
-
-    # As flags of all points: np.unique takes a second for a million.
-    slots, due = np.zeros(grid.size, dtype=bool), np.zeros(grid.size, dtype=bool)
-    slots[layout.original[wanted]] = True
-    again = (PENDING, FAILED) if retry_failed else (PENDING,)
-    due[layout.original[wanted[np.isin(status[wanted], again)]]] = True
-    distinct = int(np.count_nonzero(slots))
-    todo = _in_order(sweep, layout, np.flatnonzero(due))
-    work = Work(
-        sweep.name,
-        sweep.function,
-        sweep.constants,
-        sweep.variables,
-        {name: layout.shape(name) for name in sweep.variables},
-    )
-    row = sum(layout.row_bytes(name) for name in sweep.variables) + ROW_BYTES
-    probes, seconds = _probe(work, layout, todo, row, sweep.at_once)
-    probed = np.concatenate([np.zeros(0, dtype=np.intp), *(index for index, _ in probes)])
-    batches = make_batches(todo[~np.isin(todo, probed)], seconds, row, sweep.at_once)
-    longest = max((len(batch) for batch in batches), default=0)
+    embedding = grid.embed(sweep.grid)
+    requested = _requested(sweep.grid, grid, embedding)
+    sources = () if present is None else tuple(present.sources)
+    manifest = _manifest(sweep, grid, requested, attributes, fresh, None if present is None else present.manifest)
+    selection = select(sweep, manifest, embedding, requested, sources, retry_failed)
     whole = (
         present is not None
-        and present.finished
-        and not len(todo)
+        and present.manifest is None
+        and not selection.todo
         and grid.size == present.grid.size
         and present.attributes.get("presentation") == attributes["presentation"]
     )
-    return Plan(
+    shapes = {name: manifest.shape(name) for name in sweep.variables}
+    return PlanData(
         sweep=sweep,
         store=None if place is None else place.file,
         points=sweep.grid.size,
-        skipped=int(skipped.sum()),
-        wanted=len(wanted),
-        distinct=distinct,
-        cached=distinct - len(todo),
-        failed=int(np.count_nonzero(status[slots & ~due] == FAILED)),
-        todo=len(todo),
-        batches=batches,
-        original=layout.original,
-        bytes=_bytes(sweep, layout),
-        batch_bytes=longest * row,
-        seconds=0.0 if not len(todo) else seconds * len(todo),
-        layout=layout,
-        work=work,
-        probes=tuple(table for _, table in probes),
-        asked=asked,
-        sources=tuple(sources),
+        skipped=sweep.grid.size - int(np.count_nonzero(requested)),
+        selection=selection,
+        bytes=_bytes(sweep, manifest),
+        manifest=manifest,
+        task=Task(sweep.name, sweep.function, sweep.constants, sweep.variables, shapes),
+        embedding=embedding,
+        requested=requested,
+        sources=sources,
         stamp=stamp,
         whole=whole,
-        damaged=tuple(known.damaged),
+    )
+
+
+def select(
+    sweep: Declaration,
+    manifest: Manifest,
+    embedding: Embedding,
+    requested: NDArray[np.bool_],
+    sources: Sequence[Source],
+    retry_failed: bool = False,
+) -> Selection:
+    """What is to be done, given what is at hand; of a refined sweep what that makes worth computing."""
+    found = surveyed(manifest, sources)
+    status, wanted = found.status, requested
+    if sweep.refinement is not None:
+        usable = [source for source in sources if source.name not in found.damaged]
+        values = gather(manifest, usable, [sweep.refinement.variable], reasons=False)
+        at = embedding(np.arange(sweep.grid.size))
+        chosen = wanted_points(
+            sweep.name,
+            sweep.refinement,
+            manifest,
+            values.values[sweep.refinement.variable][at].reshape(sweep.grid.shape),
+            status[at].reshape(sweep.grid.shape),
+            None if sweep.key is None else manifest.representatives(at).reshape(sweep.grid.shape),
+        )
+        wanted = np.zeros_like(requested)
+        wanted[at[chosen.ravel()]] = True
+        wanted &= requested
+    again = status == PENDING
+    if retry_failed:
+        again |= status == FAILED
+    slots = _slots(manifest, wanted)
+    due = _slots(manifest, wanted & again)
+    distinct, todo = int(np.count_nonzero(slots)), int(np.count_nonzero(due))
+    failed = int(np.count_nonzero(slots & (status == FAILED) & ~due))
+    seconds = math.nan if todo else 0.0
+    if todo and found.computations:
+        seconds = todo * found.seconds / found.computations
+    count = int(np.count_nonzero(wanted))
+    return Selection(due, count, distinct, distinct - todo, failed, todo, seconds, tuple(found.damaged))
+
+
+def _slots(manifest: Manifest, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The representatives of the points that are flagged, as flags themselves."""
+    if manifest.representative is None:
+        return flags
+    slots = np.zeros_like(flags)
+    slots[manifest.representative[flags]] = True
+    return slots
+
+
+def _blocks(size: int) -> Iterator[NDArray[np.intp]]:
+    for begin in range(0, size, BLOCK):
+        yield np.arange(begin, min(begin + BLOCK, size))
+
+
+def _requested(own: Grid, grid: Grid, embedding: Embedding) -> NDArray[np.bool_]:
+    """Flags, of the file's points, those of the sweep's own that are not skipped."""
+    if embedding.whole and own.skip is None:
+        return np.ones(grid.size, dtype=bool)
+    flags = np.zeros(grid.size, dtype=bool)
+    for points in _blocks(own.size):
+        flags[embedding(points[~own.skipped(own.points(points))])] = True
+    return flags
+
+
+def _manifest(
+    sweep: Declaration,
+    grid: Grid,
+    requested: NDArray[np.bool_],
+    attributes: dict[str, str],
+    fresh: bool,
+    before: Manifest | None,
+) -> Manifest:
+    """The file that will be: which point is computed in each one's stead, and what it is multiplied by."""
+    live = requested.copy()
+    if not requested.all():
+        for points in _blocks(grid.size):
+            others = points[~requested[points]]
+            if len(others):
+                live[others] = ~grid.skipped(grid.points(others))
+    representative, multiplied = None, {}
+    kind = np.int32 if grid.size < 2**31 else np.int64
+    if sweep.key is not None or sweep.scale is not None:
+        # Of equal points the first one requested is computed.
+        order = np.concatenate([np.flatnonzero(requested), np.flatnonzero(live & ~requested)])
+        values = grid.points(order)
+        if sweep.key is not None:
+            representative = np.full(grid.size, -1, dtype=kind)
+            representative[order] = order[Index(key_columns(sweep, values)).first()] if len(order) else order
+        for name, each in factors(sweep, values).items():
+            multiplied[name] = np.zeros(grid.size)
+            multiplied[name][order] = each
+    if representative is None and not live.all():
+        representative = np.where(live, np.arange(grid.size, dtype=kind), kind(-1))
+    tokens: dict[str, Any] = {}
+    if before is not None:
+        same = before.grid.embed(grid).whole and grid.embed(before.grid).whole
+        tokens = (
+            {"token": before.token, "earlier": before.earlier}
+            if same
+            else {"earlier": {**before.earlier, before.token: before.grid}}
+        )
+    return Manifest(
+        sweep.name,
+        sweep.title or sweep.name,
+        Grid(grid.axes, [group for group in grid.groups if len(group) > 1]),
+        sweep.coords,
+        sweep.variables,
+        representative,
+        multiplied,
+        attributes,
+        fresh,
+        **tokens,
     )
 
 
@@ -141,144 +216,9 @@ def _as_asked(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     return same if np.array_equal(same, values) else values.astype(np.promote_types(values.dtype, dtype))
 
 
-def _layout(sweep: Sweep, grid: Grid, wanted: NDArray[np.intp], attributes: dict[str, str], fresh: bool) -> Layout:
-    """The file that will be: which point is computed in each one's stead, and what it is multiplied by."""
-    rest = np.ones(grid.size, dtype=bool)
-    rest[wanted] = False
-    others = np.flatnonzero(rest)
-    others = others[~grid.skipped(grid.points(others))] if len(others) else others
-    # Of equal points the first one asked for is computed.
-    live = np.concatenate([wanted, others])
-    points = grid.points(live)
-    original = np.full(grid.size, -1, dtype=np.intp)
-    original[live] = live
-    key = None
-    if sweep.key is not None:
-        columns = key_columns(sweep, points)
-        original[live] = live[Index(columns).first()]
-        key = [_scattered(column, live, grid.size) for column in columns]
-    factors = {name: _scattered(each, live, grid.size) for name, each in _factors(sweep, points).items()}
-    zipped = [group for group in grid.groups if len(group) > 1]
-    return Layout(
-        sweep.name,
-        sweep.title or sweep.name,
-        Grid(grid.axes, zipped),
-        sweep.coords,
-        sweep.variables,
-        original,
-        key,
-        factors,
-        attributes,
-        fresh,
-    )
-
-
-def _factors(sweep: Sweep, points: Points) -> dict[str, NDArray[np.float64]]:
-    """What variables are multiplied by, one number a point."""
-    given = {} if sweep.scale is None else sweep.scale(points)
-    count = len(next(iter(points.values())))
-    if not isinstance(given, Mapping):
-        raise ValueError(f"Sweep {sweep.name}: scale gave {type(given).__name__}; it must give a dict of factors")
-    missing = {v.scale for v in sweep.variables.values() if v.scale} - set(given)
-    if missing:
-        raise ValueError(f"Sweep {sweep.name}: scale gives no {', '.join(sorted(missing))}")
-    factors = {}
-    for name, each in given.items():
-        values = np.asarray(each)
-        if values.shape != (count,) or values.dtype.kind not in "biuf":
-            raise ValueError(
-                f"Sweep {sweep.name}: scale gave {name!r} as an array of shape {values.shape} and type "
-                f"{values.dtype} for {count} points; it must give one number for each"
-            )
-        factors[name] = values.astype(float)
-        if not np.all(np.isfinite(factors[name])):
-            raise ValueError(f"Sweep {sweep.name}: scale gave {name!r} with a factor that is not finite")
-    return factors
-
-
-def _scattered(values: NDArray[Any], at: NDArray[np.intp], size: int) -> NDArray[Any]:
-    """An array of `size` with the values where they belong."""
-    whole = np.zeros(size, dtype=values.dtype)
-    whole[at] = values
-    return whole
-
-
-def _in_order(sweep: Sweep, layout: Layout, todo: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Neighbours that share what is costly come together."""
-    if not sweep.together or not len(todo):
-        return todo
-    points = layout.grid.points(todo)
-    order = np.lexsort([todo, *(points[name] for name in reversed(sweep.together))])
-    return todo[order]
-
-
-def make_batches(
-    todo: NDArray[np.intp], seconds: float, row_bytes: float = 0.0, at_once: int = 1
-) -> tuple[NDArray[np.intp], ...]:
-    """Cut the work into runs of neighbouring points, which share what they can share."""
-    if not len(todo):
-        return ()
-    fitting = BATCH_SECONDS / seconds if seconds > 0.0 else math.inf
-    room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
-    # NaN, where nothing is known of the time, cuts as if it were long.
-    pieces = (
-        LEAST_BATCHES if not seconds * len(todo) < LEAST_BATCHES * SHORTEST else seconds * len(todo) / SHORTEST
-    )
-    together = min(float(at_once), room)
-    size = int(max(1.0, together, min(fitting, room, math.ceil(len(todo) / max(pieces, 1)))))
-    least = size if not seconds * size > LAST_SECONDS else int(max(1.0, together, LAST_SECONDS / seconds))
-    batches = []
-    while len(todo):
-        count = min(size, max(least, math.ceil(LAST_SHARE * len(todo))))
-        batches.append(todo[:count])
-        todo = todo[count:]
-    return tuple(batches)
-
-
-def _probe(
-    work: Work, layout: Layout, todo: NDArray[np.intp], row_bytes: int, at_once: int
-) -> tuple[list[tuple[NDArray[np.intp], Table]], float]:
-    """A few points computed and timed, and the seconds a point takes; NaN if none tells.
-
-    The first probe pays for compilation and caches and tells nothing, unless it is all there is to do. The
-    results are kept by the run.
-    """
-    probes: list[tuple[NDArray[np.intp], Table]] = []
-    free = np.ones(len(todo), dtype=bool)
-    sizes = [size if size == 1 else max(size, at_once) for size in PROBE_SIZES]
-    timed = {size: [0.0, 0] for size in sizes}
-    spent, seconds = 0.0, math.nan if len(todo) else 0.0
-    # Spread over the work: costs may differ from end to end.
-    for size, share in zip(sizes, PROBE_PLACES, strict=False):
-        dear = spent + seconds * size > PROBE_SECONDS or row_bytes * size > BATCH_BYTES
-        if not free.any() or (len(probes) > 1 and (dear or math.isnan(seconds))):
-            break
-        start = int(share * max(len(todo) - size, 0))
-        chosen = start + np.flatnonzero(free[start : start + size])
-        chosen = chosen if len(chosen) else np.flatnonzero(free)[:size]
-        free[chosen] = False
-        index = todo[chosen]
-        begin = time.perf_counter()
-        # As in a run: the bits of a result may depend on the number of BLAS threads.
-        with threadpool_limits(1, user_api="blas"):
-            table = work.table(layout.grid.points(index), layout.slot_key(index))
-        taken = time.perf_counter() - begin
-        if (probes or len(todo) == 1) and table.failed < len(table):
-            spent += taken
-            # Larger ones tell more of what a batch costs.
-            total = timed[size]
-            total[0], total[1] = total[0] + taken, total[1] + len(index)
-            seconds = total[0] / total[1]
-            if size < at_once:
-                # Until it is known better: in company they cost twice what one costs alone.
-                seconds *= min(2.0 / at_once, 1.0)
-        probes.append((index, table))
-    return probes, seconds
-
-
-def _bytes(sweep: Sweep, layout: Layout) -> int:
+def _bytes(sweep: Declaration, manifest: Manifest) -> int:
     """Expected size of the file."""
     point = float(ROW_BYTES)
     for name, variable in sweep.variables.items():
-        point += layout.row_bytes(name) * (COMPRESSED if variable.digits is not None else 1.0)
-    return int(layout.grid.size * point)
+        point += manifest.row_bytes(name) * (COMPRESSED if variable.digits is not None else 1.0)
+    return int(manifest.grid.size * point)

@@ -67,6 +67,35 @@ class Rule:
     whole: bool = False
 
 
+@dataclass(frozen=True)
+class Refinement:
+    """What decides where a sweep is computed.
+
+    Parameters
+    ----------
+    variable : str
+        The variable that is looked at: one number a point. Of a whole number every value is a class of its own.
+    levels : int
+        Halvings of the coarse lattice's spacing along every axis: each has (m - 1) 2^levels + 1 values.
+    tolerance : float, optional
+        Largest error expected of interpolation, in units of the range of the values found; None: any.
+    thresholds : tuple of float
+        Values at which a float passes from one class to another.
+    resolution : float
+        Errors below this share of the largest value are rounding; at least that of the variable as it is kept.
+    """
+
+    variable: str
+    levels: int
+    tolerance: float | None = None
+    thresholds: tuple[float, ...] = ()
+    resolution: float = 1e-9
+
+    def rule(self, whole: bool) -> Rule:
+        """What makes a point worth computing."""
+        return Rule(self.thresholds, self.tolerance, self.resolution, whole)
+
+
 @dataclass(frozen=True, eq=False)
 class Survey:
     """A lattice as what is known of it lets it appear.

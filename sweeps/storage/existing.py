@@ -1,155 +1,175 @@
-"""A finished file as a source: its points, and the computations behind them, to be taken up again."""
+"""What a store holds already: a finished file, the parts of a run that was not finished, or both."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import json
+import os
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import netCDF4
 import numpy as np
-from numpy.typing import NDArray
 
-from sweeps.compute.batch import DONE, FAILED, Table
 from sweeps.errors import StoreError
-from sweeps.grid import Grid
-from sweeps.storage.manifest import Layout
-from sweeps.storage.merge import KeyedSource, Pairs, pairs
-from sweeps.storage.parts import NETCDF, as_texts, read_table
+from sweeps.fingerprint.identity import differences
+from sweeps.grid import Axis, Grid
+from sweeps.storage.manifest import LARGE, Manifest
+from sweeps.storage.sources import COMPUTED, ComputedSource, FileSource, PartSource, Source, blocks
+from sweeps.storage.store import Store
+from sweeps.storage.texts import NETCDF
 
-# The group of a file that holds computations as they were before they were scaled to their points.
-COMPUTED = "computed"
-
-
-def blocks(shape: tuple[int, ...], most: int) -> list[tuple[slice, ...]]:
-    """Cut an array of this shape, in C order, into blocks of at most so many entries, or one."""
-    inner = 1
-    for depth in reversed(range(len(shape))):
-        if inner * shape[depth] > most:
-            break
-        inner *= shape[depth]
-    else:
-        return [()]
-    step = max(most // inner, 1)
-    cuts = [slice(k, min(k + step, shape[depth])) for k in range(0, shape[depth], step)]
-    outer = (tuple(slice(k, k + 1) for k in index) for index in np.ndindex(shape[:depth]))
-    return [(*index, cut) for index in outer for cut in cuts]
+# What a file or a manifest says of its sweep.
+ATTRIBUTES = ("configuration", "identity", "presentation")
 
 
 @dataclass(frozen=True, eq=False)
-class FileSource:
-    """The points of a finished file, or those of one block of it.
+class Existing:
+    """What a store holds already.
 
     Attributes
     ----------
-    path : Path
     grid : Grid
-        The file's.
-    index : tuple of slice
-        The block, along the first dimensions; () for the whole.
+    sources : list of Source
+    attributes : dict of str to str
+        `configuration`, `identity` and `presentation`.
+    manifest : Manifest or None
+        Of a run that was not finished; None where all there is is in the finished file.
     """
 
-    path: Path
     grid: Grid
-    index: tuple[slice, ...] = ()
+    sources: list[Source]
+    attributes: dict[str, str]
+    manifest: Manifest | None = None
 
-    @property
-    def own(self) -> bool:
-        """Its rows are points, each with its own factors."""
-        return True
 
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
+def existing(store: Store, name: str, identity: dict[str, Any]) -> Existing | None:
+    """What can be resumed; None where there is nothing.
 
-    @property
-    def _flat(self) -> NDArray[np.intp]:
-        return self.grid.place(self.grid, self.index)
+    Raises
+    ------
+    StoreError
+        If what is there belongs to something else; the message says what differs.
+    """
+    manifest = _unfinished(store, name)
+    if manifest is None:
+        return _finished(store.file, name, identity) if store.file.exists() else None
+    try:
+        _same(store.parts, manifest.attributes, identity)
+    except StoreError as problem:
+        if manifest.fresh and store.file.exists():
+            raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
+        raise
+    sources: list[Source] = []
+    if store.file.exists() and not manifest.fresh:
+        sources += _finished(store.file, name, identity).sources
+    return Existing(manifest.grid, sources + _parts(store), dict(manifest.attributes), manifest)
 
-    def read(self, wanted: Collection[str]) -> Table:
-        """The block's points.
 
-        Raises
-        ------
-        StoreError
-            If the file is damaged.
-        """
-        flat = self._flat
-        try:
-            with NETCDF, netCDF4.Dataset(self.path) as file:
-                file.set_auto_maskandscale(False)
-                file.set_auto_chartostring(False)
+def _parts(store: Store) -> list[Source]:
+    folder = store.folder
+    return [PartSource(folder, name) for name in folder.names()]
 
-                def part(name: str) -> NDArray[Any]:
-                    values = np.asarray(file[name][(*self.index, ...)])
-                    return values.reshape(len(flat), *file[name].shape[len(self.grid.shape) :])
 
-                status = part("status")
-                values = {name: part(name) for name in wanted}
-                none = np.full((3, len(flat)), "", dtype=object)
-                table = Table({}, [], values, status, none[0], none[1], none[2], part("wall_time"))
-                failed = np.flatnonzero(status == FAILED)
-                if len(failed):
-                    # Texts are padded characters.
-                    table.error[failed] = as_texts(part("error")[failed])
-                if len(failed) and "failure" in file.dimensions:
-                    self._failures(file, table, flat)
-        except (OSError, RuntimeError, KeyError, IndexError, ValueError) as problem:
-            raise _damaged(self.path, problem) from None
-        return table
+def _unfinished(store: Store, name: str) -> Manifest | None:
+    """The manifest of a run that was not finished; None where there is none."""
+    # A manifest that cannot be read was never finished: a run was killed at its very beginning.
+    with suppress(ValueError):
+        manifest = Manifest.load(store.manifest)
+        if manifest.name != name:
+            raise StoreError(
+                f"{store.parts} holds the results of {manifest.name}; the results of {name} need another folder"
+            )
+        return manifest
+    return None
 
-    def _failures(self, file: Any, table: Table, flat: NDArray[np.intp]) -> None:
-        told = [file[f"failure_{name}"][...] for name in self.grid.axes]
-        columns = [as_texts(each).astype(str) if each.dtype.kind == "S" else each for each in told]
-        known = Layout("", "", self.grid, {}, {}, np.arange(self.grid.size)).at(columns)
-        traceback, reproduce = as_texts(file["traceback"][...]), as_texts(file["reproduce"][...])
-        rows = np.searchsorted(flat, known)
-        for k in np.flatnonzero(np.isin(known, flat)):
-            table.traceback[rows[k]], table.reproduce[rows[k]] = traceback[k], reproduce[k]
 
-    def points(self, layout: Layout, table: Table) -> Pairs:
-        """Points of the layout that get something."""
-        place = layout.grid.place(self.grid, self.index)
-        rows = np.flatnonzero((place >= 0) & ((table.status == DONE) | (table.status == FAILED)))
-        place = place[rows]
-        itself = np.ones(len(rows), dtype=bool)
-        if layout.key is None or any(variable.scale for variable in layout.variables.values()):
-            return place, rows, itself
-        # Without factors a point's result is its computation's, so its copies have it too.
-        original, first = np.unique(layout.original[place], return_index=True)
-        copies, row, _ = pairs(layout, original)
-        here = np.zeros(layout.grid.size, dtype=bool)
-        here[place] = True
-        new = ~here[copies]
-        return (
-            np.concatenate([place, copies[new]]),
-            np.concatenate([rows, rows[first[row[new]]]]),
-            np.concatenate([itself, np.zeros(np.count_nonzero(new), dtype=bool)]),
+def check_replaceable(store: Store, name: str) -> None:
+    """Refuse to start over where that would destroy the results of anything but the sweep `name`.
+
+    Raises
+    ------
+    StoreError
+        If there is something else.
+    """
+    if store.file.exists():
+        check_owner(store.file, name)
+    _unfinished(store, name)
+
+
+def sources_of(store: Store, manifest: Manifest) -> list[Source]:
+    """All sources of a manifest's points, for a reader who has no sweep."""
+    sources: list[Source] = []
+    if store.file.is_file() and not manifest.fresh:
+        with suppress(StoreError):
+            sources += _finished(store.file, manifest.name, json.loads(manifest.attributes["identity"])).sources
+    return sources + _parts(store)
+
+
+def _same(path: Path, attributes: Mapping[str, Any], identity: dict[str, Any]) -> None:
+    try:
+        stored = json.loads(attributes["identity"])
+        different = differences(stored, identity)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise StoreError(
+            f"{path} does not say what made it; start over with fresh (--fresh), or choose another folder (--out)"
+        ) from None
+    if different:
+        raise StoreError(
+            f"{path} holds something else: {different}; start over with fresh (--fresh), or choose another "
+            "folder (--out)"
         )
 
 
-@dataclass(frozen=True)
-class ComputedSource(KeyedSource):
-    """The computations of a finished file, before they were scaled."""
+def check_owner(path: Path, name: str) -> dict[str, Any]:
+    """The attributes of a finished file of the sweep `name`.
 
-    path: Path
+    Raises
+    ------
+    StoreError
+        If it is anything else: that is never overwritten.
+    """
+    if not os.access(path, os.R_OK):
+        raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
+    try:
+        with NETCDF, netCDF4.Dataset(path) as file:
+            found = {key: file.getncattr(key) for key in file.ncattrs()}
+    except (OSError, RuntimeError):
+        raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
+    owner = found.get("sweep")
+    if owner != name:
+        whose = f"holds the results of {owner}" if owner else "was not made by a sweep"
+        raise StoreError(f"{path} {whose}; the results of {name} need another folder")
+    return found
 
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
 
-    def read(self, wanted: Collection[str]) -> Table | None:
-        """All of them."""
-        try:
-            with NETCDF, netCDF4.Dataset(self.path) as file:
-                file.set_auto_maskandscale(False)
-                return read_table(file.groups[COMPUTED], wanted)
-        except (OSError, RuntimeError, KeyError, IndexError, ValueError) as problem:
-            raise _damaged(self.path, problem) from None
+def _axis(variable: Any) -> Axis:
+    values = np.asarray(variable[...])
+    return Axis(values.astype(str) if values.dtype.kind == "O" else values)
 
 
-def _damaged(path: Path, problem: Exception) -> StoreError:
-    return StoreError(f"{path} is damaged ({problem}); move it away, or start over with fresh (--fresh)")
+def _finished(path: Path, name: str, identity: dict[str, Any] | None) -> Existing:
+    """A finished file as sources."""
+    found = check_owner(path, name)
+    if identity is not None:
+        _same(path, found, identity)
+    stored = json.loads(found["identity"])
+    try:
+        with NETCDF, netCDF4.Dataset(path) as file:
+            axes = {axis: _axis(file[axis]) for axis in stored["axes"]}
+            grid = Grid(axes, [tuple(group) for group in stored["groups"] if len(group) > 1])
+            computed = COMPUTED in file.groups
+            row = max(
+                variable.dtype.itemsize * int(np.prod(variable.shape[len(grid.shape) :]))
+                for name, variable in file.variables.items()
+                if name in stored["variables"]
+            )
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError, IndexError):
+        raise StoreError(f"{path} is damaged; move it away, or start over with fresh (--fresh)") from None
+    sources: list[Source] = [FileSource(path, grid, index) for index in blocks(grid.shape, max(LARGE // row, 1))]
+    if computed:
+        sources.append(ComputedSource(path, grid))
+    attributes = {key: str(found[key]) for key in ATTRIBUTES if key in found}
+    return Existing(grid, sources, attributes)

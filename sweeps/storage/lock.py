@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -36,12 +35,16 @@ def locked(store: Store) -> Iterator[None]:
     except (OSError, NotImplementedError) as problem:
         raise StoreError(f"{store.file} cannot be written: {reason(problem)}; choose another folder") from None
     try:
-        # In place, for the lock is on this very file; only a message needs it, so a full disk is no matter.
+        # Only a message needs it, so a full disk is no matter.
         with suppress(OSError):
-            store.lock.write_text(json.dumps(owner()))
+            store.parts.mkdir(exist_ok=True)
+        write_state(store.progress, owner())
         yield
     finally:
-        # Removed while it is held: filelock refuses a lock on a file that has lost its name.
+        # Without a manifest the folder is nothing.
+        if not store.manifest.exists():
+            store.clear()
+        # Removed while it is held: filelock takes no lock on a file that has lost its name, and tries again.
         with suppress(OSError):
             store.lock.unlink()
         lock.release()
@@ -67,12 +70,7 @@ def taken(store: Store) -> LockedError:
 
 def holder(store: Store) -> str:
     """The run that holds the store, as a reader would name it."""
-    state = read_state(store.lock)
+    state = read_state(store.progress)
     if "pid" not in state:
         return "another run"
     return f"process {state['pid']} on {state['host']}, begun {state.get('started', 'just now')}"
-
-
-def announce(store: Store) -> None:
-    """Say who holds the store, before there is any progress."""
-    write_state(store.progress, owner())

@@ -1,31 +1,29 @@
-"""What a result will look like, without the functions that make it: enough to put shards together.
+"""What a sweep's file will look like, without the functions that make it: enough to put parts together.
 
-It is kept beside the shards, so that whoever reads a sweep that is still running needs no code of the sweep's.
+It is kept beside the parts, so that whoever reads a sweep that is still running needs no code of the sweep's.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
-import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.grid import Axis, Grid, Variable
-from sweeps.plan.keys import Columns, Index, column
-from sweeps.storage.parts import NETCDF
+from sweeps.grid import Axis, Embedding, Grid, Variable
+from sweeps.storage.packed import Packed, pack
 
 # A variable with more bytes than this is never in memory as a whole.
 LARGE = 32_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class Manifest:
     """The grid of a file and what belongs to each of its points.
 
     Attributes
@@ -34,16 +32,20 @@ class Layout:
     grid : Grid
     coords : mapping of str to Axis
     variables : mapping of str to Variable
-    original : ndarray, (points,)
-        The point whose computation is this point's too; -1 where it is skipped.
-    key : list of ndarray, or None
-        The key of each point; None where that is the values of its axes.
+    representative : ndarray of int, (points,), or None
+        The point whose computation is this point's too; -1 where it is skipped. None: each is its own.
     factors : mapping of str to ndarray, (points,)
         What the results of a computation are multiplied by at each point.
     attributes : mapping of str to str
         `configuration`, `identity` and `presentation` of the sweep.
     fresh : bool
-        Whether a finished file beside the shards is to be replaced rather than completed.
+        Whether a finished file beside the parts is to be replaced rather than completed.
+    token : str
+        What parts name the manifest by.
+    earlier : mapping of str to Grid
+        Grids of earlier manifests of the same store, by their tokens; parts may be of these.
+    copied : bool
+        Whether a point gets the result of its representative, or only representatives have any.
     """
 
     name: str
@@ -51,63 +53,55 @@ class Layout:
     grid: Grid
     coords: Mapping[str, Axis]
     variables: Mapping[str, Variable]
-    original: NDArray[np.intp]
-    key: Columns | None = None
+    representative: NDArray[Any] | None = None
     factors: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     attributes: Mapping[str, str] = field(default_factory=dict)
     fresh: bool = False
+    token: str = field(default_factory=lambda: uuid4().hex[:12])
+    earlier: Mapping[str, Grid] = field(default_factory=dict)
+    copied: bool = True
+
+    def located(self, token: str, points: NDArray[np.intp]) -> NDArray[np.intp] | None:
+        """Points of the grid of this or an earlier manifest as points of this grid; None if there is none."""
+        embedding = self._embeddings.get(token)
+        return None if embedding is None else embedding(points)
 
     @cached_property
-    def order(self) -> NDArray[np.intp]:
-        """The points, copies beside what they are copies of."""
-        return np.argsort(self.original, kind="stable")
+    def _embeddings(self) -> dict[str, Embedding]:
+        grids = {**self.earlier, self.token: self.grid}
+        return {token: self.grid.embed(grid) for token, grid in grids.items()}
+
+    def representatives(self, points: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The point that is computed in the stead of each; -1 where it is skipped."""
+        return points if self.representative is None else self.representative[points]
+
+    def copies(self, points: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """All points that some computed ones stand for, and for each the row of the one; -1 stands for none."""
+        if self.representative is None or not self.copied:
+            rows = np.flatnonzero(points >= 0)
+            return (points, rows) if len(rows) == len(points) else (points[rows], rows)
+        order, ordered = self._order
+        first = np.searchsorted(ordered, points)
+        counts = np.where(points >= 0, np.searchsorted(ordered, points, side="right") - first, 0)
+        rows = np.repeat(np.arange(len(points)), counts)
+        within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+        return order[first[rows] + within], rows
 
     @cached_property
-    def sorted_original(self) -> NDArray[np.intp]:
-        """`original` in that order."""
-        return self.original[self.order]
+    def _order(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The points, copies beside what they are copies of; and their representatives in that order."""
+        own = np.arange(self.grid.size) if self.representative is None else self.representative
+        order = np.argsort(own, kind="stable")
+        return order, own[order]
 
-    @cached_property
-    def slots(self) -> NDArray[np.intp]:
-        """The points that stand for a computation of their own."""
-        return np.flatnonzero(self.original == np.arange(len(self.original)))
+    def unscaled(self) -> Manifest:
+        """The computations themselves: without copies and factors."""
+        return replace(self, copied=False, factors={})
 
-    def slot_key(self, slots: NDArray[np.intp]) -> Columns:
-        """The keys of some points."""
-        if self.key is None:
-            return list(self.grid.points(slots).values())
-        return [column[slots] for column in self.key]
-
-    def find(self, key: Columns) -> NDArray[np.intp]:
-        """The slot of each row of a key; -1 where there is none."""
-        if self.key is None:
-            flat = self.at(key)
-            return np.where((flat >= 0) & (self.original[flat] == flat), flat, -1)
-        if not len(self.slots):
-            return np.full(len(key[0]), -1, dtype=np.intp)
-        place = self._index.find(key)
-        return np.where(place >= 0, self.slots[place], -1)
-
-    def at(self, values: Columns) -> NDArray[np.intp]:
-        """The point with each row of the axes' values; -1 where there is none."""
-        names = list(self.grid.axes)
-        along = [
-            index.find([values[names.index(name)] for name in group])
-            for index, group in zip(self._along, self.grid.groups, strict=True)
-        ]
-        inside = np.all([place >= 0 for place in along], axis=0)
-        flat = np.ravel_multi_index([np.maximum(place, 0) for place in along], self.grid.shape)
-        return np.where(inside, flat, -1)
-
-    @cached_property
-    def _along(self) -> list[Index]:
-        """What finds values along each dimension."""
-        return [Index([self.grid.axes[name].values for name in group]) for group in self.grid.groups]
-
-    @cached_property
-    def _index(self) -> Index:
-        """What finds a key among those of the slots."""
-        return Index(self.slot_key(self.slots))
+    def factor(self, name: str, points: NDArray[np.intp]) -> NDArray[np.float64] | None:
+        """What a variable is multiplied by at some points; None for nothing."""
+        factors = self.factors.get(self.variables[name].scale) if name in self.variables else None
+        return None if factors is None else factors[points]
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of a variable at one point."""
@@ -118,42 +112,38 @@ class Layout:
         return int(np.dtype(self.variables[name].dtype).itemsize * np.prod(self.shape(name), dtype=np.int64))
 
     def large(self) -> list[str]:
-        """Variables that are streamed from shard to file."""
-        return [name for name in self.variables if self.row_bytes(name) * self.grid.size > LARGE]
+        """Variables that are never in memory as a whole together with others; `wall_time` may be one."""
+        sizes = {name: self.row_bytes(name) for name in self.variables} | {"wall_time": 8}
+        return [name for name, size in sizes.items() if size * self.grid.size > LARGE]
 
     def save(self, path: Path) -> None:
-        """Write the layout as netCDF."""
-        described = {
+        """Write the manifest."""
+        grids = {self.token: self.grid, **self.earlier}
+        about = {
             "name": self.name,
             "title": self.title,
-            "groups": self.grid.groups,
+            "token": self.token,
+            "groups": {token: grid.groups for token, grid in grids.items()},
             "axes": {name: [axis.units, axis.long_name] for name, axis in self.grid.axes.items()},
             "coords": {name: [axis.units, axis.long_name] for name, axis in self.coords.items()},
             "variables": {name: asdict(variable) for name, variable in self.variables.items()},
             "attributes": dict(self.attributes),
             "factors": list(self.factors),
-            "keys": None if self.key is None else len(self.key),
             "fresh": self.fresh,
         }
-        arrays = {f"axis_{name}": axis.values for name, axis in self.grid.axes.items()}
-        arrays |= {f"coord_{name}": axis.values for name, axis in self.coords.items()}
-        # Where every point is its own computation there is nothing to tell.
-        if not np.array_equal(self.original, np.arange(self.grid.size)):
-            arrays["original"] = self.original
-        arrays |= {f"key_{k}": column for k, column in enumerate(self.key or ())}
-        arrays |= {f"factor_{name}": values for name, values in self.factors.items()}
-        with NETCDF, netCDF4.Dataset(path, "w") as file:
-            file.layout = json.dumps(described)
-            for name, values in arrays.items():
-                dim = f"n_{name}"
-                file.createDimension(dim, len(values))
-                text = values.dtype.kind in "OU"
-                kind: Any = str if text else ("i1" if values.dtype.kind == "b" else values.dtype)
-                made = file.createVariable(name, kind, (dim,), zlib=not text, complevel=1, shuffle=not text)
-                made[...] = values.astype(object) if text else values
+        arrays = {
+            f"axis {name} {token}": axis.values
+            for token, grid in grids.items()
+            for name, axis in grid.axes.items()
+        }
+        arrays |= {f"coord {name}": axis.values for name, axis in self.coords.items()}
+        arrays |= {f"factor {name}": values for name, values in self.factors.items()}
+        if self.representative is not None:
+            arrays["representative"] = self.representative
+        path.write_bytes(pack(about, arrays, ["representative"]))
 
     @classmethod
-    def load(cls, path: Path) -> Layout:
+    def load(cls, path: Path) -> Manifest:
         """Read what `save` wrote.
 
         Raises
@@ -162,23 +152,29 @@ class Layout:
             If the file is damaged or something else.
         """
         try:
-            with NETCDF, netCDF4.Dataset(path) as file:
-                file.set_auto_maskandscale(False)
-                told = json.loads(file.layout)
-                arrays = {name: column(variable[...]) for name, variable in file.variables.items()}
-            axes = {name: Axis(arrays[f"axis_{name}"], *about) for name, about in told["axes"].items()}
-            grid = Grid(axes, [tuple(group) for group in told["groups"] if len(group) > 1])
+            file = Packed(path)
+            about = file.about
+            arrays = file.read(file.names)
+            grids = {}
+            for token, groups in about["groups"].items():
+                axes = {n: Axis(arrays[f"axis {n} {token}"], *each) for n, each in about["axes"].items()}
+                grids[token] = Grid(axes, [tuple(group) for group in groups if len(group) > 1])
+            variables = {}
+            for name, each in about["variables"].items():
+                flags = each["flags"] and {int(code): word for code, word in each["flags"].items()}
+                variables[name] = Variable(**(each | {"flags": flags}))
             return cls(
-                told["name"],
-                told["title"],
-                grid,
-                {name: Axis(arrays[f"coord_{name}"], *about) for name, about in told["coords"].items()},
-                {name: Variable(**about) for name, about in told["variables"].items()},
-                arrays.get("original", np.arange(grid.size)),
-                None if told["keys"] is None else [arrays[f"key_{k}"] for k in range(told["keys"])],
-                {name: arrays[f"factor_{name}"] for name in told["factors"]},
-                told["attributes"],
-                told["fresh"],
+                about["name"],
+                about["title"],
+                grids.pop(about["token"]),
+                {name: Axis(arrays[f"coord {name}"], *each) for name, each in about["coords"].items()},
+                variables,
+                arrays.get("representative"),
+                {name: arrays[f"factor {name}"] for name in about["factors"]},
+                about["attributes"],
+                about["fresh"],
+                about["token"],
+                grids,
             )
-        except (OSError, RuntimeError, AttributeError, KeyError, TypeError, ValueError, IndexError) as problem:
-            raise ValueError(f"{path}: it is damaged or not the layout of a sweep") from problem
+        except (OSError, LookupError, TypeError, ValueError) as problem:
+            raise ValueError(f"{path}: it is damaged or not the manifest of a sweep") from problem

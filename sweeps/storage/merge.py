@@ -1,228 +1,302 @@
-"""From tables to a dataset in memory: every point gets the result of its computation, times its own factors."""
+"""From parts to a dataset: every point gets the result of its computation, times its own factors."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.compute.batch import DONE, FAILED, PENDING, SKIPPED, STATUS_MEANINGS, Table, rounded
-from sweeps.grid import Variable
-from sweeps.storage.manifest import Layout
-from sweeps.storage.parts import ShardFolder
+from sweeps.compute.batch import BatchResult
+from sweeps.compute.values import scaled
+from sweeps.errors import StoreError
+from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, STATUS_FLAGS, Axis, Variable
+from sweeps.storage.manifest import Manifest
+from sweeps.storage.sources import Source
+from sweeps.storage.texts import NETCDF
 
+WALL_TIME = Variable("s", "computing time of the point")
+STATUS = Variable("", "status of the point", dtype="int8", flags=STATUS_FLAGS)
+ERROR_ATTRIBUTES = {"long_name": "why the point failed"}
 # Letters of all error texts together, and of each at least.
 LETTERS, LEAST_LETTERS = 30_000_000, 60
 # Of so many failures, tracebacks and reproducing lines are kept.
 MOST_TRACEBACKS = 1000
 
 
-# Points of a layout, the row of a table for each, and whether it was computed there rather than copied.
-Pairs = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]
+class DamagedError(StoreError):
+    """A part got damaged after it was planned with; `part` is its name."""
+
+    def __init__(self, part: str) -> None:
+        super().__init__(f"{part} got damaged; plan and run again")
+        self.part = part
 
 
-class Source(Protocol):
-    """Somewhere that computed points are kept.
+class Chosen(NamedTuple):
+    """Points whose results a source gives, none before it having better ones."""
+
+    source: Source
+    points: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    computed: NDArray[np.bool_]
+
+
+@dataclass(eq=False)
+class Choice:
+    """Which source gives each point; known from what sources say of themselves, without any value.
 
     Attributes
     ----------
-    own : bool
-        Whether its rows are those of points, factors included, and not of computations.
-    name : str
+    status : ndarray of int8, (points,)
+    seconds, computations : float, int
+        Computing time of all that is at hand, and of how many computations it is.
+    damaged : list of str
+        Sources that cannot be used.
     """
 
-    @property
-    def own(self) -> bool:
-        """See above."""
+    manifest: Manifest
+    status: NDArray[np.int8]
+    seconds: float = 0.0
+    computations: int = 0
+    damaged: list[str] = field(default_factory=list)
 
-    @property
-    def name(self) -> str:
-        """See above."""
-
-    def read(self, wanted: Collection[str]) -> Table | None:
-        """The table with the `wanted` results; None if it is damaged."""
-
-    def points(self, layout: Layout, table: Table) -> Pairs:
-        """Points of the layout that get something."""
-
-
-def pairs(layout: Layout, slots: NDArray[np.intp]) -> Pairs:
-    """Every row goes to its slot and to the copies of it; -1 goes nowhere."""
-    first = np.searchsorted(layout.sorted_original, slots)
-    last = np.searchsorted(layout.sorted_original, slots, side="right")
-    counts = np.where(slots >= 0, last - first, 0)
-    rows = np.repeat(np.arange(len(slots)), counts)
-    within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    points = layout.order[first[rows] + within]
-    return points, rows, points == slots[rows]
-
-
-class KeyedSource:
-    """Rows that are found by their keys."""
-
-    own = False
-
-    def points(self, layout: Layout, table: Table) -> Pairs:
-        """Points of the layout that get something."""
-        return pairs(layout, layout.find(table.key))
+    def take(self, sources: Sequence[Source]) -> Iterator[Chosen]:
+        """Go through the sources; where several know a point, the last that did it counts."""
+        for source in sources:
+            held = source.held(self.manifest)
+            if held is None:
+                self.damaged.append(source.name)
+                continue
+            self.seconds += held.seconds
+            self.computations += int(np.count_nonzero(held.computed))
+            before = self.status[held.points]
+            # What failed does not replace what was done.
+            better = ~held.failed | (before == PENDING) | (before == FAILED)
+            if source.scaled:
+                # What a finished file says of a point goes before what it says of another that is the same.
+                better &= held.computed | (before == PENDING)
+            points, rows, computed, failed = held.points, held.rows, held.computed, held.failed
+            if not better.all():
+                points, rows, computed, failed = points[better], rows[better], computed[better], failed[better]
+            self.status[points] = np.where(failed, np.int8(FAILED), np.int8(DONE))
+            yield Chosen(source, points, rows, computed)
 
 
-@dataclass(frozen=True)
-class ShardSource(KeyedSource):
-    """A shard on disk."""
-
-    folder: ShardFolder
-    name: str
-
-    def read(self, wanted: Collection[str]) -> Table | None:
-        """The shard, read anew."""
-        return self.folder.read(self.name, wanted)
+def choice(manifest: Manifest) -> Choice:
+    """The choice before any source: every point is pending or skipped."""
+    status = np.full(manifest.grid.size, PENDING, dtype=np.int8)
+    if manifest.representative is not None:
+        status[manifest.representative < 0] = SKIPPED
+    return Choice(manifest, status)
 
 
-@dataclass(frozen=True, eq=False)
-class MemorySource(KeyedSource):
-    """A table that is in memory anyway."""
-
-    table: Table
-    name = "memory"
-
-    def read(self, wanted: Collection[str]) -> Table | None:
-        """The table."""
-        return self.table
+def surveyed(manifest: Manifest, sources: Sequence[Source]) -> Choice:
+    """The choice after all sources, of which no value is read."""
+    chosen = choice(manifest)
+    for _ in chosen.take(sources):
+        continue
+    return chosen
 
 
 @dataclass(eq=False)
 class Gathered:
-    """Everything but the large variables, one entry a point, and where the large ones are.
+    """Results in memory, one entry a point.
 
     Attributes
     ----------
     values : dict of str to ndarray
-    status, error, wall_time : ndarray
+        Of the variables asked for; `wall_time` is one.
+    status : ndarray of int8
+    errors : dict of int to str
+        Of the points that failed.
     failures : dict of int to tuple
         Traceback and reproducing line of the computations that failed, by point.
-    source, row : ndarray
-        For each point the place of its source in the list, and its row there; -1 where there is none.
-    damaged : list of str
-        Sources that could not be read.
     """
 
     values: dict[str, NDArray[Any]]
     status: NDArray[np.int8]
-    error: NDArray[np.object_]
-    wall_time: NDArray[np.float64]
-    failures: dict[int, tuple[str, str]]
-    source: NDArray[np.int32]
-    row: NDArray[np.int32]
-    damaged: list[str] = field(default_factory=list)
+    errors: dict[int, str] = field(default_factory=dict)
+    failures: dict[int, tuple[str, str]] = field(default_factory=dict)
 
 
-def gather(layout: Layout, sources: Sequence[Source], large: Collection[str] = ()) -> Gathered:
-    """Read every source once; where several know a point, the last that did it counts."""
-    size = layout.grid.size
-    small = [name for name in layout.variables if name not in large]
+def gather(
+    manifest: Manifest, sources: Sequence[Source], names: Collection[str], reasons: bool = True
+) -> Gathered:
+    """Read some variables of all points, with or without why points failed.
+
+    Raises
+    ------
+    DamagedError
+        If a source is damaged.
+    """
+    size, chosen = manifest.grid.size, choice(manifest)
+    variables = {name: manifest.variables.get(name, WALL_TIME) for name in names}
     found = Gathered(
         {
-            name: np.full(
-                (size, *layout.shape(name)), layout.variables[name].missing, layout.variables[name].dtype
-            )
-            for name in small
+            name: np.full((size, *inner_shape(manifest, name)), each.missing, each.dtype)
+            for name, each in variables.items()
         },
-        np.where(layout.original < 0, np.int8(SKIPPED), np.int8(PENDING)),
-        np.full(size, "", dtype=object),
-        np.full(size, np.nan),
-        {},
-        np.full(size, -1, dtype=np.int32),
-        np.full(size, -1, dtype=np.int32),
+        chosen.status,
     )
-    for number, source in enumerate(sources):
-        table = source.read(small)
-        if table is None:
-            found.damaged.append(source.name)
-        else:
-            _take(layout, found, source, table, number)
+    for source, points, rows, computed in chosen.take(sources):
+        result = read(source, [name for name in names if name in manifest.variables], reasons)
+        for name, values in found.values.items():
+            if name in manifest.variables:
+                values[points] = at_points(manifest, name, result.values[name][rows], source, points)
+            else:
+                # A copy costs nothing.
+                values[points] = np.where(computed, result.wall_time[rows], 0.0)
+        if reasons and (result.failures or found.errors):
+            _take_reasons(manifest, found, result.failures, points, rows, computed)
+    if chosen.damaged:
+        raise DamagedError(chosen.damaged[0])
     return found
 
 
-def _take(layout: Layout, found: Gathered, source: Source, table: Table, number: int) -> None:
-    """Enter a table's rows at their points."""
-    points, rows, computed = source.points(layout, table)
-    before, status = found.status[points], table.status[rows]
-    open_ = (before == PENDING) | (before == FAILED)
-    # What failed does not replace what was done.
-    better = (status == DONE) | ((status == FAILED) & open_)
-    if source.own:
-        # What a finished file says of a point goes before what it says of another that is the same.
-        better &= computed | (before == PENDING)
-    points, rows, computed = points[better], rows[better], computed[better]
-    for name, values in found.values.items():
-        values[points] = scaled(layout, name, table.values[name][rows], source, points)
-    found.status[points] = table.status[rows]
-    found.error[points] = table.error[rows]
-    # A copy costs nothing.
-    found.wall_time[points] = np.where(computed, table.wall_time[rows], 0.0)
-    found.source[points], found.row[points] = number, rows
-    for point in [point for point in found.failures if found.status[point] != FAILED]:
-        del found.failures[point]
-    failed = np.flatnonzero(computed & (table.status[rows] == FAILED))
-    for point, row in zip(points[failed].tolist(), rows[failed].tolist(), strict=True):
-        if table.reproduce[row]:
+def read(source: Source, variables: Collection[str], reasons: bool = False) -> BatchResult:
+    """The rows of a source.
+
+    Raises
+    ------
+    DamagedError
+        If it got damaged.
+    """
+    result = source.read(variables, reasons)
+    if result is None:
+        raise DamagedError(source.name)
+    return result
+
+
+def _take_reasons(
+    manifest: Manifest, found: Gathered, failures: Any, points: Any, rows: Any, computed: Any
+) -> None:
+    """Enter why points failed, and forget it of those that now have a result."""
+    for point in [point for point in found.errors if found.status[point] != FAILED]:
+        del found.errors[point]
+        found.failures.pop(point, None)
+    at = np.flatnonzero(np.isin(rows, list(failures)))
+    for point, row, own in zip(points[at].tolist(), rows[at].tolist(), computed[at].tolist(), strict=True):
+        found.errors[point] = failures[row].error
+        if own and failures[row].reproduce:
             # The entry of a computation stands at the point that is now computed for all of its copies.
-            found.failures[int(layout.original[point])] = (table.traceback[row], table.reproduce[row])
+            slot = int(manifest.representatives(np.array([point]))[0])
+            found.failures[slot] = (failures[row].traceback, failures[row].reproduce)
     if len(found.failures) > 2 * MOST_TRACEBACKS:
         found.failures = {point: found.failures[point] for point in sorted(found.failures)[:MOST_TRACEBACKS]}
 
 
-def scaled(
-    layout: Layout, name: str, values: NDArray[Any], source: Source, points: NDArray[np.intp]
+def at_points(
+    manifest: Manifest, name: str, values: NDArray[Any], source: Source, points: NDArray[np.intp]
 ) -> NDArray[Any]:
-    """Results of computations as those of points."""
-    variable = layout.variables[name]
-    if source.own or not variable.scale:
-        return values
-    factor = layout.factors[variable.scale][points]
-    product = (values * factor.reshape(-1, *(1,) * (values.ndim - 1))).astype(values.dtype)
-    return rounded(product, variable.digits)
+    """Rows of a source as results of points."""
+    factor = None if source.scaled else manifest.factor(name, points)
+    return values if factor is None else scaled(values, factor, manifest.variables[name].digits)
 
 
-def dataset(layout: Layout, found: Gathered) -> xr.Dataset:
-    """What was gathered, with the attributes CF asks for."""
-    grid = layout.grid
-    # In a file every point has room for the longest text; tracebacks hold all of each.
-    letters = max(LEAST_LETTERS, LETTERS // grid.size)
-    for point in np.flatnonzero(found.status == FAILED).tolist():
-        if len(found.error[point]) > letters:
-            found.error[point] = f"{found.error[point][: letters - 3]}..."
+def inner_shape(manifest: Manifest, name: str) -> tuple[int, ...]:
+    """Shape of a variable, or of the computing time, at one point."""
+    return manifest.shape(name) if name in manifest.variables else ()
+
+
+def stream(
+    manifest: Manifest,
+    sources: Sequence[Source],
+    variables: dict[str, Any],
+    slots: NDArray[np.intp] | None = None,
+) -> None:
+    """Write variables into an open netCDF file, a source at a time.
+
+    Parameters
+    ----------
+    manifest : Manifest
+    sources : sequence of Source
+    variables : dict of str to netCDF4.Variable
+        With the grid's dimensions first, or with one dimension for the `slots`.
+    slots : ndarray of int, optional
+        Ascending points, which are the rows of the variables.
+
+    Raises
+    ------
+    DamagedError
+        If a source is damaged.
+    """
+    shape = manifest.grid.shape if slots is None else (len(slots),)
+    chosen = choice(manifest)
+    for source, points, rows, _ in chosen.take(sources):
+        if slots is not None:
+            inside = np.isin(points, slots)
+            points, rows = points[inside], rows[inside]
+        if not len(points):
+            continue
+        result = read(source, list(variables))
+        order = np.argsort(points, kind="stable")
+        points, rows = points[order], rows[order]
+        places = points if slots is None else np.searchsorted(slots, points)
+        for begin, end in _runs(places, shape[-1]):
+            *outer, last = np.unravel_index(places[begin], shape)
+            region = (*outer, slice(last, last + end - begin))
+            for name, variable in variables.items():
+                values = _neighbours(result.values[name], rows[begin:end])
+                values = at_points(manifest, name, values, source, points[begin:end])
+                with NETCDF:
+                    variable[region] = values
+    if chosen.damaged:
+        raise DamagedError(chosen.damaged[0])
+
+
+def _neighbours(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Rows of an array, without a copy where they are neighbours."""
+    first, last = int(rows[0]), int(rows[-1])
+    if last - first + 1 == len(rows) and np.all(np.diff(rows) == 1):
+        return values[first : last + 1]
+    return values[rows]
+
+
+def _runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
+    """Where neighbours along the last dimension begin and end."""
+    breaks = np.flatnonzero((np.diff(points) != 1) | (points[1:] % length == 0)) + 1
+    yield from pairwise([0, *breaks.tolist(), len(points)])
+
+
+def dataset(manifest: Manifest, found: Gathered, states: bool = True) -> xr.Dataset:
+    """What was gathered, with the attributes CF asks for; with or without `status` and `error`."""
+    grid = manifest.grid
     coords: dict[str, Any] = {
         name: ((grid.dim_of(name),), axis.values, attributes(axis, name)) for name, axis in grid.axes.items()
     }
-    coords |= {name: ((name,), axis.values, attributes(axis, name)) for name, axis in layout.coords.items()}
+    coords |= {name: ((name,), axis.values, attributes(axis, name)) for name, axis in manifest.coords.items()}
 
     def shaped(array: NDArray[Any]) -> NDArray[Any]:
         return array.reshape(*grid.shape, *array.shape[1:])
 
-    data: dict[str, Any] = {
-        name: _variable(name, layout.variables[name], (*grid.dims, *layout.variables[name].dims), shaped(values))
-        for name, values in found.values.items()
-    }
-    flags = {
-        "flag_values": np.arange(len(STATUS_MEANINGS.split()), dtype=np.int8),
-        "flag_meanings": STATUS_MEANINGS,
-        "long_name": "status of the point",
-    }
-    data["status"] = (grid.dims, shaped(found.status), flags)
-    data["error"] = (grid.dims, shaped(found.error), {"long_name": "why the point failed"})
-    time = {"units": "s", "long_name": "computing time of the point"}
-    data["wall_time"] = (grid.dims, shaped(found.wall_time), time)
-    data |= _failures(layout, found)
+    data: dict[str, Any] = {}
+    for name, values in found.values.items():
+        if name in manifest.variables:
+            described = manifest.variables[name]
+            data[name] = _variable(name, described, (*grid.dims, *described.dims), shaped(values))
+    if states:
+        error = np.full(grid.size, "", dtype=object)
+        for point, text in found.errors.items():
+            error[point] = fitting(manifest, text)
+        data["status"] = (grid.dims, shaped(found.status), attributes(STATUS, "status"))
+        data["error"] = (grid.dims, shaped(error), ERROR_ATTRIBUTES)
+    if "wall_time" in found.values:
+        data["wall_time"] = (grid.dims, shaped(found.values["wall_time"]), attributes(WALL_TIME, "wall_time"))
+    data |= failure_table(manifest, found)
     return xr.Dataset(data, coords)
 
 
-def _failures(layout: Layout, found: Gathered) -> dict[str, Any]:
+def fitting(manifest: Manifest, text: str) -> str:
+    """An error text cut to what a file has room for: every point has room for the longest."""
+    letters = max(LEAST_LETTERS, LETTERS // manifest.grid.size)
+    return text if len(text) <= letters else f"{text[: letters - 3]}..."
+
+
+def failure_table(manifest: Manifest, found: Gathered) -> dict[str, Any]:
     """The computations that failed: where, why, and the line of Python that shows it again."""
     slots = sorted(found.failures)[:MOST_TRACEBACKS]
     if not slots:
@@ -235,9 +309,9 @@ def _failures(layout: Layout, found: Gathered) -> dict[str, Any]:
     data: dict[str, Any] = {
         name: (("failure",), texts[:, k], {"long_name": text}) for k, (name, text) in enumerate(about.items())
     }
-    for name, values in layout.grid.points(np.array(slots)).items():
-        told = {"long_name": f"{name} of the point that failed"}
-        data[f"failure_{name}"] = (("failure",), values, attributes(layout.grid.axes[name], name) | told)
+    for name, values in manifest.grid.points(np.array(slots)).items():
+        named = {"long_name": f"{name} of the point that failed"}
+        data[f"failure_{name}"] = (("failure",), values, attributes(manifest.grid.axes[name], name) | named)
     return data
 
 
@@ -252,13 +326,17 @@ def _variable(name: str, described: Variable, dims: tuple[str, ...], values: NDA
     return xr.Variable(dims, values, attributes(described, name), encoding)
 
 
-def attributes(described: Any, name: str) -> dict[str, str]:
-    """Units, long name (what has none is called by its `name`) and digits of an axis or a variable."""
-    told = {"units": described.units, "long_name": described.long_name or name}
-    values = getattr(described, "values", None)  # of an axis
-    if values is not None and values.dtype.kind == "U":
-        # A text has no units.
-        del told["units"]
-    if getattr(described, "digits", None) is not None:
-        told["comment"] = f"kept to {described.digits} significant digits"
-    return {name: text for name, text in told.items() if text}
+def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
+    """Units, long name (what has none is called by its `name`), digits and flags of an axis or a variable."""
+    found: dict[str, Any] = {"units": described.units, "long_name": described.long_name or name}
+    if isinstance(described, Axis):
+        if described.values.dtype.kind == "U":
+            # A text has no units.
+            del found["units"]
+    elif described.digits is not None:
+        found["comment"] = f"kept to {described.digits} significant digits"
+    elif described.flags is not None:
+        del found["units"]
+        found["flag_values"] = np.array(list(described.flags), dtype=described.dtype)
+        found["flag_meanings"] = " ".join(word.replace(" ", "_") for word in described.flags.values())
+    return {name: value for name, value in found.items() if not (isinstance(value, str) and not value)}

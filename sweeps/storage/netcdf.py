@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,43 +18,66 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from sweeps.compute.batch import DONE, FAILED, Table
 from sweeps.errors import StoreError, reason
 from sweeps.fingerprint.provenance import source
-from sweeps.storage.existing import COMPUTED
-from sweeps.storage.manifest import Layout
-from sweeps.storage.merge import Source, dataset, gather
-from sweeps.storage.parts import NETCDF, WIDE, flush_folder, write_table
-from sweeps.storage.store import Store, sources_of
-from sweeps.storage.stream import chunk, stream
+from sweeps.grid import DONE, FAILED, Variable
+from sweeps.storage.existing import sources_of
+from sweeps.storage.manifest import Manifest
+from sweeps.storage.merge import (
+    ERROR_ATTRIBUTES,
+    STATUS,
+    WALL_TIME,
+    DamagedError,
+    Gathered,
+    attributes,
+    dataset,
+    fitting,
+    gather,
+    inner_shape,
+    stream,
+    surveyed,
+)
+from sweeps.storage.parts import flush_folder
+from sweeps.storage.sources import COMPUTED, Source
+from sweeps.storage.store import Store
+from sweeps.storage.texts import NETCDF, write_texts
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
 # A file up to this size is read at once, so that it stays free to be replaced.
 READ_AT_ONCE = 50_000_000
+# Of a chunk: a reader who wants one point should not read a hundred others.
+CHUNK_BYTES = 1 << 18
+MOST_CHUNK_BYTES = 1 << 22
+# Bytes of a row from which on its chunks are those of a large variable.
+WIDE = 1 << 16
+# A large variable with shorter rows is put together in memory, alone; of others each row is written as it is read.
+NARROW = 16
+# What was written last and may be written into again, of all large variables; netCDF would keep 64 MB of each.
+CACHE_BYTES = 1 << 25
 
 
-def attach(layout: Layout, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
+def attach(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
     """Add what is derived, and what the file says of itself, after what it said `before`."""
     made = source()
-    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {layout.name} computed by {made}"
-    attributes = {
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by {made}"
+    described = {
         "Conventions": "CF-1.11",
-        "title": layout.title,
+        "title": manifest.title,
         "history": f"{before}\n{now}" if before else now,
         "source": made,
-        "sweep": layout.name,
+        "sweep": manifest.name,
     }
-    data = data.assign_attrs(attributes | dict(layout.attributes))
+    data = data.assign_attrs(described | dict(manifest.attributes))
     return data if derive is None else derive(data)
 
 
-def stored_only(layout: Layout, data: xr.Dataset) -> xr.Dataset:
+def stored_only(manifest: Manifest, data: xr.Dataset) -> xr.Dataset:
     """Of an opened file what was computed, without what was derived from it."""
-    own = [*layout.variables, "status", "error", "wall_time"]
+    own = [*manifest.variables, "status", "error", "wall_time"]
     return data[own + [name for name in data.data_vars if data[name].dims == ("failure",)]]
 
 
-def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Derive | None) -> None:
+def write(store: Store, manifest: Manifest, sources: Sequence[Source], derive: Derive | None) -> None:
     """Put a sweep's file together and replace the old one by it.
 
     Raises
@@ -65,11 +88,11 @@ def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Deriv
     temporary = store.file.with_name(f".{store.file.name}.{os.getpid()}.tmp")
     problems: list[Exception] = []
     try:
-        _compose(temporary, layout, sources, derive, problems, whole=True, before=_history(store, layout))
+        _compose(temporary, manifest, sources, derive, problems, _history(store, manifest))
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, store.file)
-        # The shards are removed next.
+        # The parts are removed next.
         flush_folder(store.file.parent)
     except (OSError, RuntimeError) as problem:
         if isinstance(problem, StoreError):
@@ -84,9 +107,9 @@ def write(store: Store, layout: Layout, sources: Sequence[Source], derive: Deriv
         raise problems[0]
 
 
-def _history(store: Store, layout: Layout) -> str:
+def _history(store: Store, manifest: Manifest) -> str:
     """What a file that is completed said of its making."""
-    if layout.fresh or not store.file.is_file():
+    if manifest.fresh or not store.file.is_file():
         return ""
     with suppress(OSError, RuntimeError, AttributeError), NETCDF, netCDF4.Dataset(store.file) as file:
         return str(file.history)
@@ -100,59 +123,164 @@ def leftovers(store: Store) -> list[Path]:
 
 def _compose(
     path: Path,
-    layout: Layout,
+    manifest: Manifest,
     sources: Sequence[Source],
     derive: Derive | None,
     problems: list[Exception],
-    whole: bool = False,
     before: str = "",
 ) -> None:
-    large = layout.large()
-    found = gather(layout, sources, large)
-    if whole and found.damaged:
-        raise StoreError(f"{', '.join(found.damaged)} in {path.parent} got damaged; plan and run again")
+    """Write the file: large variables first, one after another, then everything else with what is derived."""
+    every, large = [*manifest.variables, "wall_time"], manifest.large()
+    found = gather(manifest, sources, [name for name in every if name not in large])
+    # Where one number a point is large, so is its state.
+    states = "wall_time" not in large
     if large:
-        stream(layout, sources, found, large, path)
-    data = dataset(layout, found)
+        _write_large(path, manifest, sources, found, large, states)
+    large += [] if states else ["status", "error"]
+    data = dataset(manifest, found, states)
     if large:
-        with xr.open_dataset(path, engine="netcdf4") as streamed:
+        with xr.open_dataset(path, engine="netcdf4", cache=False) as streamed:
+            whole = data.assign(streamed[large])
             try:
-                data = attach(layout, data.assign(streamed[large]), derive, before).drop_vars(large).load()
+                derived = attach(manifest, whole, derive, before)
             except Exception as problem:  # noqa: BLE001 - raised again when the file is written
                 problems.append(problem)
-                data = attach(layout, data.drop_vars(large, errors="ignore"), None, before)
+                derived = attach(manifest, whole, None, before)
+            changed = {name: derived[name] for name in large if name in manifest.variables and name in derived}
+            replaced = [name for name in changed if changed[name].variable._data is not whole[name].variable._data]
+            changed = {name: each.load() if name in replaced else each for name, each in changed.items()}
+            data = derived.drop_vars(large, errors="ignore").load()
+        _change(path, changed, replaced)
     else:
         try:
-            data = attach(layout, data, derive, before)
+            data = attach(manifest, data, derive, before)
         except Exception as problem:  # noqa: BLE001 - raised again when the file is written
             problems.append(problem)
-            data = attach(layout, data, None, before)
+            data = attach(manifest, data, None, before)
     with NETCDF:
-        data.to_netcdf(
-            path, mode="a" if large else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(data, layout)
-        )
-    if any(variable.scale for variable in layout.variables.values()) and not large:
-        _keep_computations(path, layout, sources)
+        options: dict[str, Any] = {"engine": "netcdf4", "format": "NETCDF4"}
+        data.to_netcdf(path, mode="a" if large else "w", encoding=_encoding(data, manifest), **options)
+    if any(variable.scale for variable in manifest.variables.values()):
+        _keep_computations(path, manifest, [each for each in sources if not each.scaled])
 
 
-def _encoding(data: xr.Dataset, layout: Layout) -> dict[str, dict[str, Any]]:
+def _row_bytes(manifest: Manifest, name: str) -> int:
+    return manifest.row_bytes(name) if name in manifest.variables else 8
+
+
+def _write_large(
+    path: Path, manifest: Manifest, sources: Sequence[Source], found: Gathered, large: Sequence[str], states: bool
+) -> None:
+    """Write the large variables into a new file."""
+    with NETCDF:
+        file = netCDF4.Dataset(path, "w")
+    try:
+        with NETCDF:
+            file.set_auto_maskandscale(False)
+            for dim, length in zip(manifest.grid.dims, manifest.grid.shape, strict=True):
+                file.createDimension(dim, length)
+            made = {name: _create(file, manifest, name, manifest.grid.shape, manifest.grid.dims) for name in large}
+            for variable in made.values():
+                variable.set_var_chunk_cache(max(CACHE_BYTES // len(large), MOST_CHUNK_BYTES))
+        if not states:
+            status = _create(file, manifest, "status", manifest.grid.shape, manifest.grid.dims)
+            status[...] = found.status.reshape(manifest.grid.shape)
+            _write_errors(file, manifest, found)
+        for name in [name for name in large if _row_bytes(manifest, name) <= NARROW]:
+            variable = made.pop(name)
+            values = gather(manifest, sources, [name], reasons=False).values[name]
+            with NETCDF:
+                variable[...] = values.reshape(variable.shape)
+        if made:
+            stream(manifest, sources, made)
+    finally:
+        with NETCDF:
+            file.close()
+
+
+def _write_errors(file: Any, manifest: Manifest, found: Gathered) -> None:
+    """Write why points failed as characters; what is not written is empty."""
+    texts = {point: fitting(manifest, text).encode() for point, text in found.errors.items()}
+    width = max(map(len, texts.values()), default=1)
+    grid, dim = manifest.grid, f"string{width}"
+    file.createDimension(dim, width)
+    lengths = [*chunk(grid.shape, (), width), width]
+    made = file.createVariable("error", "S1", (*grid.dims, dim), zlib=True, complevel=1, chunksizes=lengths)
+    made.setncatts({**ERROR_ATTRIBUTES, "_Encoding": "utf-8"})
+    for point in sorted(texts):
+        letters = np.array([texts[point]], dtype=f"S{width}").view("S1")
+        made[tuple(np.unravel_index(point, grid.shape))] = letters
+
+
+def _change(path: Path, changed: Mapping[str, xr.DataArray], replaced: Sequence[str]) -> None:
+    """Give large variables the attributes, and where they are others the values, that `derive` has given them."""
+    with NETCDF, netCDF4.Dataset(path, "a") as file:
+        for name, each in changed.items():
+            variable = file[name]
+            for old in set(variable.ncattrs()) - set(each.attrs) - {"_FillValue", "_Encoding", "coordinates"}:
+                variable.delncattr(old)
+            variable.setncatts(each.attrs)
+            if name in replaced:
+                variable[...] = np.ma.masked_invalid(each.transpose(*variable.dimensions).values)
+
+
+def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int]:
+    """Lengths of the pieces in which a variable is stored: a reader of one point reads few others.
+
+    Parameters
+    ----------
+    points, inner : tuple of int
+        Shape of the grid, and of the variable at one point.
+    row : int
+        Bytes of one point.
+    """
+    left, lengths = max(CHUNK_BYTES // row, 1), list[int]()
+    for length in reversed(points):
+        lengths.insert(0, min(left, length))
+        left = max(left // length, 1)
+    if row > MOST_CHUNK_BYTES:
+        return [*lengths, *inner[:-1], max(inner[-1] * MOST_CHUNK_BYTES // row, 1)]
+    return [*lengths, *inner]
+
+
+def _create(file: Any, manifest: Manifest, name: str, points: tuple[int, ...], dims: tuple[str, ...]) -> Any:
+    """A large variable, or a point's state, with the points' dimensions first."""
+    described: Variable = manifest.variables.get(name, WALL_TIME if name == "wall_time" else STATUS)
+    inner = inner_shape(manifest, name)
+    for dim, length in zip(described.dims, inner, strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, length)
+    small = described.digits is not None or np.dtype(described.dtype).kind == "i" or name == "wall_time"
+    made = file.createVariable(
+        name,
+        described.dtype,
+        (*dims, *described.dims),
+        fill_value=False if name == "status" else np.array(described.missing, described.dtype)[()],
+        chunksizes=chunk(points, inner, max(_row_bytes(manifest, name), 1)),
+        zlib=small,
+        complevel=1,
+        shuffle=small,
+        fletcher32=True,
+    )
+    aside = [axis for axis in manifest.grid.axes if axis not in manifest.grid.dims]
+    made.setncatts(attributes(described, name) | ({"coordinates": " ".join(aside)} if aside else {}))
+    return made
+
+
+def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in data.variables.items():
         chosen = encoding.setdefault(str(name), {})
         # Small coordinates are read by the smallest of readers; long ones would outweigh the data.
         plain = name in data.coords and variable.size < 10_000
         text = variable.dtype.kind in "OUT"
-        if (
-            variable.ndim
-            and not plain
-            and (variable.dtype.kind in "fiu" or name in ("error", "traceback", "reproduce"))
-        ):
+        shrinks = variable.dtype.kind in "fiu" or name in ("error", "traceback", "reproduce")
+        if variable.ndim and not plain and shrinks:
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
-        if name in layout.variables and layout.row_bytes(str(name)) > WIDE:
-            chosen["chunksizes"] = chunk(layout, str(name))
+        if name in manifest.variables and manifest.row_bytes(str(name)) > WIDE:
+            inner = manifest.shape(str(name))
+            chosen["chunksizes"] = chunk(manifest.grid.shape, inner, manifest.row_bytes(str(name)))
         if text:
-            # As characters: they shrink to nothing where they are empty. Texts of any length, as netCDF has them
-            # too, bring down HDF5 2.2 where a file that is open is opened and closed once more.
             chosen["dtype"] = "S1"
         if name in data.coords or variable.dtype.kind in "iu":
             chosen["_FillValue"] = None
@@ -160,36 +288,58 @@ def _encoding(data: xr.Dataset, layout: Layout) -> dict[str, dict[str, Any]]:
     return encoding
 
 
-def _keep_computations(path: Path, layout: Layout, sources: Sequence[Source]) -> None:
+def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]) -> None:
     """Keep what was computed as it was before it was scaled, for points that are added later."""
-    plain = Layout(
-        layout.name,
-        layout.title,
-        layout.grid,
-        layout.coords,
-        layout.variables,
-        np.where(layout.original == np.arange(layout.grid.size), layout.original, -1),
-        layout.key,
-        {name: np.ones_like(values) for name, values in layout.factors.items()},
-    )
-    found = gather(plain, [each for each in sources if not each.own])
-    slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
+    plain = manifest.unscaled()
+    names, large = list(plain.variables), [name for name in plain.large() if name in plain.variables]
+    status = surveyed(plain, sources).status
+    slots = np.flatnonzero((status == DONE) | (status == FAILED))
     if not len(slots):
         return
-    told = [found.failures.get(slot, ("", "")) for slot in slots.tolist()]
-    texts = np.array(told, dtype=object).reshape(-1, 2)
-    table = Table(
-        layout.grid.points(slots),
-        layout.slot_key(slots),
-        {name: values[slots] for name, values in found.values.items()},
-        found.status[slots],
-        found.error[slots],
-        texts[:, 0],
-        texts[:, 1],
-        found.wall_time[slots],
-    )
+    found = gather(plain, sources, [*(name for name in names if name not in large), "wall_time"])
     with NETCDF, netCDF4.Dataset(path, "a") as file:
-        write_table(file.createGroup(COMPUTED), table, layout.variables, checked=True)
+        group = file.createGroup(COMPUTED)
+        group.createDimension("computation", len(slots))
+        for name, values in plain.grid.points(slots).items():
+            if values.dtype.kind == "U":
+                write_texts(group, f"axis_{name}", values, "computation")
+            else:
+                kind = np.int8 if values.dtype.kind == "b" else values.dtype
+                group.createVariable(f"axis_{name}", kind, ("computation",))[...] = values.astype(kind)
+        group.createVariable("status", "i1", ("computation",))[...] = status[slots]
+        group.createVariable("wall_time", "f8", ("computation",))[...] = found.values.pop("wall_time")[slots]
+        if found.errors:
+            reasons = [(found.errors.get(s, ""), *found.failures.get(s, ("", ""))) for s in slots.tolist()]
+            for name, texts in zip(("error", "traceback", "reproduce"), zip(*reasons, strict=True), strict=True):
+                write_texts(group, name, np.array(texts, dtype=object), "computation")
+        made = {name: _create_computed(group, plain, name, len(slots)) for name in names}
+        for name, values in found.values.items():
+            made[name][...] = values[slots]
+        if large:
+            stream(plain, sources, {name: made[name] for name in large}, slots)
+
+
+def _create_computed(group: Any, manifest: Manifest, name: str, count: int) -> Any:
+    """A variable of the computations."""
+    described, inner = manifest.variables[name], manifest.shape(name)
+    dims = [f"n_{dim}" for dim in described.dims]
+    for dim, length in zip(dims, inner, strict=True):
+        if dim not in group.dimensions:
+            group.createDimension(dim, length)
+    small = described.digits is not None or np.dtype(described.dtype).kind == "i"
+    made = group.createVariable(
+        f"value_{name}",
+        described.dtype,
+        ("computation", *dims),
+        fill_value=False,
+        chunksizes=chunk((count,), inner, manifest.row_bytes(name)),
+        zlib=small,
+        complevel=1,
+        shuffle=small,
+        fletcher32=True,
+    )
+    made.set_auto_maskandscale(False)
+    return made
 
 
 def open_results(path: str | Path) -> xr.Dataset:
@@ -204,7 +354,7 @@ def open_results(path: str | Path) -> xr.Dataset:
         If there is no such file, or it is not the result of a sweep.
     """
     store = Store(path)
-    if store.layout.is_file():
+    if store.manifest.is_file():
         with suppress(ValueError, StoreError):
             return _unfinished(store)
     if not store.file.is_file():
@@ -235,20 +385,30 @@ def _opened(path: Path) -> xr.Dataset:
 
 
 def _unfinished(store: Store) -> xr.Dataset:
-    """The points that are finished so far; the others are pending."""
-    layout = Layout.load(store.layout)
-    sources = sources_of(store, layout)
-    if not layout.large():
-        found = gather(layout, sources)
-        if not store.layout.is_file():
-            raise StoreError(f"{store.file} was finished while its shards were read")
-        return attach(layout, dataset(layout, found), None)
+    """The points that are finished so far; the others are pending, and so are those of damaged parts."""
+    manifest = Manifest.load(store.manifest)
+    sources = sources_of(store, manifest)
+    damaged = surveyed(manifest, sources).damaged
+    sources = [source for source in sources if source.name not in damaged]
+    while True:
+        try:
+            data = _so_far(manifest, sources)
+            break
+        except DamagedError as problem:
+            sources = [source for source in sources if source.name != problem.part]
+    if not store.manifest.is_file():
+        raise StoreError(f"{store.file} was finished while its parts were read")
+    return data
+
+
+def _so_far(manifest: Manifest, sources: Sequence[Source]) -> xr.Dataset:
+    if not manifest.large():
+        found = gather(manifest, sources, [*manifest.variables, "wall_time"])
+        return attach(manifest, dataset(manifest, found), None)
     folder = tempfile.mkdtemp(prefix="sweeps-")
     path = Path(folder) / "unfinished.nc"
     try:
-        _compose(path, layout, sources, None, [])
-        if not store.layout.is_file():
-            raise StoreError(f"{store.file} was finished while its shards were read")
+        _compose(path, manifest, sources, None, [])
         data = _opened(path)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

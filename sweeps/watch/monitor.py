@@ -64,14 +64,12 @@ class Monitor:
         self._begun = time.monotonic()
         self._owner = owner()
         self._written = -math.inf
-        self._before = 0
         self._now: dict[int, str] = {}
         self._closed = False
 
-    def before(self, done: int, failed: int) -> None:
-        """So much was done while the run was planned: it counts, but tells nothing of how fast the run is."""
-        self._before += done
-        self.end(-1, done, failed)
+    def more(self, todo: int) -> None:
+        """What was found asks for so many computations more."""
+        self.todo += todo
 
     def begin(self, number: int, what: str) -> None:
         """A batch is under way."""
@@ -108,7 +106,7 @@ class Monitor:
     def snapshot(self) -> Snapshot:
         """The state now."""
         elapsed = time.monotonic() - self._begun
-        rate = (self.done - self._before) / elapsed if elapsed > 0.0 else 0.0
+        rate = self.done / elapsed if elapsed > 0.0 else 0.0
         left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
         now = tuple(list(self._now.values())[:SHOWN])
         return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, now, self.stopping)

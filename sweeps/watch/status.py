@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.compute.batch import DONE, FAILED, INTERPOLATED, PENDING, SKIPPED
 from sweeps.errors import StoreError
+from sweeps.grid import DONE, FAILED, INTERPOLATED, PENDING, SKIPPED
+from sweeps.storage.existing import sources_of
 from sweeps.storage.lock import is_locked, taken
-from sweeps.storage.manifest import Layout
-from sweeps.storage.merge import gather
+from sweeps.storage.manifest import Manifest
+from sweeps.storage.merge import surveyed
 from sweeps.storage.netcdf import open_results
-from sweeps.storage.store import Store, sources_of
+from sweeps.storage.store import Store
 from sweeps.watch.monitor import read_state
 
 
@@ -57,8 +58,8 @@ def status(path: str | Path) -> Status:
     running = is_locked(store)
     run = read_state(store.progress) if running else {}
     try:
-        layout = Layout.load(store.layout)
-        codes = gather(layout, sources_of(store, layout), list(layout.variables)).status
+        manifest = Manifest.load(store.manifest)
+        codes = surveyed(manifest, sources_of(store, manifest)).status
         state = "running" if running else "interrupted"
     except (ValueError, StoreError):
         # There is none, or the run has finished meanwhile.

@@ -1,0 +1,134 @@
+"""Cutting what is due into batches: in which order, and how many points each.
+
+The first batches are small; those that have finished tell how long the next may be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sweeps.grid import Grid
+
+# A batch long enough to hide its own cost, short enough to spread and to show progress, small enough to hold.
+BATCH_SECONDS = 1.0
+BATCH_BYTES = 12e6
+# So many workers hand in so few batches a second that whoever hands these out is busy for a fifth of the time.
+WORKER_SECONDS = 0.01
+# A batch is at most this share of what is left for each worker, down to so long, s: workers end at the same time.
+LAST_SHARE, SHORTEST = 0.25, 0.05
+# A batch is at most so many times as long as one that has finished, for costs differ from point to point.
+GROWTH = 8
+# So many of the last batches tell what the next will cost.
+REMEMBERED = 9
+# Places that are looked at together for what is due.
+BLOCK = 1 << 18
+
+
+def batch_size(
+    left: int,
+    seconds: float,
+    row_bytes: float = 0.0,
+    multiple: int = 1,
+    workers: int = 2,
+    largest: float = math.inf,
+) -> int:
+    """How many points the next batch holds.
+
+    Parameters
+    ----------
+    left : int
+        Computations that no batch holds yet.
+    seconds : float
+        s, what one takes; NaN if that is not known.
+    row_bytes : float
+        What one leaves in memory.
+    multiple : int
+        How many are computed side by side at little more than the cost of one.
+    workers : int
+    largest : float
+        Most of them in a batch that has finished.
+    """
+    room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
+    least = max(1.0, min(float(multiple), room))
+    if math.isnan(seconds):
+        return int(min(least, left))
+    longest = max(BATCH_SECONDS, WORKER_SECONDS * workers) / seconds if seconds > 0.0 else math.inf
+    shortest = SHORTEST / seconds if seconds > 0.0 else math.inf
+    share = max(shortest, math.ceil(LAST_SHARE * left / workers))
+    return int(min(left, max(least, min(longest, share, room, GROWTH * largest))))
+
+
+class BatchSizes:
+    """Sizes batches by what those that have finished took."""
+
+    def __init__(self, row_bytes: float, multiple: int, workers: int) -> None:
+        self.row_bytes, self.multiple, self.workers = row_bytes, multiple, workers
+        self._largest = 0
+        self._seconds: deque[float] = deque(maxlen=REMEMBERED)
+
+    def finished(self, rows: int, seconds: float) -> None:
+        """A batch of so many points took so long."""
+        self._largest = max(self._largest, rows)
+        self._seconds.append(seconds / rows)
+
+    def next(self, left: int) -> int:
+        """How many points the next batch holds."""
+        # The median, for the first batch of each worker may have to wait until the function is compiled.
+        seconds = median(self._seconds) if self._seconds else math.nan
+        return batch_size(left, seconds, self.row_bytes, self.multiple, self.workers, self._largest)
+
+
+class Queue:
+    """Takes points that are due, in the grid's order or sorted by axes whose change is costly.
+
+    Parameters
+    ----------
+    grid : Grid
+    due : ndarray of bool, (points,)
+    order_by : sequence of str
+
+    Attributes
+    ----------
+    left : int
+        Points that have not been taken.
+    """
+
+    def __init__(self, grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str] = ()) -> None:
+        self.left = int(np.count_nonzero(due))
+        self._due, self._shape, self._next = due, grid.shape, 0
+        self._ready = np.zeros(0, dtype=np.intp)
+        first = dict.fromkeys(grid.dim_of(name) for name in order_by)
+        self._dims = [grid.dims.index(dim) for dim in (*first, *(dim for dim in grid.dims if dim not in first))]
+        self._sorted = {
+            grid.dims.index(dim): np.lexsort(
+                [grid.axes[name].values for name in reversed(order_by) if grid.dim_of(name) == dim]
+            )
+            for dim in first
+        }
+
+    def take(self, count: int) -> NDArray[np.intp]:
+        """The next so many points, or as many as there are."""
+        found = [self._ready]
+        while sum(map(len, found)) < count and self._next < len(self._due):
+            found.append(self._block())
+        ready = np.concatenate(found)
+        taken, self._ready = ready[:count], ready[count:]
+        self.left -= len(taken)
+        return taken
+
+    def _block(self) -> NDArray[np.intp]:
+        begin, self._next = self._next, min(self._next + BLOCK, len(self._due))
+        if not self._sorted:
+            return begin + np.flatnonzero(self._due[begin : self._next])
+        shape = [self._shape[dim] for dim in self._dims]
+        places = np.unravel_index(np.arange(begin, self._next), shape)
+        along = dict(zip(self._dims, places, strict=True))
+        along |= {dim: order[along[dim]] for dim, order in self._sorted.items()}
+        points = np.ravel_multi_index([along[dim] for dim in range(len(shape))], self._shape)
+        return points[self._due[points]]

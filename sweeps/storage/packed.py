@@ -1,0 +1,125 @@
+"""Files of named arrays behind a small checked header; whatever is read of them is checked as it is read.
+
+Eight bytes of MAGIC, the header's length and check sum, the header as JSON, then the arrays: raw, or where that is
+worth it as a single value for all entries, or with their bytes shuffled and deflated. No library's lock is held
+meanwhile, and zlib lets other threads run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAGIC = b"sweeps-1"
+HEAD = struct.Struct("<8sII")
+# A file up to this size is checked as a whole when it is opened.
+READ_AT_ONCE = 1 << 16
+RAW, CONSTANT, DEFLATED = "raw", "constant", "deflated"
+
+
+def pack(about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], deflate: Collection[str] = ()) -> bytes:
+    """The bytes of a file.
+
+    Parameters
+    ----------
+    about : mapping
+        What JSON can hold.
+    arrays : mapping of str to ndarray
+        Numbers, flags or texts.
+    deflate : collection of str
+        Names of the arrays that shrink.
+    """
+    entries, blobs, offset = {}, [], 0
+    for name, values in arrays.items():
+        plain = np.ascontiguousarray(values)
+        how, blob = _stored(plain, name in deflate)
+        entries[name] = [plain.dtype.str, values.shape, how, offset, len(blob), zlib.crc32(blob)]
+        blobs.append(blob)
+        offset += len(blob)
+    header = json.dumps({"about": dict(about), "arrays": entries}).encode()
+    return b"".join([HEAD.pack(MAGIC, len(header), zlib.crc32(header)), header, *blobs])
+
+
+def _stored(values: NDArray[Any], deflate: bool) -> tuple[str, Any]:
+    width = values.dtype.itemsize
+    if values.size > 1 and width:
+        letters = values.reshape(-1).view(np.uint8).reshape(-1, width)
+        if np.array_equal(letters[0], letters[-1]) and np.all(letters == letters[0]):
+            return CONSTANT, letters[0].tobytes()
+        if deflate:
+            return DEFLATED, zlib.compress(letters.T.tobytes(), 1)
+    return RAW, values.tobytes()
+
+
+class Packed:
+    """A file that `pack` made; arrays are read from it when they are asked for.
+
+    Attributes
+    ----------
+    about : dict
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If it is damaged or something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with open(path, "rb") as file:
+            begin = file.read(READ_AT_ONCE)
+            if len(begin) < HEAD.size:
+                raise ValueError(f"{path} is too short")
+            magic, length, check = HEAD.unpack_from(begin)
+            self._start = HEAD.size + length
+            header = begin[HEAD.size : self._start] + file.read(max(self._start - len(begin), 0))
+            size = os.fstat(file.fileno()).st_size
+        if magic != MAGIC or len(header) < length or zlib.crc32(header) != check:
+            raise ValueError(f"{path} has no header of ours")
+        found = json.loads(header)
+        self.about: dict[str, Any] = found["about"]
+        self._arrays: dict[str, Any] = found["arrays"]
+        if size != self._start + sum(entry[4] for entry in self._arrays.values()):
+            raise ValueError(f"{path} has lost its end")
+        if size <= READ_AT_ONCE:
+            self.read(self._arrays)
+
+    @property
+    def names(self) -> list[str]:
+        """The arrays' names."""
+        return list(self._arrays)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._arrays
+
+    def read(self, names: Collection[str]) -> dict[str, NDArray[Any]]:
+        """Some of the arrays, by name."""
+        found = {}
+        with open(self.path, "rb") as file:
+            for name in names:
+                kind, shape, how, offset, length, check = self._arrays[name]
+                file.seek(self._start + offset)
+                blob = file.read(length)
+                if zlib.crc32(blob) != check:
+                    raise ValueError(f"{name} in {self.path} is damaged")
+                found[name] = _restored(blob, np.dtype(kind), tuple(shape), how)
+        return found
+
+
+def _restored(blob: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], how: str) -> NDArray[Any]:
+    if how == CONSTANT:
+        return np.full(shape, np.frombuffer(blob, dtype)[0], dtype)
+    if how == DEFLATED:
+        letters = np.frombuffer(zlib.decompress(blob), np.uint8).reshape(dtype.itemsize, -1)
+        return np.ascontiguousarray(letters.T).reshape(-1).view(dtype).reshape(shape)
+    return np.frombuffer(blob, dtype).reshape(shape)
