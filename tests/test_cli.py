@@ -117,7 +117,7 @@ def picky(points, **constants):
         raise ArithmeticError('not this one')
     return whole(points, **constants)
 def slow(points, **constants):
-    time.sleep(0.4)
+    time.sleep(0.4 * len(points['mu']))
     return whole(points, **constants)
 f.modes = {function}
 studies.progress.INTERVAL = 0.5
@@ -182,7 +182,7 @@ def begun(folder, *arguments):
     )
     until = time.monotonic() + 60.0
     parts = folder / "results" / "fig5" / "fig5.parts"
-    while len(list(parts.glob("0*.nc"))) < 4:
+    while len(list(parts.glob("0*.part"))) < 4:
         assert running.poll() is None
         assert time.monotonic() < until
         time.sleep(0.02)
