@@ -317,13 +317,16 @@ class Cluster:
         """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""
         self.client.run(_halt, self.run, on_error="ignore")
 
-    def isolate(self) -> bool:
-        """Keep a worker free for a batch that is to be alone; whether it is free."""
+    def isolate(self, last: bool) -> bool:
+        """Keep a worker free for a batch that is to be alone, even the only one for the `last`; whether it is free."""
         if self._alone is not None:
             return False
         with _answering():
             self._threads = self._count()
             at_work = self.client.processing()
+        if len(self._threads) < 2 and not last:
+            self._free = ""
+            return False
         if self._free not in self._threads:
             self._free = min(self._threads, key=lambda worker: len(at_work.get(worker, ())), default="")
         return bool(self._free) and not at_work.get(self._free)

@@ -96,8 +96,8 @@ class Backend(Protocol):
     def halt(self) -> None:
         """Begin no more batches."""
 
-    def isolate(self) -> bool:
-        """Keep a worker free for a batch that is to be alone; whether it is free."""
+    def isolate(self, last: bool) -> bool:
+        """Keep a worker free for a batch that is to be alone, even the only one for the `last`; whether it is free."""
 
 
 def perform(job: Job, points: NDArray[np.intp]) -> Receipt:
@@ -225,7 +225,7 @@ class Local:
         for future in list(self._open):
             future.cancel()
 
-    def isolate(self) -> bool:
+    def isolate(self, last: bool) -> bool:
         """Nothing dies here without the whole process."""
         return False
 

@@ -217,7 +217,7 @@ class _Run:
                         backend.halt()
                         halted = True
                 else:
-                    if self._suspects and backend.isolate():
+                    if self._suspects and backend.isolate(not (queue.left or self._under_way)):
                         self._submit(backend, *self._suspects.pop())
                     while queue.left and len(self._under_way) < backend.room(window):
                         self._submit(backend, queue.take(sizes.next(queue.left)))

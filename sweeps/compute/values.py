@@ -36,6 +36,27 @@ def scaled(values: NDArray[Any], factor: NDArray[np.float64], digits: int | None
     return rounded(product, digits)
 
 
+def residual(values: NDArray[Any], factor: NDArray[np.float64], digits: int | None) -> NDArray[Any]:
+    """The bits that a product, divided by its factor, lacks of the value: mostly zeros."""
+    return np.bitwise_xor(_bits(values), _bits(_divided(scaled(values, factor, digits), factor, digits)))
+
+
+def unscaled(
+    products: NDArray[Any], factor: NDArray[np.float64], digits: int | None, residuals: NDArray[Any]
+) -> NDArray[Any]:
+    """The very values of which `scaled` made the products, by their residuals."""
+    return np.bitwise_xor(_bits(_divided(products, factor, digits)), residuals).view(products.dtype)
+
+
+def _divided(products: NDArray[Any], factor: NDArray[np.float64], digits: int | None) -> NDArray[Any]:
+    with np.errstate(all="ignore"):
+        return scaled(products, 1.0 / factor, digits)
+
+
+def _bits(values: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
+
+
 def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
     """Whether a type loses nothing of the values but digits of a float."""
     if dtype.kind == "f":

@@ -160,7 +160,8 @@ def _finished(path: Path, name: str, identity: dict[str, Any] | None) -> Existin
         with NETCDF, netCDF4.Dataset(path) as file:
             axes = {axis: _axis(file[axis]) for axis in stored["axes"]}
             grid = Grid(axes, [tuple(group) for group in stored["groups"] if len(group) > 1])
-            computed = COMPUTED in file.groups
+            kept = file.groups[COMPUTED].dimensions if COMPUTED in file.groups else {}
+            computations = len(kept.get("computation", ()))
             row = max(
                 variable.dtype.itemsize * int(np.prod(variable.shape[len(grid.shape) :]))
                 for name, variable in file.variables.items()
@@ -168,8 +169,9 @@ def _finished(path: Path, name: str, identity: dict[str, Any] | None) -> Existin
             )
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, IndexError):
         raise StoreError(f"{path} is damaged; move it away, or start over with fresh (--fresh)") from None
-    sources: list[Source] = [FileSource(path, grid, index) for index in blocks(grid.shape, max(LARGE // row, 1))]
-    if computed:
-        sources.append(ComputedSource(path, grid))
+    most = max(LARGE // row, 1)
+    sources: list[Source] = [FileSource(path, grid, index) for index in blocks(grid.shape, most)]
+    parts = [slice(k, k + most) for k in range(0, computations, most)]
+    sources += [ComputedSource(path, grid, part) for part in parts]
     attributes = {key: str(found[key]) for key in ATTRIBUTES if key in found}
     return Existing(grid, sources, attributes)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from sweeps.compute.values import scaled
 from sweeps.errors import StoreError
 from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, STATUS_FLAGS, Axis, Variable
 from sweeps.storage.manifest import Manifest
-from sweeps.storage.sources import Source
+from sweeps.storage.sources import Source, runs
 from sweeps.storage.texts import NETCDF
 
 WALL_TIME = Variable("s", "computing time of the point")
@@ -26,6 +25,9 @@ ERROR_ATTRIBUTES = {"long_name": "why the point failed"}
 LETTERS, LEAST_LETTERS = 30_000_000, 60
 # Of so many failures, tracebacks and reproducing lines are kept.
 MOST_TRACEBACKS = 1000
+
+
+Convert = Callable[[str, NDArray[Any], NDArray[np.intp]], NDArray[Any]]
 
 
 class DamagedError(StoreError):
@@ -207,6 +209,7 @@ def stream(
     sources: Sequence[Source],
     variables: dict[str, Any],
     slots: NDArray[np.intp] | None = None,
+    convert: Convert | None = None,
 ) -> None:
     """Write variables into an open netCDF file, a source at a time.
 
@@ -218,6 +221,9 @@ def stream(
         With the grid's dimensions first, or with one dimension for the `slots`.
     slots : ndarray of int, optional
         Ascending points, which are the rows of the variables.
+    convert : callable, optional
+        Makes of a variable's name, values of computations and their points what is written; default: results of
+        points.
 
     Raises
     ------
@@ -236,12 +242,15 @@ def stream(
         order = np.argsort(points, kind="stable")
         points, rows = points[order], rows[order]
         places = points if slots is None else np.searchsorted(slots, points)
-        for begin, end in _runs(places, shape[-1]):
+        for begin, end in runs(places, shape[-1]):
             *outer, last = np.unravel_index(places[begin], shape)
             region = (*outer, slice(last, last + end - begin))
             for name, variable in variables.items():
                 values = _neighbours(result.values[name], rows[begin:end])
-                values = at_points(manifest, name, values, source, points[begin:end])
+                if convert is None:
+                    values = at_points(manifest, name, values, source, points[begin:end])
+                else:
+                    values = convert(name, values, points[begin:end])
                 with NETCDF:
                     variable[region] = values
     if chosen.damaged:
@@ -254,12 +263,6 @@ def _neighbours(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
     if last - first + 1 == len(rows) and np.all(np.diff(rows) == 1):
         return values[first : last + 1]
     return values[rows]
-
-
-def _runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
-    """Where neighbours along the last dimension begin and end."""
-    breaks = np.flatnonzero((np.diff(points) != 1) | (points[1:] % length == 0)) + 1
-    yield from pairwise([0, *breaks.tolist(), len(points)])
 
 
 def dataset(manifest: Manifest, found: Gathered, states: bool = True) -> xr.Dataset:

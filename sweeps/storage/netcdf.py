@@ -17,7 +17,9 @@ from typing import Any
 import netCDF4
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from sweeps.compute.values import residual
 from sweeps.errors import StoreError, reason
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED, Variable
@@ -289,56 +291,61 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
 
 
 def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]) -> None:
-    """Keep what was computed as it was before it was scaled, for points that are added later."""
-    plain = manifest.unscaled()
-    names, large = list(plain.variables), [name for name in plain.large() if name in plain.variables]
-    status = surveyed(plain, sources).status
-    slots = np.flatnonzero((status == DONE) | (status == FAILED))
+    """Keep what was computed as it was before it was scaled, for points that are added later.
+
+    Of the scaled variables the file has products already: only what these lack is kept.
+    """
+    plain, large = manifest.unscaled(), manifest.large()
+    scaled = [name for name, variable in manifest.variables.items() if variable.scale]
+    found = gather(plain, sources, [*(name for name in scaled if name not in large), "wall_time"])
+    slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
     if not len(slots):
         return
-    found = gather(plain, sources, [*(name for name in names if name not in large), "wall_time"])
+
+    def lacking(name: str, values: NDArray[Any], points: NDArray[np.intp]) -> NDArray[Any]:
+        factor = manifest.factors[manifest.variables[name].scale][points]
+        return residual(values, factor, manifest.variables[name].digits)
+
     with NETCDF, netCDF4.Dataset(path, "a") as file:
         group = file.createGroup(COMPUTED)
         group.createDimension("computation", len(slots))
-        for name, values in plain.grid.points(slots).items():
-            if values.dtype.kind == "U":
-                write_texts(group, f"axis_{name}", values, "computation")
-            else:
-                kind = np.int8 if values.dtype.kind == "b" else values.dtype
-                group.createVariable(f"axis_{name}", kind, ("computation",))[...] = values.astype(kind)
-        group.createVariable("status", "i1", ("computation",))[...] = status[slots]
-        group.createVariable("wall_time", "f8", ("computation",))[...] = found.values.pop("wall_time")[slots]
+        columns: dict[str, NDArray[Any]] = {"computation": slots, "status": found.status[slots]}
+        columns["wall_time"] = found.values.pop("wall_time")[slots]
+        columns |= {f"factor_{name}": manifest.factors[manifest.variables[name].scale][slots] for name in scaled}
+        for name, values in columns.items():
+            group.createVariable(name, values.dtype, ("computation",), zlib=True, complevel=1)[...] = values
         if found.errors:
             reasons = [(found.errors.get(s, ""), *found.failures.get(s, ("", ""))) for s in slots.tolist()]
             for name, texts in zip(("error", "traceback", "reproduce"), zip(*reasons, strict=True), strict=True):
                 write_texts(group, name, np.array(texts, dtype=object), "computation")
-        made = {name: _create_computed(group, plain, name, len(slots)) for name in names}
+        made = {name: _create_residual(group, plain, name, len(slots)) for name in scaled}
+        for variable in made.values():
+            variable.set_var_chunk_cache(max(CACHE_BYTES // len(made), MOST_CHUNK_BYTES))
         for name, values in found.values.items():
-            made[name][...] = values[slots]
-        if large:
-            stream(plain, sources, {name: made[name] for name in large}, slots)
+            made.pop(name)[...] = lacking(name, values[slots], slots)
+        if made:
+            stream(plain, sources, made, slots, lacking)
 
 
-def _create_computed(group: Any, manifest: Manifest, name: str, count: int) -> Any:
-    """A variable of the computations."""
+def _create_residual(group: Any, manifest: Manifest, name: str, count: int) -> Any:
+    """What products of a variable lack to be the values that were computed."""
     described, inner = manifest.variables[name], manifest.shape(name)
     dims = [f"n_{dim}" for dim in described.dims]
     for dim, length in zip(dims, inner, strict=True):
         if dim not in group.dimensions:
             group.createDimension(dim, length)
-    small = described.digits is not None or np.dtype(described.dtype).kind == "i"
     made = group.createVariable(
-        f"value_{name}",
-        described.dtype,
+        f"residual_{name}",
+        f"u{np.dtype(described.dtype).itemsize}",
         ("computation", *dims),
         fill_value=False,
         chunksizes=chunk((count,), inner, manifest.row_bytes(name)),
-        zlib=small,
+        zlib=True,
         complevel=1,
-        shuffle=small,
+        shuffle=True,
         fletcher32=True,
     )
-    made.set_auto_maskandscale(False)
+    made.digits = described.digits or 0
     return made
 
 

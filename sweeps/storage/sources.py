@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Failure
+from sweeps.compute.values import unscaled
 from sweeps.errors import StoreError
 from sweeps.grid import DONE, FAILED, Grid
 from sweeps.storage.manifest import Manifest
@@ -215,10 +217,20 @@ class FileSource:
 
 @dataclass(frozen=True, eq=False)
 class ComputedSource:
-    """The computations of a finished file, before they were scaled."""
+    """Computations of a finished file as they were before they were scaled: what its points lack to be that.
+
+    Attributes
+    ----------
+    path : Path
+    grid : Grid
+        The file's.
+    part : slice
+        Which of the computations.
+    """
 
     path: Path
     grid: Grid
+    part: slice
     scaled = False
 
     @property
@@ -236,13 +248,12 @@ class ComputedSource:
         """
         with _opened(self.path) as file:
             group = file.groups[COMPUTED]
-            columns = [group[f"axis_{name}"][...] for name in self.grid.axes]
-            points = manifest.grid.at([as_texts(c).astype(str) if c.dtype.kind == "S" else c for c in columns])
-            failed, spent = group["status"][...] == FAILED, float(group["wall_time"][...].sum())
+            points = manifest.grid.embed(self.grid)(group["computation"][self.part])
+            failed, spent = group["status"][self.part] == FAILED, float(group["wall_time"][self.part].sum())
         return of_computations(manifest, points, failed, spent)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
-        """All of them with the values of some variables.
+        """Some of them with the values of some variables.
 
         Raises
         ------
@@ -251,13 +262,33 @@ class ComputedSource:
         """
         with _opened(self.path) as file:
             group = file.groups[COMPUTED]
-            values = {name: group[f"value_{name}"][...] for name in variables}
-            result = BatchResult(values, group["wall_time"][...])
+            points = group["computation"][self.part]
+            values = {name: self._values(file, group, name, points) for name in variables}
+            result = BatchResult(values, group["wall_time"][self.part])
             if reasons and "error" in group.variables:
-                texts = [as_texts(group[name][...]) for name in ("error", "traceback", "reproduce")]
-                for row in np.flatnonzero(group["status"][...] == FAILED).tolist():
+                texts = [as_texts(group[name][self.part]) for name in ("error", "traceback", "reproduce")]
+                for row in np.flatnonzero(group["status"][self.part] == FAILED).tolist():
                     result.failures[row] = Failure(*(each[row] for each in texts))
         return result
+
+    def _values(self, file: Any, group: Any, name: str, points: NDArray[np.intp]) -> NDArray[Any]:
+        """A variable at the points themselves, as it was before it was scaled."""
+        shape, rows = self.grid.shape, []
+        for begin, end in runs(points, shape[-1]):
+            *outer, last = np.unravel_index(points[begin], shape)
+            rows.append(np.asarray(file[name][(*outer, slice(last, last + end - begin))]))
+        values = np.concatenate(rows)
+        if f"residual_{name}" not in group.variables:
+            return values
+        residuals = group[f"residual_{name}"]
+        factor = group[f"factor_{name}"][self.part]
+        return unscaled(values, factor, int(residuals.digits) or None, residuals[self.part])
+
+
+def runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
+    """Where neighbours along a last dimension of this length begin and end among ascending points."""
+    breaks = np.flatnonzero((np.diff(points) != 1) | (points[1:] % length == 0)) + 1
+    yield from pairwise([0, *breaks.tolist(), len(points)])
 
 
 @contextmanager
