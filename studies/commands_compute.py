@@ -22,14 +22,16 @@ if TYPE_CHECKING:
 @command("plan", "Dry run: what a run would compute and cost.")
 @click.argument("study", shell_complete=completion.STUDY)
 @what_options
-def show_plan(study: str, quiet: bool, verbose: bool, **what: Any) -> None:
-    """Dry run: what a run would compute, store and cost. Nothing is written.
+@click.option("--time", "timed", is_flag=True, help="Compute a few points now, to tell how long all would take.")
+def show_plan(study: str, timed: bool, quiet: bool, verbose: bool, **what: Any) -> None:
+    """Dry run: what a run would compute, store and cost. Nothing is written, and without --time nothing computed.
 
     \b
     fiv plan fig5 --set mu=0:0.5:2001
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
-    click.echo(repr(_planned(study, verbose, **what)))
+    planned = _planned(study, verbose, **what)
+    click.echo(repr(planned.timed() if timed else planned))
 
 
 @command("run", "Compute a study, store it, draw it, tell its numbers.")

@@ -318,7 +318,7 @@ class Cluster:
         self.client.run(_halt, self.run, on_error="ignore")
 
     def isolate(self, last: bool) -> bool:
-        """Keep a worker free for a batch that is to be alone, even the only one for the `last`; whether it is free."""
+        """Keep a worker free for a batch to be alone at, the only one if it is the `last`; whether it is free."""
         if self._alone is not None:
             return False
         with _answering():

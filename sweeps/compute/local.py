@@ -97,7 +97,7 @@ class Backend(Protocol):
         """Begin no more batches."""
 
     def isolate(self, last: bool) -> bool:
-        """Keep a worker free for a batch that is to be alone, even the only one for the `last`; whether it is free."""
+        """Keep a worker free for a batch to be alone at, the only one if it is the `last`; whether it is free."""
 
 
 def perform(job: Job, points: NDArray[np.intp]) -> Receipt:

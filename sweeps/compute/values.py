@@ -38,14 +38,16 @@ def scaled(values: NDArray[Any], factor: NDArray[np.float64], digits: int | None
 
 def residual(values: NDArray[Any], factor: NDArray[np.float64], digits: int | None) -> NDArray[Any]:
     """The bits that a product, divided by its factor, lacks of the value: mostly zeros."""
-    return np.bitwise_xor(_bits(values), _bits(_divided(scaled(values, factor, digits), factor, digits)))
+    lacking: NDArray[Any] = _bits(values) ^ _bits(_divided(scaled(values, factor, digits), factor, digits))
+    return lacking
 
 
 def unscaled(
     products: NDArray[Any], factor: NDArray[np.float64], digits: int | None, residuals: NDArray[Any]
 ) -> NDArray[Any]:
     """The very values of which `scaled` made the products, by their residuals."""
-    return np.bitwise_xor(_bits(_divided(products, factor, digits)), residuals).view(products.dtype)
+    values: NDArray[Any] = (_bits(_divided(products, factor, digits)) ^ residuals).view(products.dtype)
+    return values
 
 
 def _divided(products: NDArray[Any], factor: NDArray[np.float64], digits: int | None) -> NDArray[Any]:

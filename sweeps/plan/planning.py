@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
 from sweeps.fingerprint.identity import configuration, identity, presentation
-from sweeps.grid import FAILED, PENDING, Axis, Embedding, Grid, Index
+from sweeps.grid import FAILED, PENDING, Axis, Columns, Embedding, Grid, Index
 from sweeps.plan.declaration import Declaration
 from sweeps.plan.keys import factors, key_columns
 from sweeps.plan.plan import PlanData, Selection
@@ -164,18 +164,24 @@ def _manifest(
             others = points[~requested[points]]
             if len(others):
                 live[others] = ~grid.skipped(grid.points(others))
-    representative, multiplied = None, {}
+    representative: NDArray[Any] | None = None
+    multiplied: dict[str, NDArray[np.float64]] = {}
     kind = np.int32 if grid.size < 2**31 else np.int64
     if sweep.key is not None or sweep.scale is not None:
         # Of equal points the first one requested is computed.
         order = np.concatenate([np.flatnonzero(requested), np.flatnonzero(live & ~requested)])
-        values = grid.points(order)
+        parts: list[Columns] = []
+        for block in np.array_split(order, len(order) // BLOCK + 1):
+            values = grid.points(block)
+            if sweep.key is not None:
+                parts.append(key_columns(sweep, values))
+            for name, each in factors(sweep, values).items():
+                multiplied.setdefault(name, np.zeros(grid.size))[block] = each
         if sweep.key is not None:
+            columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+            del parts
             representative = np.full(grid.size, -1, dtype=kind)
-            representative[order] = order[Index(key_columns(sweep, values)).first()] if len(order) else order
-        for name, each in factors(sweep, values).items():
-            multiplied[name] = np.zeros(grid.size)
-            multiplied[name][order] = each
+            representative[order] = order[Index(columns).first()] if len(order) else order
     if representative is None and not live.all():
         representative = np.where(live, np.arange(grid.size, dtype=kind), kind(-1))
     tokens: dict[str, Any] = {}
