@@ -29,10 +29,10 @@ from threadpoolctl import threadpool_limits
 from sweeps.backends import Batch, Job, Result, finish, packed
 from sweeps.batch import Work
 from sweeps.errors import SchedulerError
+from sweeps.fingerprint.code import digests
 from sweeps.grid import Points
 from sweeps.keys import Columns
 from sweeps.reproduce import one_liner
-from sweeps.sources import sources
 
 # Batches submitted for each worker: one to work on, one waiting.
 WINDOW = 2
@@ -149,7 +149,7 @@ def on_cluster(client: distributed.Client, job: Job, batches: Iterator[Batch]) -
     at which workers die is halved, down to the point that does it, which then has failed.
     """
     run, parcel = uuid4().hex, _parcel(job.work)
-    expected = sources(job.work.function) if _importable(job.work.function) else None
+    expected = digests(job.work.function) if _importable(job.work.function) else None
     under_way: dict[distributed.Future, Batch] = {}
     suspects: list[tuple[Batch, int]] = []
     alone: int | None = None  # how often the one under way has died before, if it is a suspect
@@ -285,7 +285,7 @@ def _remote(
     if run in HALTED:
         return None
     work = _unpacked(parcel)
-    if expected is not None and _sources(work.function) != expected:
+    if expected is not None and _digests(work.function) != expected:
         raise RuntimeError("this worker has another version of the code; install the same one everywhere")
     with threadpool_limits(1, user_api="blas"):
         return finish(work, points, key, as_shard)
@@ -308,5 +308,5 @@ def _unpacked(parcel: bytes) -> Work:
 
 
 @lru_cache(maxsize=4)
-def _sources(function: Any) -> dict[str, str]:
-    return sources(function)
+def _digests(function: Any) -> dict[str, str]:
+    return digests(function)

@@ -21,9 +21,9 @@ import xarray as xr
 from sweeps.assemble import Source, dataset, gather
 from sweeps.batch import DONE, FAILED, Table
 from sweeps.errors import StoreError, reason
+from sweeps.fingerprint.provenance import source
 from sweeps.finished import COMPUTED
 from sweeps.layout import Layout
-from sweeps.provenance import source
 from sweeps.shards import NETCDF, WIDE, flush_folder, write_table
 from sweeps.store import Store, sources_of
 from sweeps.stream import chunk, stream

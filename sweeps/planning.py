@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from sweeps.assemble import Source, gather
-from sweeps.batch import FAILED, PENDING, Table, Work
+from sweeps.assemble import Source, gather, scaled
+from sweeps.batch import FAILED, PENDING, Table, Work, rounded
+from sweeps.fingerprint.identity import configuration, fingerprint, metadata_digest
 from sweeps.grid import Axis, Grid, Points
-from sweeps.identity import configuration, identity, presentation
 from sweeps.keys import Index, key_columns
 from sweeps.layout import Layout
 from sweeps.plan import Plan
@@ -36,6 +36,8 @@ LAST_SHARE, LAST_SECONDS = 0.125, 0.25
 # Probes: so many points each, at these places of the work, while they are expected to take less than this, s.
 PROBE_SIZES, PROBE_SECONDS = (1, 1, 8, 8, 8, 8, 8, 8), 0.15
 PROBE_PLACES = (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
+# What the engine itself does to a value belongs to the fingerprint.
+ENGINE = (rounded, scaled)
 # Bytes of a point besides its results: status, error, computing time.
 ROW_BYTES = 16
 # What rounding and compression leave of a rounded float.
@@ -49,8 +51,8 @@ def make_plan(sweep: Sweep, store: str | Path | None, fresh: bool, retry_failed:
     present: Kept | None = None
     if place is not None:
         place.check_place(sweep.name)
-        told = identity(sweep)
-        attributes = {"identity": json.dumps(told), "presentation": presentation(sweep)}
+        told = fingerprint(sweep, ENGINE)
+        attributes = {"identity": json.dumps(told), "presentation": metadata_digest(sweep)}
         if fresh:
             check_replaceable(place, sweep.name)
         else:

@@ -24,9 +24,9 @@ import numpy as np
 
 from sweeps.assemble import ShardSource, Source
 from sweeps.errors import StoreError
+from sweeps.fingerprint.identity import differences
 from sweeps.finished import COMPUTED, ComputedSource, FileSource, blocks
 from sweeps.grid import Axis, Grid
-from sweeps.identity import differences
 from sweeps.keys import column
 from sweeps.layout import LARGE, Layout
 from sweeps.shards import NETCDF, ShardFolder

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from sweeps.fingerprint.identity import plain
 from sweeps.grid import Axis, Grid, Points, Variable, check_names
-from sweeps.identity import plain
 
 if TYPE_CHECKING:
     from sweeps.plan import Plan
