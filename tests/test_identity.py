@@ -419,6 +419,29 @@ def test_the_order_of_statements_that_do_not_act_makes_no_difference(package, or
     assert digests(f) == before
 
 
+@pytest.mark.parametrize(
+    "main",
+    [
+        "from contextlib import contextmanager\nf = contextmanager(lambda: K)\nK = 1\n",
+        "class C:\n    __slots__ = ()\n    def __call__(self, p):\n        return K\nf = C()\nK = 1\n",
+        "class C:\n    def __getattr__(self, name):\n        return K\n    __call__ = print\nf = C()\nK = 1\n",
+        "import numpy as np\ndef g(x):\n    return K\nf = np.vectorize(g)\nK = 1\n",
+        "from typing import TYPE_CHECKING\nif not TYPE_CHECKING:\n    K = 1\ndef f(p):\n    return K\n",
+        "from ident.star import *\ndef f(p):\n    return sum(p)\n",
+        "def f(p, K=None):\n    import ident.star as other\n    return other.sum(p)\n",
+        "try:\n    from ident.star import sum as s\nfinally:\n    pass\ndef f(p):\n    return s\n",
+    ],
+)
+def test_ways_to_reach_a_constant(package, main):
+    files = package({"__init__.py": "", "star.py": "K = 1\n\n\ndef sum(p):\n    return K\n", "main.py": main})
+    before = digests(files.load("main").f)
+    name = "main.py" if "K = 1" in main else "star.py"
+    files.edit(name, "K = 1", "K = 2")
+    for loaded in ("ident.main", "ident.star", "ident"):
+        sys.modules.pop(loaded, None)
+    assert digests(files.load("main").f) != before
+
+
 # What is recorded of a sweep.
 
 

@@ -71,7 +71,11 @@ def digests(*functions: Callable[..., Any]) -> dict[str, str]:
         For a function that carries along what cannot be compared with a stored value.
     """
     homes = [_home(function) for function in functions]
-    reach = _Reach({home.partition(".")[0] for home in homes})
+    # An instance of a library's class does not make the library the project's.
+    written = [
+        home for home, f in zip(homes, functions, strict=True) if isinstance(_innermost(f), (FunctionType, type))
+    ]
+    reach = _Reach({home.partition(".")[0] for home in written})
     notes = [(home, reach.text(function)) for home, function in zip(homes, functions, strict=True)]
     texts = reach.texts()
     for home, note in notes + sorted(reach.notes):
@@ -187,7 +191,11 @@ class _Module:
         todo: list[Any] = ast.parse(content, file).body[::-1]
         while todo:
             node = todo.pop()
-            if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            test = getattr(node, "test", None)
+            if isinstance(node, ast.If) and "TYPE_CHECKING" in (
+                getattr(test, "id", ""),
+                getattr(test, "attr", ""),
+            ):
                 todo += node.orelse[::-1]
             elif isinstance(node, IMPORTS) and len(node.names) > 1:
                 fields = {name: getattr(node, name) for name in node._fields}
@@ -209,7 +217,7 @@ class _Module:
 
     def binding(self, name: str) -> list[_Statement]:
         """The statements that bind a name or may do so."""
-        return self.binders.get(name) or ([] if hasattr(builtins, name) else self.binders.get("*", []))
+        return self.binders.get(name) or self.binders.get("*", [])
 
     def texts(self, taken: set[_Statement] | None = None) -> list[str]:
         """The statements taken, in no order where none acts or binds a name again; or else all."""
@@ -281,13 +289,13 @@ class _Reach:
             acting = [each for each in module.statements if self._acts(module, each)]
             self._take(module, acting, with_imports=True)
         chosen = module.binding(head) if head else module.statements if not name else []
-        submodule = f"{source}.{head}"
+        submodule, further = f"{source}.{head}", rest if head in module.binders else name  # by a star
         if head and not chosen and self._module(submodule) is not None:
             self._ask(submodule, rest)
-        elif head and not chosen:  # for the module's `__getattr__`
-            chosen = module.statements
+        elif head and not chosen and not hasattr(builtins, head):  # for the module's `__getattr__`
+            chosen, further = module.statements, ""
         for target, inner in (each for statement in chosen if statement.is_import for each in statement.imports):
-            self._ask(target, ".".join(filter(None, (inner, rest if head in module.binders else name))))
+            self._ask(target, ".".join(filter(None, (inner, further))))
         self._take(module, chosen)
 
     def _take(self, module: _Module, chosen: list[_Statement], with_imports: bool = False) -> None:
@@ -317,7 +325,6 @@ class _Reach:
     def text(self, value: Any) -> str:
         """A value in full, if it is plain or code, whose source is asked for."""
         kind = type(value)
-        name = getattr(value, "__qualname__", kind.__qualname__)
         if kind in PLAIN:
             return f"{kind.__name__} {value!r}"
         if isinstance(value, np.dtype):
@@ -337,18 +344,13 @@ class _Reach:
         if isinstance(value, FunctionType):
             return self._function(value)
         if _of_library(value):
-            return f"{value.__module__}.{name}"
+            return f"{value.__module__}.{getattr(value, '__qualname__', value.__name__)}"
         if isinstance(value, MethodType):
             return f"{self.text(value.__self__)} {self.text(value.__func__)}"
-        if hasattr(value, "py_func"):  # a compiler's options decide the last digits
-            return f"{self._if_told(getattr(value, 'targetoptions', None))} {self.text(value.py_func)}"
-        if hasattr(value, "__wrapped__"):
-            return self.text(value.__wrapped__)
         if isinstance(value, dict):
-            return (
-                f"{self._class(kind)}({', '.join(f'{self.text(key)}: {self.text(value[key])}' for key in value)})"
-            )
-        how, held = "", dict[str, Any]()
+            value = [(key, value[key]) for key in value]
+            return f"{self._class(kind)} {self.text(value)}"
+        name, how, held = "", "", dict[str, Any]()
         if isinstance(value, Enum):
             held = {"name": value.name}
         elif dataclasses.is_dataclass(value):
@@ -357,7 +359,11 @@ class _Reach:
             how = f"function {getattr(value.func, '__qualname__', type(value.func).__qualname__)} is given"
             held = {f"argument {place}": each for place, each in enumerate(value.args, 1)} | value.keywords
             name = self.text(value.func)
-        elif hasattr(value, "__dict__") and not self.library(kind.__module__):
+        elif _inner(value) is not None:
+            # A compiler's options decide the last digits.
+            options = vars(value).get("targetoptions")
+            return f"{self._if_told(options)} {self.text(_inner(value))}" if options else self.text(_inner(value))
+        elif not self.library(kind.__module__) or (callable(value) and hasattr(value, "__dict__")):
             how = f"the {kind.__qualname__} that is called holds"
             state: Any = object.__getstate__(value)
             for part in state if isinstance(state, tuple) else [state]:
@@ -383,15 +389,16 @@ class _Reach:
 
     def _if_told(self, value: Any) -> str:
         """The text of a value if it has one; but instances do not count, though they may be called."""
-        code = isinstance(value, (FunctionType, MethodType, partial, type)) or hasattr(value, "py_func")
+        code = isinstance(value, (FunctionType, type)) or _inner(value) is not None
         with suppress(ValueError):
             return self.text(value) if code or not callable(value) or _of_library(value) else ""
         return ""
 
     def _function(self, function: FunctionType) -> str:
-        code, home, name = function.__code__, _home(function), function.__qualname__
+        code, name = function.__code__, function.__qualname__
+        home = str(function.__globals__.get("__name__") or "__main__")
         if id(function) in self._seen or self.library(home):
-            return f"{home}.{name}"
+            return f"{home}.{name} {self.text(_inner(function))}"
         self._seen[id(function)] = function
         self._homes.add(home)
         module, top = self._module(home), code.co_qualname.partition(".")[0]
@@ -462,15 +469,24 @@ class _IncomparableError(ValueError):
     """A value has no text that would be the same in another process."""
 
 
+def _inner(function: Any) -> Any:
+    """What a wrapper of whatever kind calls, or None."""
+    if isinstance(function, (partial, MethodType)):
+        return function.func if isinstance(function, partial) else function.__func__
+    held = {} if isinstance(function, type) else getattr(function, "__dict__", {})
+    return held.get("py_func", held.get("__wrapped__"))
+
+
+def _innermost(function: Any) -> Any:
+    return function if _inner(function) is None else _innermost(_inner(function))
+
+
 def _home(function: Any) -> str:
     """The module to whose digest a given function's values belong."""
-    if isinstance(function, FunctionType):
-        # Where its globals are; `__module__` may be another's, copied or set.
-        return str(function.__globals__.get("__name__") or "__main__")
-    for inner in ("func", "__func__", "py_func", "__wrapped__"):
-        if hasattr(function, inner) and not isinstance(function, type):
-            return _home(getattr(function, inner))
-    return str(getattr(function, "__module__", None) or "builtins")
+    function = _innermost(function)
+    # Where its globals are; `__module__` may be another's, copied or set.
+    named = function.__globals__.get("__name__") if isinstance(function, FunctionType) else None
+    return str(named or getattr(function, "__module__", None) or "__main__")
 
 
 def _of_library(function: Any) -> bool:
