@@ -269,7 +269,7 @@ class _Reach:
         return name in sys.builtin_module_names or _installed((file, *folders)[0])
 
     def _module(self, name: str) -> _Module | None:
-        """The module of that name, unless it is a library's or the engine's, or has no source."""
+        """The module of that name, unless it is a library's or has no source."""
         if name not in self._modules:
             file, folders = _find(name)
             is_source = file.endswith(".py") or bool(folders and not file)
