@@ -134,7 +134,9 @@ def test_damaged_values_are_noticed(tmp_path):
     """Check sums of the chunks: wrong values are never passed on."""
     path = tmp_path / "waves.nc"
     rng = np.random.default_rng(1)
-    random = Sweep("waves", lambda p: {"y": noise[p["x"]]}, Grid({"x": Axis(np.arange(40_000))}), {"y": Variable()})
+    random = Sweep(
+        "waves", lambda p: {"y": noise[p["x"]]}, Grid({"x": Axis(np.arange(40_000))}), {"y": Variable()}
+    )
     noise = rng.random(50_000)
     random.plan(path).run()
     content = bytearray(path.read_bytes())

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.local import TICK, Died, Job, Outcome, Receipt, perform
 from sweeps.errors import SchedulerError
-from sweeps.fingerprint.sources import sources
+from sweeps.fingerprint.code import digests
 from sweeps.storage.parts import PartFolder
 
 # Seconds to wait for a scheduler's answer and its first worker.
@@ -177,7 +177,7 @@ class Payload(distributed.WorkerPlugin):
         with self._lock:
             if self._job is None:
                 job: Job = cloudpickle.loads(self.content)
-                if self.expected is not None and sources(job.task.function) != self.expected:
+                if self.expected is not None and digests(job.task.function) != self.expected:
                     raise RuntimeError(
                         "this worker has another version of the code; install the same one everywhere"
                     )
@@ -237,7 +237,7 @@ class Cluster:
         self._alone: distributed.Future | None = None
         self._probe = None if folder is None else probe(folder.path, self.run)
         importable = _importable(job.task.function)
-        expected = sources(job.task.function) if importable else None
+        expected = digests(job.task.function) if importable else None
         self._payload = Payload(self.run, _packed(job), expected, "" if folder is None else str(folder.path))
 
     def __enter__(self) -> Cluster:

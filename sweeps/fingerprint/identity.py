@@ -1,26 +1,27 @@
 """What makes two sweeps one and the same: their results may be mixed only if all of this is equal.
 
-The values of the axes do not belong to it: they may grow.
+The values of the axes do not belong to it: they may grow. The code of constants' classes does.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
-from sweeps.compute.values import rounded, scaled
-from sweeps.fingerprint.sources import differing, sources
+from sweeps.fingerprint.code import differing, digests
 from sweeps.grid import Axis, Grid
 from sweeps.plan.declaration import Declaration
 
+# Longer axes are summarised.
 LISTED = 20
-# What differs is told in this order.
+# Parts are compared in this order.
 LEADING = ("constants", "axes", "groups", "variables", "coords")
+ABSENT = object()
 
 
 def configuration(sweep: Declaration, grid: Grid) -> str:
@@ -32,8 +33,21 @@ def configuration(sweep: Declaration, grid: Grid) -> str:
     return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)})
 
 
-def identity(sweep: Declaration) -> dict[str, Any]:
+def computing(sweep: Declaration) -> list[Callable[..., Any]]:
+    """The functions and classes whose code decides the values: the sweep's own, and its constants' classes."""
+    functions = [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
+    classes = {each for each in _classes(sweep.constants) if each.__module__ != "builtins"}
+    return functions + sorted(classes, key=repr)
+
+
+def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
     """What stored results are compared by; JSON can hold it.
+
+    Parameters
+    ----------
+    sweep : Declaration
+    engine : tuple of callable
+        What the engine itself does to a value.
 
     Raises
     ------
@@ -41,8 +55,6 @@ def identity(sweep: Declaration) -> dict[str, Any]:
         If the function depends on something that cannot be compared.
     """
     grid = sweep.grid
-    # With what the engine itself does to a value.
-    computing = [f for f in (sweep.function, sweep.key, sweep.scale, rounded, scaled) if f is not None]
     told = {
         "name": sweep.name,
         "axes": {
@@ -55,69 +67,56 @@ def identity(sweep: Declaration) -> dict[str, Any]:
             for name, v in sweep.variables.items()
         },
         "coords": {name: _digest(axis.values) for name, axis in sweep.coords.items()},
-        "sources": sources(*computing),
+        "sources": digests(*computing(sweep), *engine),
     }
     loaded: dict[str, Any] = json.loads(json.dumps(told))
     return loaded
 
 
-def presentation(sweep: Declaration) -> str:
+def metadata_digest(sweep: Declaration) -> str:
     """Digest of what else the file shows: names, titles, what is derived, and what counts as skipped."""
-    shown: dict[str, Any] = {
+    groups = (sweep.grid.axes, sweep.coords, sweep.variables)
+    shown = {
         "title": sweep.title,
-        "names": {
-            name: each.long_name
-            for group in (sweep.grid.axes, sweep.coords, sweep.variables)
-            for name, each in group.items()
-        },
+        "names": {name: each.long_name for group in groups for name, each in group.items()},
         "units": {name: axis.units for name, axis in sweep.coords.items()},
-        "code": [{} if f is None else sources(f) for f in (sweep.derive, sweep.grid.skip)],
+        "flags": {name: list(v.flags.items()) for name, v in sweep.variables.items() if v.flags},
+        "code": [{} if f is None else digests(f) for f in (sweep.derive, sweep.grid.skip)],
     }
     return blake2b(json.dumps(shown).encode(), digest_size=8).hexdigest()
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
     """What differs, in one line; "" if nothing does."""
-    told = []
+    found = []
     for part in (*LEADING, *sorted({*stored, *present} - {*LEADING, "sources"})):
         for name, before, now in _changed(stored.get(part, ABSENT), present.get(part, ABSENT)):
-            where = name.removeprefix(".")
-            what = where if part == "constants" else f"{part} {where}".rstrip()
-            told.append(f"{what} = {_short(before)} there, {_short(now)} here")
+            what = name if part == "constants" else f"{part} {name}".rstrip()
+            found.append(f"{what} = {_short(before)} there, {_short(now)} here")
     modules = differing(stored.get("sources", {}), present["sources"])
     if modules:
-        told.append(f"the code of {', '.join(modules[:3])}{' and others' if len(modules) > 3 else ''} has changed")
-    return "; ".join(told[:4])
+        found.append(
+            f"the code of {', '.join(modules[:3])}{' and others' if len(modules) > 3 else ''} has changed"
+        )
+    return "; ".join(found[:4])
 
 
-class _Absent:
-    def __repr__(self) -> str:
-        return "nothing"
-
-
-ABSENT = _Absent()
-
-
-def _changed(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:
+def _changed(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Leaves that differ, with their dotted names."""
     if isinstance(before, Mapping) and isinstance(now, Mapping):
-        found = []
         for key in dict.fromkeys([*now, *before]):
-            found += _changed(before.get(key, ABSENT), now.get(key, ABSENT), f"{name}.{key}")
-        return found
-    # JSON has no NaN that equals itself.
-    return [] if json_equal(before, now) else [(name, before, now)]
+            yield from _changed(before.get(key, ABSENT), now.get(key, ABSENT), f"{name}.{key}".lstrip("."))
+    elif (before is ABSENT) != (now is ABSENT) or (now is not ABSENT and not json_equal(before, now)):
+        yield name, before, now
 
 
 def json_equal(one: Any, other: Any) -> bool:
-    """Equality of what JSON holds, NaN included."""
-    if isinstance(one, _Absent) or isinstance(other, _Absent):
-        return one is other
+    """Equality of what JSON holds, NaN included, of which JSON has none that equals itself."""
     return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
 
 
 def _short(value: Any) -> str:
-    text = repr(value) if isinstance(value, _Absent) else json.dumps(value)
+    text = "nothing" if value is ABSENT else json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
@@ -130,6 +129,17 @@ def _digest(values: np.ndarray) -> str:
 def _summary(axis: Axis) -> Any:
     values = axis.values.tolist()
     return values if len(values) <= LISTED else {"first": values[0], "last": values[-1], "count": len(values)}
+
+
+def _classes(value: Any) -> Iterator[type]:
+    """The classes of a constant and of what it holds."""
+    yield type(value)
+    if dataclasses.is_dataclass(value):
+        value = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    for each in (
+        value.values() if isinstance(value, Mapping) else value if isinstance(value, (list, tuple)) else ()
+    ):
+        yield from _classes(each)
 
 
 def plain(value: Any) -> Any:

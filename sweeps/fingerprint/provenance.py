@@ -1,21 +1,59 @@
-"""Which version of the code made a file."""
+"""Which versions made a result: of this project, and of the libraries that its code imports.
+
+Other versions of libraries do not make results stale: figures agree but for rounding. They are worth a warning.
+"""
 
 from __future__ import annotations
 
+import platform
 import subprocess
+import sys
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import ModuleType
+
+# Compared whichever modules import them: they decide the last digits.
+ALWAYS = ("numpy", "scipy", "numba")
+
+
+def versions(modules: Iterable[str]) -> dict[str, str]:
+    """Versions of Python, NumPy, SciPy, Numba and of the packages whose names the `modules` hold.
+
+    Parameters
+    ----------
+    modules : iterable of str
+        Names of modules, as in the digests of a fingerprint; those not imported yet count for nothing.
+    """
+    held = [value for name in modules if name in sys.modules for value in vars(sys.modules[name]).values()]
+    names = (each.__name__ if isinstance(each, ModuleType) else getattr(each, "__module__", "") for each in held)
+    tops = {name.partition(".")[0] for name in names if isinstance(name, str) and name} - sys.stdlib_module_names
+    found = {name: _version(name) for name in sorted({*ALWAYS, *tops})}
+    return {"python": platform.python_version()} | {name: each for name, each in found.items() if each}
+
+
+def versions_differing(stored: Mapping[str, str], present: Mapping[str, str]) -> str:
+    """One line that says which versions differ, or which only one side has; "" if none does."""
+    names = [name for name in sorted({*stored, *present}) if stored.get(name) != present.get(name)]
+    return "; ".join(
+        f"{name} {stored.get(name, 'none')} there, {present.get(name, 'none')} here" for name in names
+    )
+
+
+@cache
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
 
 
 @cache
 def source() -> str:
     """Distribution, version and commit; the commit is "unknown" where neither git nor the version tells."""
-    try:
-        number, _, local = version("fiv").partition("+")
-    except PackageNotFoundError:
-        number, local = "(not installed)", ""
-    return f"fiv {number} (commit {_checkout() or _built_from(local) or 'unknown'})"
+    number, _, local = _version("fiv").partition("+")
+    return f"fiv {number or '(not installed)'} (commit {_checkout() or _built_from(local) or 'unknown'})"
 
 
 def _checkout() -> str:
@@ -40,6 +78,4 @@ def _git(home: Path, *arguments: str) -> str:
 def _built_from(local: str) -> str:
     """The commit in a version's local part, as setuptools-scm writes it: g1a2b3c4 or g1a2b3c4.d20261120."""
     commit, _, date = local.partition(".")
-    if not commit.startswith("g"):
-        return ""
-    return commit[1:] + ("-dirty" if date else "")
+    return commit[1:] + ("-dirty" if date else "") if commit.startswith("g") else ""

@@ -72,6 +72,8 @@ class PlanData:
         The state of the store when this was planned.
     whole : bool
         Whether the file is already all that is requested.
+    versions : str
+        Which libraries have other versions than those that made what is at hand; "" if none has.
     """
 
     sweep: Declaration
@@ -87,6 +89,7 @@ class PlanData:
     sources: tuple[Source, ...]
     stamp: tuple[Any, ...]
     whole: bool
+    versions: str
 
     @property
     def wanted(self) -> int:
@@ -149,6 +152,8 @@ class PlanData:
             rows.append(("at most", f"{duration(self.most_seconds)} for all points"))
         if self.store is not None:
             rows.append(("file", str(self.store)))
+        if self.versions:
+            rows.append(("versions", f"{self.versions}; what is there is kept, for it agrees but for rounding"))
         rows += [("damaged", f"{name}: its points are computed again") for name in self.damaged]
         return "\n".join(f"{name:<15} {text}" for name, text in rows if text)
 

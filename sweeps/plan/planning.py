@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
-from sweeps.fingerprint.identity import configuration, identity, presentation
+from sweeps.compute.values import rounded, scaled
+from sweeps.fingerprint.identity import configuration, fingerprint, metadata_digest
+from sweeps.fingerprint.provenance import versions, versions_differing
 from sweeps.grid import FAILED, PENDING, Axis, Columns, Embedding, Grid, Index
 from sweeps.plan.declaration import Declaration
 from sweeps.plan.keys import factors, key_columns
@@ -28,6 +30,8 @@ from sweeps.storage.merge import gather, surveyed
 from sweeps.storage.sources import Source
 from sweeps.storage.store import Store
 
+# What the engine itself does to a value belongs to the fingerprint.
+ENGINE = (rounded, scaled)
 # Bytes of a point besides its results: status, error, computing time.
 ROW_BYTES = 16
 # What rounding and compression leave of a rounded float.
@@ -43,12 +47,16 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
     present: Existing | None = None
     if place is not None:
         place.check_place(sweep.name)
-        fingerprint = identity(sweep)
-        attributes = {"identity": json.dumps(fingerprint), "presentation": presentation(sweep)}
+        own = fingerprint(sweep, ENGINE)
+        attributes = {
+            "identity": json.dumps(own),
+            "presentation": metadata_digest(sweep),
+            "libraries": json.dumps(versions(own["sources"])),
+        }
         if fresh:
             check_replaceable(place, sweep.name)
         else:
-            present = existing(place, sweep.name, fingerprint)
+            present = existing(place, sweep.name, own)
             # A run that started over and was interrupted goes on as that.
             fresh = present is not None and present.manifest is not None and present.manifest.fresh
     stamp = () if place is None else place.stamp()
@@ -82,7 +90,14 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         sources=sources,
         stamp=stamp,
         whole=whole,
+        versions="" if present is None else _versions(present.attributes, attributes),
     )
+
+
+def _versions(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Which libraries have other versions than those that made what is at hand."""
+    stored = json.loads(before.get("libraries", "{}"))
+    return versions_differing(stored, json.loads(now["libraries"])) if stored else ""
 
 
 def select(

@@ -22,7 +22,7 @@ from sweeps.storage.store import Store
 from sweeps.storage.texts import NETCDF
 
 # What a file or a manifest says of its sweep.
-ATTRIBUTES = ("configuration", "identity", "presentation")
+ATTRIBUTES = ("configuration", "identity", "presentation", "libraries")
 
 
 @dataclass(frozen=True, eq=False)
