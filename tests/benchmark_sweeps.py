@@ -1,11 +1,13 @@
 """What the sweep engine costs, as the README quotes it: `python -m tests.benchmark_sweeps [PART ...]`.
 
-Parts: overhead, memory, cores, grid; by default all (a quarter of an hour on two cores). Whatever is compared is
-measured in turns in one run; figures are medians, ratios those of neighbours in time.
+Parts: overhead, memory, size, client, cores, grid; by default all (a quarter of an hour on two cores). Whatever is
+compared is measured in turns in one run; figures are medians, ratios those of neighbours in time.
 """
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -130,6 +132,74 @@ def _peak():
     raise OSError("this system does not tell the most memory that a program has held")
 
 
+def plane(points):
+    return {"y": 2.0 * points["x"] + points["z"]}
+
+
+def size(counts=(10**7, 10**8)):
+    """Many points of a cheap function: a run that is killed half-way, and taken up by another process."""
+    for count in counts:
+        with tempfile.TemporaryDirectory() as folder:
+            print(f"\n{count} points, a scalar each")
+            for way in ("_killed", "_resumed"):
+                command = [sys.executable, "-m", "tests.benchmark_sweeps", way, str(count), folder]
+                print(subprocess.run(command, capture_output=True, text=True).stdout, end="", flush=True)
+
+
+def _sized(way, count, folder):
+    from sweeps import Axis, Grid, Sweep, Variable, open_results
+
+    axis, store = Axis(np.arange(float(round(count**0.5)))), Path(folder) / "plane.nc"
+    sweep = Sweep("plane", plane, Grid({"x": axis, "z": axis}), {"y": Variable()})
+    begin = time.perf_counter()
+    plan = sweep.plan(store)
+    print(f"planned in {time.perf_counter() - begin:.2f} s, {plan.todo} to do, peak {_peak():.0f} MB", flush=True)
+
+    def kill(snapshot):
+        if way == "_killed" and snapshot.done > count // 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    begin = time.perf_counter()
+    plan.run(progress=kill)
+    spent, begin = time.perf_counter() - begin, time.perf_counter()
+    data = open_results(store)
+    opened = time.perf_counter() - begin
+    assert not data["y"].variable._in_memory
+    print(f"run in {spent:.1f} s, opened in {1e3 * opened:.0f} ms, peak {_peak():.0f} MB, ", end="")
+    print(f"file {store.stat().st_size / 1e6:.0f} MB")
+
+
+CLUSTER = """
+import time, distributed
+if __name__ == "__main__":
+    print(distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None).scheduler_address, flush=True)
+    time.sleep(1000)
+"""
+
+
+def client():
+    """Processor time that a batch costs whoever hands it out, on a cluster of two processes."""
+    from sweeps.plan import batches
+
+    batches.BATCH_BYTES = 24.0
+    spent = []
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "cluster.py"
+        program.write_text(CLUSTER)
+        command = [sys.executable, str(program)]
+        cluster = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        try:
+            address = cluster.stdout.readline().strip()
+            for count in (100, 200, 1200):
+                plan = trivial(count, False).plan(Path(folder) / f"{count}.nc")
+                begin = time.process_time()
+                plan.run(address)
+                spent.append(time.process_time() - begin)
+        finally:
+            os.killpg(cluster.pid, signal.SIGKILL)
+    print(f"\n{spent[2] - spent[1]:.2f} ms a batch")
+
+
 def cores():
     """A transient sweep on two cores, against two independent copies of the same work."""
     rates = {"copies": [], "threads": [], "processes": [], "processes, whole": []}
@@ -214,13 +284,15 @@ def grid():
 
 
 def main():
-    parts = sys.argv[1:] or ["overhead", "memory", "cores", "grid"]
+    parts = sys.argv[1:] or ["overhead", "memory", "size", "client", "cores", "grid"]
     if parts[0] == "_million":
         _measured("1 000 000 points, one scalar each", trivial(1_000_000, False))
     elif parts[0] == "_recorded":
         _measured(
             "1000 scenes of 1 s, 3 series at 50 kHz", scenes(1000, ("velocity_B", "normal_force", "slip_velocity"))
         )
+    elif parts[0] in ("_killed", "_resumed"):
+        _sized(parts[0], int(parts[1]), parts[2])
     elif parts[0] == "_copy":
         _copy(int(parts[1]))
     elif parts[0] in ("_threads", "_processes"):
@@ -228,7 +300,8 @@ def main():
     else:
         print(machine().removesuffix(", one core used"))
         for part in parts:
-            {"overhead": overhead, "memory": memory, "cores": cores, "grid": grid}[part]()
+            every = {"overhead": overhead, "memory": memory, "size": size, "client": client}
+            (every | {"cores": cores, "grid": grid})[part]()
 
 
 if __name__ == "__main__":

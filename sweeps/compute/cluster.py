@@ -206,9 +206,14 @@ def probe(parts: Path, run: str) -> Path:
     return parts / f".{run}.probe.tmp"
 
 
-def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Any:
-    plugin: Any = distributed.get_worker().plugins[run]
-    return plugin.compute(name, points)
+def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
+    """A batch; a receipt that holds no results goes as an event, which needs no question and no connection."""
+    worker: Any = distributed.get_worker()
+    receipt: Receipt | None = worker.plugins[run].compute(name, points)
+    if receipt is not None and (receipt.content is not None or receipt.result is not None):
+        return receipt
+    worker.log_event(run, (worker.get_current_task(), receipt and tuple(receipt)))
+    return None
 
 
 def _halt(run: str, dask_worker: distributed.Worker) -> None:
@@ -230,6 +235,8 @@ class Cluster:
     def __init__(self, client: distributed.Client, job: Job, folder: PartFolder | None) -> None:
         self.client, self.run = client, f"sweeps-{uuid4().hex}"
         self._done: SimpleQueue[distributed.Future] = SimpleQueue()
+        # Receipts by the keys of their futures; a worker's events overtake nothing and are not overtaken.
+        self._receipts: dict[Any, Receipt | None] = {}
         self._counted = self._seen = time.monotonic()
         self._threads = self._count()
         # The worker that is kept free, and the batch that is alone there.
@@ -245,10 +252,16 @@ class Cluster:
             self._probe.write_text(self.run)
         with _answering():
             self.client.register_plugin(self._payload)
+            self.client.subscribe_topic(self.run, self._hear)
         return self
+
+    def _hear(self, event: tuple[float, Any]) -> None:
+        key, receipt = event[1]
+        self._receipts[key] = receipt and Receipt(*receipt)
 
     def __exit__(self, *problem: Any) -> None:
         with suppress(Exception):
+            self.client.unsubscribe_topic(self.run)
             self.client.unregister_worker_plugin(self.run)
         if self._probe is not None:
             self._probe.unlink(missing_ok=True)
@@ -308,10 +321,12 @@ class Cluster:
         self._seen = time.monotonic()
         if self._alone in futures:
             self._free, self._alone = "", None
-        finished = [future for future in futures if future.status == "finished"]
-        with _answering():
-            receipts = dict(zip(finished, self.client.gather(finished, direct=True), strict=True))
-        return [(f, receipts[f] if f in receipts else _problem(f)) for f in futures]
+        fetched = [f for f in futures if f.status == "finished" and f.key not in self._receipts]
+        if fetched:
+            with _answering():
+                found = self.client.gather(fetched, direct=True)
+            self._receipts |= {future.key: receipt for future, receipt in zip(fetched, found, strict=True)}
+        return [(f, self._receipts.pop(f.key) if f.key in self._receipts else _problem(f)) for f in futures]
 
     def halt(self) -> None:
         """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""
