@@ -50,7 +50,7 @@ class Plan(PlanData):  # noqa: D101 - the docstring of its fields
 
     def timed(self) -> Plan:
         """The same plan with the time to expect as a few points tell it, computed now; NaN if all of them fail."""
-        return replace(self, selection=timed(self))
+        return replace(self, seconds=timed(self))
 
     def run(
         self,

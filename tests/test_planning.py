@@ -78,7 +78,7 @@ def test_a_plan_is_flags_and_no_more(changes, most):
     tracemalloc.start()
     try:
         plan = one.plan()
-        queue = Queue(plan.manifest.grid, plan.selection.due, one.order_by)
+        queue = Queue(plan.manifest.grid, plan.due, one.order_by)
         while queue.left:
             queue.take(200_000)
         _, peak = tracemalloc.get_traced_memory()

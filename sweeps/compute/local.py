@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,29 +75,6 @@ class Died(NamedTuple):
 
 # A receipt; or an exception that ends the run; or None for a batch that was taken back before it was begun.
 Outcome = Receipt | Died | BaseException | None
-
-
-class Backend(Protocol):
-    """Something that computes batches. Any hashable object stands for a batch that was handed to it."""
-
-    @property
-    def workers(self) -> int:
-        """How many batches are computed at a time."""
-
-    def room(self, window: int) -> int:
-        """How many batches may be handed out at a time, so many for each worker."""
-
-    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> Any:
-        """Have a batch computed and kept as the part of that name; `alone`: on a worker that has nothing else."""
-
-    def arrived(self) -> list[tuple[Any, Outcome]]:
-        """What has come of batches meanwhile; waits a moment where there is nothing."""
-
-    def halt(self) -> None:
-        """Begin no more batches."""
-
-    def isolate(self, last: bool) -> bool:
-        """Keep a worker free for a batch to be alone at, the only one if it is the `last`; whether it is free."""
 
 
 def perform(job: Job, points: NDArray[np.intp]) -> Receipt:
@@ -198,7 +175,7 @@ class Local:
         return self.workers * (window if self._queued else 1)
 
     def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> Future[Receipt]:
-        """Have the batch computed, and kept as the part of that name."""
+        """Have a batch computed and kept as the part of that name."""
         future = self._pool.submit(self._compute, name, points)
         self._open.add(future)
         future.add_done_callback(self._done.put)

@@ -8,7 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 import xarray as xr
@@ -16,7 +16,7 @@ from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
-from sweeps.compute.local import WINDOW, Backend, Died, Job, Local, Outcome, Receipt, receipt_of
+from sweeps.compute.local import WINDOW, Died, Job, Local, Outcome, Receipt, receipt_of
 from sweeps.compute.reproduce import one_liner
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
 from sweeps.grid import Points
@@ -30,6 +30,10 @@ from sweeps.storage.sources import PartSource, ResultSource, Source
 from sweeps.storage.store import Store
 from sweeps.watch.monitor import Monitor, Progress
 
+if TYPE_CHECKING:
+    from sweeps.compute.cluster import Cluster
+
+Backend = Union[Local, "Cluster"]
 LOCAL = ("threads", "sync", "processes")
 # A point has failed when the worker that had nothing else to do died so many times.
 DEATHS = 2
@@ -182,7 +186,8 @@ class _Run:
         return self.sources
 
     def _passes(self, scheduler: str, workers: int | None) -> None:
-        plan, selection = self.plan, self.plan.selection
+        plan: PlanData = self.plan
+        selection: Selection = plan
         most = plan.todo if plan.sweep.refinement is None else plan.points
         with ExitStack() as stack:
             backend = self._backend(stack, scheduler, min(workers or CPU_COUNT, most))

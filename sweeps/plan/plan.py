@@ -17,7 +17,7 @@ from sweeps.storage.manifest import Manifest
 from sweeps.storage.sources import Source
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Selection:
     """Which computations are requested, and which of them are still to be done.
 
@@ -43,9 +43,11 @@ class Selection:
     damaged: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PlanData:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class PlanData(Selection):
     """What a sweep will cost and do. Its repr is the report.
+
+    What is selected of a refined sweep is what the results so far make worth computing.
 
     Attributes
     ----------
@@ -54,8 +56,6 @@ class PlanData:
         The netCDF file.
     points, skipped : int
         Points of the grid, and those needing nothing.
-    selection : Selection
-        Of a refined sweep what is known so far makes worth computing.
     bytes : int
         Expected size of the file.
     manifest : Manifest
@@ -80,7 +80,6 @@ class PlanData:
     store: Path | None
     points: int
     skipped: int
-    selection: Selection
     bytes: int
     manifest: Manifest
     task: Task
@@ -90,41 +89,6 @@ class PlanData:
     stamp: tuple[Any, ...]
     whole: bool
     versions: str
-
-    @property
-    def wanted(self) -> int:
-        """Points requested; of a refined sweep so far."""
-        return self.selection.wanted
-
-    @property
-    def distinct(self) -> int:
-        """Different computations of these."""
-        return self.selection.distinct
-
-    @property
-    def cached(self) -> int:
-        """Computations at hand."""
-        return self.selection.cached
-
-    @property
-    def failed(self) -> int:
-        """Computations at hand that failed and are not tried again."""
-        return self.selection.failed
-
-    @property
-    def todo(self) -> int:
-        """Computations to do."""
-        return self.selection.todo
-
-    @property
-    def damaged(self) -> tuple[str, ...]:
-        """Parts that cannot be used; what was in them is to do."""
-        return self.selection.damaged
-
-    @property
-    def seconds(self) -> float:
-        """Time to expect on one core; NaN where nothing tells."""
-        return self.selection.seconds
 
     @property
     def most_seconds(self) -> float:

@@ -77,11 +77,11 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
     )
     shapes = {name: manifest.shape(name) for name in sweep.variables}
     return PlanData(
+        **vars(selection),
         sweep=sweep,
         store=None if place is None else place.file,
         points=sweep.grid.size,
         skipped=sweep.grid.size - int(np.count_nonzero(requested)),
-        selection=selection,
         bytes=_bytes(sweep, manifest),
         manifest=manifest,
         task=Task(sweep.name, sweep.function, sweep.constants, sweep.variables, shapes),
@@ -136,8 +136,16 @@ def select(
     seconds = math.nan if todo else 0.0
     if todo and found.computations:
         seconds = todo * found.seconds / found.computations
-    count = int(np.count_nonzero(wanted))
-    return Selection(due, count, distinct, distinct - todo, failed, todo, seconds, tuple(found.damaged))
+    return Selection(
+        due=due,
+        wanted=int(np.count_nonzero(wanted)),
+        distinct=distinct,
+        cached=distinct - todo,
+        failed=failed,
+        todo=todo,
+        seconds=seconds,
+        damaged=tuple(found.damaged),
+    )
 
 
 def _slots(manifest: Manifest, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 
 import numpy as np
 
 from sweeps.compute.local import one_blas_thread
-from sweeps.plan.plan import PlanData, Selection
+from sweeps.plan.plan import PlanData
 
 # So many points each, at these places of the work, while they are expected to take less than this, s.
 SIZES, SECONDS = (1, 1, 8, 8, 8, 8, 8, 8), 0.15
 PLACES = (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 
 
-def timed(plan: PlanData) -> Selection:
-    """The plan's selection with the time to expect as a few points tell it.
+def timed(plan: PlanData) -> float:
+    """The time to expect for a plan on one core, s, as a few points tell it; NaN if all of them fail.
 
     The first batch pays for compilation and caches and tells nothing, unless it is all there is to do.
     """
-    due, multiple = plan.selection.due, plan.sweep.batch_multiple
+    due, multiple = plan.due, plan.sweep.batch_multiple
     spent, seconds, totals = 0.0, math.nan, dict[int, tuple[float, int]]()
     # Spread over the work: costs may differ from end to end.
     for number, (base, share) in enumerate(zip(SIZES, PLACES, strict=True)):
@@ -43,7 +42,7 @@ def timed(plan: PlanData) -> Selection:
             if count < multiple:
                 # Until it is known better: in company they cost twice what one costs alone.
                 seconds *= min(2.0 / multiple, 1.0)
-    return replace(plan.selection, seconds=seconds * plan.todo if plan.todo else 0.0)
+    return seconds * plan.todo if plan.todo else 0.0
 
 
 def _next_due(due: np.ndarray, begin: int, count: int) -> np.ndarray:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sweeps.compute.values import residual
 from sweeps.errors import StoreError, reason
 from sweeps.fingerprint.provenance import source
-from sweeps.grid import DONE, FAILED, Variable
+from sweeps.grid import DONE, FAILED
 from sweeps.storage.existing import sources_of
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.merge import (
@@ -140,25 +140,25 @@ def _compose(
         _write_large(path, manifest, sources, found, large, states)
     large += [] if states else ["status", "error"]
     data = dataset(manifest, found, states)
+
+    def described(data: xr.Dataset) -> xr.Dataset:
+        try:
+            return attach(manifest, data, derive, before)
+        except Exception as problem:  # noqa: BLE001 - raised again when the file is written
+            problems.append(problem)
+            return attach(manifest, data, None, before)
+
     if large:
         with xr.open_dataset(path, engine="netcdf4", cache=False) as streamed:
             whole = data.assign(streamed[large])
-            try:
-                derived = attach(manifest, whole, derive, before)
-            except Exception as problem:  # noqa: BLE001 - raised again when the file is written
-                problems.append(problem)
-                derived = attach(manifest, whole, None, before)
+            derived = described(whole)
             changed = {name: derived[name] for name in large if name in manifest.variables and name in derived}
             replaced = [name for name in changed if changed[name].variable._data is not whole[name].variable._data]
             changed = {name: each.load() if name in replaced else each for name, each in changed.items()}
             data = derived.drop_vars(large, errors="ignore").load()
         _change(path, changed, replaced)
     else:
-        try:
-            data = attach(manifest, data, derive, before)
-        except Exception as problem:  # noqa: BLE001 - raised again when the file is written
-            problems.append(problem)
-            data = attach(manifest, data, None, before)
+        data = described(data)
     with NETCDF:
         options: dict[str, Any] = {"engine": "netcdf4", "format": "NETCDF4"}
         data.to_netcdf(path, mode="a" if large else "w", encoding=_encoding(data, manifest), **options)
@@ -178,14 +178,11 @@ def _write_large(
         file = netCDF4.Dataset(path, "w")
     try:
         with NETCDF:
-            file.set_auto_maskandscale(False)
-            for dim, length in zip(manifest.grid.dims, manifest.grid.shape, strict=True):
-                file.createDimension(dim, length)
-            made = {name: _create(file, manifest, name, manifest.grid.shape, manifest.grid.dims) for name in large}
+            made = {name: _create_large(file, manifest, name) for name in large}
             for variable in made.values():
                 variable.set_var_chunk_cache(max(CACHE_BYTES // len(large), MOST_CHUNK_BYTES))
         if not states:
-            status = _create(file, manifest, "status", manifest.grid.shape, manifest.grid.dims)
+            status = _create_large(file, manifest, "status")
             status[...] = found.status.reshape(manifest.grid.shape)
             _write_errors(file, manifest, found)
         for name in [name for name in large if _row_bytes(manifest, name) <= NARROW]:
@@ -245,25 +242,44 @@ def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int
     return [*lengths, *inner]
 
 
-def _create(file: Any, manifest: Manifest, name: str, points: tuple[int, ...], dims: tuple[str, ...]) -> Any:
-    """A large variable, or a point's state, with the points' dimensions first."""
-    described: Variable = manifest.variables.get(name, WALL_TIME if name == "wall_time" else STATUS)
-    inner = inner_shape(manifest, name)
-    for dim, length in zip(described.dims, inner, strict=True):
+def _create(
+    file: Any,
+    name: str,
+    kind: str,
+    points: Mapping[str, int],
+    dims: Sequence[str],
+    inner: tuple[int, ...],
+    shrinks: bool,
+    missing: Any = False,
+) -> Any:
+    """A variable of an open file or group, the points' dimensions first; its values are written as they are."""
+    for dim, length in {**points, **dict(zip(dims, inner, strict=True))}.items():
         if dim not in file.dimensions:
             file.createDimension(dim, length)
-    small = described.digits is not None or np.dtype(described.dtype).kind == "i" or name == "wall_time"
+    row = int(np.dtype(kind).itemsize * np.prod(inner, dtype=np.int64))
     made = file.createVariable(
         name,
-        described.dtype,
-        (*dims, *described.dims),
-        fill_value=False if name == "status" else np.array(described.missing, described.dtype)[()],
-        chunksizes=chunk(points, inner, max(_row_bytes(manifest, name), 1)),
-        zlib=small,
+        kind,
+        (*points, *dims),
+        fill_value=missing,
+        chunksizes=chunk(tuple(points.values()), inner, row),
+        zlib=shrinks,
         complevel=1,
-        shuffle=small,
+        shuffle=shrinks,
         fletcher32=True,
     )
+    made.set_auto_maskandscale(False)
+    return made
+
+
+def _create_large(file: Any, manifest: Manifest, name: str) -> Any:
+    """A large variable, or a state or a time of every point."""
+    described = manifest.variables.get(name, WALL_TIME if name == "wall_time" else STATUS)
+    points = dict(zip(manifest.grid.dims, manifest.grid.shape, strict=True))
+    shrinks = described.digits is not None or np.dtype(described.dtype).kind == "i" or name == "wall_time"
+    missing = False if name == "status" else np.array(described.missing, described.dtype)[()]
+    inner = inner_shape(manifest, name)
+    made = _create(file, name, described.dtype, points, described.dims, inner, shrinks, missing)
     aside = [axis for axis in manifest.grid.axes if axis not in manifest.grid.dims]
     made.setncatts(attributes(described, name) | ({"coordinates": " ".join(aside)} if aside else {}))
     return made
@@ -318,35 +334,17 @@ def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]
             reasons = [(found.errors.get(s, ""), *found.failures.get(s, ("", ""))) for s in slots.tolist()]
             for name, texts in zip(("error", "traceback", "reproduce"), zip(*reasons, strict=True), strict=True):
                 write_texts(group, name, np.array(texts, dtype=object), "computation")
-        made = {name: _create_residual(group, plain, name, len(slots)) for name in scaled}
-        for variable in made.values():
-            variable.set_var_chunk_cache(max(CACHE_BYTES // len(made), MOST_CHUNK_BYTES))
+        made = {}
+        for name in scaled:
+            described = manifest.variables[name]
+            kind, axes = f"u{np.dtype(described.dtype).itemsize}", {"computation": len(slots)}
+            made[name] = _create(group, f"residual_{name}", kind, axes, described.dims, manifest.shape(name), True)
+            made[name].digits = described.digits or 0
+            made[name].set_var_chunk_cache(max(CACHE_BYTES // len(scaled), MOST_CHUNK_BYTES))
         for name, values in found.values.items():
             made.pop(name)[...] = lacking(name, values[slots], slots)
         if made:
             stream(plain, sources, made, slots, lacking)
-
-
-def _create_residual(group: Any, manifest: Manifest, name: str, count: int) -> Any:
-    """What products of a variable lack to be the values that were computed."""
-    described, inner = manifest.variables[name], manifest.shape(name)
-    dims = [f"n_{dim}" for dim in described.dims]
-    for dim, length in zip(dims, inner, strict=True):
-        if dim not in group.dimensions:
-            group.createDimension(dim, length)
-    made = group.createVariable(
-        f"residual_{name}",
-        f"u{np.dtype(described.dtype).itemsize}",
-        ("computation", *dims),
-        fill_value=False,
-        chunksizes=chunk((count,), inner, manifest.row_bytes(name)),
-        zlib=True,
-        complevel=1,
-        shuffle=True,
-        fletcher32=True,
-    )
-    made.digits = described.digits or 0
-    return made
 
 
 def open_results(path: str | Path) -> xr.Dataset:

@@ -1,6 +1,8 @@
 """Where computed points are kept: parts, a finished file, or this process's memory.
 
-Each tells first which points it holds, at little cost, and gives their values when they are wanted.
+Each source tells first which points it holds, at little cost (`held`), and gives their values when they are wanted
+(`read`, of all its rows). Its rows are those of points, factors included, if it is `scaled`, else of computations.
+Of a damaged part both give None; a damaged file is a StoreError.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import netCDF4
 import numpy as np
@@ -41,24 +43,6 @@ class Held(NamedTuple):
     seconds: float
 
 
-class Source(Protocol):
-    """Somewhere that computed points are kept."""
-
-    @property
-    def scaled(self) -> bool:
-        """Whether its rows are those of points, factors included, and not of computations."""
-
-    @property
-    def name(self) -> str:
-        """What a message calls it."""
-
-    def held(self, manifest: Manifest) -> Held | None:
-        """The points of the manifest's grid that get something; None if the source is damaged."""
-
-    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult | None:
-        """Its rows with the values of some variables; None if the source is damaged."""
-
-
 def of_computations(
     manifest: Manifest, points: NDArray[np.intp], failed: NDArray[np.bool_], seconds: float
 ) -> Held:
@@ -77,7 +61,7 @@ class PartSource:
     scaled = False
 
     def held(self, manifest: Manifest) -> Held | None:
-        """The points of the manifest's grid that get something; None if the part is damaged."""
+        """The points of the manifest's grid that get something."""
         contents = self.folder.contents(self.name)
         points = None if contents is None else manifest.located(contents.manifest, contents.points)
         if contents is None or points is None:
@@ -87,7 +71,7 @@ class PartSource:
         return of_computations(manifest, points, failed, contents.seconds)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult | None:
-        """Its rows with the values of some variables; None if the part is damaged."""
+        """Its rows with the values of some variables."""
         return self.folder.read(self.name, variables, reasons)
 
 
@@ -162,13 +146,7 @@ class FileSource:
         return values.reshape(-1, *file[name].shape[len(self.grid.shape) :])
 
     def held(self, manifest: Manifest) -> Held:
-        """The points of the manifest's grid that get something.
-
-        Raises
-        ------
-        StoreError
-            If the file is damaged.
-        """
+        """The points of the manifest's grid that get something."""
         with _opened(self.path) as file:
             status = self._part(file, "status").ravel()
             spent = self._part(file, "wall_time").ravel()
@@ -187,13 +165,7 @@ class FileSource:
         return Held(points, rows, status[rows] == FAILED, computed, seconds)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
-        """The block's points with the values of some variables.
-
-        Raises
-        ------
-        StoreError
-            If the file is damaged.
-        """
+        """The block's points with the values of some variables."""
         with _opened(self.path) as file:
             values = {name: self._part(file, name) for name in variables}
             result = BatchResult(values, self._part(file, "wall_time").ravel())
@@ -239,13 +211,7 @@ class ComputedSource:
         return str(self.path)
 
     def held(self, manifest: Manifest) -> Held:
-        """The points of the manifest's grid that get something.
-
-        Raises
-        ------
-        StoreError
-            If the file is damaged.
-        """
+        """The points of the manifest's grid that get something."""
         with _opened(self.path) as file:
             group = file.groups[COMPUTED]
             points = manifest.grid.embed(self.grid)(group["computation"][self.part])
@@ -253,13 +219,7 @@ class ComputedSource:
         return of_computations(manifest, points, failed, spent)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
-        """Some of them with the values of some variables.
-
-        Raises
-        ------
-        StoreError
-            If the file is damaged.
-        """
+        """Some of them with the values of some variables."""
         with _opened(self.path) as file:
             group = file.groups[COMPUTED]
             points = group["computation"][self.part]
@@ -283,6 +243,9 @@ class ComputedSource:
         residuals = group[f"residual_{name}"]
         factor = group[f"factor_{name}"][self.part]
         return unscaled(values, factor, int(residuals.digits) or None, residuals[self.part])
+
+
+Source = PartSource | ResultSource | FileSource | ComputedSource
 
 
 def runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
