@@ -110,17 +110,17 @@ def test_a_queue_gives_every_point_once_and_in_order(shape, data):
 
 
 def test_batches_grow_as_far_as_those_that_finished_allow(monkeypatch):
-    sizes = BatchSizes(8.0, 1, 2)
-    assert sizes.next(10**6) == 1
+    sizes = BatchSizes(8.0, 1)
+    assert sizes.next(10**6, 2) == 1
     # Two workers that had to compile first, then what a point costs.
     for seconds in (30.0, 30.0):
         sizes.finished(1, seconds)
-        assert sizes.next(10**6) == 1
+        assert sizes.next(10**6, 2) == 1
     for _ in range(3):
         sizes.finished(1, 1e-3)
     found = []
     for _ in range(5):
-        found.append(sizes.next(10**6))
+        found.append(sizes.next(10**6, 2))
         sizes.finished(found[-1], 1e-3 * found[-1])
     assert found == [8, 64, 512, 1000, 1000]
     # A batch holds no more than fits into memory, and as many as are computed side by side.

@@ -189,10 +189,12 @@ class _Run:
         plan: PlanData = self.plan
         selection: Selection = plan
         most = plan.todo if plan.sweep.refinement is None else plan.points
+        row = sum(plan.manifest.row_bytes(name) for name in plan.sweep.variables) + ROW_BYTES
+        sizes = BatchSizes(row, plan.sweep.batch_multiple)
         with ExitStack() as stack:
             backend = self._backend(stack, scheduler, min(workers or CPU_COUNT, most))
             while selection.todo:
-                self._loop(selection, backend)
+                self._loop(selection, backend, sizes)
                 if plan.sweep.refinement is None or self._stopped():
                     return
                 selection = select(plan.sweep, plan.manifest, plan.embedding, plan.requested, self.sources)
@@ -207,12 +209,9 @@ class _Run:
         client = stack.enter_context(connected(None if scheduler == "processes" else scheduler, workers))
         return stack.enter_context(Cluster(client, self.job, self.folder))
 
-    def _loop(self, selection: Selection, backend: Backend) -> None:
+    def _loop(self, selection: Selection, backend: Backend, sizes: BatchSizes) -> None:
         """Hand out batches as long as there are any, and take what comes of them."""
-        sweep, manifest = self.plan.sweep, self.plan.manifest
-        queue = Queue(manifest.grid, selection.due, sweep.order_by)
-        row = sum(manifest.row_bytes(name) for name in sweep.variables) + ROW_BYTES
-        sizes = BatchSizes(row, sweep.batch_multiple, backend.workers)
+        queue = Queue(self.plan.manifest.grid, selection.due, self.plan.sweep.order_by)
         # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
         window, halted = 1 if self.fail_fast else WINDOW, False
         try:
@@ -225,7 +224,7 @@ class _Run:
                     if self._suspects and backend.isolate(not (queue.left or self._under_way)):
                         self._submit(backend, *self._suspects.pop())
                     while queue.left and len(self._under_way) < backend.room(window):
-                        self._submit(backend, queue.take(sizes.next(queue.left)))
+                        self._submit(backend, queue.take(sizes.next(queue.left, backend.workers)))
                 if not self._under_way and (self._stopped() or not self._suspects):
                     return
                 self._arrivals.extend(backend.arrived())

@@ -67,8 +67,8 @@ def batch_size(
 class BatchSizes:
     """Sizes batches by what those that have finished took."""
 
-    def __init__(self, row_bytes: float, multiple: int, workers: int) -> None:
-        self.row_bytes, self.multiple, self.workers = row_bytes, multiple, workers
+    def __init__(self, row_bytes: float, multiple: int) -> None:
+        self.row_bytes, self.multiple = row_bytes, multiple
         self._largest = 0
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
 
@@ -77,11 +77,11 @@ class BatchSizes:
         self._largest = max(self._largest, rows)
         self._seconds.append(seconds / rows)
 
-    def next(self, left: int) -> int:
-        """How many points the next batch holds."""
+    def next(self, left: int, workers: int) -> int:
+        """How many points the next batch holds, where so many are left to so many workers."""
         # The median, for the first batch of each worker may have to wait until the function is compiled.
         seconds = median(self._seconds) if self._seconds else math.nan
-        return batch_size(left, seconds, self.row_bytes, self.multiple, self.workers, self._largest)
+        return batch_size(left, seconds, self.row_bytes, self.multiple, workers, self._largest)
 
 
 class Queue:
