@@ -21,7 +21,7 @@ BATCH_BYTES = 12e6
 # So many workers hand in so few batches a second that whoever hands these out is busy for a fifth of the time.
 WORKER_SECONDS = 0.01
 # A batch is at most this share of what is left for each worker, down to so long, s: workers end at the same time.
-LAST_SHARE, SHORTEST = 0.25, 0.05
+LAST_SHARE, SHORTEST = 0.25, 0.1
 # A batch is at most so many times as long as one that has finished, for costs differ from point to point.
 GROWTH = 8
 # So many of the last batches tell what the next will cost.

@@ -10,7 +10,7 @@ import numpy as np
 from sweeps.compute.local import one_blas_thread
 from sweeps.plan.plan import PlanData
 
-# So many points each, at these places of the work, while they are expected to take less than this, s.
+# Batches of so many points, from these places of the work, while so long is not over, s.
 SIZES, SECONDS = (1, 1, 8, 8, 8, 8, 8, 8), 0.15
 PLACES = (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 
@@ -20,28 +20,21 @@ def timed(plan: PlanData) -> float:
 
     The first batch pays for compilation and caches and tells nothing, unless it is all there is to do.
     """
-    due, multiple = plan.due, plan.sweep.batch_multiple
-    spent, seconds, totals = 0.0, math.nan, dict[int, tuple[float, int]]()
+    seconds, begin = math.nan, time.perf_counter()
     # Spread over the work: costs may differ from end to end.
-    for number, (base, share) in enumerate(zip(SIZES, PLACES, strict=True)):
-        count = base if base == 1 else max(base, multiple)
-        if not plan.todo or (number > 1 and not spent + seconds * count <= SECONDS):
+    for number, (size, place) in enumerate(zip(SIZES, PLACES, strict=True)):
+        if number == 1:
+            begin = time.perf_counter()
+        if not plan.todo or (number > 1 and time.perf_counter() - begin > SECONDS):
             break
-        begin = int(share * len(due))
-        points = _next_due(due, begin, count)
+        points = _next_due(plan.due, int(place * len(plan.due)), size * plan.sweep.batch_multiple)
         with one_blas_thread():
             start = time.perf_counter()
             result = plan.task.compute(plan.manifest.grid.points(points))
             taken = time.perf_counter() - start
         if (number or plan.todo == 1) and len(result.failures) < len(result):
-            spent += taken
-            before, rows = totals.get(count, (0.0, 0))
-            totals[count] = (before + taken, rows + len(points))
-            # Larger batches tell more of what a batch costs.
-            seconds = totals[count][0] / totals[count][1]
-            if count < multiple:
-                # Until it is known better: in company they cost twice what one costs alone.
-                seconds *= min(2.0 / multiple, 1.0)
+            # The last batch is the largest, and tells most of what batches cost.
+            seconds = taken / len(points)
     return seconds * plan.todo if plan.todo else 0.0
 
 

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import socket
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -55,17 +54,15 @@ Progress = Callable[[Snapshot], None]
 
 
 class Monitor:
-    """Counts batches as they begin and end; may be told from any thread. `progress` is called by one at a time."""
+    """Counts batches as they begin and end, and tells of it."""
 
     def __init__(self, todo: int, progress: Progress | None, file: Path | None) -> None:
         self.todo, self.done, self.failed, self.stopping = todo, 0, 0, False
         self._progress, self._file = progress, file
-        self._lock = threading.Lock()
-        self._begun = time.monotonic()
+        self._begun, self._written = time.monotonic(), -math.inf
         self._owner = owner()
-        self._written = -math.inf
         self._now: dict[int, str] = {}
-        self._closed = False
+        self._telling = False
 
     def more(self, todo: int) -> None:
         """What was found asks for so many computations more."""
@@ -73,35 +70,27 @@ class Monitor:
 
     def begin(self, number: int, what: str) -> None:
         """A batch is under way."""
-        with self._lock:
-            self._now[number] = what
-            self._tell()
+        self._now[number] = what
+        self._tell()
 
     def end(self, number: int, done: int, failed: int) -> None:
         """A batch has ended, or has been taken back with nothing done."""
-        with self._lock:
-            self._now.pop(number, None)
-            self.done += done
-            self.failed += failed
-            self._tell()
+        self._now.pop(number, None)
+        self.done += done
+        self.failed += failed
+        self._tell()
 
     def stop(self) -> None:
-        """The run has been told to stop. Called by a signal's handler, which must neither wait nor raise."""
+        """The run has been told to stop. Called by a signal's handler, which must not raise."""
         self.stopping = True
-        # Where the lock is taken, whoever has it sees the flag when it is done; it may be this very thread.
-        if self._lock.acquire(blocking=False):
-            try:
-                with suppress(Exception):
-                    self._tell()
-            finally:
-                self._lock.release()
+        # Whoever is telling just now sees the flag when that is done.
+        if not self._telling:
+            with suppress(Exception):
+                self._tell()
 
     def close(self) -> None:
-        """Leave the last state in the file; what threads tell after this is not heard."""
-        with self._lock:
-            if not self._closed:
-                self._closed = True
-                self._write(self.snapshot())
+        """Leave the last state in the file."""
+        self._write(self.snapshot())
 
     def snapshot(self) -> Snapshot:
         """The state now."""
@@ -112,13 +101,15 @@ class Monitor:
         return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, now, self.stopping)
 
     def _tell(self) -> None:
-        if self._closed:
-            return
-        snapshot = self.snapshot()
-        if self._progress is not None:
-            self._progress(snapshot)
-        if time.monotonic() - self._written >= INTERVAL:
-            self._write(snapshot)
+        self._telling = True
+        try:
+            snapshot = self.snapshot()
+            if self._progress is not None:
+                self._progress(snapshot)
+            if time.monotonic() - self._written >= INTERVAL:
+                self._write(snapshot)
+        finally:
+            self._telling = False
         if self.stopping and not snapshot.stopping:
             self._tell()
 
