@@ -46,22 +46,6 @@ def test_what_is_derived_of_a_variable_of_any_size_is_in_the_file(tmp_path, coun
         assert plain["state"].dtype == np.int8
 
 
-def test_large_values_that_are_derived_are_in_the_file(tmp_path):
-    def doubled(data):
-        return data.assign(y=2.0 * data["y"])
-
-    def long(points):
-        return {"y": points["x"][:, None] + np.arange(100_000.0)}
-
-    coords = {"elapsed": Axis(np.arange(100_000))}
-    grid = Grid({"x": Axis(np.arange(70.0))})
-    sweep = Sweep("long", long, grid, {"y": Variable(dims=("elapsed",))}, coords=coords, derive=doubled)
-    sweep.plan(tmp_path / "l.nc").run()
-    with open_results(tmp_path / "l.nc") as found:
-        assert not found["y"].variable._in_memory
-        np.testing.assert_array_equal(found["y"].values, 2.0 * long(sweep.grid.points())["y"])
-
-
 def motion(points):
     """A series of a unit load, as it is recorded."""
     LOG.extend((points["V"] / points["F"]).tolist())

@@ -150,13 +150,10 @@ def _compose(
 
     if large:
         with xr.open_dataset(path, engine="netcdf4", cache=False) as streamed:
-            whole = data.assign(streamed[large])
-            derived = described(whole)
-            changed = {name: derived[name] for name in large if name in manifest.variables and name in derived}
-            replaced = [name for name in changed if changed[name].variable._data is not whole[name].variable._data]
-            changed = {name: each.load() if name in replaced else each for name, each in changed.items()}
+            derived = described(data.assign(streamed[large]))
+            attributes_of = {name: derived[name].attrs for name in large if name in derived}
             data = derived.drop_vars(large, errors="ignore").load()
-        _change(path, changed, replaced)
+        _describe(path, attributes_of)
     else:
         data = described(data)
     with NETCDF:
@@ -211,16 +208,13 @@ def _write_errors(file: Any, manifest: Manifest, found: Gathered) -> None:
         made[tuple(np.unravel_index(point, grid.shape))] = letters
 
 
-def _change(path: Path, changed: Mapping[str, xr.DataArray], replaced: Sequence[str]) -> None:
-    """Give large variables the attributes, and where they are others the values, that `derive` has given them."""
+def _describe(path: Path, attributes_of: Mapping[str, Mapping[str, Any]]) -> None:
+    """Give large variables the attributes that `derive` has given them."""
     with NETCDF, netCDF4.Dataset(path, "a") as file:
-        for name, each in changed.items():
-            variable = file[name]
-            for old in set(variable.ncattrs()) - set(each.attrs) - {"_FillValue", "_Encoding", "coordinates"}:
-                variable.delncattr(old)
-            variable.setncatts(each.attrs)
-            if name in replaced:
-                variable[...] = np.ma.masked_invalid(each.transpose(*variable.dimensions).values)
+        for name, described in attributes_of.items():
+            for old in set(file[name].ncattrs()) - set(described) - {"_FillValue", "_Encoding", "coordinates"}:
+                file[name].delncattr(old)
+            file[name].setncatts(described)
 
 
 def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int]:
