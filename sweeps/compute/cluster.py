@@ -80,7 +80,7 @@ def connected(address: str | None, workers: int | None) -> Iterator[distributed.
 @contextmanager
 def _theirs(address: str) -> Iterator[distributed.Client]:
     try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False, direct_to_workers=True)
+        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as problem:
         raise SchedulerError(
             f"scheduler = {address!r}: no Dask scheduler answers there ({type(problem).__name__}); start one, "
@@ -132,7 +132,7 @@ def _own(workers: int) -> Iterator[distributed.Client]:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with (
             cluster,
-            distributed.Client(cluster, set_as_default=False, direct_to_workers=True) as client,
+            distributed.Client(cluster, set_as_default=False) as client,
             client.as_current(),
         ):
             try:
@@ -323,8 +323,9 @@ class Cluster:
             self._free, self._alone = "", None
         fetched = [f for f in futures if f.status == "finished" and f.key not in self._receipts]
         if fetched:
+            # By way of the scheduler, which knows who has died: alone, a client waits half a minute for the dead.
             with _answering():
-                found = self.client.gather(fetched, direct=True)
+                found = self.client.gather(fetched, direct=False)
             self._receipts |= {future.key: receipt for future, receipt in zip(fetched, found, strict=True)}
         return [(f, self._receipts.pop(f.key) if f.key in self._receipts else _problem(f)) for f in futures]
 
