@@ -195,12 +195,9 @@ class FastRun:
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))
         workspace = workspace_for([run._tables for run in runs if run._tables is not None])
         order = np.arange(len(runs))
-        while len(order):
-            advance(order, scenes, modes, samples, rows, sticks)
-            waiting = (scenes["next_skip"] <= scenes["now"]) & (scenes["now"] < scenes["last"])
-            order = np.flatnonzero(waiting & (scenes["stopped"] == 0))
-            if len(order):
-                skip(order, scenes, modes, samples, rows, packed, workspace)
+        while skips := advance(order, scenes, modes, samples, rows, sticks):
+            order = order[:skips]
+            skip(order, scenes, modes, samples, rows, packed, workspace)
         for k, run in enumerate(runs):
             scene, own_modes = scenes[k], int(scenes["modes_at"][k])
             run.blocks = modes[own_modes : own_modes + run.blocks.size].reshape(run.blocks.shape).copy()

@@ -195,15 +195,16 @@ def plan(scene: Any) -> None:
 
 
 @kernel
-def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> None:
-    """Take every scene to the end of its segment or to where a skip is to be tried.
+def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> int:
+    """Take every scene to the end of its segment or to where a skip is to be tried; return how many are to skip.
 
-    `order` (m,) are the numbers of the scenes, records of `fast_scene.SCENE`. A scene says where its own part
+    `order` (m,) are the numbers of the scenes, records of `fast_scene.SCENE`; those to skip come first in it
+    afterwards. A scene says where its own part
     begins of `modes`, blocks in a row; of `samples` (any, 3), velocity of B, slip rate and N; of `rows` (any, 6),
     time, velocity of B, N, T, slip rate and contact state; and of `sticks` (any, 2), begin and end.
     """
     turn = np.empty(GROUP, dtype=np.int64)
-    count, waiting = 0, 0
+    count, waiting, skips = 0, 0, 0
     while count < GROUP and waiting < len(order):
         turn[count] = order[waiting]
         count, waiting = count + 1, waiting + 1
@@ -216,6 +217,9 @@ def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks
                 if scene.settle == scene.now:
                     clear(scene)
                 if scene.stopped != 0 or scene.now >= min(scene.last, scene.next_skip):
+                    if scene.stopped == 0 and scene.now < scene.last:
+                        order[skips] = turn[g]
+                        skips += 1
                     if waiting < len(order):
                         turn[g] = order[waiting]
                         waiting += 1
@@ -275,3 +279,4 @@ def advance(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, sticks
             scene.g_N, scene.g_T, scene.v_N, scene.v_T = gN, gT, vN, vT
             scene.now += 1
             g += 1
+    return skips
