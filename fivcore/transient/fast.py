@@ -57,8 +57,8 @@ class FastRun:
         if self.step > model.default_step and not stable(model, scene.mu, self.step):
             limit = largest_stable_step(model, scene.mu, self.step)
             raise ValueError(
-                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s, for slip's"
-                " sake"
+                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s;"
+                " beyond, slip is unstable"
             )
         self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
@@ -218,14 +218,14 @@ class FastRun:
         finer = onset.FINER if self._onset_ends else 1
         every, rows = self._sample_every * finer, self._row_every * finer
         now, threshold, self._tables = int(record["now"][0]), np.inf, None
+        # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
+        grid = at.MAX_SKIP * every
         if self._onset_ends:
             length = round(SHORT_SEGMENT / solver.step)
             last = self._onset_ends if self._opened else min(now + length, self._onset_ends)
         else:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
             if now >= self._until:
-                # Where no skip crosses, so that recording changes nothing.
-                grid = at.MAX_SKIP * every
                 last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
                 if motion is not None:
                     last = min(now + max(int(STRETCH / (abs(motion.speed) * self.step)), 1), self.steps)
@@ -239,7 +239,7 @@ class FastRun:
             if motion is None and self.options.skip and now * self.step >= self._ramp:
                 self._tables = skip_tables(solver, every)
         if rows:
-            piece = at.MAX_SKIP * every * max(MOST_ROWS * rows // (at.MAX_SKIP * every), 1)
+            piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
         record["last"], record["next"], record["threshold"] = last, now, threshold
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
