@@ -67,7 +67,7 @@ class Small:
         """Go on; returns a record of each step: t, -, N, T, slip velocity, state."""
         record, now = self.record, int(self.record["now"][0])
         last = now + steps
-        record["last"], record["next"], record["next_row"], record["row_every"] = last, now, now, 1
+        record["last"], record["next_row"], record["row_every"] = last, now, 1
         record["sample_every"], record["next_sample"] = SAMPLED, -(-now // SAMPLED) * SAMPLED
         record["samples"] = record["rows"] = record["sticks"] = 0
         record["stick_room"] = steps

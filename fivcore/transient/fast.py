@@ -195,7 +195,10 @@ class FastRun:
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))
         workspace = workspace_for([run._tables for run in runs if run._tables is not None])
         order = np.arange(len(runs))
-        while skips := advance(order, scenes, modes, samples, rows, sticks):
+        numbers = scenes.view(np.float64).reshape(len(runs), -1)
+        group = np.zeros(1, at.GROUP)
+        lanes = group.view(np.float64).reshape(-1, at.LANES)
+        while skips := advance(order, scenes, numbers, group, lanes, modes, samples, rows, sticks):
             order = order[:skips]
             skip(order, scenes, modes, samples, rows, packed, workspace)
         for k, run in enumerate(runs):
@@ -241,7 +244,7 @@ class FastRun:
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
-        record["last"], record["next"], record["threshold"] = last, now, threshold
+        record["last"], record["threshold"] = last, threshold
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
         if self._tables is None:
