@@ -23,8 +23,8 @@ class Segment:
     """Results of a segment, normalised (F = 1).
 
     `samples` (n, 3) are velocity of B, slip rate and N at the times `t` (n,), followed by `further` samples like
-    the last; `sticks` (k, 2) are starts and ends of the long sticks that ended; `rows` (m, 6) are what is recorded:
-    time, velocity of B, N, T, slip rate and contact state.
+    the last; `sticks` (k, 2) start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time,
+    velocity of B, N, T, slip rate and contact state.
     """
 
     t: Array

@@ -61,12 +61,11 @@ class Welch:
 
     def add(self, *pieces: Array) -> None:
         """Add pieces, each of consecutive samples; fewer than a window count from an eighth of one on."""
-        groups = []
-        for piece in pieces:
-            length = min(len(piece), WINDOW)
-            if length >= WINDOW // 8:
-                shape, step = ((len(piece) - length) // HOP + 1, length), piece.itemsize
-                groups.append(np.ndarray(shape, buffer=piece, strides=(HOP * step, step)))
+        groups = [
+            np.ndarray(((len(piece) - length) // HOP + 1, length), buffer=piece, strides=(8 * HOP, 8))
+            for piece in pieces
+            if (length := min(len(piece), WINDOW)) >= WINDOW // 8
+        ]
         if groups:
             self.power += _power(groups, WINDOW, _hann)
 
@@ -137,7 +136,8 @@ class Histogram:
 
     def add(self, values: Array, weight: float = 1.0) -> None:
         """Count values, each with a weight."""
-        _count(np.abs(values).view(np.int64), weight, self.counts)
+        # Always of these types, for which the kernel is compiled once.
+        _count(np.abs(values).view(np.int64), float(weight), self.counts)
 
     def quantile(self, share: float) -> float:
         """Value below which a share of all lies, linear within a bin; NaN where nothing was counted."""
@@ -207,14 +207,15 @@ class Monitor:
         """Work on blocks of at least `least` samples before `known_until`, given the long `sticks` (k, 2)."""
         while self.waiting >= least and self._buffer[0, min(self.waiting, BLOCK) - 1] < known_until:
             count = min(self.waiting, BLOCK)
-            first = int(np.searchsorted(self._buffer[0, :count], self._settled_from))
+            t, velocity = self._buffer[:, :count]
+            first = int(np.searchsorted(t, self._settled_from))
             if first < count:
-                self._analyse(self._buffer[:, first:count], sticks)
+                self._analyse(t[first:], velocity[first:], sticks)
             self.waiting -= count
             self._buffer[:, : self.waiting] = self._buffer[:, count : count + self.waiting]
 
-    def _analyse(self, block: Array, sticks: Array) -> None:
-        t, velocity = block
+    def _analyse(self, t: Array, velocity: Array, sticks: Array) -> None:
+        """Work on a block's samples after settling; between two edges of long sticks they lie on one side."""
         self._parts.append((len(t), float(velocity.mean()), len(t) * float(velocity.var())))
         self.correlation.add(velocity)
         within = sticks[(sticks[:, 1] > t[0]) & (sticks[:, 0] <= t[-1])]
