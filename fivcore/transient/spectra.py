@@ -38,15 +38,14 @@ def _count(bits: NDArray[np.int64], weight: float, counts: Array) -> None:
         counts[0 if index < 0 else index if index < BINS else BINS - 1] += weight
 
 
-def _power(groups: Sequence[Array], length: int, taper: Callable[[int], Array] | None = None) -> Array:
+def _power(groups: Sequence[Array], length: int, taper: Callable[[int], Array]) -> Array:
     """Sum over groups (k, n) of windows of the power about their means, tapered and zero-padded to `length`."""
     padded, end = np.zeros((sum(map(len, groups)), length)), 0
     for windows in groups:
         begin, end = end, end + len(windows)
         centred = padded[begin:end, : windows.shape[1]]
         np.subtract(windows, windows.mean(axis=1, keepdims=True), out=centred)
-        if taper is not None:
-            centred *= taper(windows.shape[1])
+        centred *= taper(windows.shape[1])
     spectrum = rfft(padded, axis=1).view(float)
     squares = np.einsum("kn,kn->n", spectrum, spectrum)
     return np.asarray(squares[::2] + squares[1::2])
@@ -110,7 +109,7 @@ class Correlation:
         self._windows[count % LONG] += count % LONG >= LONG // 2
 
     def _enter(self, windows: Array) -> None:
-        self._power += _power([windows], PADDED)
+        self._power += _power([windows], PADDED, np.ones)
         self._windows[windows.shape[1]] += len(windows)
 
     def near(self, lag: float, around: float) -> float:
