@@ -47,7 +47,8 @@ def simulate(
         Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
         times slower; the published scheme on all modes.
     ramp : float
-        Time in which the clamp of P2 is uniformly accelerated to its velocity, s.
+        Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
+        a step as none; the path of a moving contact point and the drive that decides on "undecided" include it.
     settle : float, optional
         Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
