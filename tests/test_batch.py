@@ -16,7 +16,8 @@ from fivcore.contact.step_map import stick_map
 from fivcore.jit import SOURCES
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
-from fivcore.transient.fast_kernel import GROUP, advance
+from fivcore.transient.fast_kernel import FEW, advance
+from fivcore.transient.fast_scene import LANES
 from fivcore.transient.fast_solver import frozen_solver
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.stick_skip import COLUMNS, LINES, LOGARITHM, LOOKS, LOSSES, MODULI, VALUE_ROWS, skip_tables
@@ -52,7 +53,7 @@ def test_compiled_code_is_kept_for_this_state_of_all_sources():
     assert len(SOURCES) == 16
 
 
-@pytest.mark.parametrize("count", [1, GROUP, GROUP + 1, 8, AT_ONCE, AT_ONCE + 1, AT_ONCE + 5])
+@pytest.mark.parametrize("count", [1, 2, FEW, LANES, LANES + 1, AT_ONCE, AT_ONCE + 1, AT_ONCE + 5])
 def test_a_scene_has_the_same_bits_in_any_company(count):
     alone = simulate(PAPERS, 0.06, record=True, sample_rate=50e3)
     beside = [COMPANY[(k + count) % len(COMPANY)] for k in range(count - 1)]

@@ -22,12 +22,12 @@ import numpy as np
 
 from fivcore.jit import contracted, inlined, kernel, reordered
 from fivcore.transient import fast_scene as at
-from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, count_step, enter
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
 
 _IN_STEP, _LAW = len(at.IN_STEP), len(at.STICK_LAW)
 # Fewer scenes than this are not worth a vector.
-_FEW = 4
-STICK_, SLIP_, SEPARATION_ = float(STICK), float(SLIP), float(SEPARATION)
+FEW = 4
+_STICK, _SLIP, _SEPARATION = float(STICK), float(SLIP), float(SEPARATION)
 # Unsigned numbers are no candidates for an index from the end.
 _A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
 _NORMAL, _TANGENTIAL = (np.uint64(row * at.BLOCK) for row in (at.NORMAL, at.TANGENTIAL))
@@ -84,7 +84,8 @@ def follow_shapes(x: Any, first: Any, count: Any) -> Any:
 def solve_contacts(x: Any, lanes: Any) -> None:
     """Solve the contact in the present step of all scenes of a group, with all that is counted in every step.
 
-    Without branches: the compiler takes the lanes of a vector through it together.
+    The compiler takes the lanes together because there are no branches: what a conditional expression chooses from
+    has been read or computed before.
     """
     for g in range(lanes):
         mu, step, per_step, rigid = x.mu[g], x.step[g], x.per_step[g], x.rigid[g] != 0.0
@@ -92,7 +93,7 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         K_NN, K_NT, K_TT = x.K_NN[g], x.K_NT[g], x.K_TT[g]
         relax_NN, relax_NT, relax_TN, relax_TT = x.relax_NN[g], x.relax_NT[g], x.relax_TN[g], x.relax_TT[g]
         was, u_N, u_T, ramp, moving_rate = x.contact[g], x.u_N[g], x.u_T[g], x.ramp[g], x.moving_rate[g]
-        stuck, apart = was == STICK, was == SEPARATION
+        stuck, apart = was == _STICK, was == _SEPARATION
         # The clamp.
         t = (x.now[g] + 0.5) * step
         started = x.acceleration[g] * t
@@ -146,23 +147,19 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         slip_rate = mean_T + rate_T if closed & (not rigid) else mean_T
         # Nothing moves in a rigid contact, so what work it takes is the landing's loss.
         landing = step * (N * mean_N + (T * mean_T if sticks else 0.0)) if closed & rigid else 0.0
-        termination, impact, work = x.termination[g], x.impact[g], x.work[g]
-        friction, sum_N, max_N, max_slip = x.friction[g], x.sum_N[g], x.max_N[g], x.max_slip[g]
-        stick_time, slip_time, separation_time = x.stick_time[g], x.slip_time[g], x.separation_time[g]
-        x.was[g] = was
-        x.contact[g] = (STICK_ if sticks else SLIP_) if closed else SEPARATION_
+        x.was[g], x.contact[g] = was, (_STICK if sticks else _SLIP) if closed else _SEPARATION
         x.N[g], x.T[g], x.slip_rate[g] = N, T, slip_rate
         x.u_N[g], x.u_T[g] = end_N, end_T
         x.anchor[g] = gT + end_T if sticks & (not stuck) else anchor
-        x.termination[g] = termination + (step * power if closed else 0.5 * released)
-        x.impact[g] = impact - landing
-        x.work[g] = work + step * (T * drive - N * moving_rate)
-        x.friction[g] = friction - step * (T * slip_rate)
-        x.sum_N[g] = sum_N + step * N
-        x.max_N[g], x.max_slip[g] = max(max_N, N), max(max_slip, abs(slip_rate))
-        x.stick_time[g] = stick_time + (step if sticks else 0.0)
-        x.slip_time[g] = slip_time + (step if closed & (not sticks) else 0.0)
-        x.separation_time[g] = separation_time + (0.0 if closed else step)
+        x.termination[g] += step * power if closed else 0.5 * released
+        x.impact[g] -= landing
+        x.work[g] += step * (T * drive - N * moving_rate)
+        x.friction[g] -= step * (T * slip_rate)
+        x.sum_N[g] += step * N
+        x.max_N[g], x.max_slip[g] = max(x.max_N[g], N), max(x.max_slip[g], abs(slip_rate))
+        x.stick_time[g] += step if sticks else 0.0
+        x.slip_time[g] += step if closed & (not sticks) else 0.0
+        x.separation_time[g] += 0.0 if closed else step
 
 
 @inlined
@@ -249,7 +246,7 @@ def advance(
                 choose_law(lanes, g, numbers, k, scene.contact)
                 plan(x, g, scene)
             leaving = False
-        solve_contacts(x, np.uint64(count if count < _FEW else at.LANES))
+        solve_contacts(x, np.uint64(count if count < FEW else at.LANES))
         for g in range(count):
             scene = scenes[turn[g]]
             N, T, slip_rate = x.N[g], x.T[g], x.slip_rate[g]
