@@ -12,6 +12,7 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.transient import fast_scene as at
 from fivcore.transient.fast import SAMPLED, aligned
 from fivcore.transient.fast_kernel import advance
+from fivcore.transient.fast_scene import lanes_for
 from fivcore.transient.fast_solver import Solver, put, take
 from fivcore.transient.record import count_in
 from fivcore.transient.statistics import ENERGIES, begin
@@ -73,7 +74,7 @@ class Small:
         record["stick_room"] = steps
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), 3))
         order = np.zeros(1, dtype=np.int64)
-        advance(order, record, self.modes, samples, rows, np.empty((steps, 2)))
+        advance(order, record, *lanes_for(record), self.modes, samples, rows, np.empty((steps, 2)))
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 

@@ -195,10 +195,8 @@ class FastRun:
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))
         workspace = workspace_for([run._tables for run in runs if run._tables is not None])
         order = np.arange(len(runs))
-        numbers = scenes.view(np.float64).reshape(len(runs), -1)
-        group = np.zeros(1, at.GROUP)
-        lanes = group.view(np.float64).reshape(-1, at.LANES)
-        while skips := advance(order, scenes, numbers, group, lanes, modes, samples, rows, sticks):
+        lanes = at.lanes_for(scenes)
+        while skips := advance(order, scenes, *lanes, modes, samples, rows, sticks):
             order = order[:skips]
             skip(order, scenes, modes, samples, rows, packed, workspace)
         for k, run in enumerate(runs):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from fivcore.jit import Array
 from fivcore.transient.statistics import COUNTED, FIELDS, SEPARATION, SLIP, STICK
 
 # Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and
@@ -66,3 +69,9 @@ SCENE = np.dtype([
     *((name, "i8") for name in " ".join(_COUNTS).split()),
 ])  # fmt: skip
 GROUP = np.dtype([(name, "f8", (LANES,)) for name in [*IN_STEP, *STICK_LAW, *_IN_LANE.split()]])
+
+
+def lanes_for(scenes: Any) -> tuple[Array, Any, Array]:
+    """View of the numbers of records (n,), a group (1,) and a view of its lanes, as the kernel needs them."""
+    group = np.zeros(1, GROUP)
+    return scenes.view(np.float64).reshape(len(scenes), -1), group, group.view(np.float64).reshape(-1, LANES)

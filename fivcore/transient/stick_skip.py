@@ -40,7 +40,7 @@ def _sizes(*numbers: int) -> Any:
 
 
 # Samples that are evaluated together.
-(AT_ONCE,) = _sizes(64)
+(ROUND,) = _sizes(64)
 # The outputs N, velocity of B, T and closing. Bounds of N, T and the closing: off a straight line between two
 # samples, and off the line at any time.
 OUTPUTS, MODULI, ONE = _sizes(4, 6, 1)
@@ -51,7 +51,7 @@ EARLIER, SUMS, LOGARITHM, VALUE_ROWS = _sizes(4, 6, 12, 13)
 # rest. Columns: the line's start for each of the four, its slope for a unit of V. Rows: the outputs, penetration
 # and u_T; and the loss in a step as a quadratic form of the four.
 COLUMNS, AFFINE, LOSSES = _sizes(5, 6, 4)
-# Vectors of the workspace; behind them are the outputs at AT_ONCE samples.
+# Vectors of the workspace; behind them are the outputs at ROUND samples.
 X, Y, INITIAL, OTHER, WEIGHTS, STARTS, SLOPES, RESULT, VECTORS = range(9)
 
 
@@ -155,13 +155,13 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     moduli = np.abs(outputs[[0, 2, 3]])
     moduli = np.pad(np.vstack([bend * moduli, moduli]), ((0, 0), (0, empty)))
     values = rows_of(np.vstack([outputs, earlier[:, :count], sums, both, np.log(z)]))
-    powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (AT_ONCE - 1)]), axis=0)
+    powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (ROUND - 1)]), axis=0)
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
     matrices = (
         values,  # (VALUE_ROWS, 2 c)
         moduli,  # (MODULI, c)
-        rows_of(powers).T,  # (2 c, AT_ONCE)
+        rows_of(powers).T,  # (2 c, ROUND)
         form,  # (2 c, 2 c)
         affine,  # (AFFINE + LOSSES, COLUMNS)
         over_modes(way_in),  # (2 c, 2 m)
@@ -175,8 +175,8 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
 
 def workspace_for(tables: list[SkipTables]) -> Array:
     """Space for any of these."""
-    widest = max([int(AT_ONCE), *(2 * max(part.count, part.size) for part in tables)])
-    return np.zeros(VECTORS * widest + OUTPUTS * AT_ONCE)
+    widest = max([int(ROUND), *(2 * max(part.count, part.size) for part in tables)])
+    return np.zeros(VECTORS * widest + OUTPUTS * ROUND)
 
 
 @reordered_call
@@ -241,13 +241,13 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
         twice, half = 2 * count, size // 2
         moduli = values + VALUE_ROWS * twice
         powers = moduli + MODULI * count
-        form = powers + AT_ONCE * twice
+        form = powers + ROUND * twice
         affine = form + twice * twice
         into = affine + (AFFINE + LOSSES) * COLUMNS
         back = into + twice * size
         drift = back + twice * size
         shapes = drift + COLUMNS * size
-        wide = (len(work) - OUTPUTS * AT_ONCE) // VECTORS
+        wide = (len(work) - OUTPUTS * ROUND) // VECTORS
         x, y, initial, other, weights = X * wide, Y * wide, INITIAL * wide, OTHER * wide, WEIGHTS * wide
         starts, slopes, result, sampled = STARTS * wide, SLOPES * wide, RESULT * wide, VECTORS * wide
         step, speed = scene.step, scene.speed
@@ -267,9 +267,9 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
             work[x + j] = modes[k + at.Q * at.BLOCK] - work[x + j]
             work[x + half + j] = modes[k + at.V * at.BLOCK] - work[x + half + j]
         multiply(tables, into, twice, size, work, x, initial)
-        rotate(tables, powers, AT_ONCE, work, initial, y, count)
-        goal, far, largest = now, AT_ONCE - 1, 0.0
-        while far == AT_ONCE - 1:
+        rotate(tables, powers, ROUND, work, initial, y, count)
+        goal, far, largest = now, ROUND - 1, 0.0
+        while far == ROUND - 1:
             # Amplitudes only shrink: what bounds them here does so at all samples to come.
             for k in range(count):
                 work[other + k] = np.sqrt(work[y + k] ** 2 + work[y + count + k] ** 2)
@@ -278,19 +278,19 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
             all_N, all_F, all_C = work[result + 3], mu * work[result + 3] + work[result + 4], work[result + 5]
             # Where the lines stay away from the limits by more than all amplitudes, T and closing are not needed.
             certain = True
-            for past in (goal - now, goal - now + (AT_ONCE - 1) * every):
+            for past in (goal - now, goal - now + (ROUND - 1) * every):
                 N, T = work[starts] + work[slopes] * past, work[starts + 2] + work[slopes + 2] * past
                 C = work[starts + 3] + work[slopes + 3] * past
                 certain = certain and all_N < N and all_F < mu * N - abs(T) and all_C < C
             for r in range(2 if certain else 4):
-                row = sampled + r * AT_ONCE
-                for m in range(AT_ONCE):
+                row = sampled + r * ROUND
+                for m in range(ROUND):
                     work[row + m] = work[starts + r] + work[slopes + r] * (goal - now + m * every)
                 rotate(tables, values + r * twice, ONE, work, y, other, count)
-                combine(tables, powers, twice, AT_ONCE, work, other, row)
+                combine(tables, powers, twice, ROUND, work, other, row)
             far = -1
-            for m in range(sampled, sampled + min(AT_ONCE, (last - goal) // every + 1)):
-                N, T, C = work[m], work[m + 2 * AT_ONCE], work[m + 3 * AT_ONCE]
+            for m in range(sampled, sampled + min(ROUND, (last - goal) // every + 1)):
+                N, T, C = work[m], work[m + 2 * ROUND], work[m + 3 * ROUND]
                 if not certain and not (off_N < N and off_F < mu * N - abs(T) and off_C < C):
                     break
                 far += 1
@@ -298,11 +298,11 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
                 break
             for m in range(far):
                 N, place = work[sampled + m], scene.samples_at + scene.samples + m
-                samples[place, 0], samples[place, 1], samples[place, 2] = work[sampled + AT_ONCE + m], 0.0, N
+                samples[place, 0], samples[place, 1], samples[place, 2] = work[sampled + ROUND + m], 0.0, N
                 largest = max(largest, N)
             scene.samples += far
             goal += far * every
-            rotate(tables, powers + far, AT_ONCE, work, y, y, count)
+            rotate(tables, powers + far, ROUND, work, y, y, count)
         if goal == now:
             continue
         steps = float(goal - now)
