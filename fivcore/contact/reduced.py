@@ -75,8 +75,10 @@ class ReducedModel:
 
     @cached_property
     def shapes(self) -> Array:
-        """Normal and tangential gap shapes, (2, n), kg^-1/2."""
-        return np.stack([self.normal, self.tangential])
+        """Normal and tangential gap shapes, (2, n), kg^-1/2. Read-only."""
+        shapes = np.stack([self.normal, self.tangential])
+        shapes.setflags(write=False)
+        return shapes
 
     @property
     def W(self) -> Array:
