@@ -25,7 +25,7 @@ import numpy as np
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.ablation import modified
 from fivcore.contact.reduced import ReducedModel, default_cutoff, reduced_model
-from fivcore.errors import ContactError, DivergenceError, not_unique
+from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
 from fivcore.transient.normalised import Normalised, State, element_displacement
@@ -53,8 +53,8 @@ class ExactRun(SteppedRun):
 
     Raises
     ------
-    ValueError
-        Where the reduced model has no absorbing element.
+    SceneValueError
+        Where the reduced model has no absorbing element, or a contact regime no eigenbasis.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -66,12 +66,12 @@ class ExactRun(SteppedRun):
         self.model = model = modified(model, options.modify)
         cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
         if not model.K.any():
-            raise ValueError(
+            raise SceneValueError(
                 f"cutoff = {cutoff:g}: it keeps every mode of this rig, and method 'exact' needs an element for"
                 " the others; use a lower cutoff or method 'fast'"
             )
         if not model.C.any():
-            raise ValueError(
+            raise SceneValueError(
                 f"cutoff = {cutoff:g}: the relaxation time of the element is 0, and method 'exact' needs a"
                 " dashpot; use another cutoff or method 'fast'"
             )
@@ -267,15 +267,20 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     over all modes it would lose digits, some four of them in the forces.
     """
     k, c, K, C, normal, tangential = model.stiffness, model.damping, model.K, model.C, *model.shapes
-    n, rigid, elastic = len(k), int(np.argmin(k)), np.where(k > 0.0, k, np.inf)
+    n, rigid = len(k), int(np.argmin(k))
+    # The rigid mode and the gap along x serve only where no mode is softer than the element.
+    elastic = np.where(k > 0.0, k, K[0, 0] * normal[rigid] ** 2)
     first = int(np.argmax(normal**2 / elastic))
     lean = tangential[first] / normal[first]
     across = tangential - lean * normal
     second = int(np.argmax(across**2 / elastic))
+    both = which == STICK and across[second] ** 2 * K[1, 1] > elastic[second]
+    dependent = [first, n + first, 2 * n + 3] + [2 * n + 1] * (which == STICK)
+    if both:
+        dependent = [first, second, n + first, n + second]
     # P1's rigid mode is part of d in separation, and u' follows from u there, as u_T' does in slip.
-    dependent = {
-        SEPARATION: [rigid, n + rigid, 2 * n + 2, 2 * n + 3], STICK: [first, second, n + first, n + second],
-    }.get(which, [first, n + first, 2 * n + 3])  # fmt: skip
+    if which == SEPARATION:
+        dependent = [rigid, n + rigid, 2 * n + 2, 2 * n + 3]
     x = np.delete(np.arange(2 * n + 4), dependent)
     unit = np.delete(np.eye(2 * n + 10), dependent, axis=1)
     q, v, u, rate, d = np.split(unit, [n, 2 * n, 2 * n + 2, 2 * n + 4])
@@ -293,9 +298,11 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
             stiff, viscous = K[1] - m * K[0], C[1] - m * C[0]
             rate[1] = -(stiff @ u + viscous[0] * rate[0] - m * d[ONE]) / viscous[1]
         for part, own, driven in ((q, u, d[S]), (v, rate, d[P])):
-            if which == STICK:
+            if both:
                 part[second] = (driven - own[1] + lean * own[0] - across @ part) / across[second]
             part[first] = -(own[0] + normal @ part) / normal[first]
+            if which == STICK and not both:
+                own[1] = driven - tangential @ part
         force = K @ u + C @ rate + load
     rate_T = tangential @ v - d[P]
     acceleration = -c[:, None] * v - k[:, None] * q + np.outer(model.inertia, d[A])
@@ -312,8 +319,8 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     size, closing = len(x), [-normal @ acceleration, d[A] - tangential @ acceleration]
     moving = np.vstack([v, acceleration, rate, *closing])[x]
     # Displacements weighted by frequency, u by stiffness and u' by mass: the norm is then near the energy's.
-    of_element = (np.sqrt(np.diag(K)), np.diag(model.W) ** -0.5)
-    scale = np.concatenate([np.sqrt(np.maximum(k, 1.0)), np.ones(n), *of_element])[x]
+    of_element = [*np.sqrt(np.diag(K)), *np.full(2, model.W[0, 0] ** -0.5)]
+    scale = np.concatenate([np.sqrt(np.maximum(k, 1.0)), np.ones(n), of_element])[x]
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
     eigenvalues, vectors, back = _eigenbasis(matrix)
     # D is nilpotent where B is not zero: three iterations solve Z^-1 (M E + B) = Z^-1 E D.
@@ -344,7 +351,7 @@ def _eigenbasis(matrix: Array) -> tuple[Complex, Complex, Complex]:
     units = 1.0 / np.abs(vectors).sum(axis=1)
     basis = units[:, None] * vectors
     if np.linalg.cond(basis) > WORST:
-        raise ValueError(
+        raise SceneValueError(
             "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
             " mu or theta in the eighth digit"
         )
