@@ -26,6 +26,7 @@ from fivcore.beams.free_motion import propagator
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
 from fivcore.contact.impulse import Impulse, at_impulses
 from fivcore.contact.law import critical_friction, ratio
+from fivcore.errors import SceneValueError
 from fivcore.jit import Array
 from fivcore.rig import Rig
 
@@ -173,7 +174,7 @@ def reduced_model(
 
     Raises
     ------
-    ValueError
+    SceneValueError
         For a cut-off that keeps fewer than three modes.
     """
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
@@ -181,7 +182,7 @@ def reduced_model(
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
     if kept.sum() < 3:
         lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
-        raise ValueError(
+        raise SceneValueError(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
         )
     flexibility, K = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept]), np.zeros((2, 2))
