@@ -44,8 +44,8 @@ BOUNDARY, HELD = -1, -2
 STEP, SEGMENT = 1e-6, 0.04
 # Slip with T = mu N and with T = -mu N; the other regimes have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
-# Largest condition number of an eigenbasis, at which rounding comes to LOST; number of refinements.
-WORST, REFINEMENTS = 1e7, 2
+# Largest condition number of an eigenbasis, at which rounding (1e-16) comes to LOST.
+WORST = 1e7
 
 
 class ExactRun(SteppedRun):
@@ -275,12 +275,10 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     across = tangential - lean * normal
     second = int(np.argmax(across**2 / elastic))
     both = which == STICK and across[second] ** 2 * K[1, 1] > elastic[second]
-    dependent = [first, n + first, 2 * n + 3] + [2 * n + 1] * (which == STICK)
-    if both:
-        dependent = [first, second, n + first, n + second]
     # P1's rigid mode is part of d in separation, and u' follows from u there, as u_T' does in slip.
-    if which == SEPARATION:
-        dependent = [rigid, n + rigid, 2 * n + 2, 2 * n + 3]
+    one = rigid if which == SEPARATION else first
+    rest = {SEPARATION: [2 * n + 2, 2 * n + 3], STICK: [2 * n + 1, 2 * n + 3]}.get(which, [2 * n + 3])
+    dependent = [one, n + one, *([second, n + second] if both else rest)]
     x = np.delete(np.arange(2 * n + 4), dependent)
     unit = np.delete(np.eye(2 * n + 10), dependent, axis=1)
     q, v, u, rate, d = np.split(unit, [n, 2 * n, 2 * n + 2, 2 * n + 4])
@@ -340,12 +338,8 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
 
 
 def _eigenbasis(matrix: Array) -> tuple[Complex, Complex, Complex]:
-    """Eigenvalues, eigenvectors Z and their inverse, refined by first-order perturbation, of second order.
-
-    With Z^-1 M Z = diag(lambda) + R, lambda_k grows by R_kk and Z by Z X, X_jk = R_jk / (lambda_k - lambda_j).
-    """
+    """Eigenvalues, eigenvectors and their inverse."""
     values, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
-    real = values.imag == 0.0
     # Rows are scaled to the same size before the condition number is judged: close to the friction at which slip
     # loses its unique force, u_T is larger than all else by orders of magnitude, and no two eigenvalues coincide.
     units = 1.0 / np.abs(vectors).sum(axis=1)
@@ -355,15 +349,4 @@ def _eigenbasis(matrix: Array) -> tuple[Complex, Complex, Complex]:
             "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
             " mu or theta in the eighth digit"
         )
-    back, one = np.linalg.inv(basis) * units, np.eye(len(values))
-    for _ in range(REFINEMENTS):
-        back = back + back @ (one - vectors @ back)
-        residual = back @ (matrix @ vectors - vectors * values)
-        values = values + np.diag(residual)
-        distance = values - values[:, None]
-        # Eigenvalues that coincide here are decoupled, since the condition number is small.
-        close = np.abs(distance) <= 1e-9 * np.abs(values)
-        vectors = vectors + vectors @ np.where(close, 0.0, residual / np.where(close, 1.0, distance))
-    back = back + back @ (one - vectors @ back)
-    # Rounding must not make a real eigenvalue one of a pair.
-    return np.where(real, values.real, values), vectors, back
+    return values, vectors, np.linalg.inv(basis) * units

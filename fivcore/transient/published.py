@@ -132,8 +132,7 @@ class PaperRun(SteppedRun):
             if self.scene.mu >= critical:
                 text = f"{not_unique(self.scene.mu, critical)}, with the contact {places[0]:.6g} m from P2's clamp"
                 raise ContactError(text)
-            shift = np.stack([after.normal - model.normal, after.tangential - model.tangential])
-            self.model, self._slide = model, shift / (last - first)
+            self.model, self._slide = model, (after.shapes - model.shapes) / (last - first)
             W = contact_closing(model, self.step, self._b)
             self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
         model, before = self.model, self._q.copy()
