@@ -108,6 +108,10 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     fmax : float
         Band, Hz.
 
+    Returns
+    -------
+    SlidingModes
+
     Raises
     ------
     ValueError, ArithmeticError
@@ -150,7 +154,10 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
-    """Undeformed x, y of all nodes relative to the contact point, m, in the order of `SlidingModes.shape`."""
+    """Undeformed x, y of all nodes relative to the contact point, (nodes, 2), m, ordered as `SlidingModes.shape`.
+
+    A bad argument is a `ValueError`.
+    """
     checks.instance("rig", rig, Rig)
     upper, lower = rig_bases(rig, checks.theta_degrees(theta))
     return np.concatenate([upper.nodes, lower.nodes])
