@@ -27,7 +27,7 @@ from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibi
 from fivcore.contact.impulse import Impulse, at_impulses
 from fivcore.contact.law import critical_friction, ratio
 from fivcore.errors import SceneValueError
-from fivcore.jit import Array
+from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
@@ -39,7 +39,7 @@ STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.82, 0.3, 0.5, 2.35
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedModel:
+class ReducedModel(ReadOnlyArrays):
     """Kept modes and the contact element; arrays are read-only.
 
     Attributes
@@ -70,10 +70,6 @@ class ReducedModel:
     kept: NDArray[np.bool_]
     K: Array
     C: Array
-
-    def __post_init__(self) -> None:
-        for part in vars(self).values():
-            part.setflags(write=False)
 
     @cached_property
     def shapes(self) -> Array:

@@ -51,8 +51,9 @@ def critical_mu(
     beta2 = law_options(method, termination, modify, beta2)["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        own = step or published.STEP, beta2 or published.BETA2
-        return published.critical_friction(full_model(rig, theta), *own)
+        return published.critical_friction(
+            full_model(rig, theta), step or published.STEP, beta2 or published.BETA2
+        )
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     model = modified(reduced_model(rig, theta, cutoff, termination), modify)
     return model.critical_mu(None if method == "exact" else step or model.default_step)

@@ -65,16 +65,11 @@ class ExactRun(SteppedRun):
         model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
         self.model = model = modified(model, options.modify)
         cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
-        if not model.K.any():
-            raise SceneValueError(
-                f"cutoff = {cutoff:g}: it keeps every mode of this rig, and method 'exact' needs an element for"
-                " the others; use a lower cutoff or method 'fast'"
-            )
         if not model.C.any():
-            raise SceneValueError(
-                f"cutoff = {cutoff:g}: the relaxation time of the element is 0, and method 'exact' needs a"
-                " dashpot; use another cutoff or method 'fast'"
-            )
+            why, need = "the relaxation time of the element is 0", "a dashpot; use another cutoff"
+            if not model.K.any():
+                why, need = "it keeps every mode of this rig", "an element for the others; use a lower cutoff"
+            raise SceneValueError(f"cutoff = {cutoff:g}: {why}, and method 'exact' needs {need} or method 'fast'")
         critical = model.critical_mu(None)
         if scene.mu >= critical:
             raise not_unique(scene.mu, critical)
@@ -311,14 +306,13 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
         SEPARATION: [normal @ q + u[0]], STICK: [N, mu * N - T, mu * N + T],
         SLIP_UP: [N, -speed], SLIP_DOWN: [N, speed],
     }[which]  # fmt: skip
-    outputs = np.vstack(
-        [rate, C @ rate, model.inertia @ v, model.point_b @ v, N, T, speed, np.sqrt(c)[:, None] * v]
-    )
-    size, closing = len(x), [-normal @ acceleration, d[A] - tangential @ acceleration]
+    inertial, velocity, damped = model.inertia @ v, model.point_b @ v, np.sqrt(c)[:, None] * v
+    outputs = np.vstack([rate, C @ rate, inertial, velocity, N, T, speed, damped])
+    size, light = len(x), model.W[0, 0] ** -0.5
+    closing = [-normal @ acceleration, d[A] - tangential @ acceleration]
     moving = np.vstack([v, acceleration, rate, *closing])[x]
     # Displacements weighted by frequency, u by stiffness and u' by mass: the norm is then near the energy's.
-    of_element = [*np.sqrt(np.diag(K)), *np.full(2, model.W[0, 0] ** -0.5)]
-    scale = np.concatenate([np.sqrt(np.maximum(k, 1.0)), np.ones(n), of_element])[x]
+    scale = np.concatenate([np.sqrt(np.maximum(k, 1.0)), np.ones(n), np.sqrt(np.diag(K)), np.full(2, light)])[x]
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
     eigenvalues, vectors, back = _eigenbasis(matrix)
     # D is nilpotent where B is not zero: three iterations solve Z^-1 (M E + B) = Z^-1 E D.

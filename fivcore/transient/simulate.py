@@ -122,8 +122,7 @@ def simulate_many(
     Returns
     -------
     list
-        For each scene what `simulate` returns, or the `fivcore.errors.SceneError` that it raises: `ContactError`,
-        `DivergenceError`, or `SceneValueError` for an option that does not suit its model.
+        For each scene what `simulate` returns, or the `fivcore.errors.SceneError` that it raises.
 
     Raises
     ------
