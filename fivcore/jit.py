@@ -1,4 +1,4 @@
-"""Decorators that compile kernels with Numba, the folder that keeps them, and the array types they share.
+"""Decorators that compile kernels with Numba, the folder that keeps them, and array types.
 
 Numba compiles a kernel anew when its own file changes, but not when a file changes from which something is inlined
 into it. The folder therefore bears a digest of all sources of this package.
@@ -23,6 +23,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class ReadOnlyArrays:
+    """Base of data classes: every array in them is read-only."""
+
+    def __post_init__(self) -> None:
+        for part in vars(self).values():
+            if isinstance(part, np.ndarray):
+                part.setflags(write=False)
+
+
 _HERE = Path(__file__).parent
 # Digest of all sources that may be compiled.
 SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py")))).hexdigest()[:16]

@@ -19,7 +19,7 @@ from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
 from threadpoolctl import ThreadpoolController
 
 from fivcore.beams.elements import axial, bending, hermite
-from fivcore.jit import Array
+from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Beam, Rig
 
 _blas = ThreadpoolController()
@@ -35,7 +35,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
+class Basis(ReadOnlyArrays):
     """Mass-normalised modes seen from the contact point; arrays are read-only.
 
     Attributes
@@ -55,10 +55,6 @@ class Basis:
     tangential: Array
     nodes: Array
     shapes: Array
-
-    def __post_init__(self) -> None:
-        for part in vars(self).values():
-            part.setflags(write=False)
 
 
 @lru_cache(maxsize=16)

@@ -51,7 +51,7 @@ def stick_map(model: ReducedModel, impulse: Impulse, step: float) -> StepMap:
 
 def step_map(model: ReducedModel, impulse: Impulse, step: float, friction: float | None = None) -> StepMap:
     """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick."""
-    gaps, size, own = np.stack([model.normal, model.tangential]), len(model.normal), int(friction is not None)
+    gaps, size, own = model.shapes, len(model.normal), int(friction is not None)
     maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, friction or 0.0, step)
     law, seen = maps.stick, np.pad(np.kron(np.diag([-1.0, 1.0]), gaps), ((0, 0), (0, own)))
     if friction is not None:

@@ -123,12 +123,12 @@ def simulate_many(
     Returns
     -------
     list
-        For each scene what `simulate` returns, or the `ContactError` or `DivergenceError` that it raises.
+        For each scene what `simulate` returns, or the `fivcore.errors.SceneError` that it raises.
 
     Raises
     ------
     ValueError
-        As `simulate`, or for a list that is not as long as `scenes`.
+        For any other bad argument, or for a list that is not as long as `scenes`.
     """
     bound = signature(simulate).bind(None, duration, method, **options)
     bound.apply_defaults()
