@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact.reduced import reduced_model
-from fivcore.contact.step_map import stick_map
+from fivcore.contact.step_map import step_map
 from fivcore.jit import SOURCES
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
@@ -229,7 +229,7 @@ def test_what_a_skip_uses_is_the_map_of_a_step_in_stick(scene):
     into, back = into[0] + 1j * into[1], back[0] - 1j * back[1]
     units = np.r_[np.sqrt(np.maximum(model.stiffness, 1e4)), np.ones(size)]
     step = (back.T * np.exp(log) @ into).real
-    expected = stick_map(model, solver.impulse, solver.step).matrix
+    expected = step_map(model, solver.impulse, solver.step).matrix
     assert np.abs(units[:, None] * (step - expected) / units).max() < 1e-9
     assert np.abs(units[:, None] * ((back.T @ into).real - np.eye(2 * size)) / units).max() < 1e-9
 

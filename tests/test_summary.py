@@ -175,16 +175,6 @@ def test_sticks_and_what_lies_between_them_have_spectra_of_their_own():
     assert monitor.rms == pytest.approx(moving, rel=1e-3)
 
 
-def test_pieces_have_the_same_spectrum_together_and_one_by_one():
-    rng = np.random.default_rng(7)
-    pieces = [rng.normal(size=size) for size in (5000, 100, 1023, 1024, 300, 1536)]
-    together, apart = Welch(RATE), Welch(RATE)
-    together.add(*pieces)
-    for piece in pieces:
-        apart.add(piece)
-    assert together.power == pytest.approx(apart.power, rel=1e-12)
-
-
 def test_a_sample_at_an_edge_of_a_stick_and_sticks_of_other_blocks():
     """A stick holds its first sample and not its last; of two blocks each has the sticks within it."""
     t = np.arange(2 * BLOCK) / RATE

@@ -44,13 +44,8 @@ class StepMap(NamedTuple):
     units: Array
 
 
-def stick_map(model: ReducedModel, impulse: Impulse, step: float) -> StepMap:
-    """Map of a step in stick, where u_T follows g_T."""
-    return step_map(model, impulse, step)
-
-
 def step_map(model: ReducedModel, impulse: Impulse, step: float, friction: float | None = None) -> StepMap:
-    """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick."""
+    """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick, where u_T follows g_T."""
     gaps, size, own = model.shapes, len(model.normal), int(friction is not None)
     maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, friction or 0.0, step)
     law, seen = maps.stick, np.pad(np.kron(np.diag([-1.0, 1.0]), gaps), ((0, 0), (0, own)))

@@ -16,15 +16,16 @@ import numpy as np
 
 from fivcore.beams.free_motion import propagator
 from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
+from fivcore.contact.reduced import ReducedModel, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
+from fivcore.errors import SceneValueError
 from fivcore.jit import Array
 from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
-from fivcore.transient.normalised import Normalised, State, displacement, slip_distance
+from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
@@ -48,17 +49,13 @@ class FastRun:
         model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
         model = modified(model, options.modify)
         self.step = model.default_step if options.step is None else options.step
-        limit = model.largest_step
+        limit, what = model.largest_step, "the contact"
+        if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):
+            limit, what = largest_stable_step(model, scene.mu, self.step), f"slip with mu = {scene.mu:g}"
         if self.step > limit:
-            raise ValueError(
+            raise SceneValueError(
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
-                " beyond, the contact is unstable"
-            )
-        if self.step > model.default_step and not stable(model, scene.mu, self.step):
-            limit = largest_stable_step(model, scene.mu, self.step)
-            raise ValueError(
-                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s;"
-                " beyond, slip is unstable"
+                f" beyond, {what} is unstable"
             )
         self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
@@ -108,13 +105,11 @@ class FastRun:
             if model.K.any():
                 u = np.asarray(np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0]))
         else:
-            full = full_model(scene.rig, scene.theta)
             contact = initial.contact
             q = initial.displacement[model.kept] - model.rest
             v = initial.velocity[model.kept].copy()
             if model.K.any():
-                dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
-                u = dropped @ initial.displacement
+                u = element_displacement(scene, model.kept, initial)
                 if contact != SEPARATION:
                     u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.

@@ -20,23 +20,10 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 class Solver:
     """A model with everything that its steps need.
 
-    Attributes
-    ----------
-    model : ReducedModel
-    step : float
-    impulse : Impulse
-        How impulses see the model.
-    maps : RegimeMaps
-    dissipation : ndarray, (2, 2)
-        What the dashpot loses, from the mean rates of the gaps over a step.
-    at_rest : tuple of float
-        Penetration and tangential gap at rest.
-    size : int
-        Places for modes: their number rounded up.
-    blocks : ndarray, (blocks, BLOCK_ROWS, BLOCK)
-        Modes of a scene at rest.
-    record : ndarray of SCENE, (1,)
-        A scene with the numbers that this solver knows.
+    `impulse` is how impulses see the model, `dissipation` (2, 2) what the dashpot loses from the mean rates of the
+    gaps over a step, `at_rest` penetration and tangential gap at rest, and `size` the number of places for modes.
+    `blocks` (any, BLOCK_ROWS, BLOCK) are the modes of a scene at rest, `record` (1,) is a scene with the numbers
+    that are known here.
     """
 
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.

@@ -9,7 +9,6 @@ Quantiles come from histograms whose bins have a constant ratio.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -38,15 +37,10 @@ def _count(bits: NDArray[np.int64], weight: float, counts: Array) -> None:
         counts[0 if index < 0 else index if index < BINS else BINS - 1] += weight
 
 
-def _power(groups: Sequence[Array], length: int, taper: Callable[[int], Array]) -> Array:
-    """Sum over groups (k, n) of windows of the power about their means, tapered and zero-padded to `length`."""
-    padded, end = np.zeros((sum(map(len, groups)), length)), 0
-    for windows in groups:
-        begin, end = end, end + len(windows)
-        centred = padded[begin:end, : windows.shape[1]]
-        np.subtract(windows, windows.mean(axis=1, keepdims=True), out=centred)
-        centred *= taper(windows.shape[1])
-    spectrum = rfft(padded, axis=1).view(float)
+def _power(windows: Array, taper: Array | float, length: int) -> Array:
+    """Sum over windows (k, n) of the power about their means, tapered and zero-padded to `length`."""
+    centred = windows - windows.mean(axis=1, keepdims=True)
+    spectrum = rfft(centred * taper, length, axis=1).view(float)
     squares = np.einsum("kn,kn->n", spectrum, spectrum)
     return np.asarray(squares[::2] + squares[1::2])
 
@@ -58,15 +52,13 @@ class Welch:
         self.frequency = np.fft.rfftfreq(WINDOW, 1.0 / rate)
         self.power = np.zeros(WINDOW // 2 + 1)
 
-    def add(self, *pieces: Array) -> None:
-        """Add pieces, each of consecutive samples; fewer than a window count from an eighth of one on."""
-        groups = [
-            np.ndarray(((len(piece) - length) // HOP + 1, length), buffer=piece, strides=(8 * HOP, 8))
-            for piece in pieces
-            if (length := min(len(piece), WINDOW)) >= WINDOW // 8
-        ]
-        if groups:
-            self.power += _power(groups, WINDOW, _hann)
+    def add(self, samples: Array) -> None:
+        """Add consecutive samples; fewer than a window count from an eighth of one on."""
+        length = min(len(samples), WINDOW)
+        if length >= WINDOW // 8:
+            shape = (len(samples) - length) // HOP + 1, length
+            windows = np.ndarray(shape, buffer=samples, strides=(8 * HOP, 8))
+            self.power += _power(windows, _hann(length), WINDOW)
 
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
@@ -109,7 +101,7 @@ class Correlation:
         self._windows[count % LONG] += count % LONG >= LONG // 2
 
     def _enter(self, windows: Array) -> None:
-        self._power += _power([windows], PADDED, np.ones)
+        self._power += _power(windows, 1.0, PADDED)
         self._windows[windows.shape[1]] += len(windows)
 
     def near(self, lag: float, around: float) -> float:
@@ -219,8 +211,8 @@ class Monitor:
         self.correlation.add(velocity)
         within = sticks[(sticks[:, 1] > t[0]) & (sticks[:, 0] <= t[-1])]
         pieces = np.split(velocity, np.searchsorted(t, within).ravel())
-        self.moving.add(*pieces[::2])
-        self.stuck.add(*pieces[1::2])
+        for k, piece in enumerate(pieces):
+            (self.stuck if k % 2 else self.moving).add(piece)
 
     def close(self, sticks: Array) -> None:
         """Work on the samples that still wait."""

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.step_map import eigenvectors, stick_map
+from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, kernel, reordered_call
 from fivcore.transient import fast_scene as at
 from fivcore.transient.fast_solver import Solver
@@ -59,12 +59,8 @@ X, Y, INITIAL, OTHER, WEIGHTS, STARTS, SLOPES, RESULT, VECTORS = range(9)
 class SkipTables:
     """Tables of a skip for one solver and one interval between samples.
 
-    Attributes
-    ----------
-    count, size : int
-        Number c of eigenvalues, one of each conjugate pair, and places m for modes; both with empty places.
-    packed : ndarray, (any,)
-        c and 2 m, then the matrices below, row by row.
+    `count` is the number c of eigenvalues, one of each conjugate pair, `size` that of places m for modes, both
+    with empty places. `packed` (any,) holds c and 2 m, then the matrices of `skip_tables`, row by row.
     """
 
     count: int
@@ -82,11 +78,7 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     model, step = solver.model, solver.step
     if not model.K.any():
         return None
-    stick, gaps, size = (
-        stick_map(model, solver.impulse, step),
-        np.stack([model.normal, model.tangential]),
-        len(model.rest),
-    )
+    stick, gaps, size = step_map(model, solver.impulse, step), model.shapes, len(model.rest)
     try:
         z, vectors, into, error = eigenvectors(stick)
         still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
@@ -334,12 +326,8 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
             k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
             modes[k + at.Q * at.BLOCK], modes[k + at.V * at.BLOCK] = work[x + j], work[x + half + j]
         multiply(tables, shapes, OUTPUTS, size, work, x, result)
-        scene.g_N, scene.g_T, scene.v_N, scene.v_T = (
-            work[result],
-            work[result + 1],
-            work[result + 2],
-            work[result + 3],
-        )
+        scene.g_N, scene.g_T = work[result], work[result + 1]
+        scene.v_N, scene.v_T = work[result + 2], work[result + 3]
         # Rows of the record.
         log = values + LOGARITHM * twice
         while scene.next_row < goal:
