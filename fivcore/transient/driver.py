@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore.errors import ContactError, DivergenceError, SceneError
+from fivcore.errors import DivergenceError, SceneError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
 from fivcore.transient.exact import ExactRun
@@ -117,7 +117,7 @@ class Job:
         return Transient(self._scene, summary, **self._series.whole())
 
 
-def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient | ContactError | DivergenceError]:
+def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient | SceneError]:
     """Take runs of one method from start to end; return the result of each, or the error that it ends with."""
     results: list[Any] = [None] * len(requests)
     waiting, jobs = list(range(len(requests))), dict[int, Job]()

@@ -8,7 +8,7 @@ from typing import Any
 
 from fivcore import checks
 from fivcore.contact.ablation import Modify
-from fivcore.errors import ContactError, DivergenceError
+from fivcore.errors import SceneError
 from fivcore.rig import Scene
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
@@ -107,7 +107,7 @@ def simulate(
 
 def simulate_many(
     scenes: Sequence[Scene], duration: Any, method: str = "fast", **options: Any
-) -> list[Transient | ContactError | DivergenceError]:
+) -> list[Transient | SceneError]:
     """Simulate scenes together; each has the bits that `simulate` gives it.
 
     Parameters
