@@ -24,23 +24,15 @@ from fivcore.jit import Array, Complex
 
 
 class StepMap(NamedTuple):
-    """A step in one regime, as a map of x with m components.
-
-    Attributes
-    ----------
-    matrix : ndarray, (m, m)
-    impulse : ndarray, (m, 2)
-        What a unit of N and of T adds to x within the step.
-    seen, law : ndarray, (4, m), (2 or 3, 4)
-        S and L.
-    units : ndarray, (m,)
-        The sum of squares of units * x is an energy, which makes eigenvectors as well conditioned as they can be.
-    """
+    """A step in one regime, as a map of x with m components."""
 
     matrix: Array
+    # What a unit of N and of T adds to x within the step, (m, 2).
     impulse: Array
+    # S, (4, m), and L, (2 or 3, 4).
     seen: Array
     law: Array
+    # The sum of squares of units * x, (m,), is an energy: eigenvectors are as well conditioned as they can be.
     units: Array
 
 

@@ -74,8 +74,7 @@ class FastRun:
         self.rate = 1.0 / (self._sample_every * self.step)
         self._may_settle = options.end_early and self._motion is None and bool(model.K.any())
         self._length = SHORT_SEGMENT
-        # Where a phase of the onset ends, in its own steps (0: there is none), and whether contact has opened in
-        # it.
+        # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
         self._onset_ends, self._opened = 0, False
         # Where a segment ends; a record may cut it into several.
         self._until = 0

@@ -57,14 +57,12 @@ X, Y, INITIAL, OTHER, WEIGHTS, STARTS, SLOPES, RESULT, VECTORS = range(9)
 
 @dataclass(frozen=True, eq=False)
 class SkipTables:
-    """Tables of a skip for one solver and one interval between samples.
+    """Tables of a skip for one solver and one interval between samples."""
 
-    `count` is the number c of eigenvalues, one of each conjugate pair, `size` that of places m for modes, both
-    with empty places. `packed` (any,) holds c and 2 m, then the matrices of `skip_tables`, row by row.
-    """
-
+    # Number c of eigenvalues, one of each conjugate pair, and m of places for modes; both with empty places.
     count: int
     size: int
+    # c and 2 m, then the matrices of `skip_tables`, row by row.
     packed: Array
 
 
