@@ -18,7 +18,7 @@ gap or cone were overstepped meanwhile, the decision changes the element's displ
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -327,12 +327,13 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     # (x, d) from w.
     change = np.block([[vectors, steady], [np.zeros((6, vectors.shape[1])), np.eye(6)]])
     entry = back @ (given[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
-    state, watched, seen = (rows @ change for rows in (np.vstack([q, v, u]), np.stack(margins), outputs))
+    rows = (np.vstack([q, v, u]), np.stack(margins), outputs)
+    entry, state, watched, seen = (part.astype(complex) for part in (entry, *(row @ change for row in rows)))
     return Regime(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))
 
 
-def _eigenbasis(matrix: Array) -> tuple[Complex, Complex, Complex]:
-    """Eigenvalues, eigenvectors and their inverse."""
+def _eigenbasis(matrix: Array) -> tuple[Complex, Any, Any]:
+    """Eigenvalues, eigenvectors and their inverse, the latter two in extended precision."""
     values, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
     # Rows are scaled to the same size before the condition number is judged: close to the friction at which slip
     # loses its unique force, u_T is larger than all else by orders of magnitude, and no two eigenvalues coincide.
@@ -343,4 +344,9 @@ def _eigenbasis(matrix: Array) -> tuple[Complex, Complex, Complex]:
             "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
             " mu or theta in the eighth digit"
         )
-    return values, vectors, np.linalg.inv(basis) * units
+    # A slow mode's large displacements in forced and free motion cancel, so the inverse is refined (Newton's method);
+    # where the platform has no extended precision, less damping is possible.
+    vectors, back = vectors.astype(np.clongdouble), np.linalg.inv(basis) * units
+    for _ in range(2):
+        back = back + back @ (np.eye(len(values)) - vectors @ back)
+    return values, vectors, back
