@@ -344,8 +344,8 @@ def _eigenbasis(matrix: Array) -> tuple[Complex, Any, Any]:
             "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
             " mu or theta in the eighth digit"
         )
-    # A slow mode's large displacements in forced and free motion cancel, so the inverse is refined (Newton's method);
-    # where the platform has no extended precision, less damping is possible.
+    # Large displacements of slow modes in forced and free motion cancel: the inverse is refined (Newton's method).
+    # Where the platform has no extended precision, less damping is possible.
     vectors, back = vectors.astype(np.clongdouble), np.linalg.inv(basis) * units
     for _ in range(2):
         back = back + back @ (np.eye(len(values)) - vectors @ back)
