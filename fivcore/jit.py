@@ -40,10 +40,12 @@ SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py
 # Names of the folders of compiled kernels; seconds after which one of other sources is removed.
 PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
 _SETTINGS: Any = config
+# Its annotations lack some options.
+_njit: Any = njit
 
 
 def _compiled(function: Function, **options: Any) -> Function:
-    compiled: Any = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    compiled: Function = _njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
     return compiled
 
 
