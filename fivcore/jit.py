@@ -40,8 +40,7 @@ SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py
 # Names of the folders of compiled kernels; seconds after which one of other sources is removed.
 PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
 _SETTINGS: Any = config
-# Its annotations lack some options.
-_njit: Any = njit
+_njit: Any = njit  # Its annotations lack some options.
 
 
 def _compiled(function: Function, **options: Any) -> Function:
