@@ -22,6 +22,10 @@ class ContactError(SceneError):
     """The method's contact problem has no unique solution (Painleve)."""
 
 
+class SceneValueError(SceneError, ValueError):
+    """An option of the run has a value that does not suit this scene, which shows only once its model is made."""
+
+
 class DivergenceError(SceneError):
     """The motion left the range of numbers."""
 

@@ -1,4 +1,4 @@
-"""Decorators that compile kernels with Numba, the folder that keeps them, and the array types they share.
+"""Decorators that compile kernels with Numba, the folder that keeps them, and array types.
 
 Numba compiles a kernel anew when its own file changes, but not when a file changes from which something is inlined
 into it. The folder therefore bears a digest of all sources of this package.
@@ -23,24 +23,33 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class ReadOnlyArrays:
+    """Base of data classes: every array in them is read-only."""
+
+    def __post_init__(self) -> None:
+        for part in vars(self).values():
+            if isinstance(part, np.ndarray):
+                part.setflags(write=False)
+
+
 _HERE = Path(__file__).parent
 # Digest of all sources that may be compiled.
 SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py")))).hexdigest()[:16]
 # Names of the folders of compiled kernels; seconds after which one of other sources is removed.
 PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
 _SETTINGS: Any = config
+_njit: Any = njit  # Its annotations lack some options.
 
 
 def _compiled(function: Function, **options: Any) -> Function:
-    compiled: Any = njit(nogil=True, error_model="numpy", **options)(function)
+    compiled: Function = _njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
     return compiled
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function that Python calls; it releases the lock, and 1 / 0 is infinite.
-
-    Operations keep the order in which they are written (no fast-math).
-    """
+    """Compile a function that Python calls: it releases the lock, 1 / 0 is infinite, and no sum is reordered."""
     compiled: Any = _compiled(function)
     # Without a folder that can be written to, every process compiles anew.
     if FOLDER is not None:
@@ -53,15 +62,17 @@ def kernel(function: Function) -> Function:
     return compiled
 
 
+# Only kernels call the rest; without entries for Python the compile takes an eighth less.
 # Compile a small function into its callers, where a call would cost more than its body ...
-inlined = partial(_compiled, forceinline=True)
+_called = partial(_compiled, no_cpython_wrapper=True)
+inlined = partial(_called, forceinline=True)
 # ... with products and sums that may be fused, in the order written ...
-contracted = partial(_compiled, forceinline=True, fastmath={"contract"})
+contracted = partial(inlined, fastmath={"contract"})
 # ... or with sums that may be added in any order, too: only these use vector registers. Their width decides the
 # last bits, which are the same on machines of one kind only, like those of eigenvectors.
-reordered = partial(_compiled, forceinline=True, fastmath={"reassoc", "contract", "nsz"})
+reordered = partial(inlined, fastmath={"reassoc", "contract", "nsz"})
 # The same as a call of its own, for what is called seldom and from many places.
-reordered_call = partial(_compiled, fastmath={"reassoc", "contract", "nsz"})
+reordered_call = partial(_called, fastmath={"reassoc", "contract", "nsz"})
 
 
 def cache_folder(homes: Iterable[Path]) -> Path | None:

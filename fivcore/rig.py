@@ -76,6 +76,8 @@ P2 = Beam(0.15, 0.015, 0.0030, 185e9, 7900.0, 90)
 class Rig:
     """Two beams in point contact: P1's tip C rests on P2; P1 rises to its support A, which is free along y.
 
+    A bad value is a `ValueError`, naming it and what is allowed.
+
     Parameters
     ----------
     p1, p2 : Beam
@@ -117,7 +119,7 @@ class Rig:
 
 @dataclass(frozen=True)
 class Scene:
-    """One operating point of a rig.
+    """One operating point of a rig; a bad value is a `ValueError`, naming it and what is allowed.
 
     Parameters
     ----------

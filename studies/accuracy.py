@@ -18,7 +18,7 @@ from studies.accuracy_errors import with_errors
 from studies.accuracy_figure import draw
 from studies.accuracy_linear import stability
 from studies.accuracy_report import findings
-from studies.runs import Job, run_all
+from studies.runs import Job, check_jobs
 from studies.study import Setting, Study, rig_of, rig_settings
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -124,7 +124,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for members differ by it")
     scenes = [asked.scene_of(int(number), fixed["rig"]) for number in axes["scene"].values]
     longest = max(accuracy_runs.shortest(scene, fixed) for scene in scenes)
-    run_all([Job(scene, 1e-6, {"ramp": fixed["ramp"]}) for scene in scenes])
+    check_jobs([Job(scene, 1e-6, {"ramp": fixed["ramp"]}) for scene in scenes])
     for name in ("duration", "variant_duration"):
         checks.between(name, fixed[name], longest, 1e3, "s, for the slowest scene to have settled")
 

@@ -17,7 +17,7 @@ from fivcore import Scene, checks
 from studies import ensembles, planes, quantities, regimes, runner, spec, transients
 from studies.maps_figure import draw, held, readable
 from studies.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
-from studies.runs import BATCH_MULTIPLE, run_all
+from studies.runs import BATCH_MULTIPLE, check_jobs
 from studies.study import Study, constants, rig_of, suggest
 from studies.tables import Part
 from sweeps import (
@@ -222,7 +222,7 @@ def _check(plane: Plane, known: Quantity, given: Mapping[str, Any]) -> None:
         checks.count("members", given["members"], regimes.MOST_MEMBERS)
         ensembles.check(given)
         fixed = {**given, "method": transients.METHOD}
-        run_all([ensembles.member(scene, 1, fixed, 1e-6) for scene in corners])
+        check_jobs([ensembles.member(scene, 1, fixed, 1e-6) for scene in corners])
 
 
 def _scene(plane: Plane, given: Mapping[str, Any], x: float, y: float) -> Scene:

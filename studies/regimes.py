@@ -17,7 +17,7 @@ from studies import ensembles, paper, scenes, transients
 from studies.regimes_figure import draw
 from studies.regimes_report import findings
 from studies.regimes_verdicts import BELOW, with_verdicts
-from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
+from studies.runs import BATCH_MULTIPLE, Job, check_jobs, outcomes
 from studies.spec import evenly, logarithmically
 from studies.stability import largest_growth
 from studies.study import Setting, Study, rig_of, rig_settings
@@ -176,7 +176,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     if slowest <= 0.0:
         raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
     ends = transients.extremes(axes, fixed["rig"])
-    run_all([ensembles.member(scene, fixed["members"], fixed, 1e-6) for scene in ends])
+    check_jobs([ensembles.member(scene, fixed["members"], fixed, 1e-6) for scene in ends])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:

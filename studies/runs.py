@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import ContactError, DivergenceError, Scene, Transient, simulate_many
+from fivcore import Scene, Transient, simulate_many
+from fivcore.errors import SceneError
 
 # "fast" advances two vector registers of eight scenes together: a batch of a multiple of 16 leaves no place empty.
 BATCH_MULTIPLE = 16
@@ -35,7 +36,7 @@ class Job:
     options: Mapping[str, Any]
 
 
-def run_all(jobs: Sequence[Job]) -> list[Transient | ContactError | DivergenceError]:
+def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
     """Simulate jobs; those whose options differ at most in PER_SCENE are simulated side by side.
 
     Parameters
@@ -45,7 +46,7 @@ def run_all(jobs: Sequence[Job]) -> list[Transient | ContactError | DivergenceEr
     Returns
     -------
     list
-        For each job its `Transient`, or the `ContactError` or `DivergenceError` of its scene.
+        For each job its `Transient`, or the `SceneError` of its scene.
 
     Raises
     ------
@@ -67,6 +68,13 @@ def run_all(jobs: Sequence[Job]) -> list[Transient | ContactError | DivergenceEr
     return [results[place] for place in range(len(jobs))]
 
 
+def check_jobs(jobs: Sequence[Job]) -> None:
+    """Raise the `ValueError` of the first job with a bad argument; jobs of one step are enough for that."""
+    for result in run_all(jobs):
+        if isinstance(result, ValueError):
+            raise result
+
+
 def outcomes(
     points: Sequence[Sequence[Job]],
     values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]],
@@ -74,9 +82,9 @@ def outcomes(
 ) -> dict[str, Any]:
     """Simulate the jobs of all points of a batch and return what a sweep's function returns.
 
-    A point with a `ContactError` or `DivergenceError` keeps that as its `error`, so that the other points of the
-    batch need not be computed again. If every point has one, the first is raised: a point that is computed alone
-    then ends as the line that reproduces it does.
+    A point with a `SceneError` keeps that as its `error`, so that the other points of the batch need not be
+    computed again. If every point has one, the first is raised: a point that is computed alone then ends as the
+    line that reproduces it does.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.normalised import Normalised
 from studies import paper, recording, transients
-from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
+from studies.runs import BATCH_MULTIPLE, Job, check_jobs, outcomes
 from studies.scenes_figure import DONE, FAILED, draw, regimes
 from studies.study import Setting, Study, constants, rig_of, rig_settings
 from studies.tables import Part, Table
@@ -105,7 +105,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
         Naming the axis or setting.
     """
     checks.between("duration", fixed["duration"], 1e-6, 1e6, "s")
-    run_all([transients.job(scene, fixed, 1e-6) for scene in transients.extremes(axes, fixed["rig"])])
+    check_jobs([transients.job(scene, fixed, 1e-6) for scene in transients.extremes(axes, fixed["rig"])])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fivcore import Scene, Transient, checks
 from studies import ensembles, paper, scenes, transients
-from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
+from studies.runs import BATCH_MULTIPLE, Job, check_jobs, outcomes
 from studies.spec import evenly
 from studies.stick_laws import with_laws
 from studies.stick_time_figure import draw
@@ -99,7 +99,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     for value in axes["member"].values:
         checks.between("member", float(value), 1.0, 1e6, "a number counted from 1")
     ends = transients.extremes(axes, fixed["rig"], theta=fixed["theta"])
-    run_all([ensembles.member(scene, 1.0, fixed, 1e-6) for scene in ends])
+    check_jobs([ensembles.member(scene, 1.0, fixed, 1e-6) for scene in ends])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fivcore import Scene, Transient, checks, sliding_modes
 from studies import ensembles, fig11, paper, transients
-from studies.runs import BATCH_MULTIPLE, Job, outcomes, run_all
+from studies.runs import BATCH_MULTIPLE, Job, check_jobs, outcomes
 from studies.spec import evenly
 from studies.study import Setting, Study, rig_of, rig_settings
 from studies.table6_angles import PAIRS, VIBRATING, beside
@@ -102,7 +102,7 @@ def check(grid: Grid, fixed: Mapping[str, Any]) -> None:
     """
     ensembles.check(fixed)
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    run_all([ensembles.member(transients.scenes(grid.points(), fixed)[0], 1, fixed, 1e-6)])
+    check_jobs([ensembles.member(transients.scenes(grid.points(), fixed)[0], 1, fixed, 1e-6)])
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:

@@ -14,7 +14,7 @@ from scipy import signal
 from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
-from studies.runs import Job, run_all
+from studies.runs import Job, check_jobs
 from studies.study import Setting, constants
 from sweeps import Axis, Grid, Variable
 
@@ -112,7 +112,7 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
     most = MOST_SAMPLES / sample_rate
     checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    run_all([job(scenes(grid.points(), fixed)[0], fixed, 1e-6)])
+    check_jobs([job(scenes(grid.points(), fixed)[0], fixed, 1e-6)])
 
 
 def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:

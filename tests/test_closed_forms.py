@@ -12,6 +12,7 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.transient import fast_scene as at
 from fivcore.transient.fast import SAMPLED, aligned
 from fivcore.transient.fast_kernel import advance
+from fivcore.transient.fast_scene import lanes_for
 from fivcore.transient.fast_solver import Solver, put, take
 from fivcore.transient.record import count_in
 from fivcore.transient.statistics import ENERGIES, begin
@@ -67,13 +68,13 @@ class Small:
         """Go on; returns a record of each step: t, -, N, T, slip velocity, state."""
         record, now = self.record, int(self.record["now"][0])
         last = now + steps
-        record["last"], record["next"], record["next_row"], record["row_every"] = last, now, now, 1
+        record["last"], record["next_row"], record["row_every"] = last, now, 1
         record["sample_every"], record["next_sample"] = SAMPLED, -(-now // SAMPLED) * SAMPLED
         record["samples"] = record["rows"] = record["sticks"] = 0
         record["stick_room"] = steps
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), 3))
         order = np.zeros(1, dtype=np.int64)
-        advance(order, record, self.modes, samples, rows, np.empty((steps, 2)))
+        advance(order, record, *lanes_for(record), self.modes, samples, rows, np.empty((steps, 2)))
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 

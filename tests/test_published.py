@@ -1,14 +1,16 @@
 """The published scheme: against finite elements stepped plainly, its limit of stability, its friction law."""
 
+import re
 from dataclasses import replace
 from itertools import repeat
 
 import numpy as np
 import pytest
 
-from fivcore import Rig, Scene, State, simulate
+from fivcore import ContactError, Rig, Scene, State, critical_mu, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
+from fivcore.transient.moving_contact import STRETCH
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2, SCENE, STEP, TAU, PaperRun, advance, largest_step
@@ -206,6 +208,20 @@ def test_the_largest_stable_step(b, damped, limit):
 def test_a_step_beyond_the_limit_is_refused():
     with pytest.raises(ValueError, match=r"step = 2\.3e-08.*2\.164e-08 s"):
         simulate(Scene(2e-3, 5.0, 0.2, 9.0), 1e-3, "paper", step=2.3e-8)
+
+
+def test_a_contact_that_moves_to_where_it_is_not_unique_is_an_error():
+    """Between two nodes of P2 the contact closes less than at a node."""
+    start, end = (critical_mu(Rig(contact_position=place), 5.0, "paper") for place in (0.0801, 0.08))
+    scene = Scene(0.1, 5.0, 32.1, 9.0, Rig(contact_position=0.0801))
+    assert end < scene.mu < start
+    with pytest.raises(
+        ContactError, match=r"mu = 32\.1: from 32\.0\d* on .* with the contact 0\.0800\d* m"
+    ) as caught:
+        simulate(scene, 2e-3, "paper", contact_motion=-1)
+    place = float(re.search(r"contact (\S*) m", str(caught.value))[1])
+    assert critical_mu(Rig(contact_position=place), 5.0, "paper") <= scene.mu
+    assert critical_mu(Rig(contact_position=place + STRETCH), 5.0, "paper") > scene.mu
 
 
 @pytest.mark.parametrize(("share", "grows"), [(0.99, False), (1.01, True)])

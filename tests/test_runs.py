@@ -1,11 +1,12 @@
 """Jobs of the studies: each has the result that `simulate` gives it, whatever the other jobs ask for."""
 
+from dataclasses import replace
 from traceback import extract_tb
 
 import numpy as np
 import pytest
 
-from fivcore import ContactError, Scene, Transient, simulate, simulate_many
+from fivcore import ContactError, Rig, Scene, Transient, simulate, simulate_many
 from studies import runs
 from studies.runs import Job, outcomes, run_all
 
@@ -41,6 +42,26 @@ def test_jobs_with_equal_options_share_a_call_and_keep_their_bits(monkeypatch):
 def test_a_bad_argument_is_raised():
     with pytest.raises(ValueError, match=r"^duration = -1\.0: it must be"):
         run_all([JOBS[0], Job(SCENE, -1.0, {})])
+
+
+@pytest.mark.parametrize(
+    ("rig", "options", "text"),
+    [
+        (Rig(p1=replace(Rig().p1, elements=60)), {"method": "paper", "step": 2e-8}, "step = 2e-08: with this rig"),
+        (Rig(p2=replace(Rig().p2, thickness=0.1)), {"method": "exact", "cutoff": 2e3}, "cutoff = 2000: it must"),
+        (Rig(d2=0.0), {"method": "exact", "cutoff": 20e3}, "cutoff = 20000: the relaxation time"),
+    ],
+)
+def test_an_option_that_does_not_suit_one_scene_fails_that_scene_alone(rig, options, text):
+    bad = replace(SCENE, rig=rig)
+    good, error = run_all([Job(SCENE, 1e-4, options), Job(bad, 1e-4, options)])
+    assert isinstance(good, Transient)
+    assert isinstance(error, ValueError)
+    assert error.scene == bad
+    assert str(error).startswith(text)
+    assert "; scene V = 0.005 m/s, theta = 5 degrees" in str(error)
+    with pytest.raises(ValueError, match=f"^{text}"):
+        simulate(bad, 1e-4, **options)
 
 
 def test_a_point_fails_with_the_first_error_of_its_runs():

@@ -175,6 +175,22 @@ def test_sticks_and_what_lies_between_them_have_spectra_of_their_own():
     assert monitor.rms == pytest.approx(moving, rel=1e-3)
 
 
+def test_a_sample_at_an_edge_of_a_stick_and_sticks_of_other_blocks():
+    """A stick holds its first sample and not its last; of two blocks each has the sticks within it."""
+    t = np.arange(2 * BLOCK) / RATE
+    signal = np.random.default_rng(8).normal(size=len(t))
+    edges = np.array([[0, 2048], [BLOCK - 1, BLOCK + 5000], [BLOCK + 9000, 2 * BLOCK - 1]])
+    monitor, moving, stuck = Monitor(RATE), Welch(RATE), Welch(RATE)
+    shown(monitor, t, signal)
+    monitor.close(t[edges])
+    for first, last in ((2048, BLOCK - 1), (BLOCK + 5000, BLOCK + 9000)):
+        moving.add(signal[first:last])
+    for first, last in ((0, 2048), (BLOCK, BLOCK + 5000), (BLOCK + 9000, 2 * BLOCK - 1)):
+        stuck.add(signal[first:last])
+    assert monitor.moving.power == pytest.approx(moving.power, rel=1e-12)
+    assert monitor.stuck.power == pytest.approx(stuck.power, rel=1e-12)
+
+
 def test_what_is_not_known_to_be_a_long_stick_waits():
     t = np.arange(2 * BLOCK) / RATE
     signal = np.sin(2 * np.pi * 2055 * t)

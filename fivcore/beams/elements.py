@@ -20,21 +20,13 @@ from fivcore.rig import Beam
 
 
 class Family(NamedTuple):
-    """Matrices of one family (axial or bending) of a beam clamped at node 0, SI.
-
-    Attributes
-    ----------
-    stiffness, mass : ndarray, (n, n)
-        Of the free nodes 1 to N.
-    flexibility_root : ndarray, (n, n)
-        R with R R^T = stiffness^-1.
-    carried : ndarray, (n,)
-        Base excitation, kg: the mass matrix times a unit translation of the whole beam.
-    """
+    """Matrices (n, n) of one family, axial or bending, of a beam clamped at node 0; free nodes 1 to N, SI."""
 
     stiffness: Array
     mass: Array
+    # R with R R^T = stiffness^-1.
     flexibility_root: Array
+    # Base excitation, (n,), kg: the mass matrix times a unit translation of the whole beam.
     carried: Array
 
 

@@ -19,7 +19,7 @@ from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
 from threadpoolctl import ThreadpoolController
 
 from fivcore.beams.elements import axial, bending, hermite
-from fivcore.jit import Array
+from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Beam, Rig
 
 _blas = ThreadpoolController()
@@ -35,30 +35,18 @@ def one_blas_thread() -> Iterator[None]:
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
-    """Mass-normalised modes seen from the contact point; arrays are read-only.
+class Basis(ReadOnlyArrays):
+    """Mass-normalised modes seen from the contact point; arrays are read-only."""
 
-    Attributes
-    ----------
-    stiffness : ndarray, (n,)
-        Squared angular frequencies of the undamped modes, rad2/s2, ascending within each family.
-    normal, tangential : ndarray, (n,)
-        What a unit of each modal coordinate adds to g_N and to g_T, kg^-1/2.
-    nodes : ndarray, (nodes, 2)
-        Undeformed positions x, y relative to the contact point, m, from the support on.
-    shapes : ndarray, (nodes, 3, n)
-        Displacement along x and y (kg^-1/2) and rotation (kg^-1/2 / m) at the nodes, the support's included.
-    """
-
+    # Squared angular frequencies of the undamped modes, (n,), rad2/s2, ascending within each family.
     stiffness: Array
+    # What a unit of each modal coordinate adds to g_N and to g_T, (n,), kg^-1/2.
     normal: Array
     tangential: Array
+    # Undeformed positions x, y relative to the contact point, (nodes, 2), m, from the support on.
     nodes: Array
+    # Displacement along x and y (kg^-1/2) and rotation (kg^-1/2 / m) at them, the support included, (nodes, 3, n).
     shapes: Array
-
-    def __post_init__(self) -> None:
-        for part in vars(self).values():
-            part.setflags(write=False)
 
 
 @lru_cache(maxsize=16)

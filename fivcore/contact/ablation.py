@@ -1,7 +1,7 @@
 """Ablations: modifications of a reduced model, to measure what each part of the contact element is worth.
 
 `fivcore.simulate` and `fivcore.critical_mu` apply `modify` to every reduced model, the onset's finer one included;
-`functools.partial` sets parameters. A modification raises `ValueError` where the model has no element.
+`functools.partial` sets parameters. A modification raises `SceneValueError` where the model has no element.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from fivcore import checks
 from fivcore.contact.reduced import ReducedModel
+from fivcore.errors import SceneValueError
 
 Modify = Callable[[ReducedModel], ReducedModel]
 
@@ -42,7 +43,7 @@ def without_cross_terms(model: ReducedModel) -> ReducedModel:
 
 def _with_element(model: ReducedModel) -> ReducedModel:
     if not model.K.any():
-        raise ValueError(
+        raise SceneValueError(
             "modify: with termination 'none', or every mode kept, there is no element to modify; leave it out"
         )
     return model

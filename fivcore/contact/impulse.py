@@ -23,21 +23,14 @@ SMALL = 1e-2
 
 
 class Impulse(NamedTuple):
-    """Impulses and the element corrected for them; all (2, 2), normal first.
+    """Impulses and the element corrected for them; all (2, 2), normal first, and zero without an element."""
 
-    Attributes
-    ----------
-    defect : ndarray
-        Compliance that the modes lack, m/N; zero without an element.
-    stiffness, damping : ndarray
-        Of the element, N/m and N s/m, corrected by `defect`; zero without an element.
-    mobility : ndarray
-        Mean rates of the gaps over an impulse by a unit force, m/s per N.
-    """
-
+    # Compliance that the modes lack, m/N.
     defect: Array
+    # Those of the element, N/m and N s/m, corrected by `defect`.
     stiffness: Array
     damping: Array
+    # Mean rates of the gaps over an impulse by a unit force, m/s per N; not zero without an element.
     mobility: Array
 
 

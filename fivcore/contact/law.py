@@ -25,33 +25,22 @@ from fivcore.jit import Array
 
 
 class RegimeMaps(NamedTuple):
-    """Contact forces and element state after one step, as linear maps.
+    """Contact forces and element state after one step, as linear maps."""
 
-    Attributes
-    ----------
-    stick : ndarray, (2, 4)
-        (N, T) from (p, u_T, v_N, v_T): penetration p = -g_N, the element's tangential state, and the rates
-        of g_N and g_T before the impulse.
-    slip : ndarray, (2, 2, 3)
-        For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N).
-    separation : ndarray, (2, 2)
-        u at the end of the step from u at its start.
-    entering, landing : ndarray, (2, 4)
-        As `stick`, for a step that begins in slip, with u_T at its start, and for one in which the surfaces meet.
-    mean_offset : float
-        Time from a step's start to the mean of a relaxing u_T, s; with it in `entering` a step has one solution.
-    square_ratio : float
-        Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
-    landing_offset : float
-        As `mean_offset` where the surfaces meet: half a step.
-    """
-
+    # (N, T) from (p, u_T, v_N, v_T), (2, 4): penetration p = -g_N, the element's tangential state, and the rates
+    # of the gaps before the impulse.
     stick: Array
+    # For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N), (2, 2, 3).
     slip: Array
+    # u at the end of the step from u at its start, (2, 2).
     separation: Array
+    # As `stick`, for a step that begins in slip, with u_T at its start.
     entering: Array
+    # Time from a step's start to the mean of a relaxing u_T, s; with it in `entering` a step has one solution.
     mean_offset: float
+    # Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
     square_ratio: float
+    # As `entering` and `mean_offset` where the surfaces meet: half a step.
     landing: Array
     landing_offset: float
 

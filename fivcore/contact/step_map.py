@@ -24,34 +24,21 @@ from fivcore.jit import Array, Complex
 
 
 class StepMap(NamedTuple):
-    """A step in one regime, as a map of x with m components.
-
-    Attributes
-    ----------
-    matrix : ndarray, (m, m)
-    impulse : ndarray, (m, 2)
-        What a unit of N and of T adds to x within the step.
-    seen, law : ndarray, (4, m), (2 or 3, 4)
-        S and L.
-    units : ndarray, (m,)
-        The sum of squares of units * x is an energy, which makes eigenvectors as well conditioned as they can be.
-    """
+    """A step in one regime, as a map of x with m components."""
 
     matrix: Array
+    # What a unit of N and of T adds to x within the step, (m, 2).
     impulse: Array
+    # S, (4, m), and L, (2 or 3, 4).
     seen: Array
     law: Array
+    # The sum of squares of units * x, (m,), is an energy: eigenvectors are as well conditioned as they can be.
     units: Array
 
 
-def stick_map(model: ReducedModel, impulse: Impulse, step: float) -> StepMap:
-    """Map of a step in stick, where u_T follows g_T."""
-    return step_map(model, impulse, step)
-
-
 def step_map(model: ReducedModel, impulse: Impulse, step: float, friction: float | None = None) -> StepMap:
-    """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick."""
-    gaps, size, own = np.stack([model.normal, model.tangential]), len(model.normal), int(friction is not None)
+    """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick, where u_T follows g_T."""
+    gaps, size, own = model.shapes, len(model.normal), int(friction is not None)
     maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, friction or 0.0, step)
     law, seen = maps.stick, np.pad(np.kron(np.diag([-1.0, 1.0]), gaps), ((0, 0), (0, own)))
     if friction is not None:

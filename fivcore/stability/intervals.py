@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, fminbound
 
 from fivcore import checks
-from fivcore.jit import Array
+from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
 from fivcore.stability.onsets import onset_crossings
-from fivcore.stability.sliding import ReadOnlyArrays, sliding_modes
+from fivcore.stability.sliding import sliding_modes
 
 
 @dataclass(frozen=True, eq=False)

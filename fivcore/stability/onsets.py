@@ -55,6 +55,10 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     theta, fmax, mu_max : float
         Degrees; band, Hz; largest friction of interest.
 
+    Returns
+    -------
+    FlutterOnsets
+
     Raises
     ------
     ValueError, ArithmeticError

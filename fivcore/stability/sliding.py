@@ -15,18 +15,9 @@ from numpy.typing import NDArray
 
 from fivcore import checks
 from fivcore.beams.modes import contact_modes, rig_bases
-from fivcore.jit import Array, Complex
+from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig
 from fivcore.stability.secular import EPS, MOST_REPORTED, damp, sliding_problem, sliding_roots
-
-
-class ReadOnlyArrays:
-    """Base of results: every array in them is read-only."""
-
-    def __post_init__(self) -> None:
-        for part in vars(self).values():
-            if isinstance(part, np.ndarray):
-                part.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +99,10 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     fmax : float
         Band, Hz.
 
+    Returns
+    -------
+    SlidingModes
+
     Raises
     ------
     ValueError, ArithmeticError
@@ -150,7 +145,7 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
-    """Undeformed x, y of all nodes relative to the contact point, m, in the order of `SlidingModes.shape`."""
+    """Undeformed x, y from the contact point, (nodes, 2), m, as `SlidingModes.shape`; `ValueError` as there."""
     checks.instance("rig", rig, Rig)
     upper, lower = rig_bases(rig, checks.theta_degrees(theta))
     return np.concatenate([upper.nodes, lower.nodes])

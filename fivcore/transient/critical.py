@@ -1,7 +1,6 @@
 """Where a method's contact force stops being unique (Painleve's paradox), by the divisors of its slip.
 
-For "paper" they are W_NN +- mu W_NT r / (1 + r), W the gaps that unit forces close within a step, r = dt / tau;
-for "exact" and "fast" see `fivcore.contact.law`.
+For "paper" see `fivcore.transient.published.critical_friction`, for "exact" and "fast" `fivcore.contact.law`.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from typing import Any
 
 from fivcore import checks
 from fivcore.contact.ablation import Modify, modified
-from fivcore.contact.law import ratio
 from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.rig import Rig
 from fivcore.transient import published
@@ -53,9 +51,9 @@ def critical_mu(
     beta2 = law_options(method, termination, modify, beta2)["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        dt = step or published.STEP
-        W, r = published.contact_closing(full_model(rig, theta), dt, beta2 or published.BETA2), dt / published.TAU
-        return ratio(W[0] * (1.0 + r) / r, W[1])
+        return published.critical_friction(
+            full_model(rig, theta), step or published.STEP, beta2 or published.BETA2
+        )
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     model = modified(reduced_model(rig, theta, cutoff, termination), modify)
     return model.critical_mu(None if method == "exact" else step or model.default_step)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore.errors import ContactError, DivergenceError, SceneError
+from fivcore.errors import DivergenceError, SceneError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
 from fivcore.transient.exact import ExactRun
@@ -22,7 +22,7 @@ from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
 from fivcore.transient.record import Record
-from fivcore.transient.spectra import Monitor
+from fivcore.transient.spectra import BLOCK, Monitor
 from fivcore.transient.summary import summarise
 
 # Runs under way at once: their segments and records are in memory together.
@@ -68,7 +68,7 @@ class Job:
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
         self._scene, self.run = scene, METHODS[options.method](normalised, options)
         self._monitor = Monitor(self.run.rate)
-        self._record = Record(normalised, options.record, options.sample_times)
+        self._series = Record(normalised, options.record, options.sample_times)
         self._sticks, self._settled_early = np.empty((0, 2)), False
         # Extremes of the slip rate in the last quarter of the run.
         self._late: list[float] = []
@@ -80,11 +80,12 @@ class Job:
         """Hand the new segments to the observers; raise `DivergenceError` if the motion has blown up."""
         run, monitor = self.run, self._monitor
         for segment in run.segments:
-            self._record.add(segment.rows)
+            self._series.add(segment.rows)
             self._sticks = np.concatenate([self._sticks, segment.sticks])
             velocity, slip_rate, force = segment.samples.T
             monitor.add(segment.t, velocity, force, slip_rate, float(run.record["settled_from"][0]))
-            monitor.process(*self._long_sticks())
+            if monitor.waiting >= BLOCK:
+                monitor.process(*self._long_sticks())
             if segment.further:
                 self._settled_early = True
                 monitor.repeat(segment.t[-1], velocity[-1], force[-1], slip_rate[-1], segment.further)
@@ -99,11 +100,11 @@ class Job:
 
     def _long_sticks(self) -> tuple[Array, float]:
         """Long sticks, a running one included, and the time from which on they are not known yet."""
-        record = self.run.record[0]
-        if np.isnan(record["first_slip"]):
+        counters = self.run.record[0]
+        if np.isnan(counters["first_slip"]):
             return np.array([[0.0, np.inf]]), np.inf
-        begun = float(record["stick_start"])
-        if self.run.time - begun >= record["least_stick"]:
+        begun = float(counters["stick_start"])
+        if self.run.time - begun >= counters["least_stick"]:
             return np.vstack([self._sticks, [begun, np.inf]]), np.inf
         return self._sticks, np.inf if np.isnan(begun) else begun
 
@@ -113,10 +114,10 @@ class Job:
         spread = 0.5 * float(np.ptp(self._late)) if self._late else float("nan")
         summary = summarise(self.run, self._monitor, self._sticks, spread)
         summary["settled_early"] = self._settled_early
-        return Transient(self._scene, summary, **self._record.whole())
+        return Transient(self._scene, summary, **self._series.whole())
 
 
-def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient | ContactError | DivergenceError]:
+def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient | SceneError]:
     """Take runs of one method from start to end; return the result of each, or the error that it ends with."""
     results: list[Any] = [None] * len(requests)
     waiting, jobs = list(range(len(requests))), dict[int, Job]()
@@ -125,8 +126,8 @@ def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient |
     while waiting or jobs:
         if jobs and not alone:
             FastRun.advance([job.run for job in jobs.values()])
-        room = AT_ONCE - len(jobs)
-        started, waiting = waiting[:room], waiting[room:]
+        free = AT_ONCE - len(jobs)
+        started, waiting = waiting[:free], waiting[free:]
         for k in [*jobs, *started]:
             try:
                 if k in started:

@@ -8,7 +8,7 @@ x: (q, v) of the kept modes, with u_T in slip and u in separation. With the pres
 
 up to the first zero of a margin, found by a certified search. So there is neither order nor time step: `step` is
 the grid on whose midpoints statistics and series are read. The error is rounding, some 1e-13 of the motion until
-the first slip, which flutter then amplifies to 1e-10 at the first separation.
+the first slip, which flutter then amplifies to 5e-12 at the first separation.
 
 An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
@@ -24,11 +24,11 @@ import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
-from fivcore.errors import ContactError, DivergenceError, not_unique
+from fivcore.contact.reduced import ReducedModel, default_cutoff, reduced_model
+from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
-from fivcore.transient.normalised import Normalised, State
+from fivcore.transient.normalised import Normalised, State, element_displacement
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION, STICK
 from fivcore.transient.stepped import SteppedRun
@@ -44,14 +44,8 @@ BOUNDARY, HELD = -1, -2
 STEP, SEGMENT = 1e-6, 0.04
 # Slip with T = mu N and with T = -mu N; the other regimes have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
-# Largest condition number of an eigenbasis, number of refinements.
-WORST, REFINEMENTS = 1e9, 2
-# Types of the refinement, with a mantissa of 64 bits on x86-64. Where it has the 53 bits of double (MSVC, macOS on
-# arm64) two to three digits are lost: with the paper's rig at 20 mm/s states up to the first separation change by
-# up to 5e-8 of the motion, events by 2e-12 s, and the energy residual grows from 1e-14 to 1e-12. A rig with
-# d1 = 1e5 1/s then raises `fivcore.DivergenceError`.
-REAL: Any = np.longdouble
-COMPLEX: Any = np.clongdouble
+# Largest condition number of an eigenbasis, at which rounding (1e-16) comes to LOST.
+WORST = 1e7
 
 
 class ExactRun(SteppedRun):
@@ -59,8 +53,8 @@ class ExactRun(SteppedRun):
 
     Raises
     ------
-    ValueError
-        Where the reduced model has no absorbing element.
+    SceneValueError
+        Where the reduced model has no absorbing element, or a contact regime no eigenbasis.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -71,22 +65,16 @@ class ExactRun(SteppedRun):
         model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
         self.model = model = modified(model, options.modify)
         cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
-        if not model.K.any():
-            raise ValueError(
-                f"cutoff = {cutoff:g}: it keeps every mode of this rig, and method 'exact' needs an element for"
-                " the others; use a lower cutoff or method 'fast'"
-            )
         if not model.C.any():
-            raise ValueError(
-                f"cutoff = {cutoff:g}: the relaxation time of the element is 0, and method 'exact' needs a"
-                " dashpot; use another cutoff or method 'fast'"
-            )
+            why, need = "the relaxation time of the element is 0", "a dashpot; use another cutoff"
+            if not model.K.any():
+                why, need = "it keeps every mode of this rig", "an element for the others; use a lower cutoff"
+            raise SceneValueError(f"cutoff = {cutoff:g}: {why}, and method 'exact' needs {need} or method 'fast'")
         critical = model.critical_mu(None)
         if scene.mu >= critical:
             raise not_unique(scene.mu, critical)
         step = STEP if options.step is None else options.step
         super().__init__(scene, options, step, round(SEGMENT / step), SCENE)
-        self._shape = np.stack([model.normal, model.tangential])
         self._regimes = regimes(model, scene.mu)
         if max(regime.eigenvalues.real.max() for regime in self._regimes) * DWELL > MOST_GROWTH:
             raise ContactError(
@@ -103,10 +91,8 @@ class ExactRun(SteppedRun):
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
             y[n : 2 * n] = initial.velocity[model.kept]
-            # The element's displacement is that of the modes that are not kept.
-            full = full_model(scene.rig, scene.theta)
-            dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
-            y[2 * n :] = dropped @ initial.displacement - np.linalg.solve(model.K, [1.0, 0.0])
+            u = element_displacement(scene, model.kept, initial)
+            y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
         if options.ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self.record["contact"] = contact
@@ -125,7 +111,7 @@ class ExactRun(SteppedRun):
                 self.record, samples, rows, sticks,
             )  # fmt: skip
             first, self._now = until, end
-            if self._stop >= goal or not np.isfinite(self._amplitudes).all():
+            if self._stop >= goal:
                 return
             self._next_regime()
 
@@ -154,6 +140,8 @@ class ExactRun(SteppedRun):
         # large that the digits of the motion are lost in it.
         error = entered - y
         lost = np.sum(error[n : 2 * n] ** 2) + np.sum(model.stiffness * error[:n] ** 2)
+        if not np.isfinite(lost):
+            raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
         if lost > LOST**2 * max(self._size, 2.0 * abs(energy)):
             raise DivergenceError(
                 f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it"
@@ -189,16 +177,18 @@ class ExactRun(SteppedRun):
             self._enter(t, SEPARATION, y)
             return
         # The force that sticking needs.
-        rates = np.array([0.0, self._clamp_velocity(t)]) - self._shape @ y[n : 2 * n]
+        rates = np.array([0.0, self._clamp_velocity(t)]) - self.model.shapes @ y[n : 2 * n]
         N, T = K @ np.array([-g_N, y[-1]]) + C @ rates + [1.0, 0.0]
         which, m = (SLIP_UP, mu) if T > 0.0 else (SLIP_DOWN, -mu)
-        if N > 0.0 and abs(T) <= mu * N:
-            self._enter(t, STICK, y)
         # Slip changes (N, T) by C times the change of u_T', until T = m N.
-        elif N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) > 0.0:
-            self._enter(t, which, y)
-        else:
+        sticks = N > 0.0 and abs(T) <= mu * N
+        if not sticks and N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) <= 0.0:
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
+            return
+        # Contact is entered with the element's own displacement, which is not yet that of the gap.
+        energy, y[-2] = self._energy_of(y), -g_N
+        self.record["impact"] += energy - self._energy_of(y)
+        self._enter(t, STICK if sticks else which, y)
 
     def _clamp_velocity(self, t: float) -> float:
         ramp = self.options.ramp
@@ -265,90 +255,98 @@ def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
 
 
 def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
-    """Write one regime's equations as rows of factors of (x, d), and change to its eigenbasis."""
-    modal = (model.stiffness, model.damping, model.normal, model.tangential, model.inertia, model.point_b)
-    k, c, normal, tangential, inertia, point_b, K, C = (part.astype(REAL) for part in (*modal, model.K, model.C))
-    n, rigid = len(k), int(np.argmin(model.stiffness))
-    # P1's rigid mode is part of d in separation, u_N is -g_N in contact, and u_T follows the clamp in stick.
-    dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
-    x = np.delete(np.arange(2 * n + 2), dependent)
-    unit = np.delete(np.eye(2 * n + 8, dtype=REAL), dependent, axis=1)
-    q, v, u, d = np.split(unit, [n, 2 * n, 2 * n + 2])
+    """Write one regime's equations as rows of factors of (x, d), and change to its eigenbasis.
+
+    x holds those of q, v, u and u' that do not follow from the others. In contact the gaps, -u_N and in stick
+    S - u_T, take the place of one or two soft modes. Modal displacements all but cancel in a gap, so that as a sum
+    over all modes it would lose digits, some four of them in the forces.
+    """
+    k, c, K, C, normal, tangential = model.stiffness, model.damping, model.K, model.C, *model.shapes
+    n, rigid = len(k), int(np.argmin(k))
+    # The rigid mode and the gap along x serve only where no mode is softer than the element.
+    elastic = np.where(k > 0.0, k, K[0, 0] * normal[rigid] ** 2)
+    first = int(np.argmax(normal**2 / elastic))
+    lean = tangential[first] / normal[first]
+    across = tangential - lean * normal
+    second = int(np.argmax(across**2 / elastic))
+    both = which == STICK and across[second] ** 2 * K[1, 1] > elastic[second]
+    # P1's rigid mode is part of d in separation, and u' follows from u there, as u_T' does in slip.
+    one = rigid if which == SEPARATION else first
+    rest = {SEPARATION: [2 * n + 2, 2 * n + 3], STICK: [2 * n + 1, 2 * n + 3]}.get(which, [2 * n + 3])
+    dependent = [one, n + one, *([second, n + second] if both else rest)]
+    x = np.delete(np.arange(2 * n + 4), dependent)
+    unit = np.delete(np.eye(2 * n + 10), dependent, axis=1)
+    q, v, u, rate, d = np.split(unit, [n, 2 * n, 2 * n + 2, 2 * n + 4])
+    # x at the start of the regime from (q, v, u) and d.
+    given, load = np.eye(2 * n + 4, 2 * n + 8), np.stack([d[ONE], 0.0 * d[ONE]])
     if which == SEPARATION:
         q[rigid], v[rigid] = d[Q_R], d[V_R]
-    g_N, rate_N, rate_T = normal @ q, normal @ v, tangential @ v - d[P]
-    load = np.stack([d[ONE], 0.0 * d[ONE]])
-    rate, force = np.zeros((2, *u.shape), dtype=REAL)
-    if which == SEPARATION:
-        rate = -np.linalg.inv(model.C) @ (K @ u + load)
+        rate, force = -np.linalg.inv(C) @ (K @ u + load), 0.0 * load
     else:
-        m = mu if which == SLIP_UP else -mu
-        u[0], rate[0] = -g_N, -rate_N
-        if which == STICK:
-            u[1], rate[1] = d[S] - tangential @ q, -rate_T
-        else:
+        given[2 * n + 2 :] = np.pad(-model.shapes, ((0, 0), (n, 8)))
+        given[2 * n + 3, 2 * n + 2 + P] = 1.0
+        if which != STICK:
             # T = m N: K_T u + C_T u' = m (K_N u + C_N u' + 1), solved for u_T'.
+            m = mu if which == SLIP_UP else -mu
             stiff, viscous = K[1] - m * K[0], C[1] - m * C[0]
             rate[1] = -(stiff @ u + viscous[0] * rate[0] - m * d[ONE]) / viscous[1]
+        for part, own, driven in ((q, u, d[S]), (v, rate, d[P])):
+            if both:
+                part[second] = (driven - own[1] + lean * own[0] - across @ part) / across[second]
+            part[first] = -(own[0] + normal @ part) / normal[first]
+            if which == STICK and not both:
+                own[1] = driven - tangential @ part
         force = K @ u + C @ rate + load
-    acceleration = -c[:, None] * v - k[:, None] * q + np.outer(inertia, d[A])
-    acceleration += np.stack([normal, tangential]).T @ (force - load)
+    rate_T = tangential @ v - d[P]
+    acceleration = -c[:, None] * v - k[:, None] * q + np.outer(model.inertia, d[A])
+    acceleration += model.shapes.T @ (force - load)
     speed = 0.0 * rate_T if which == STICK else rate_T + rate[1]
     N, T = force
     margins = {
-        SEPARATION: [g_N + u[0]], STICK: [N, mu * N - T, mu * N + T], SLIP_UP: [N, -speed], SLIP_DOWN: [N, speed],
+        SEPARATION: [normal @ q + u[0]], STICK: [N, mu * N - T, mu * N + T],
+        SLIP_UP: [N, -speed], SLIP_DOWN: [N, speed],
     }[which]  # fmt: skip
-    outputs = np.vstack([rate, C @ rate, inertia @ v, point_b @ v, N, T, speed, np.sqrt(c)[:, None] * v])
-    moving, size, r = np.vstack([v, acceleration, rate])[x], len(x), int(np.sum(x < n))
-    # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.
-    omega = np.sqrt(np.maximum(-np.diag(moving[r : 2 * r, :r]).astype(float), 1.0))
-    scale = np.concatenate([omega, np.ones(r), np.full(size - 2 * r, np.sqrt(model.K[1, 1]))])
+    inertial, velocity, damped = model.inertia @ v, model.point_b @ v, np.sqrt(c)[:, None] * v
+    outputs = np.vstack([rate, C @ rate, inertial, velocity, N, T, speed, damped])
+    size, light = len(x), model.W[0, 0] ** -0.5
+    closing = [-normal @ acceleration, d[A] - tangential @ acceleration]
+    moving = np.vstack([v, acceleration, rate, *closing])[x]
+    # Displacements weighted by frequency, u by stiffness and u' by mass: the norm is then near the energy's.
+    scale = np.concatenate([np.sqrt(np.maximum(k, 1.0)), np.ones(n), np.sqrt(np.diag(K)), np.full(2, light)])[x]
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
-    # D is nilpotent where B is not zero: three iterations solve for E, three more refine all of it.
-    inverse, steady, D = np.linalg.inv(matrix.astype(float)), np.zeros_like(forcing), np.zeros((6, 6))
-    D[S, P] = D[P, A] = 1.0
-    for _ in range(3 * (1 + REFINEMENTS)):
-        steady += inverse @ (steady @ D - forcing - matrix @ steady)
     eigenvalues, vectors, back = _eigenbasis(matrix)
+    # D is nilpotent where B is not zero: three iterations solve Z^-1 (M E + B) = Z^-1 E D.
+    forced, steady, D = back @ forcing, np.zeros((size, 6)), np.zeros((6, 6))
+    D[S, P] = D[P, A] = 1.0
+    for _ in range(3):
+        steady = (steady @ D - forced) / eigenvalues[:, None]
+    steady = (vectors @ steady).real
     kept = eigenvalues.imag >= 0.0
     eigenvalues, vectors, steady = eigenvalues[kept], vectors[:, kept] / scale[:, None], steady / scale[:, None]
     back = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[:, None] * back[kept] * scale
     # (x, d) from w.
     change = np.block([[vectors, steady], [np.zeros((6, vectors.shape[1])), np.eye(6)]])
-    entry = back @ np.hstack([np.eye(2 * n + 2)[x], -steady])
-    state, watched, seen = (
-        (rows @ change).astype(complex) for rows in (np.vstack([q, v, u]), np.stack(margins), outputs)
-    )
-    return Regime(
-        eigenvalues.astype(complex), entry.astype(complex), state, watched, np.stack([seen.real.T, seen.imag.T])
-    )
+    entry = back @ (given[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
+    rows = (np.vstack([q, v, u]), np.stack(margins), outputs)
+    entry, state, watched, seen = (part.astype(complex) for part in (entry, *(row @ change for row in rows)))
+    return Regime(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))
 
 
-def _eigenbasis(matrix: Any) -> tuple[Any, Any, Any]:
-    """Eigenvalues, eigenvectors Z and their inverse, refined by first-order perturbation, of second order.
-
-    With Z^-1 M Z = diag(lambda) + R, lambda_k grows by R_kk and Z by Z X, X_jk = R_jk / (lambda_k - lambda_j).
-    """
-    values, vectors = (part.astype(COMPLEX) for part in np.linalg.eig(matrix.astype(float)))
-    real = values.imag == 0.0
+def _eigenbasis(matrix: Array) -> tuple[Complex, Any, Any]:
+    """Eigenvalues, eigenvectors and their inverse, the latter two in extended precision."""
+    values, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
     # Rows are scaled to the same size before the condition number is judged: close to the friction at which slip
     # loses its unique force, u_T is larger than all else by orders of magnitude, and no two eigenvalues coincide.
     units = 1.0 / np.abs(vectors).sum(axis=1)
-    basis = (units[:, None] * vectors).astype(complex)
+    basis = units[:, None] * vectors
     if np.linalg.cond(basis) > WORST:
-        raise ValueError(
+        raise SceneValueError(
             "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
             " mu or theta in the eighth digit"
         )
-    back, one = np.linalg.inv(basis).astype(COMPLEX) * units, np.eye(len(values))
-    for _ in range(REFINEMENTS):
-        back = back + back @ (one - vectors @ back)
-        residual = back @ (matrix @ vectors - vectors * values)
-        values = values + np.diag(residual)
-        distance = values - values[:, None]
-        # Eigenvalues that coincide here are decoupled, since the condition number is small.
-        close = np.abs(distance) <= 1e-9 * np.abs(values)
-        vectors = vectors + vectors @ np.where(close, 0.0, residual / np.where(close, 1.0, distance))
-    back = back + back @ (one - vectors @ back)
-    # Rounding must not make a real eigenvalue one of a pair.
-    return np.where(real, values.real, values), vectors, back
+    # Large displacements of slow modes in forced and free motion cancel: the inverse is refined (Newton's method).
+    # Where the platform has no extended precision, less damping is possible.
+    vectors, back = vectors.astype(np.clongdouble), np.linalg.inv(basis) * units
+    for _ in range(2):
+        back = back + back @ (np.eye(len(values)) - vectors @ back)
+    return values, vectors, back

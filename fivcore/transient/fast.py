@@ -16,15 +16,16 @@ import numpy as np
 
 from fivcore.beams.free_motion import propagator
 from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
+from fivcore.contact.reduced import ReducedModel, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
+from fivcore.errors import SceneValueError
 from fivcore.jit import Array
 from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
-from fivcore.transient.normalised import Normalised, State, displacement, slip_distance
+from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
@@ -48,17 +49,13 @@ class FastRun:
         model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
         model = modified(model, options.modify)
         self.step = model.default_step if options.step is None else options.step
-        limit = model.largest_step
+        limit, what = model.largest_step, "the contact"
+        if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):
+            limit, what = largest_stable_step(model, scene.mu, self.step), f"slip with mu = {scene.mu:g}"
         if self.step > limit:
-            raise ValueError(
+            raise SceneValueError(
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
-                " beyond, the contact is unstable"
-            )
-        if self.step > model.default_step and not stable(model, scene.mu, self.step):
-            limit = largest_stable_step(model, scene.mu, self.step)
-            raise ValueError(
-                f"step = {self.step:g}: at mu = {scene.mu:g} it must be at most {at_most(limit, 3)} s, for slip's"
-                " sake"
+                f" beyond, {what} is unstable"
             )
         self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
@@ -77,8 +74,7 @@ class FastRun:
         self.rate = 1.0 / (self._sample_every * self.step)
         self._may_settle = options.end_early and self._motion is None and bool(model.K.any())
         self._length = SHORT_SEGMENT
-        # Where a phase of the onset ends, in its own steps (0: there is none), and whether contact has opened in
-        # it.
+        # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
         self._onset_ends, self._opened = 0, False
         # Where a segment ends; a record may cut it into several.
         self._until = 0
@@ -108,13 +104,11 @@ class FastRun:
             if model.K.any():
                 u = np.asarray(np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0]))
         else:
-            full = full_model(scene.rig, scene.theta)
             contact = initial.contact
             q = initial.displacement[model.kept] - model.rest
             v = initial.velocity[model.kept].copy()
             if model.K.any():
-                dropped = np.stack([full.normal, full.tangential]) * np.logical_not(model.kept)
-                u = dropped @ initial.displacement
+                u = element_displacement(scene, model.kept, initial)
                 if contact != SEPARATION:
                     u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
@@ -195,12 +189,10 @@ class FastRun:
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))
         workspace = workspace_for([run._tables for run in runs if run._tables is not None])
         order = np.arange(len(runs))
-        while len(order):
-            advance(order, scenes, modes, samples, rows, sticks)
-            waiting = (scenes["next_skip"] <= scenes["now"]) & (scenes["now"] < scenes["last"])
-            order = np.flatnonzero(waiting & (scenes["stopped"] == 0))
-            if len(order):
-                skip(order, scenes, modes, samples, rows, packed, workspace)
+        lanes = at.lanes_for(scenes)
+        while skips := advance(order, scenes, *lanes, modes, samples, rows, sticks):
+            order = order[:skips]
+            skip(order, scenes, modes, samples, rows, packed, workspace)
         for k, run in enumerate(runs):
             scene, own_modes = scenes[k], int(scenes["modes_at"][k])
             run.blocks = modes[own_modes : own_modes + run.blocks.size].reshape(run.blocks.shape).copy()
@@ -221,14 +213,14 @@ class FastRun:
         finer = onset.FINER if self._onset_ends else 1
         every, rows = self._sample_every * finer, self._row_every * finer
         now, threshold, self._tables = int(record["now"][0]), np.inf, None
+        # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
+        grid = at.MAX_SKIP * every
         if self._onset_ends:
             length = round(SHORT_SEGMENT / solver.step)
             last = self._onset_ends if self._opened else min(now + length, self._onset_ends)
         else:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
             if now >= self._until:
-                # Where no skip crosses, so that recording changes nothing.
-                grid = at.MAX_SKIP * every
                 last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
                 if motion is not None:
                     last = min(now + max(int(STRETCH / (abs(motion.speed) * self.step)), 1), self.steps)
@@ -242,9 +234,9 @@ class FastRun:
             if motion is None and self.options.skip and now * self.step >= self._ramp:
                 self._tables = skip_tables(solver, every)
         if rows:
-            piece = at.MAX_SKIP * every * max(MOST_ROWS * rows // (at.MAX_SKIP * every), 1)
+            piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
-        record["last"], record["next"], record["threshold"] = last, now, threshold
+        record["last"], record["threshold"] = last, threshold
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
         if self._tables is None:

@@ -1,14 +1,17 @@
-"""Data of a scene in `method="fast"`: a record of numbers, and the rows of its blocks of modes."""
+"""Data of scenes in `method="fast"`: a record of numbers and blocks of modes for each, lanes for a group."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from fivcore.transient.statistics import FIELDS
+from fivcore.jit import Array
+from fivcore.transient.statistics import COUNTED, FIELDS, SEPARATION, SLIP, STICK
 
 # Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and
 # velocity, shape at B, damping, change of the gap shapes in a step.
-BLOCK = 64
+BLOCK = 32
 (A, B, C, D, NORMAL, TANGENTIAL, Q, V, POINT_B, DAMPING, SLIDE_N, SLIDE_T) = range(12)
 BLOCK_ROWS = 12
 BLOCK_SIZE = BLOCK * BLOCK_ROWS
@@ -17,37 +20,58 @@ NEVER = 1 << 60
 # Samples of stick before a skip is tried, and intervals between samples that one covers at most. A skip ends at
 # multiples of the latter, so that what is asked for beside a run's motion cannot change the motion.
 MIN_SAMPLES, MAX_SKIP = 48, 1024
+# Scenes that a kernel takes through a step together, each in its lane.
+LANES = 8
 
-# Contact law (`fivcore.contact.law.RegimeMaps`): N and T that stick needs from (p, u_T, v_N, v_T), in a step after
-# stick, slip and separation; N and u_T of slip with T = mu N and T = -mu N from (p, u_T, v_N).
-_LAW = [f"{regime}_{force}{of}" for regime in ("stick", "enter", "land") for force in "NT" for of in "punt"]
-_LAW += [f"{way}_{what}{of}" for way in ("ahead", "back") for what in "Nu" for of in "pun"]
-_NUMBERS = [
-    # u after a step of separation from u before it; how long before the middle of a step slip begins, and contact
-    # after separation; the share of a lasting force that a landing takes.
-    "relax_NN relax_NT relax_TN relax_TT enter_offset land_offset landing_share",
+# N and T that stick needs from (p, u_T, v_N, v_T); how long before the middle of a step slip begins; the share of
+# a lasting force that acts (`fivcore.contact.law.RegimeMaps`).
+STICK_LAW = [*(f"{force}{of}" for force in "NT" for of in "punt"), "offset", "share"]
+_IN_STEP = [
+    # N and u_T of slip with T = mu N and T = -mu N from (p, u_T, v_N).
+    *(f"{way}_{what}{of}" for way in ("ahead", "back") for what in "Nu" for of in "pun"),
+    # u after a step of separation from u before it.
+    "relax_NN relax_NT relax_TN relax_TT",
     # What a force adds to the mean rates of the gaps; the element's stiffness and what it loses, in slip too.
     "mu M_NN M_NT M_TT K_NN K_NT K_TT C_NN C_NT C_TT C_slip",
-    # Velocity of B for half an impulse; drive of the clamp; changes of the gaps at rest in a step of a contact
-    # point that moves; |T| / N above which a segment ends where a sample is taken.
-    "B_N B_T step per_step speed ramp acceleration rest_slide_N rest_slide_T threshold",
+    # Drive of the clamp; 1 where there is no element.
+    "step per_step speed ramp acceleration rigid",
     # Gaps and their rates by the modes before the impulse; penetration and g_T at rest, the latter with inertia of
     # the base; rate of g_N by the motion of the contact point; the element's state; g_T + u_T when stick began.
     "g_N g_T v_N v_T p_rest T_rest moving_rate u_N u_T anchor",
 ]
+# What every step of a scene reads or writes.
+IN_STEP = [*" ".join(_IN_STEP).split(), *COUNTED]
+# What a lane has besides: the law of stick in force; the present step, the next to be observed and the one before
+# which the scene leaves; of a step the contact state before and after it, its forces and its slip rate.
+_IN_LANE = "now next until was contact N T slip_rate"
+_NUMBERS = [
+    # The law of stick in a step after separation, stick and slip.
+    *(f"{name}_{state}" for state in (SEPARATION, STICK, SLIP) for name in STICK_LAW),
+    # Velocity of B for half an impulse; changes of the gaps at rest in a step of a contact point that moves;
+    # |T| / N above which a segment ends where a sample is taken.
+    "B_N B_T rest_slide_N rest_slide_T threshold",
+]
 _COUNTS = [
-    # Contact state, present step, end of the segment, next step at which anything but a plain step happens: a
-    # sample, a row of the record, the try of a skip, the step from which statistics count.
-    "contact now last next next_sample next_row next_skip settle sample_every row_every",
-    # Whether there is no element, the first separation ends the segment, the contact point moves, and whether the
-    # segment has ended before its last step.
-    "rigid until_open moving stopped",
+    # Contact state, present step, end of the segment; the next sample, row of the record and try of a skip; the
+    # step from which statistics count.
+    "contact now last next_sample next_row next_skip settle sample_every row_every",
+    # Whether the first separation ends the segment, the contact point moves, and whether the segment has ended
+    # before its last step.
+    "until_open moving stopped",
     # Modes and their blocks, and where they begin; where the tables of the skip begin (-1: none), and samples and
     # rows; how many there are of these.
     "modes blocks modes_at skip_at samples_at rows_at samples rows",
 ]
+# The kernel finds what a lane takes over at the start of a record, and the laws of stick behind it.
 SCENE = np.dtype([
-    *FIELDS,
-    *((name, "f8") for name in [*_LAW, *" ".join(_NUMBERS).split()]),
+    *((name, "f8") for name in [*IN_STEP, *" ".join(_NUMBERS).split()]),
+    *(field for field in FIELDS if field[0] not in COUNTED),
     *((name, "i8") for name in " ".join(_COUNTS).split()),
 ])  # fmt: skip
+GROUP = np.dtype([(name, "f8", (LANES,)) for name in [*IN_STEP, *STICK_LAW, *_IN_LANE.split()]])
+
+
+def lanes_for(scenes: Any) -> tuple[Array, Any, Array]:
+    """View of the numbers of records (n,), a group (1,) and a view of its lanes, as the kernel needs them."""
+    group = np.zeros(1, GROUP)
+    return scenes.view(np.float64).reshape(len(scenes), -1), group, group.view(np.float64).reshape(-1, LANES)

@@ -14,28 +14,16 @@ from fivcore.contact.reduced import ReducedModel
 from fivcore.errors import not_unique
 from fivcore.jit import Array
 from fivcore.transient import fast_scene as at
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 
 class Solver:
     """A model with everything that its steps need.
 
-    Attributes
-    ----------
-    model : ReducedModel
-    step : float
-    impulse : Impulse
-        How impulses see the model.
-    maps : RegimeMaps
-    dissipation : ndarray, (2, 2)
-        What the dashpot loses, from the mean rates of the gaps over a step.
-    at_rest : tuple of float
-        Penetration and tangential gap at rest.
-    size : int
-        Places for modes: their number rounded up.
-    blocks : ndarray, (blocks, BLOCK_ROWS, BLOCK)
-        Modes of a scene at rest.
-    record : ndarray of SCENE, (1,)
-        A scene with the numbers that this solver knows.
+    `impulse` is how impulses see the model, `dissipation` (2, 2) what the dashpot loses from the mean rates of the
+    gaps over a step, `at_rest` penetration and tangential gap at rest, and `size` the number of places for modes.
+    `blocks` (any, BLOCK_ROWS, BLOCK) are the modes of a scene at rest, `record` (1,) is a scene with the numbers
+    that are known here.
     """
 
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
@@ -63,18 +51,24 @@ class Solver:
         for row, values in zip(rows, (*flow, *gaps, model.point_b, model.damping), strict=True):
             put(self.blocks, row, values)
         self.record = record = np.zeros(1, at.SCENE)
-        law = {"stick": maps.stick, "enter": maps.entering, "land": maps.landing, "relax": maps.separation}
-        law |= {"ahead": maps.slip[0], "back": maps.slip[1], "M": impulse.mobility[lower]}
+        law = {"relax": maps.separation, "ahead": maps.slip[0], "back": maps.slip[1], "M": impulse.mobility[lower]}
         law |= {"K": impulse.stiffness[lower], "B": 0.5 * np.array([model.point_b @ gap for gap in gaps])}
         # In slip u_T has a rate of its own, which varies over the step.
         law["C"] = np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)
         for regime, values in law.items():
             fields = [name for name in at.SCENE.names or () if name.startswith(f"{regime}_") and len(name) <= 8]
             record[fields] = tuple(values.ravel())
-        record["enter_offset"], record["land_offset"] = maps.mean_offset, maps.landing_offset
-        record["mu"], record["step"], record["per_step"] = mu, step, 1.0 / step
         # Without an element half the force of lasting contact is what a landing needs.
-        record["rigid"], record["landing_share"] = not element, 1.0 if element else 0.5
+        share = 1.0 if element else 0.5
+        before = {
+            SEPARATION: (*maps.landing.flat, maps.landing_offset, share),
+            STICK: (*maps.stick.flat, maps.mean_offset, 1.0),
+            SLIP: (*maps.entering.flat, maps.mean_offset, 1.0),
+        }
+        for state, numbers in before.items():
+            record[[f"{name}_{state}" for name in at.STICK_LAW]] = numbers
+        record["mu"], record["step"], record["per_step"] = mu, step, 1.0 / step
+        record["rigid"] = not element
         record["modes"], record["blocks"] = self.size, len(self.blocks)
         record["skip_at"], record["next_skip"] = -1, at.NEVER
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fivcore.contact.reduced import full_model
 from fivcore.jit import Array
@@ -53,6 +54,12 @@ class State:
     displacement: Array
     velocity: Array
     contact: int
+
+
+def element_displacement(scene: Normalised, kept: NDArray[np.bool_], initial: State) -> Array:
+    """Displacement of the contact element, (2,), m per N of load: the gaps of the modes that are not `kept`."""
+    full = full_model(scene.rig, scene.theta)
+    return np.asarray(full.shapes * ~kept @ initial.displacement)
 
 
 def displacement(t: Array, speed: float, ramp: float) -> Array:

@@ -64,7 +64,7 @@ def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: b
     model, common = many.model, few.model.kept[many.model.kept]
     force = many.impulse.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
-    lost = np.stack([model.normal, model.tangential])[:, ~common] @ (still + model.rest)[~common]
+    lost = model.shapes[:, ~common] @ (still + model.rest)[~common]
     # Each element includes the compliance defect of its own step (`fivcore.contact.impulse`).
     defect = (few.impulse.defect - many.impulse.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect

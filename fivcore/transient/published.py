@@ -23,7 +23,7 @@ import numpy as np
 from fivcore.contact.law import ratio
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
-from fivcore.errors import not_unique
+from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array, inlined, kernel
 from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised
@@ -69,12 +69,11 @@ class PaperRun(SteppedRun):
         self._b = b = BETA2 if options.beta2 is None else options.beta2
         limit = largest_step(model.stiffness, model.damping, b)
         if dt > limit:
-            raise ValueError(
+            raise SceneValueError(
                 f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
-        W, r = contact_closing(model, dt, b), dt / TAU
-        critical = ratio(W[0] * (1.0 + r) / r, W[1])
+        critical = critical_friction(model, dt, b)
         if scene.mu >= critical:
             raise not_unique(scene.mu, critical)
         direction, ramp, speed = options.contact_motion, options.ramp, scene.speed_per_load
@@ -84,9 +83,9 @@ class PaperRun(SteppedRun):
         self._slide = np.zeros((2, 0))
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
-        record["dt"], record["b"], record["r"], record["mu"] = dt, b, r, scene.mu
+        record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / TAU, scene.mu
         record["speed"], record["ramp"] = speed, ramp
-        record["W_NN"], record["W_NT"], record["W_TT"] = W
+        record["W_NN"], record["W_NT"], record["W_TT"] = contact_closing(model, dt, b)
         record["settle"] = int(np.ceil(record["settled_from"][0] / dt - 1.0))
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
         self._load = model.stiffness * model.rest - model.normal
@@ -127,12 +126,13 @@ class PaperRun(SteppedRun):
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         if self._motion is not None:
             # The contact point is taken along with P2.
-            model, after = (
-                moved_model(self.model, self.scene, self._motion.position((i + 1) * self.step))
-                for i in (first, last)
-            )
-            shift = np.stack([after.normal - model.normal, after.tangential - model.tangential])
-            self.model, self._slide = model, shift / (last - first)
+            places = [self._motion.position((i + 1) * self.step) for i in (first, last)]
+            model, after = (moved_model(self.model, self.scene, place) for place in places)
+            critical = critical_friction(model, self.step, self._b)
+            if self.scene.mu >= critical:
+                text = f"{not_unique(self.scene.mu, critical)}, with the contact {places[0]:.6g} m from P2's clamp"
+                raise ContactError(text)
+            self.model, self._slide = model, (after.shapes - model.shapes) / (last - first)
             W = contact_closing(model, self.step, self._b)
             self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
         model, before = self.model, self._q.copy()
@@ -176,6 +176,12 @@ def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[flo
     inverse, scale = 1.0 / (1.0 + beta2 * step * model.damping), step**2 * (beta2 + 0.5)
     n, t = model.normal, model.tangential
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
+
+
+def critical_friction(model: ReducedModel, step: float, beta2: float) -> float:
+    """Smallest friction for which a divisor of the scheme's slip, W_NN +- mu W_NT r / (1 + r), is zero."""
+    (W_NN, W_NT, _), r = contact_closing(model, step, beta2), step / TAU
+    return ratio(W_NN * (1.0 + r) / r, W_NT)
 
 
 @inlined

@@ -23,8 +23,8 @@ class Segment:
     """Results of a segment, normalised (F = 1).
 
     `samples` (n, 3) are velocity of B, slip rate and N at the times `t` (n,), followed by `further` samples like
-    the last; `sticks` (k, 2) begin and end of the long sticks that ended; `rows` (m, 6) the record: time, velocity
-    of B, N, T, slip rate and contact state.
+    the last; `sticks` (k, 2) start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time,
+    velocity of B, N, T, slip rate and contact state.
     """
 
     t: Array
@@ -39,10 +39,10 @@ def count_in(first: int, last: int, every: int) -> int:
     return max(-(-last // every) - (-(-first // every)), 0) if every else 0
 
 
-def room_for_sticks(begin: float, end: float, least: float, step: float) -> int:
+def room_for_sticks(start: float, end: float, least: float, step: float) -> int:
     """Largest number of long sticks that end between two times, s; `least` is NaN before the first slip."""
     # Until the first slip there are none, and after it the least is a fifth of the time since the start.
-    return int((end - begin) / max(0.2 * begin if np.isnan(least) else least, step)) + 2
+    return int((end - start) / max(0.2 * start if np.isnan(least) else least, step)) + 2
 
 
 class Record:
@@ -56,9 +56,9 @@ class Record:
 
     def add(self, rows: Array) -> None:
         """Take the next rows of `Segment.rows`."""
-        if self._times is None or not len(rows):
+        if self._times is None:
             self._keep(rows)
-        else:
+        elif len(rows):
             rows = np.concatenate([self._last, rows])
             self._last = rows[-1:].copy()
             t, self._times = np.split(self._times, [np.searchsorted(self._times, rows[-1, 0], side="right")])

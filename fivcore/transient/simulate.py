@@ -8,7 +8,7 @@ from typing import Any
 
 from fivcore import checks
 from fivcore.contact.ablation import Modify
-from fivcore.errors import ContactError, DivergenceError
+from fivcore.errors import SceneError
 from fivcore.rig import Scene
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
@@ -47,7 +47,8 @@ def simulate(
         Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
         times slower; the published scheme on all modes.
     ramp : float
-        Time in which the clamp of P2 is uniformly accelerated to its velocity, s.
+        Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
+        a step as none; the path of a moving contact point and the drive that decides on "undecided" include it.
     settle : float, optional
         Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
@@ -106,7 +107,7 @@ def simulate(
 
 def simulate_many(
     scenes: Sequence[Scene], duration: Any, method: str = "fast", **options: Any
-) -> list[Transient | ContactError | DivergenceError]:
+) -> list[Transient | SceneError]:
     """Simulate scenes together; each has the bits that `simulate` gives it.
 
     Parameters
@@ -122,12 +123,12 @@ def simulate_many(
     Returns
     -------
     list
-        For each scene what `simulate` returns, or the `ContactError` or `DivergenceError` that it raises.
+        For each scene what `simulate` returns, or the `fivcore.errors.SceneError` that it raises.
 
     Raises
     ------
     ValueError
-        As `simulate`, or for a list that is not as long as `scenes`.
+        For any other bad argument, or for a list that is not as long as `scenes`.
     """
     bound = signature(simulate).bind(None, duration, method, **options)
     bound.apply_defaults()

@@ -9,29 +9,40 @@ Quantiles come from histograms whose bins have a constant ratio.
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 
-from fivcore.jit import Array
+from fivcore.jit import Array, kernel
 
-WINDOW = 1024
+WINDOW, HOP = 1024, 512
 BAND = (200.0, 10e3)
 # Windows of the autocorrelation; lags reach up to half of one. A block is a multiple of them.
 LONG = 16384
-PADDED = 3 * LONG // 2
-BLOCK = 4 * LONG
+PADDED, BLOCK = 3 * LONG // 2, 4 * LONG
 # Bins of the histograms: exponent and seven bits of the mantissa, from 2^-120 to 2^60, so that a quantile is known
 # to 0.4 %. N = 1, the commonest value of all, lies in the middle of one: rounding does not decide where it counts.
 _SHIFT, _MIDDLE = 45, 1 << 44
-_LOWEST = (1023 - 120) << 7
-BINS = 180 << 7
+_LOWEST, BINS = (1023 - 120) << 7, 180 << 7
+_hann = lru_cache(WINDOW)(np.hanning)
+
+
+@kernel
+def _count(bits: NDArray[np.int64], weight: float, counts: Array) -> None:
+    """Add `weight` to the bins of numbers without sign, given as bits."""
+    for number in bits:
+        index = ((number + _MIDDLE) >> _SHIFT) - _LOWEST
+        counts[0 if index < 0 else index if index < BINS else BINS - 1] += weight
 
 
 def _power(windows: Array, taper: Array | float, length: int) -> Array:
     """Sum over windows (k, n) of the power about their means, tapered and zero-padded to `length`."""
-    spectrum = rfft((windows - windows.mean(axis=1, keepdims=True)) * taper, length, axis=1)
-    return np.asarray((spectrum.real**2 + spectrum.imag**2).sum(axis=0))
+    centred = windows - windows.mean(axis=1, keepdims=True)
+    spectrum = rfft(centred * taper, length, axis=1).view(float)
+    squares = np.einsum("kn,kn->n", spectrum, spectrum)
+    return np.asarray(squares[::2] + squares[1::2])
 
 
 class Welch:
@@ -45,8 +56,9 @@ class Welch:
         """Add consecutive samples; fewer than a window count from an eighth of one on."""
         length = min(len(samples), WINDOW)
         if length >= WINDOW // 8:
-            windows = np.lib.stride_tricks.sliding_window_view(samples, length)[:: WINDOW // 2]
-            self.power += _power(windows, np.hanning(length), WINDOW)
+            shape = (len(samples) - length) // HOP + 1, length
+            windows = np.ndarray(shape, buffer=samples, strides=(8 * HOP, 8))
+            self.power += _power(windows, _hann(length), WINDOW)
 
     def peak(self) -> float:
         """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
@@ -74,9 +86,10 @@ class Correlation:
 
     def add(self, samples: Array) -> None:
         """Add consecutive samples; a remainder counts from half a window on, or if there is nothing longer."""
-        windows, remainder = np.split(samples, [len(samples) // LONG * LONG])
-        if len(windows):
-            self._enter(windows.reshape(-1, LONG))
+        whole = len(samples) // LONG * LONG
+        remainder = samples[whole:]
+        if whole:
+            self._enter(samples[:whole].reshape(-1, LONG))
         if len(remainder) >= LONG // 2:
             self._enter(remainder[None])
         elif len(remainder) > len(self._remainder):
@@ -107,15 +120,15 @@ class Correlation:
 
 
 class Histogram:
-    """Numbers of zero or more, counted in bins."""
+    """Magnitudes of numbers, counted in bins."""
 
     def __init__(self) -> None:
         self.counts = np.zeros(BINS)
 
     def add(self, values: Array, weight: float = 1.0) -> None:
         """Count values, each with a weight."""
-        bins = ((np.ascontiguousarray(values).view(np.int64) + _MIDDLE) >> _SHIFT) - _LOWEST
-        self.counts += weight * np.bincount(np.clip(bins, 0, BINS - 1), minlength=BINS)
+        # Always of these types, for which the kernel is compiled once.
+        _count(np.abs(values).view(np.int64), float(weight), self.counts)
 
     def quantile(self, share: float) -> float:
         """Value below which a share of all lies, linear within a bin; NaN where nothing was counted."""
@@ -139,8 +152,8 @@ class Monitor:
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        # Times and velocities of a block that is not complete.
-        self._waiting = np.empty((2, 0))
+        # Times and velocities of blocks that are not processed, and their number.
+        self._buffer, self.waiting = np.empty((2, 2 * BLOCK)), 0
         self._reset(0.0)
 
     def _reset(self, settled_from: float) -> None:
@@ -154,15 +167,19 @@ class Monitor:
         """Take the next samples, (n,) each. If `settled_from` has moved, everything begins anew."""
         if settled_from != self._settled_from:
             self._reset(settled_from)
-        settled = slice(int(np.searchsorted(t, settled_from)), None)
-        self.forces.add(force[settled])
-        self.speeds.add(np.abs(slip_rate[settled]))
-        self._waiting = np.concatenate([self._waiting, [t, velocity]], axis=1)
+        first = int(np.searchsorted(t, settled_from))
+        self.forces.add(force[first:])
+        self.speeds.add(slip_rate[first:])
+        end = self.waiting + len(t)
+        if end > self._buffer.shape[1]:
+            self._buffer = np.concatenate([self._buffer, np.empty((2, end))], axis=1)
+        new = self._buffer[:, self.waiting : end]
+        new[0], new[1], self.waiting = t, velocity, end
 
     def repeat(self, t: float, velocity: float, force: float, slip_rate: float, count: int) -> None:
         """Take `count` more samples like the last one, at `t`, outside of long sticks."""
         # They complete the block that is begun; of those after it only the number counts.
-        begun = min(-self._waiting.shape[1] % BLOCK, count)
+        begun = min(-self.waiting % BLOCK, count)
         times = t + np.arange(1, begun + 1) / self.rate
         v, N, slip_rates = np.tile([[velocity], [force], [slip_rate]], begun)
         self.add(times, v, N, slip_rates, self._settled_from)
@@ -170,28 +187,32 @@ class Monitor:
         unsettled = np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1 - begun
         before = int(np.clip(unsettled, 0, count - begun))
         first = min(-before % BLOCK, count - begun - before)
-        for settled in (first, count - begun - before - first):
-            if settled:
-                self.forces.add(np.array([force]), settled)
-                self.speeds.add(np.abs([slip_rate]), settled)
-                self._parts.append((settled, velocity, 0.0))
-                self.correlation.repeat(settled)
+        for number in (first, count - begun - before - first):
+            if number:
+                self.forces.add(np.array([force]), number)
+                self.speeds.add(np.array([slip_rate]), number)
+                self._parts.append((number, velocity, 0.0))
+                self.correlation.repeat(number)
 
     def process(self, sticks: Array, known_until: float, least: int = BLOCK) -> None:
         """Work on blocks of at least `least` samples before `known_until`, given the long `sticks` (k, 2)."""
-        while self._waiting.shape[1] >= least and self._waiting[0, :BLOCK][-1] < known_until:
-            block, self._waiting = np.split(self._waiting, [BLOCK], axis=1)
-            t, velocity = block[:, np.searchsorted(block[0], self._settled_from) :]
-            if not len(t):
-                continue
-            self._parts.append((len(t), float(velocity.mean()), len(t) * float(velocity.var())))
-            self.correlation.add(velocity)
-            done = 0
-            for first, last in np.searchsorted(t, sticks):
-                self.moving.add(velocity[done:first])
-                self.stuck.add(velocity[max(first, done) : last])
-                done = max(done, last)
-            self.moving.add(velocity[done:])
+        while self.waiting >= least and self._buffer[0, min(self.waiting, BLOCK) - 1] < known_until:
+            count = min(self.waiting, BLOCK)
+            t, velocity = self._buffer[:, :count]
+            first = int(np.searchsorted(t, self._settled_from))
+            if first < count:
+                self._analyse(t[first:], velocity[first:], sticks)
+            self.waiting -= count
+            self._buffer[:, : self.waiting] = self._buffer[:, count : count + self.waiting]
+
+    def _analyse(self, t: Array, velocity: Array, sticks: Array) -> None:
+        """Work on a block's samples after settling; between two edges of long sticks they lie on one side."""
+        self._parts.append((len(t), float(velocity.mean()), len(t) * float(velocity.var())))
+        self.correlation.add(velocity)
+        within = sticks[(sticks[:, 1] > t[0]) & (sticks[:, 0] <= t[-1])]
+        pieces = np.split(velocity, np.searchsorted(t, within).ravel())
+        for k, piece in enumerate(pieces):
+            (self.stuck if k % 2 else self.moving).add(piece)
 
     def close(self, sticks: Array) -> None:
         """Work on the samples that still wait."""

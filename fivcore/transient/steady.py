@@ -34,20 +34,9 @@ VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION = range(5)
 class SteadySliding:
     """Steady sliding at constant drive with T = mu N; some milliseconds, or `numpy.linalg.LinAlgError`.
 
-    Parameters
-    ----------
-    model : ReducedModel
-        With an element: without one only rounding holds the gap of a lasting contact.
-    mu, step : float
-
-    Attributes
-    ----------
-    eigenvalues : ndarray of complex, (2n + 1,)
-        log(z) / step, 1/s: those of `fivcore.sliding_modes` for the kept modes, and the element's own.
-    decays : bool
-        Whether all of them decay, by more than their errors.
-    state : ndarray, (2n + 1,)
-        x*: q, v and u_T before an impulse.
+    The model needs an element: without one only rounding holds the gap of a lasting contact. `eigenvalues`
+    (2n + 1,), log(z) / step in 1/s, are those of `fivcore.sliding_modes` for the kept modes and the element's own;
+    `decays` says whether all of them decay, by more than their errors. `state` (2n + 1,) is x*.
     """
 
     @one_blas_thread()

@@ -3,9 +3,9 @@
 While the contact sticks and the clamp moves at constant speed, a step of `transient.fast_kernel` is an affine map
 of x = (q, v), the same whatever mu, V and F: x' = M x + b + c k in the k-th step, because the clamp loads the
 contact evenly. So x is a line in k plus a sum of the eigenvectors of M, each multiplied by its eigenvalue z in a
-step. N, T, the velocity of B and the closing of the gap ("readings" below) follow at any later step.
+step. The outputs N, velocity of B, T and closing of the gap follow at any later step.
 
-A skip evaluates the readings where samples are due. Between two samples, m steps apart, no reading is off the
+A skip evaluates the outputs where samples are due. Between two samples, m steps apart, no output is off the
 straight line between them by more than the sum over all eigenvectors of |amplitude| min(2, |m log z|^2 / 8). Where
 N, mu N - |T| and the closing stay above that bound, no step in between can end stick.
 
@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.step_map import eigenvectors, stick_map
+from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, kernel, reordered_call
 from fivcore.transient import fast_scene as at
 from fivcore.transient.fast_solver import Solver
 from fivcore.transient.statistics import STICK
 
-# Largest error of the eigenvectors, and smallest |z|, by which readings of the step before are divided.
+# Largest error of the eigenvectors, and smallest |z|, by which outputs of the step before are divided.
 ACCURATE, LEAST = 1e-10, 1e-3
 # Eigenvalues come in so many; empty places have zero amplitude.
 EIGHT = 8
@@ -40,35 +40,29 @@ def _sizes(*numbers: int) -> Any:
 
 
 # Samples that are evaluated together.
-(LOOKS,) = _sizes(64)
-# The readings N, velocity of B, T and closing. Bounds of N, T and the closing: off a straight line between two
+(ROUND,) = _sizes(64)
+# The outputs N, velocity of B, T and closing. Bounds of N, T and the closing: off a straight line between two
 # samples, and off the line at any time.
-READINGS, MODULI, ONE = _sizes(4, 6, 1)
-# Rows over the eigenvalues: the readings; penetration and u_T one step earlier; what N and T sum up to over all
+OUTPUTS, MODULI, ONE = _sizes(4, 6, 1)
+# Rows over the eigenvalues: the outputs; penetration and u_T one step earlier; what N and T sum up to over all
 # steps to come and the loss together with each of (p, u, 1, V); log z.
 EARLIER, SUMS, LOGARITHM, VALUE_ROWS = _sizes(4, 6, 12, 13)
 # Beside the eigenvectors all is linear in (p, u, 1, V), where p and u are penetration and u_T with the modes at
-# rest. Columns: the line's start for each of the four, its slope for a unit of V. Rows: the readings, penetration
+# rest. Columns: the line's start for each of the four, its slope for a unit of V. Rows: the outputs, penetration
 # and u_T; and the loss in a step as a quadratic form of the four.
-COLUMNS, LINES, LOSSES = _sizes(5, 6, 4)
-# Vectors of the workspace; behind them are the readings at LOOKS samples.
-X, Y, BEGIN, OTHER, WEIGHTS, STARTS, SLOPES, RESULT, VECTORS = range(9)
+COLUMNS, AFFINE, LOSSES = _sizes(5, 6, 4)
+# Vectors of the workspace; behind them are the outputs at ROUND samples.
+X, Y, INITIAL, OTHER, WEIGHTS, STARTS, SLOPES, RESULT, VECTORS = range(9)
 
 
 @dataclass(frozen=True, eq=False)
 class SkipTables:
-    """Tables of a skip for one solver and one interval between samples.
+    """Tables of a skip for one solver and one interval between samples."""
 
-    Attributes
-    ----------
-    count, size : int
-        Number c of eigenvalues, one of each conjugate pair, and places m for modes; both with empty places.
-    packed : ndarray, (any,)
-        c and 2 m, then the matrices below, row by row.
-    """
-
+    # Number c of eigenvalues, one of each conjugate pair, and m of places for modes; both with empty places.
     count: int
     size: int
+    # c and 2 m, then the matrices of `skip_tables`, row by row.
     packed: Array
 
 
@@ -82,11 +76,7 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     model, step = solver.model, solver.step
     if not model.K.any():
         return None
-    stick, gaps, size = (
-        stick_map(model, solver.impulse, step),
-        np.stack([model.normal, model.tangential]),
-        len(model.rest),
-    )
+    stick, gaps, size = step_map(model, solver.impulse, step), model.shapes, len(model.rest)
     try:
         z, vectors, into, error = eigenvectors(stick)
         still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
@@ -119,7 +109,7 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     net = force.copy()
     net[0, count + 2] -= 1.0
     B = model.point_b @ (x[size:] + 0.5 * step * gaps.T @ net)
-    readings = np.stack([N, B, T, seen[0] - solver.maps.separation[0] @ earlier])
+    outputs = np.stack([N, B, T, seen[0] - solver.maps.separation[0] @ earlier])
     # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
     rates = np.sqrt(step) * np.vstack([
         np.sqrt(model.damping)[:, None] * (x[size:] + 0.5 * step * gaps.T @ net),
@@ -128,8 +118,8 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     by_vectors, by_line = rates[:, :count], rates[:, count:-1].real
     both = 2.0 * (by_line.T @ by_vectors) / (1.0 - z)
     lost = np.pad(by_line.T @ by_line, ((0, 0), (0, 1)))
-    affine = np.vstack([readings[:, count:], seen[:2, count:], lost]).real
-    readings = readings[:, :count]
+    affine = np.vstack([outputs[:, count:], seen[:2, count:], lost]).real
+    outputs = outputs[:, :count]
     sums = force[:, :count] / (1.0 - z)
     # Empty places among the eigenvalues, and among the modes as the blocks have them.
     empty = -count % EIGHT
@@ -152,22 +142,22 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
         [-plain.imag + mixed.imag, mixed.real - plain.real],
     ])  # fmt: skip
     bend = np.minimum(2.0, 0.125 * np.abs(sample_every * np.log(z)) ** 2)
-    moduli = np.abs(readings[[0, 2, 3]])
+    moduli = np.abs(outputs[[0, 2, 3]])
     moduli = np.pad(np.vstack([bend * moduli, moduli]), ((0, 0), (0, empty)))
-    values = rows_of(np.vstack([readings, earlier[:, :count], sums, both, np.log(z)]))
-    powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (LOOKS - 1)]), axis=0)
+    values = rows_of(np.vstack([outputs, earlier[:, :count], sums, both, np.log(z)]))
+    powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (ROUND - 1)]), axis=0)
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
     matrices = (
         values,  # (VALUE_ROWS, 2 c)
         moduli,  # (MODULI, c)
-        rows_of(powers).T,  # (2 c, LOOKS)
+        rows_of(powers).T,  # (2 c, ROUND)
         form,  # (2 c, 2 c)
-        affine,  # (LINES + LOSSES, COLUMNS)
+        affine,  # (AFFINE + LOSSES, COLUMNS)
         over_modes(way_in),  # (2 c, 2 m)
         over_modes(way_back),  # (2 c, 2 m)
         over_modes(line.T).T,  # (2 m, COLUMNS)
-        over_modes(np.kron(np.eye(2), gaps)),  # (READINGS, 2 m)
+        over_modes(np.kron(np.eye(2), gaps)),  # (OUTPUTS, 2 m)
     )
     parts = [np.array([count + empty, 2.0 * solver.size]), *(each.ravel() for each in matrices)]
     return SkipTables(count + empty, solver.size, np.concatenate(parts))
@@ -175,8 +165,8 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
 
 def workspace_for(tables: list[SkipTables]) -> Array:
     """Space for any of these."""
-    widest = max([int(LOOKS), *(2 * max(part.count, part.size) for part in tables)])
-    return np.zeros(VECTORS * widest + READINGS * LOOKS)
+    widest = max([int(ROUND), *(2 * max(part.count, part.size) for part in tables)])
+    return np.zeros(VECTORS * widest + OUTPUTS * ROUND)
 
 
 @reordered_call
@@ -224,8 +214,8 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
     Parameters are those of `transient.fast_kernel.advance`, with all scenes of `order` at a sample; the tables of
     the scenes one behind the other, a scene says where its own begin; and a workspace of `workspace_for`.
     """
-    for i in order:
-        scene = scenes[i]
+    for number in order:
+        scene = scenes[number]
         every, now = scene.sample_every, scene.now
         # No skip crosses a multiple of this, where segments begin and end: the motion is independent of them.
         most = at.MAX_SKIP * every
@@ -241,79 +231,79 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
         twice, half = 2 * count, size // 2
         moduli = values + VALUE_ROWS * twice
         powers = moduli + MODULI * count
-        form = powers + LOOKS * twice
-        lines = form + twice * twice
-        into = lines + (LINES + LOSSES) * COLUMNS
+        form = powers + ROUND * twice
+        affine = form + twice * twice
+        into = affine + (AFFINE + LOSSES) * COLUMNS
         back = into + twice * size
-        line = back + twice * size
-        shapes = line + COLUMNS * size
-        wide = (len(work) - READINGS * LOOKS) // VECTORS
-        x, y, begin, other, weights = X * wide, Y * wide, BEGIN * wide, OTHER * wide, WEIGHTS * wide
-        starts, slopes, result, looks = STARTS * wide, SLOPES * wide, RESULT * wide, VECTORS * wide
+        drift = back + twice * size
+        shapes = drift + COLUMNS * size
+        wide = (len(work) - OUTPUTS * ROUND) // VECTORS
+        x, y, initial, other, weights = X * wide, Y * wide, INITIAL * wide, OTHER * wide, WEIGHTS * wide
+        starts, slopes, result, sampled = STARTS * wide, SLOPES * wide, RESULT * wide, VECTORS * wide
         step, speed = scene.step, scene.speed
         # A first slip that is waited for comes with a share of mu N.
         mu = min(scene.threshold, scene.mu)
         for i in range(COLUMNS):
             work[weights + i] = 0.0
         work[weights + 4] = speed
-        multiply(tables, lines, LINES, COLUMNS, work, weights, slopes)
+        multiply(tables, affine, AFFINE, COLUMNS, work, weights, slopes)
         work[weights], work[weights + 2], work[weights + 3], work[weights + 4] = scene.p_rest, 1.0, speed, 0.0
         work[weights + 1] = scene.anchor - scene.T_rest + speed * ((now + 0.5) * step - 0.5 * scene.ramp)
-        multiply(tables, lines, LINES, COLUMNS, work, weights, starts)
+        multiply(tables, affine, AFFINE, COLUMNS, work, weights, starts)
         # x less its line, and the amplitudes of the eigenvectors in it.
-        multiply(tables, line, size, COLUMNS, work, weights, x)
+        multiply(tables, drift, size, COLUMNS, work, weights, x)
         for j in range(half):
             k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
             work[x + j] = modes[k + at.Q * at.BLOCK] - work[x + j]
             work[x + half + j] = modes[k + at.V * at.BLOCK] - work[x + half + j]
-        multiply(tables, into, twice, size, work, x, begin)
-        rotate(tables, powers, LOOKS, work, begin, y, count)
-        goal, far, largest = now, LOOKS - 1, 0.0
-        while far == LOOKS - 1:
+        multiply(tables, into, twice, size, work, x, initial)
+        rotate(tables, powers, ROUND, work, initial, y, count)
+        goal, far, largest = now, ROUND - 1, 0.0
+        while far == ROUND - 1:
             # Amplitudes only shrink: what bounds them here does so at all samples to come.
             for k in range(count):
                 work[other + k] = np.sqrt(work[y + k] ** 2 + work[y + count + k] ** 2)
             multiply(tables, moduli, MODULI, count, work, other, result)
             off_N, off_F, off_C = work[result], mu * work[result] + work[result + 1], work[result + 2]
             all_N, all_F, all_C = work[result + 3], mu * work[result + 3] + work[result + 4], work[result + 5]
-            # Where lines stay away from the limits by more than all amplitudes, T and closing need not be known.
+            # Where the lines stay away from the limits by more than all amplitudes, T and closing are not needed.
             certain = True
-            for past in (goal - now, goal - now + (LOOKS - 1) * every):
+            for past in (goal - now, goal - now + (ROUND - 1) * every):
                 N, T = work[starts] + work[slopes] * past, work[starts + 2] + work[slopes + 2] * past
                 C = work[starts + 3] + work[slopes + 3] * past
                 certain = certain and all_N < N and all_F < mu * N - abs(T) and all_C < C
             for r in range(2 if certain else 4):
-                row = looks + r * LOOKS
-                for m in range(LOOKS):
+                row = sampled + r * ROUND
+                for m in range(ROUND):
                     work[row + m] = work[starts + r] + work[slopes + r] * (goal - now + m * every)
                 rotate(tables, values + r * twice, ONE, work, y, other, count)
-                combine(tables, powers, twice, LOOKS, work, other, row)
+                combine(tables, powers, twice, ROUND, work, other, row)
             far = -1
-            for m in range(looks, looks + min(LOOKS, (last - goal) // every + 1)):
-                N, T, C = work[m], work[m + 2 * LOOKS], work[m + 3 * LOOKS]
+            for m in range(sampled, sampled + min(ROUND, (last - goal) // every + 1)):
+                N, T, C = work[m], work[m + 2 * ROUND], work[m + 3 * ROUND]
                 if not certain and not (off_N < N and off_F < mu * N - abs(T) and off_C < C):
                     break
                 far += 1
             if far <= 0:
                 break
             for m in range(far):
-                N, place = work[looks + m], scene.samples_at + scene.samples + m
-                samples[place, 0], samples[place, 1], samples[place, 2] = work[looks + LOOKS + m], 0.0, N
+                N, place = work[sampled + m], scene.samples_at + scene.samples + m
+                samples[place, 0], samples[place, 1], samples[place, 2] = work[sampled + ROUND + m], 0.0, N
                 largest = max(largest, N)
             scene.samples += far
             goal += far * every
-            rotate(tables, powers + far, LOOKS, work, y, y, count)
+            rotate(tables, powers + far, ROUND, work, y, y, count)
         if goal == now:
             continue
         steps = float(goal - now)
         # Integrals of N and T over the steps of the skip, and what damping and dashpot lose.
         for j in range(twice):
-            work[x + j] = work[begin + j] + work[y + j]
-            work[other + j] = work[begin + j] - work[y + j]
+            work[x + j] = work[initial + j] + work[y + j]
+            work[other + j] = work[initial + j] - work[y + j]
         multiply(tables, form, twice, twice, work, other, result)
-        multiply(work, result, ONE, twice, work, x, looks)
-        lost = work[looks]
-        multiply(tables, lines + LINES * COLUMNS, LOSSES, COLUMNS, work, weights, result)
+        multiply(work, result, ONE, twice, work, x, sampled)
+        lost = work[sampled]
+        multiply(tables, affine + AFFINE * COLUMNS, LOSSES, COLUMNS, work, weights, result)
         multiply(tables, values + SUMS * twice, LOGARITHM - SUMS, twice, work, other, x)
         for i in range(LOSSES):
             lost += work[weights + i] * (work[x + 2 + i] + steps * work[result + i])
@@ -328,18 +318,14 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
         scene.u_N = work[result] + work[starts + 4] + work[slopes + 4] * (steps - 1.0)
         scene.u_T = work[result + 1] + work[starts + 5] + work[slopes + 5] * (steps - 1.0)
         work[weights + 4] = speed * steps
-        multiply(tables, line, size, COLUMNS, work, weights, x)
+        multiply(tables, drift, size, COLUMNS, work, weights, x)
         combine(tables, back, twice, size, work, y, x)
         for j in range(half):
             k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
             modes[k + at.Q * at.BLOCK], modes[k + at.V * at.BLOCK] = work[x + j], work[x + half + j]
-        multiply(tables, shapes, READINGS, size, work, x, result)
-        scene.g_N, scene.g_T, scene.v_N, scene.v_T = (
-            work[result],
-            work[result + 1],
-            work[result + 2],
-            work[result + 3],
-        )
+        multiply(tables, shapes, OUTPUTS, size, work, x, result)
+        scene.g_N, scene.g_T = work[result], work[result + 1]
+        scene.v_N, scene.v_T = work[result + 2], work[result + 3]
         # Rows of the record.
         log = values + LOGARITHM * twice
         while scene.next_row < goal:
@@ -347,9 +333,9 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
             for k in range(count):
                 factor, angle = np.exp(tables[log + k] * past), tables[log + count + k] * past
                 work[other + k], work[other + count + k] = factor * np.cos(angle), factor * np.sin(angle)
-            rotate(work, other, ONE, work, begin, y, count)
-            multiply(tables, values, READINGS, twice, work, y, result)
-            for r in range(READINGS):
+            rotate(work, other, ONE, work, initial, y, count)
+            multiply(tables, values, OUTPUTS, twice, work, y, result)
+            for r in range(OUTPUTS):
                 work[result + r] += work[starts + r] + work[slopes + r] * past
             place = scene.rows_at + scene.rows
             rows[place, 0], rows[place, 1] = (scene.next_row + 0.5) * step, work[result + 1]

@@ -11,9 +11,6 @@ from fivcore.transient.normalised import displacement, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
 
-# Share of time in long sticks from which on a motion is intermittent.
-LONG_SHARE = 0.1
-
 
 def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
@@ -33,33 +30,34 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
     - `max_slip_speed`, `slip_speed_999`: m/s, of the surfaces' relative tangential speed, in contact or not.
     - `switches_per_second`: changes of contact state.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
-    - `stick_times`, `stick_starts`: s, duration and begin of the sticks of at least `min_stick` begun after first
+    - `stick_times`, `stick_starts`: s, duration and start of the sticks of at least `min_stick` begun after first
       slip and ended within the run; `censored_sticks`: number of those that go on at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
     """
     scene, F, duration = run.scene, run.scene.load, run.steps * run.step
     counted = {name: float(run.record[name][0]) for name, _ in FIELDS}
-    states, settled = ("stick", "slip", "separation"), counted["settled_from"]
+    states, start = ("stick", "slip", "separation"), counted["settled_from"]
     total = sum(counted[f"{state}_time"] for state in states)
-    if not (duration > settled and total > 0.0):
+    if not (duration > start and total > 0.0):
         counted, total = counted | dict.fromkeys(SETTLED, float("nan")), float("nan")
     share = {state: counted[f"{state}_time"] / total for state in states}
     open_stick = float(np.fmax(duration - counted["stick_start"], 0.0))
     censored = int(open_stick >= counted["least_stick"])
-    quiet = not monitor.rms > 1e-9 * scene.speed_per_load
+    rms = monitor.rms
+    quiet = not rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else monitor.moving.peak()
     period = monitor.rate / dominant
     coherence = monitor.correlation.near(20.0 * period, 0.5 * period)
     long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
-    filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], settled), 0.0)))
+    filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)))
     driven = float(displacement(np.array(duration), scene.speed_per_load, run.options.ramp))
     regime = regime_of(
         slipped=not np.isnan(counted["first_slip"]),
         drive=driven / max(slip_distance(scene), 1e-300),
         slip_share=share["slip"],
         steadiness=spread / scene.speed_per_load,
-        stick_share=filled / max(duration - settled, 1e-300),
+        stick_share=filled / max(duration - start, 1e-300),
         last_stick=float(long[-1, 0]) / duration if len(long) else 0.0,
         coherence=coherence,
     )
@@ -73,7 +71,7 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
         "dominant_frequency": dominant,
         "stuck_frequency": float("nan") if quiet else monitor.stuck.peak(),
         "coherence": coherence,
-        "velocity_rms": F * monitor.rms,
+        "velocity_rms": F * rms,
         "mean_normal_force": F * (counted["sum_N"] / total),
         "max_normal_force": F * counted["max_N"],
         "normal_force_999": F * min(monitor.forces.quantile(0.999), counted["max_N"]),
@@ -88,6 +86,13 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
         "energy_residual": abs(work + released - sum(lost)) / max(exchanged, 1e-300),
         "regime": regime,
     }
+
+
+# Thresholds of the regimes, as `regime_of` states them.
+SLIP_DRIVE = 1.3
+STEADY_SHARE, STEADY_SPREAD = 0.999, 0.01
+LONG_SHARE, LAST_STICK = 0.1, 2.0 / 3.0
+COHERENT = 0.9
 
 
 def regime_of(
@@ -113,11 +118,11 @@ def regime_of(
     - "irregular": everything else.
     """
     if not slipped:
-        return "undecided" if drive < 1.3 else "stuck"
+        return "undecided" if drive < SLIP_DRIVE else "stuck"
     if np.isnan(slip_share):
         return "undecided"
-    if slip_share > 0.999 and steadiness < 0.01:
+    if slip_share > STEADY_SHARE and steadiness < STEADY_SPREAD:
         return "steady sliding"
-    if stick_share > LONG_SHARE and last_stick > 2.0 / 3.0:
+    if stick_share > LONG_SHARE and last_stick > LAST_STICK:
         return "intermittent"
-    return "periodic" if coherence > 0.9 else "irregular"
+    return "periodic" if coherence > COHERENT else "irregular"
