@@ -170,7 +170,7 @@ class ExactRun(SteppedRun):
             self._enter(t, STICK, y, (0, 1, 0) if which == SLIP_UP else (0, 0, 1))
 
     def _decide(self, t: float, y: Array, was: int, touchdown: bool = False) -> None:
-        """Enter the regime that the state alone demands (`fivcore.contact.law`); `touchdown`: the gap has closed."""
+        """Enter the regime that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
         K, C, mu, n = self.model.K, self.model.C, self.scene.mu, len(self.model.stiffness)
         g_N = self.model.normal @ y[:n]
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
