@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.grid import Grid
+from sweeps.grid import BLOCK, Grid
 
 # A batch long enough to hide its own cost, short enough to spread and to show progress, small enough to hold.
 BATCH_SECONDS = 1.0
@@ -26,8 +26,6 @@ LAST_SHARE, SHORTEST = 0.25, 0.1
 GROWTH = 8
 # So many of the last batches tell what the next will cost.
 REMEMBERED = 9
-# Places that are looked at together for what is due.
-BLOCK = 1 << 18
 
 
 def batch_size(
@@ -101,34 +99,31 @@ class Queue:
 
     def __init__(self, grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str] = ()) -> None:
         self.left = int(np.count_nonzero(due))
-        self._due, self._shape, self._next = due, grid.shape, 0
+        self._blocks = _in_order(grid, due, order_by)
         self._ready = np.zeros(0, dtype=np.intp)
-        first = dict.fromkeys(grid.dim_of(name) for name in order_by)
-        self._dims = [grid.dims.index(dim) for dim in (*first, *(dim for dim in grid.dims if dim not in first))]
-        self._sorted = {
-            grid.dims.index(dim): np.lexsort(
-                [grid.axes[name].values for name in reversed(order_by) if grid.dim_of(name) == dim]
-            )
-            for dim in first
-        }
 
     def take(self, count: int) -> NDArray[np.intp]:
         """The next so many points, or as many as there are."""
-        found = [self._ready]
-        while sum(map(len, found)) < count and self._next < len(self._due):
-            found.append(self._block())
-        ready = np.concatenate(found)
-        taken, self._ready = ready[:count], ready[count:]
+        found, ready = [self._ready], len(self._ready)
+        while ready < min(count, self.left):
+            found.append(next(self._blocks))
+            ready += len(found[-1])
+        taken, self._ready = np.split(np.concatenate(found), [count])
         self.left -= len(taken)
         return taken
 
-    def _block(self) -> NDArray[np.intp]:
-        begin, self._next = self._next, min(self._next + BLOCK, len(self._due))
-        if not self._sorted:
-            return begin + np.flatnonzero(self._due[begin : self._next])
-        shape = [self._shape[dim] for dim in self._dims]
-        places = np.unravel_index(np.arange(begin, self._next), shape)
-        along = dict(zip(self._dims, places, strict=True))
-        along |= {dim: order[along[dim]] for dim, order in self._sorted.items()}
-        points = np.ravel_multi_index([along[dim] for dim in range(len(shape))], self._shape)
-        return points[self._due[points]]
+
+def _in_order(grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str]) -> Iterator[NDArray[np.intp]]:
+    """The points that are due, block by block: dimensions with axes of `order_by` change last, by their values."""
+    sorting = {
+        dim: np.lexsort([grid.axes[name].values for name in reversed(order_by) if grid.dim_of(name) == dim])
+        for dim in dict.fromkeys(map(grid.dim_of, order_by))
+    }
+    dims = list(dict.fromkeys([*sorting, *grid.dims]))
+    lengths = dict(zip(grid.dims, grid.shape, strict=True))
+    for begin in range(0, grid.size, BLOCK):
+        index = np.arange(begin, min(begin + BLOCK, grid.size))
+        along = dict(zip(dims, np.unravel_index(index, [lengths[dim] for dim in dims]), strict=True))
+        along |= {dim: order[along[dim]] for dim, order in sorting.items()}
+        points = np.ravel_multi_index([along[dim] for dim in grid.dims], grid.shape)
+        yield points[due[points]]
