@@ -170,10 +170,10 @@ class Grid:
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "groups", tuple(dict.fromkeys(group_of.values())))
         for group in self.groups:
-            columns = self._columns(group)
-            again = np.flatnonzero(first_equal(columns) != np.arange(len(columns[0])))
-            if len(again):
-                twice = tuple(column[again[0]].item() for column in columns)
+            order, new = _ranked(self._columns(group))
+            if not new.all():
+                again = order[~new].min()
+                twice = tuple(column[again].item() for column in self._columns(group))
                 raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
 
     @property
@@ -290,16 +290,20 @@ class Embedding:
 
 def first_equal(columns: Columns) -> NDArray[np.intp]:
     """For each row the first that equals it."""
+    order, new = _ranked(columns)
+    first = np.empty_like(order)
+    first[order] = order[new][np.cumsum(new) - 1]
+    return first
+
+
+def _ranked(columns: Columns) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """The order that sorts rows, equal ones as they stand; and which rows, so ordered, differ from the one before."""
     order = np.lexsort(columns)
-    differs = np.ones(len(order), dtype=bool)
-    differs[1:] = False
+    new = np.arange(len(order)) == 0
     for column in columns:
         ranked = column[order]
-        differs[1:] |= ranked[1:] != ranked[:-1]
-    first = np.empty_like(order)
-    # The sort is stable: of equal rows the first comes first.
-    first[order] = order[differs][np.cumsum(differs) - 1]
-    return first
+        new[1:] |= ranked[1:] != ranked[:-1]
+    return order, new
 
 
 def _find(columns: Columns, requested: Columns) -> NDArray[np.intp]:
