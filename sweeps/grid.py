@@ -297,7 +297,7 @@ def first_equal(columns: Columns) -> NDArray[np.intp]:
 
 
 def _ranked(columns: Columns) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """The order that sorts rows, equal ones as they stand; and which rows, so ordered, differ from the one before."""
+    """The order that sorts rows, equal ones as they stand; and which of them differ from the one before."""
     order = np.lexsort(columns)
     new = np.arange(len(order)) == 0
     for column in columns:
