@@ -270,7 +270,7 @@ class Embedding:
     places: tuple[NDArray[np.intp] | slice, ...]
 
     @property
-    def whole(self) -> bool:
+    def identical(self) -> bool:
         """Whether the two are one grid."""
         return all(isinstance(place, slice) for place in self.places)
 
@@ -281,7 +281,7 @@ class Embedding:
 
     def __call__(self, points: NDArray[np.intp]) -> NDArray[np.intp]:
         """The outer grid's point of each of the inner one's; -1 where there is none."""
-        if self.whole:
+        if self.identical:
             return points
         index = np.unravel_index(points, self.inner)
         along = [k if isinstance(place, slice) else place[k] for k, place in zip(index, self.places, strict=True)]

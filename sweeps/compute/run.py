@@ -116,7 +116,7 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
         found = open_results(store.file)
     except ValueError as problem:
         raise StoreError(f"{problem}; move it away, or start over with fresh (--fresh)") from None
-    if plan.embedding.whole:
+    if plan.embedding.identical:
         return found
     manifest, grid = plan.manifest, plan.manifest.grid
     some = stored_only(manifest, found).isel(dict(zip(grid.dims, plan.embedding.places, strict=True)))

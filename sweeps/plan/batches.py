@@ -24,49 +24,24 @@ WORKER_SECONDS = 0.01
 LAST_SHARE, SHORTEST = 0.25, 0.1
 # A batch is at most so many times as long as one that has finished, for costs differ from point to point.
 GROWTH = 8
-# So many of the last batches tell what the next will cost.
-REMEMBERED = 9
-
-
-def batch_size(
-    left: int,
-    seconds: float,
-    row_bytes: float = 0.0,
-    multiple: int = 1,
-    workers: int = 2,
-    largest: float = math.inf,
-) -> int:
-    """How many points the next batch holds.
-
-    Parameters
-    ----------
-    left : int
-        Computations that no batch holds yet.
-    seconds : float
-        s, what one takes; NaN if that is not known.
-    row_bytes : float
-        What one leaves in memory.
-    multiple : int
-        How many are computed side by side at little more than the cost of one.
-    workers : int
-    largest : float
-        Most of them in a batch that has finished.
-    """
-    room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
-    least = max(1.0, min(float(multiple), room))
-    if math.isnan(seconds):
-        return int(min(least, left))
-    longest = max(BATCH_SECONDS, WORKER_SECONDS * workers) / seconds if seconds > 0.0 else math.inf
-    shortest = SHORTEST / seconds if seconds > 0.0 else math.inf
-    share = max(shortest, math.ceil(LAST_SHARE * left / workers))
-    return int(min(left, max(least, min(longest, share, room, GROWTH * largest))))
+# So many of the last batches tell what the next will cost; a clock may find none, s.
+REMEMBERED, TINY = 9, 1e-12
 
 
 class BatchSizes:
-    """Sizes batches by what those that have finished took."""
+    """Sizes batches by what those that have finished took.
 
-    def __init__(self, row_bytes: float, multiple: int) -> None:
-        self.row_bytes, self.multiple = row_bytes, multiple
+    Parameters
+    ----------
+    row_bytes : float
+        What a point leaves in memory.
+    multiple : int
+        How many are computed side by side at little more than the cost of one.
+    """
+
+    def __init__(self, row_bytes: float = 0.0, multiple: int = 1) -> None:
+        self._room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
+        self._least = min(float(multiple), self._room)
         self._largest = 0
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
 
@@ -77,9 +52,13 @@ class BatchSizes:
 
     def next(self, left: int, workers: int) -> int:
         """How many points the next batch holds, where so many are left to so many workers."""
+        if not self._seconds:
+            return int(min(self._least, left))
         # The median, for the first batch of each worker may have to wait until the function is compiled.
-        seconds = median(self._seconds) if self._seconds else math.nan
-        return batch_size(left, seconds, self.row_bytes, self.multiple, workers, self._largest)
+        seconds = max(median(self._seconds), TINY)
+        longest = max(BATCH_SECONDS, WORKER_SECONDS * workers) / seconds
+        share = max(SHORTEST / seconds, math.ceil(LAST_SHARE * left / workers))
+        return int(min(left, max(self._least, min(longest, share, self._room, GROWTH * self._largest))))
 
 
 class Queue:

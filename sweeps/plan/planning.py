@@ -108,7 +108,7 @@ def _continued(before: Manifest, manifest: Manifest) -> Manifest:
     """The manifest of a run that takes up another that was not finished, with whose parts it goes on."""
     # A run that started over and was interrupted goes on as that.
     manifest = replace(manifest, fresh=before.fresh)
-    if manifest.grid.embed(before.grid).whole:
+    if manifest.grid.embed(before.grid).identical:
         return replace(manifest, token=before.token, earlier=before.earlier)
     return replace(manifest, earlier={**before.earlier, before.token: before.grid})
 
