@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -154,15 +154,14 @@ class Grid:
             raise ValueError("Grid: axes = {}: there must be at least one axis")
         check_names("Grid: axes", axes, Axis)
         zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else self.zipped
+        named = [name for group in zipped for name in group]
+        for name in named:
+            if name not in axes or named.count(name) > 1:
+                raise ValueError(
+                    f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
+                )
         group_of = {name: (name,) for name in axes}
-        seen: set[str] = set()
         for group in map(tuple, zipped):
-            for name in group:
-                if name not in axes or name in seen:
-                    raise ValueError(
-                        f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
-                    )
-                seen.add(name)
             lengths = {name: len(axes[name]) for name in group}
             if len(set(lengths.values())) > 1:
                 raise ValueError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
@@ -195,6 +194,11 @@ class Grid:
         """The dimension along which the axis `name` runs."""
         return next(group[0] for group in self.groups if name in group)
 
+    def blocks(self) -> Iterator[NDArray[np.intp]]:
+        """The numbers of all points, some at a time."""
+        for begin in range(0, self.size, BLOCK):
+            yield np.arange(begin, min(begin + BLOCK, self.size))
+
     def points(self, index: NDArray[np.intp] | None = None) -> Points:
         """The points at `index`, one entry each; by default all, in C order of the dimensions."""
         chosen = np.arange(self.size) if index is None else index
@@ -210,14 +214,12 @@ class Grid:
     def live(self) -> NDArray[np.bool_]:
         """Whether each point is one that `skip` does not leave out."""
         live = np.ones(self.size, dtype=bool)
-        if self.skip is None:
-            return live
-        for begin in range(0, self.size, BLOCK):
-            index = np.arange(begin, min(begin + BLOCK, self.size))
-            flags = np.asarray(self.skip(self.points(index)), dtype=bool)
-            if flags.shape != index.shape:
-                raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be {index.shape}")
-            live[index] = ~flags
+        if self.skip is not None:
+            for index in self.blocks():
+                flags = np.asarray(self.skip(self.points(index)), dtype=bool)
+                if flags.shape != index.shape:
+                    raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be {index.shape}")
+                live[index] = ~flags
         return live
 
     def embed(self, other: Grid) -> Embedding:

@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.grid import BLOCK, Grid
+from sweeps.grid import Grid
 
 # A batch long enough to hide its own cost, short enough to spread and to show progress, small enough to hold.
 BATCH_SECONDS = 1.0
@@ -100,8 +100,7 @@ def _in_order(grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str]) -> It
     }
     dims = list(dict.fromkeys([*sorting, *grid.dims]))
     lengths = dict(zip(grid.dims, grid.shape, strict=True))
-    for begin in range(0, grid.size, BLOCK):
-        index = np.arange(begin, min(begin + BLOCK, grid.size))
+    for index in grid.blocks():
         along = dict(zip(dims, np.unravel_index(index, [lengths[dim] for dim in dims]), strict=True))
         along |= {dim: order[along[dim]] for dim, order in sorting.items()}
         points = np.ravel_multi_index([along[dim] for dim in grid.dims], grid.shape)

@@ -107,10 +107,9 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
 def _continued(before: Manifest, manifest: Manifest) -> Manifest:
     """The manifest of a run that takes up another that was not finished, with whose parts it goes on."""
     # A run that started over and was interrupted goes on as that.
-    manifest = replace(manifest, fresh=before.fresh)
     if manifest.grid.embed(before.grid).identical:
-        return replace(manifest, token=before.token, earlier=before.earlier)
-    return replace(manifest, earlier={**before.earlier, before.token: before.grid})
+        return replace(manifest, fresh=before.fresh, token=before.token, earlier=before.earlier)
+    return replace(manifest, fresh=before.fresh, earlier={**before.earlier, before.token: before.grid})
 
 
 def _versions(before: Mapping[str, str], now: Mapping[str, str]) -> str:
