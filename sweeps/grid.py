@@ -235,6 +235,8 @@ class Grid:
 
         Where both are sorted the sum is; otherwise what is new comes last.
         """
+        if self.embed(other).identical:
+            return other
         axes = dict(other.axes)
         for group in self.groups:
             own, asked = self._columns(group), other._columns(group)

@@ -42,7 +42,7 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
     """The plan of a sweep; see `Sweep.plan`."""
     place = None if store is None else Store(store)
     attributes: dict[str, str] = {}
-    present: Existing | None = None
+    present = Existing(sweep.grid, [], {})
     if place is not None:
         place.check_place(sweep.name)
         own = fingerprint(sweep, ENGINE)
@@ -54,10 +54,10 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         if fresh:
             check_replaceable(place, sweep.name)
         else:
-            present = existing(place, sweep.name, own)
+            present = existing(place, sweep.name, own) or present
     stamp = () if place is None else place.stamp()
 
-    grid = sweep.grid if present is None else present.grid.grown(sweep.grid)
+    grid = present.grid.grown(sweep.grid)
     attributes["configuration"] = configuration(sweep, grid)
     embedding = grid.embed(sweep.grid)
     live, requested = grid.live(), np.zeros(grid.shape, dtype=bool)
@@ -74,12 +74,11 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         attributes,
         fresh,
     )
-    if present is not None and present.manifest is not None:
+    if present.manifest is not None:
         manifest = _continued(present.manifest, manifest)
-    sources = () if present is None else tuple(present.sources)
-    selection = select(sweep, manifest, embedding, requested, sources, retry_failed)
+    selection = select(sweep, manifest, embedding, requested, present.sources, retry_failed)
     whole = (
-        present is not None
+        bool(present.sources)
         and present.manifest is None
         and not selection.todo
         and grid.size == present.grid.size
@@ -97,10 +96,10 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         task=Task(sweep.name, sweep.function, sweep.constants, sweep.variables, shapes),
         embedding=embedding,
         requested=requested,
-        sources=sources,
+        sources=tuple(present.sources),
         stamp=stamp,
         whole=whole,
-        versions="" if present is None else _versions(present.attributes, attributes),
+        versions=_versions(present.attributes, attributes),
     )
 
 
