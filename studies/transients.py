@@ -230,7 +230,7 @@ def line_near(frequency: Array, power: Array, target: float, within: float = 0.0
 
 
 def with_flags(dataset: xr.Dataset, **meanings: Sequence[str]) -> xr.Dataset:
-    """Say what the whole numbers of variables stand for that are derived, and not computed."""
+    """Say what the whole numbers of derived variables stand for; a computed one has them as its `flags`."""
     for name, words in meanings.items():
         attributes = dataset[name].attrs
         attributes.pop("units", None)
