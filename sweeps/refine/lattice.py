@@ -32,7 +32,6 @@ from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
@@ -217,8 +216,13 @@ def _at_changes(codes: Codes) -> Flags:
 
 def _spread(flags: Flags, steps: int) -> Flags:
     """What is flagged, and all points up to so many steps away along each axis."""
-    windows = sliding_window_view(np.pad(flags, steps), (2 * steps + 1,) * flags.ndim)
-    return np.asarray(windows.any(axis=tuple(range(flags.ndim, windows.ndim))))
+    found = flags.copy()
+    for axis in np.repeat(range(flags.ndim), steps):
+        lines = np.moveaxis(found, axis, 0)
+        before = lines.copy()
+        lines[1:] |= before[:-1]
+        lines[:-1] |= before[1:]
+    return found
 
 
 def _errors(values: Values) -> Values:
