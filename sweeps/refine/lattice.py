@@ -217,11 +217,12 @@ def _at_changes(codes: Codes) -> Flags:
 def _spread(flags: Flags, steps: int) -> Flags:
     """What is flagged, and all points up to so many steps away along each axis."""
     found = flags.copy()
-    for axis in np.repeat(range(flags.ndim), steps):
+    for axis in range(flags.ndim):
         lines = np.moveaxis(found, axis, 0)
         before = lines.copy()
-        lines[1:] |= before[:-1]
-        lines[:-1] |= before[1:]
+        for step in range(1, steps + 1):
+            lines[step:] |= before[:-step]
+            lines[:-step] |= before[step:]
     return found
 
 
