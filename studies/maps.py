@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -103,7 +102,6 @@ def sweep_of(
         # Bases are made anew for each of their values.
         order_by=tuple(name for name in axes if name not in ("V", "mu", "F")),
         title=f"{known.variable.long_name[0].upper()}{known.variable.long_name[1:]}, over {plane.x} and {plane.y}",
-        derive=partial(transients.with_flags, regime=transients.REGIMES) if quantity == "regime" else None,
         batch_multiple=BATCH_MULTIPLE if known.find is quantities.motion else 1,
     )
     return refined(sweep, Refinement(quantity, halvings, limit, known.thresholds))

@@ -52,12 +52,16 @@ def _spread(name: str) -> Variable:
 
 VARIABLES = (
     {
-        "regime": Variable("1", "regime that most members are in", (), "int8"),
+        "regime": Variable(
+            "1", "regime that most members are in", (), "int8", flags=dict(enumerate(transients.REGIMES))
+        ),
         "regime_certainty": _plain(
             "1", "probability that more than half of all runs of the scene are in this regime"
         ),
         "regime_share": _plain("1", "share of the members in a regime", "kind"),
-        "member_regime": Variable("1", "regime of each member", ("member",), "int8"),
+        "member_regime": Variable(
+            "1", "regime of each member", ("member",), "int8", flags=dict(enumerate(transients.REGIMES))
+        ),
     }
     | {name: _variable(name) for name in FIGURES}
     | {f"{name}_std": _spread(name) for name in SPREAD}

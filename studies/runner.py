@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import sweeps
 from studies import registry
-from studies.flags import with_words
 from sweeps import check_backend
 
 if TYPE_CHECKING:
@@ -151,8 +150,8 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
             raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}") from None
         if dataset.attrs.get("sweep") != name:
             raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
-        return with_words(dataset)
-    return with_words(sweeps.open_results(file))
+        return dataset
+    return sweeps.open_results(file)
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,8 @@ from numpy.typing import NDArray
 Points = dict[str, NDArray[Any]]
 # One array a column, one entry a row.
 Columns = list[NDArray[Any]]
+# Points that are made at a time, where they are only looked at.
+BLOCK = 1 << 18
 
 # What has become of a point.
 PENDING, DONE, FAILED, SKIPPED, INTERPOLATED = range(5)
@@ -136,48 +136,49 @@ class Grid:
         One group of axes of equal length, or several groups.
     skip : callable, optional
         `skip(points)` tells, as a boolean array, which points need not be computed.
+
+    Attributes
+    ----------
+    groups : tuple of tuple of str
+        The axes that vary together, one group a dimension.
     """
 
     axes: Mapping[str, Axis]
     zipped: Sequence[Any] = ()
     skip: Callable[[Points], Any] | None = None
-    _groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
+    groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         axes = dict(self.axes)
         if not axes:
             raise ValueError("Grid: axes = {}: there must be at least one axis")
         check_names("Grid: axes", axes, Axis)
-        object.__setattr__(self, "axes", axes)
-        zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else list(self.zipped)
-        groups: list[tuple[str, ...]] = []
-        taken: set[str] = set()
-        for group in zipped:
-            for name in group:
-                if name not in axes or name in taken:
-                    raise ValueError(
-                        f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
-                    )
-                taken.add(name)
+        zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else self.zipped
+        named = [name for group in zipped for name in group]
+        for name in named:
+            if name not in axes or named.count(name) > 1:
+                raise ValueError(
+                    f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
+                )
+        group_of = {name: (name,) for name in axes}
+        for group in map(tuple, zipped):
             lengths = {name: len(axes[name]) for name in group}
             if len(set(lengths.values())) > 1:
                 raise ValueError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
-        for name in axes:
-            together = next((tuple(g) for g in zipped if name in g), (name,))
-            if together not in groups:
-                groups.append(together)
-        for group in groups:
-            first = Index([axes[name].values for name in group]).first()
-            again = np.flatnonzero(first != np.arange(len(first)))
-            if len(again):
-                twice = next(iter(self.rows(group, slice(again[0], again[0] + 1))))
+            group_of |= dict.fromkeys(group, group)
+        object.__setattr__(self, "axes", axes)
+        object.__setattr__(self, "groups", tuple(dict.fromkeys(group_of.values())))
+        for group in self.groups:
+            order, new = _ranked(self._columns(group))
+            if not new.all():
+                again = order[~new].min()
+                twice = tuple(column[again].item() for column in self._columns(group))
                 raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
-        object.__setattr__(self, "_groups", tuple(groups))
 
     @property
     def dims(self) -> tuple[str, ...]:
         """One dimension a group, named after its first axis."""
-        return tuple(group[0] for group in self._groups)
+        return tuple(group[0] for group in self.groups)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -191,78 +192,68 @@ class Grid:
 
     def dim_of(self, name: str) -> str:
         """The dimension along which the axis `name` runs."""
-        return next(group[0] for group in self._groups if name in group)
+        return next(group[0] for group in self.groups if name in group)
 
-    @property
-    def groups(self) -> tuple[tuple[str, ...], ...]:
-        """The axes that vary together, one group a dimension."""
-        return self._groups
+    def blocks(self) -> Iterator[NDArray[np.intp]]:
+        """The numbers of all points, some at a time."""
+        for begin in range(0, self.size, BLOCK):
+            yield np.arange(begin, min(begin + BLOCK, self.size))
 
     def points(self, index: NDArray[np.intp] | None = None) -> Points:
         """The points at `index`, one entry each; by default all, in C order of the dimensions."""
         chosen = np.arange(self.size) if index is None else index
-        place = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
-        return {name: axis.values[place[self.dim_of(name)]] for name, axis in self.axes.items()}
-
-    def skipped(self, points: Points) -> NDArray[np.bool_]:
-        """Which of `points` need not be computed."""
-        count = len(next(iter(points.values())))
-        if self.skip is None:
-            return np.zeros(count, dtype=bool)
-        flags = np.asarray(self.skip(points), dtype=bool)
-        if flags.shape != (count,):
-            raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be ({count},)")
-        return flags
-
-    def rows(self, group: tuple[str, ...], part: slice = slice(None)) -> list[tuple[Any, ...]]:
-        """The values along one dimension, as plain tuples."""
-        return list(zip(*(self.axes[name].values[part].tolist() for name in group), strict=True))
-
-    def grown(self, other: Grid) -> Grid:
-        """The grid with the values of `other`, one of the same axes, added to it.
-
-        Where both are sorted the sum is; otherwise what is new comes last.
-        """
-        axes = dict(self.axes)
-        for group, place in zip(self._groups, self.embed(other).places, strict=True):
-            if place is None or np.all(place >= 0):
-                continue
-            every = [
-                np.concatenate([axes[name].values, other.axes[name].values[place < 0]], dtype=kind)
-                for name, kind in ((name, _common(axes[name], other.axes[name])) for name in group)
-            ]
-            for step in (1, -1):
-                if all(_ascending([grid.axes[name].values[::step] for name in group]) for grid in (self, other)):
-                    order = np.lexsort(every[::-1])[::step]
-                    every = [values[order] for values in every]
-                    break
-            for name, values in zip(group, every, strict=True):
-                axes[name] = Axis(values, axes[name].units, axes[name].long_name)
-        zipped = [group for group in self._groups if len(group) > 1]
-        return Grid(axes, zipped, self.skip)
-
-    def embed(self, other: Grid) -> Embedding:
-        """Where the points of `other`, a grid of the same axes, lie in this one."""
-        places: list[NDArray[np.intp] | None] = []
-        for group, index in zip(self._groups, self._indices, strict=True):
-            own, asked = ([grid.axes[name].values for name in group] for grid in (self, other))
-            same = all(map(np.array_equal, own, asked))
-            places.append(None if same else index.find(asked))
-        return Embedding(other.shape, self.shape, tuple(places))
+        places = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
+        return {name: axis.values[places[self.dim_of(name)]] for name, axis in self.axes.items()}
 
     def at(self, values: Columns) -> NDArray[np.intp]:
         """The point with each row of the axes' values; -1 where there is none."""
-        names = list(self.axes)
-        along = [
-            index.find([values[names.index(name)] for name in group])
-            for index, group in zip(self._indices, self._groups, strict=True)
-        ]
+        points = dict(zip(self.axes, values, strict=True))
+        along = [_find(self._columns(group), [points[name] for name in group]) for group in self.groups]
         return _flat(along, self.shape)
 
-    @cached_property
-    def _indices(self) -> list[Index]:
-        """What finds values along each dimension."""
-        return [Index([self.axes[name].values for name in group]) for group in self._groups]
+    def live(self) -> NDArray[np.bool_]:
+        """Whether each point is one that `skip` does not leave out."""
+        live = np.ones(self.size, dtype=bool)
+        if self.skip is not None:
+            for index in self.blocks():
+                flags = np.asarray(self.skip(self.points(index)), dtype=bool)
+                if flags.shape != index.shape:
+                    raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be {index.shape}")
+                live[index] = ~flags
+        return live
+
+    def embed(self, other: Grid) -> Embedding:
+        """Where the points of `other`, a grid of the same axes, lie in this one."""
+        places: list[NDArray[np.intp] | slice] = []
+        for group in self.groups:
+            own, asked = self._columns(group), other._columns(group)
+            places.append(slice(None) if all(map(np.array_equal, own, asked)) else _find(own, asked))
+        return Embedding(other.shape, self.shape, tuple(places))
+
+    def grown(self, other: Grid) -> Grid:
+        """The values of this grid and of `other`, one of the same axes, with all else that `other` says of them.
+
+        Where both are sorted the sum is; otherwise what is new comes last.
+        """
+        if self.embed(other).identical:
+            return other
+        axes = dict(other.axes)
+        for group in self.groups:
+            own, asked = self._columns(group), other._columns(group)
+            new = _find(own, asked) < 0
+            every = [np.concatenate([column, more[new]]) for column, more in zip(own, asked, strict=True)]
+            step = next((step for step in (1, -1) if _sorted(own, step) and _sorted(asked, step)), None)
+            if step is not None:
+                order = np.lexsort(every[::-1])[::step]
+                every = [values[order] for values in every]
+            for name, values in zip(group, every, strict=True):
+                # A file has no flags, and may have whole numbers.
+                same = values.astype(axes[name].values.dtype)
+                axes[name] = replace(axes[name], values=same if np.array_equal(same, values) else values)
+        return replace(other, axes=axes)
+
+    def _columns(self, group: Sequence[str]) -> Columns:
+        return [self.axes[name].values for name in group]
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,111 +264,68 @@ class Embedding:
     ----------
     inner, outer : tuple of int
         Shapes of the two.
-    places : tuple
-        Along each dimension where the values of the inner grid stand in the outer one, -1 where they do not; None
-        where both have the same values.
+    places : tuple of (ndarray of int or slice)
+        Along each dimension where the values of the inner grid stand in the outer one, -1 where they do not; a
+        slice of all where both have the same values.
     """
 
     inner: tuple[int, ...]
     outer: tuple[int, ...]
-    places: tuple[NDArray[np.intp] | None, ...]
+    places: tuple[NDArray[np.intp] | slice, ...]
 
     @property
-    def whole(self) -> bool:
+    def identical(self) -> bool:
         """Whether the two are one grid."""
-        return all(place is None for place in self.places)
+        return all(isinstance(place, slice) for place in self.places)
+
+    @property
+    def index(self) -> tuple[NDArray[np.intp], ...]:
+        """What picks the points of the inner grid from an array of the outer one's shape that holds all of it."""
+        return np.ix_(*(np.arange(n)[place] for n, place in zip(self.outer, self.places, strict=True)))
 
     def __call__(self, points: NDArray[np.intp]) -> NDArray[np.intp]:
         """The outer grid's point of each of the inner one's; -1 where there is none."""
-        if self.whole:
+        if self.identical:
             return points
         index = np.unravel_index(points, self.inner)
-        along = [k if place is None else place[k] for k, place in zip(index, self.places, strict=True)]
+        along = [k if isinstance(place, slice) else place[k] for k, place in zip(index, self.places, strict=True)]
         return _flat(along, self.outer)
 
-    def along(self, dim: int) -> NDArray[np.intp] | slice:
-        """What selects the inner grid along a dimension of the outer one that holds all of it."""
-        place = self.places[dim]
-        return slice(None) if place is None else place
+
+def first_equal(columns: Columns) -> NDArray[np.intp]:
+    """For each row the first that equals it."""
+    order, new = _ranked(columns)
+    first = np.empty_like(order)
+    first[order] = order[new][np.cumsum(new) - 1]
+    return first
 
 
-class Index:
-    """Rows that can be looked up by value.
-
-    Attributes
-    ----------
-    code : ndarray of int64
-        A number for each row; equal rows have the same.
-    """
-
-    def __init__(self, columns: Columns) -> None:
-        self._stages: list[tuple[NDArray[Any], NDArray[np.int64] | None]] = []
-        self.code, kinds = np.zeros(len(columns[0]), dtype=np.int64), 1
-        for column in columns:
-            if _ascending([column]):
-                values, place = column, np.arange(len(column))
-            else:
-                values, place = np.unique(column, return_inverse=True)
-            packed = None
-            if kinds * len(values) >= 2**62:
-                packed, code = np.unique(self.code, return_inverse=True)
-                self.code, kinds = code.ravel().astype(np.int64), len(packed)
-            self.code = self.code * len(values) + place.ravel()
-            kinds *= max(len(values), 1)
-            self._stages.append((values, packed))
-        self._order = None if _ascending([self.code]) else np.argsort(self.code, kind="stable")
-        self._sorted = self.code if self._order is None else self.code[self._order]
-
-    def first(self) -> NDArray[np.intp]:
-        """For each row the first that equals it."""
-        if self._order is None:
-            return np.arange(len(self.code))
-        begins = np.concatenate([[True], self._sorted[1:] != self._sorted[:-1]])
-        found = np.empty(len(self.code), dtype=np.intp)
-        # The sort is stable: of equal rows the first comes first.
-        found[self._order] = self._order[np.flatnonzero(begins)][np.cumsum(begins) - 1]
-        return found
-
-    def find(self, columns: Columns) -> NDArray[np.intp]:
-        """For each row of other columns the first of these that equals it; -1 where none does."""
-        count = len(columns[0])
-        if not len(self.code):
-            return np.full(count, -1, dtype=np.intp)
-        present, code = np.ones(count, dtype=bool), np.zeros(count, dtype=np.int64)
-        for column, (values, packed) in zip(columns, self._stages, strict=True):
-            if packed is not None:
-                code, found = _search(packed, code)
-                present &= found
-            place, found = _search(values, column)
-            code, present = code * len(values) + place, present & found
-        place, found = _search(self._sorted, code)
-        return np.where(present & found, place if self._order is None else self._order[place], -1)
+def _ranked(columns: Columns) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """The order that sorts rows, equal ones as they stand; and which of them differ from the one before."""
+    order = np.lexsort(columns)
+    new = np.arange(len(order)) == 0
+    for column in columns:
+        ranked = column[order]
+        new[1:] |= ranked[1:] != ranked[:-1]
+    return order, new
 
 
-def _search(values: NDArray[Any], requested: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Where in the sorted `values` each of the requested stands, and whether it does."""
-    place = np.minimum(np.searchsorted(values, requested), len(values) - 1)
-    return place, np.asarray(values[place] == requested)
+def _find(columns: Columns, requested: Columns) -> NDArray[np.intp]:
+    """For each of the rows requested the first that equals it; -1 where none does."""
+    count = len(columns[0])
+    first = first_equal([np.concatenate(pair) for pair in zip(columns, requested, strict=True)])[count:]
+    return np.where(first < count, first, -1)
 
 
-def _ascending(columns: Columns) -> bool:
-    """Whether the rows are sorted and no two are equal."""
-    if len(columns) == 1:
-        return bool(np.all(columns[0][1:] > columns[0][:-1]))
-    rows = list(zip(*(column.tolist() for column in columns), strict=True))
-    return all(before < after for before, after in pairwise(rows))
+def _sorted(columns: Columns, step: int) -> bool:
+    """Whether rows, all different, ascend with a step of 1, or descend with one of -1."""
+    return np.array_equal(np.lexsort(columns[::-1])[::step], np.arange(len(columns[0])))
 
 
 def _flat(along: Sequence[NDArray[np.intp]], shape: tuple[int, ...]) -> NDArray[np.intp]:
     """Points by their places along each dimension; -1 where one of these is."""
-    inside = np.logical_and.reduce([place >= 0 for place in along])
-    flat = np.ravel_multi_index([np.maximum(place, 0) for place in along], shape)
-    return np.where(inside, flat, -1)
-
-
-def _common(one: Axis, other: Axis) -> np.dtype[Any]:
-    """A type that holds the values of both; texts grow as long as they must."""
-    return np.promote_types(one.values.dtype, other.values.dtype)
+    flat = np.ravel_multi_index(along, shape, mode="clip")
+    return np.where(np.logical_and.reduce([place >= 0 for place in along]), flat, -1)
 
 
 def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:

@@ -15,11 +15,11 @@ from threadpoolctl import threadpool_info
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.compute import cluster
 from sweeps.compute.local import WINDOW, one_blas_thread
-from sweeps.plan import batches
 from sweeps.storage.parts import PartFolder
 from tests.sweep_programs import HOME, cut, make
 from tests.test_backends import QUIET, values
 from tests.test_crashes import end
+from tests.test_sweeps import size_of_batch
 
 COMPUTED: list[float] = []
 
@@ -108,7 +108,7 @@ def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monk
 
 
 def test_batches_grow_with_the_number_of_workers():
-    few, many = (batches.batch_size(10**8, 1e-3, workers=workers) for workers in (2, 1000))
+    few, many = (size_of_batch(10**8, 1e-3, workers=workers) for workers in (2, 1000))
     assert few == 1000
     assert many == 10_000
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, Sweep, Variable
 from sweeps.plan import batches
-from sweeps.plan.batches import BatchSizes, Queue, batch_size
+from sweeps.plan.batches import BatchSizes, Queue
+from tests.test_sweeps import size_of_batch
 
 CALLS: list[int] = []
 
@@ -124,10 +125,10 @@ def test_batches_grow_as_far_as_those_that_finished_allow(monkeypatch):
         sizes.finished(found[-1], 1e-3 * found[-1])
     assert found == [8, 64, 512, 1000, 1000]
     # A batch holds no more than fits into memory, and as many as are computed side by side.
-    assert batch_size(10**6, 1e-3, row_bytes=batches.BATCH_BYTES / 10) == 10
-    assert batch_size(10**6, 10.0, multiple=16) == 16
-    assert batch_size(5, 10.0, multiple=16) == 5
-    assert batch_size(10**6, math.nan, multiple=16) == 16
+    assert size_of_batch(10**6, 1e-3, row_bytes=batches.BATCH_BYTES / 10) == 10
+    assert size_of_batch(10**6, 10.0, multiple=16) == 16
+    assert size_of_batch(5, 10.0, multiple=16) == 5
+    assert BatchSizes(multiple=16).next(10**6, 2) == 16
 
 
 def test_the_first_batches_are_small_and_size_the_next():

@@ -12,9 +12,14 @@ from scipy.ndimage import gaussian_filter, label
 from sweeps import Axis, Grid, Refinement, Sweep, Variable, open_results, refined, status
 from sweeps.refine import lattice
 from sweeps.refine import refine as engine
-from sweeps.refine.lattice import Rule
 from tests.boundaries import distances, explored, refine
 from tests.waves import BROKEN, LOG, interrupted
+
+
+def Rule(thresholds=(), tolerance=None, whole=False):
+    """What is worth computing of a lattice that belongs to no sweep."""
+    return Refinement("", 0, tolerance, thresholds, whole=whole)
+
 
 CLASSES = Rule(whole=True)
 

@@ -20,6 +20,7 @@ from sweeps.storage.netcdf import CHUNK_BYTES, chunk
 from sweeps.storage.packed import HEAD, Packed, pack
 from sweeps.storage.parts import PartFolder, encode
 from sweeps.storage.store import Store
+from tests import waves
 
 LOG: list[float] = []
 
@@ -294,7 +295,11 @@ def test_flags_of_a_variable_are_those_of_cf(tmp_path):
     flags = {0: "not asked", 1: "done", 7: "lost"}
     variable = Variable("1", "state", dtype="int8", flags=flags)
     grid = Grid({"x": Axis([0, 1, 7])})
-    Sweep("flagged", lambda p: {"s": p["x"]}, grid, {"s": variable}).plan(tmp_path / "f.nc").run()
+    sweep = Sweep("flagged", lambda p: {"s": p["x"]}, grid, {"s": variable})
+    waves.interrupted(sweep.plan(tmp_path / "f.nc"), 1)
+    # A file that is not finished has them as well.
+    assert open_results(tmp_path / "f.nc")["s"].attrs["flag_meanings"] == "not_asked done lost"
+    sweep.plan(tmp_path / "f.nc").run()
     with xr.open_dataset(tmp_path / "f.nc", mask_and_scale=False) as found:
         assert found["s"].attrs["flag_meanings"] == "not_asked done lost"
         assert found["s"].attrs["flag_values"].tolist() == [0, 1, 7]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results
 from sweeps.plan import batches
-from sweeps.plan.batches import Queue, batch_size
+from sweeps.plan.batches import BatchSizes, Queue
 
 X = Axis([0.5, 1.0, 2.0], "m", "length")
 Y = Axis([3, 4], "s", "time")
@@ -99,12 +99,19 @@ def test_values_do_not_depend_on_how_a_sweep_runs(nx, ny, scheduler, workers):
     np.testing.assert_array_equal(data["area"].values.ravel(), expected["area"])
 
 
+def size_of_batch(left, seconds, workers=2, **limits):
+    """How many points a batch holds once as many as one likes have taken `seconds` each."""
+    sizes = BatchSizes(**limits)
+    sizes.finished(1 << 40, seconds * (1 << 40))
+    return sizes.next(left, workers)
+
+
 @given(st.integers(1, 5000), st.floats(0.0, 10.0, exclude_min=True))
 @settings(max_examples=50, deadline=None)
 def test_batches_hold_every_point_once(points, seconds):
     queue, cut = Queue(Grid({"x": Axis(np.arange(points))}), np.ones(points, dtype=bool)), []
     while queue.left:
-        cut.append(queue.take(batch_size(queue.left, seconds)))
+        cut.append(queue.take(size_of_batch(queue.left, seconds)))
     np.testing.assert_array_equal(np.concatenate(cut), np.arange(points))
     sizes = np.array([len(batch) for batch in cut])
     assert sizes.max() == 1 or sizes.max() * seconds <= 1.0

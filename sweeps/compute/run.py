@@ -116,10 +116,10 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
         found = open_results(store.file)
     except ValueError as problem:
         raise StoreError(f"{problem}; move it away, or start over with fresh (--fresh)") from None
-    if plan.embedding.whole:
+    if plan.embedding.identical:
         return found
     manifest, grid = plan.manifest, plan.manifest.grid
-    some = stored_only(manifest, found).isel({dim: plan.embedding.along(k) for k, dim in enumerate(grid.dims)})
+    some = stored_only(manifest, found).isel(dict(zip(grid.dims, plan.embedding.places, strict=True)))
     if "failure" in some.dims:
         at = [np.asarray(some[f"failure_{name}"].values) for name in grid.axes]
         points = grid.at([values.astype(str) if values.dtype.kind == "O" else values for values in at])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from statistics import median
 
 import numpy as np
@@ -24,51 +24,24 @@ WORKER_SECONDS = 0.01
 LAST_SHARE, SHORTEST = 0.25, 0.1
 # A batch is at most so many times as long as one that has finished, for costs differ from point to point.
 GROWTH = 8
-# So many of the last batches tell what the next will cost.
-REMEMBERED = 9
-# Places that are looked at together for what is due.
-BLOCK = 1 << 18
-
-
-def batch_size(
-    left: int,
-    seconds: float,
-    row_bytes: float = 0.0,
-    multiple: int = 1,
-    workers: int = 2,
-    largest: float = math.inf,
-) -> int:
-    """How many points the next batch holds.
-
-    Parameters
-    ----------
-    left : int
-        Computations that no batch holds yet.
-    seconds : float
-        s, what one takes; NaN if that is not known.
-    row_bytes : float
-        What one leaves in memory.
-    multiple : int
-        How many are computed side by side at little more than the cost of one.
-    workers : int
-    largest : float
-        Most of them in a batch that has finished.
-    """
-    room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
-    least = max(1.0, min(float(multiple), room))
-    if math.isnan(seconds):
-        return int(min(least, left))
-    longest = max(BATCH_SECONDS, WORKER_SECONDS * workers) / seconds if seconds > 0.0 else math.inf
-    shortest = SHORTEST / seconds if seconds > 0.0 else math.inf
-    share = max(shortest, math.ceil(LAST_SHARE * left / workers))
-    return int(min(left, max(least, min(longest, share, room, GROWTH * largest))))
+# So many of the last batches tell what the next will cost; a clock may find none, s.
+REMEMBERED, TINY = 9, 1e-12
 
 
 class BatchSizes:
-    """Sizes batches by what those that have finished took."""
+    """Sizes batches by what those that have finished took.
 
-    def __init__(self, row_bytes: float, multiple: int) -> None:
-        self.row_bytes, self.multiple = row_bytes, multiple
+    Parameters
+    ----------
+    row_bytes : float
+        What a point leaves in memory.
+    multiple : int
+        How many are computed side by side at little more than the cost of one.
+    """
+
+    def __init__(self, row_bytes: float = 0.0, multiple: int = 1) -> None:
+        self._room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
+        self._least = min(float(multiple), self._room)
         self._largest = 0
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
 
@@ -79,9 +52,13 @@ class BatchSizes:
 
     def next(self, left: int, workers: int) -> int:
         """How many points the next batch holds, where so many are left to so many workers."""
+        if not self._seconds:
+            return int(min(self._least, left))
         # The median, for the first batch of each worker may have to wait until the function is compiled.
-        seconds = median(self._seconds) if self._seconds else math.nan
-        return batch_size(left, seconds, self.row_bytes, self.multiple, workers, self._largest)
+        seconds = max(median(self._seconds), TINY)
+        longest = max(BATCH_SECONDS, WORKER_SECONDS * workers) / seconds
+        share = max(SHORTEST / seconds, math.ceil(LAST_SHARE * left / workers))
+        return int(min(left, max(self._least, min(longest, share, self._room, GROWTH * self._largest))))
 
 
 class Queue:
@@ -101,34 +78,30 @@ class Queue:
 
     def __init__(self, grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str] = ()) -> None:
         self.left = int(np.count_nonzero(due))
-        self._due, self._shape, self._next = due, grid.shape, 0
+        self._blocks = _in_order(grid, due, order_by)
         self._ready = np.zeros(0, dtype=np.intp)
-        first = dict.fromkeys(grid.dim_of(name) for name in order_by)
-        self._dims = [grid.dims.index(dim) for dim in (*first, *(dim for dim in grid.dims if dim not in first))]
-        self._sorted = {
-            grid.dims.index(dim): np.lexsort(
-                [grid.axes[name].values for name in reversed(order_by) if grid.dim_of(name) == dim]
-            )
-            for dim in first
-        }
 
     def take(self, count: int) -> NDArray[np.intp]:
         """The next so many points, or as many as there are."""
-        found = [self._ready]
-        while sum(map(len, found)) < count and self._next < len(self._due):
-            found.append(self._block())
-        ready = np.concatenate(found)
-        taken, self._ready = ready[:count], ready[count:]
+        found, ready = [self._ready], len(self._ready)
+        while ready < min(count, self.left):
+            found.append(next(self._blocks))
+            ready += len(found[-1])
+        taken, self._ready = np.split(np.concatenate(found), [count])
         self.left -= len(taken)
         return taken
 
-    def _block(self) -> NDArray[np.intp]:
-        begin, self._next = self._next, min(self._next + BLOCK, len(self._due))
-        if not self._sorted:
-            return begin + np.flatnonzero(self._due[begin : self._next])
-        shape = [self._shape[dim] for dim in self._dims]
-        places = np.unravel_index(np.arange(begin, self._next), shape)
-        along = dict(zip(self._dims, places, strict=True))
-        along |= {dim: order[along[dim]] for dim, order in self._sorted.items()}
-        points = np.ravel_multi_index([along[dim] for dim in range(len(shape))], self._shape)
-        return points[self._due[points]]
+
+def _in_order(grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str]) -> Iterator[NDArray[np.intp]]:
+    """The points that are due, block by block: dimensions with axes of `order_by` change last, by their values."""
+    sorting = {
+        dim: np.lexsort([grid.axes[name].values for name in reversed(order_by) if grid.dim_of(name) == dim])
+        for dim in dict.fromkeys(map(grid.dim_of, order_by))
+    }
+    dims = list(dict.fromkeys([*sorting, *grid.dims]))
+    lengths = dict(zip(grid.dims, grid.shape, strict=True))
+    for index in grid.blocks():
+        along = dict(zip(dims, np.unravel_index(index, [lengths[dim] for dim in dims]), strict=True))
+        along |= {dim: order[along[dim]] for dim, order in sorting.items()}
+        points = np.ravel_multi_index([along[dim] for dim in grid.dims], grid.shape)
+        yield points[due[points]]

@@ -64,41 +64,33 @@ class Declaration:
     refinement: Refinement | None = None
 
     def __post_init__(self) -> None:
+        who = f"Sweep {self.name}:"
+        order_by = (self.order_by,) if isinstance(self.order_by, str) else tuple(self.order_by)
+        object.__setattr__(self, "order_by", order_by)
         if not self.variables:
-            raise ValueError(f"Sweep {self.name}: variables = {{}}: there must be at least one")
-        for what, each in (
-            ("function", self.function),
-            ("key", self.key),
-            ("derive", self.derive),
-            ("scale", self.scale),
-        ):
-            if not (callable(each) or (each is None and what != "function")):
-                raise ValueError(f"Sweep {self.name}: {what} = {each!r}: it must be a function")
-        check_names(f"Sweep {self.name}: variables", self.variables, Variable)
-        check_names(f"Sweep {self.name}: coords", self.coords, Axis)
-        groups = (self.grid.axes, self.coords, self.variables)
-        every = [name for group in groups for name in group]
-        for name in every:
-            if every.count(name) > 1:
-                raise ValueError(f"Sweep {self.name}: {name!r} names two things; each needs its own name")
+            raise ValueError(f"{who} variables = {{}}: there must be at least one")
+        for what in ("function", "key", "derive", "scale"):
+            each = getattr(self, what)
+            if not callable(each) and (each is not None or what == "function"):
+                raise ValueError(f"{who} {what} = {each!r}: it must be a function")
+        check_names(f"{who} variables", self.variables, Variable)
+        check_names(f"{who} coords", self.coords, Axis)
+        names = [*self.grid.axes, *self.coords, *self.variables]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"{who} {name!r} names two things; each needs its own name")
         for name, variable in self.variables.items():
             for dim in variable.dims:
                 if dim not in self.coords:
-                    raise ValueError(
-                        f"Sweep {self.name}: variable {name!r} has the dimension {dim!r}; coords must hold it"
-                    )
+                    raise ValueError(f"{who} variable {name!r} has the dimension {dim!r}; coords must hold it")
             if variable.scale and self.scale is None:
                 raise ValueError(
-                    f"Sweep {self.name}: variable {name!r} has the scale {variable.scale!r}; the sweep needs scale"
+                    f"{who} variable {name!r} has the scale {variable.scale!r}; the sweep needs scale"
                 )
-        object.__setattr__(
-            self, "order_by", (self.order_by,) if isinstance(self.order_by, str) else tuple(self.order_by)
-        )
-        for name in self.order_by:
+        for name in order_by:
             if name not in self.grid.axes:
-                raise ValueError(
-                    f"Sweep {self.name}: order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}"
-                )
+                raise ValueError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
         if not (isinstance(self.batch_multiple, int) and self.batch_multiple >= 1):
-            given = f"batch_multiple = {self.batch_multiple!r}"
-            raise ValueError(f"Sweep {self.name}: {given}: it must be a whole number, 1 or above")
+            raise ValueError(
+                f"{who} batch_multiple = {self.batch_multiple!r}: it must be a whole number, 1 or above"
+            )

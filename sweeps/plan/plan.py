@@ -111,14 +111,14 @@ class PlanData(Selection):
             ("to do", f"{self.todo}"),
             ("file size", size(self.bytes)),
             ("time to expect", f"{time} on one core" if self.seconds > 0 else time),
+            ("at most", f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else ""),
+            ("file", str(self.store or "")),
+            (
+                "versions",
+                self.versions and f"{self.versions}; what is there is kept, for it agrees but for rounding",
+            ),
+            *(("damaged", f"{name}: its points are computed again") for name in self.damaged),
         ]
-        if self.most_seconds > self.seconds:
-            rows.append(("at most", f"{duration(self.most_seconds)} for all points"))
-        if self.store is not None:
-            rows.append(("file", str(self.store)))
-        if self.versions:
-            rows.append(("versions", f"{self.versions}; what is there is kept, for it agrees but for rounding"))
-        rows += [("damaged", f"{name}: its points are computed again") for name in self.damaged]
         return "\n".join(f"{name:<15} {text}" for name, text in rows if text)
 
     def _chosen(self) -> str:

@@ -20,29 +20,19 @@ def timed(plan: PlanData) -> float:
 
     The first batch pays for compilation and caches and tells nothing, unless it is all there is to do.
     """
-    seconds, begin = math.nan, time.perf_counter()
+    seconds, spent = math.nan if plan.todo else 0.0, 0.0
+    due = np.flatnonzero(plan.due)
     # Spread over the work: costs may differ from end to end.
     for number, (size, place) in enumerate(zip(SIZES, PLACES, strict=True)):
-        if number == 1:
-            begin = time.perf_counter()
-        if not plan.todo or (number > 1 and time.perf_counter() - begin > SECONDS):
+        points = due[int(place * plan.todo) :][: size * plan.sweep.batch_multiple]
+        if not len(points) or spent > SECONDS:
             break
-        points = _next_due(plan.due, int(place * len(plan.due)), size * plan.sweep.batch_multiple)
         with one_blas_thread():
             start = time.perf_counter()
             result = plan.task.compute(plan.manifest.grid.points(points))
             taken = time.perf_counter() - start
+        spent += taken if number else 0.0
         if (number or plan.todo == 1) and len(result.failures) < len(result):
             # The last batch is the largest, and tells most of what batches cost.
-            seconds = taken / len(points)
-    return seconds * plan.todo if plan.todo else 0.0
-
-
-def _next_due(due: np.ndarray, begin: int, count: int) -> np.ndarray:
-    """So many points that are due, from a place on, or before it where there are no more."""
-    step, found = 1 << 18, np.zeros(0, dtype=np.intp)
-    for start in (*range(begin, len(due), step), *range(0, begin, step)):
-        found = np.concatenate([found, start + np.flatnonzero(due[start : start + step])])
-        if len(found) >= count:
-            break
-    return np.unique(found[:count])
+            seconds = taken / len(points) * plan.todo
+    return seconds

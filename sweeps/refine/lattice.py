@@ -29,7 +29,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,28 +46,6 @@ ABOUT = 2
 
 
 @dataclass(frozen=True)
-class Rule:
-    """What is worth computing.
-
-    Attributes
-    ----------
-    thresholds : tuple of float
-        A value up to the first of them is of one class, one above it of another, and so on; ascending.
-    tolerance : float, optional
-        Largest error of interpolation, in units of the range of the values found; None: any.
-    resolution : float
-        In units of the largest value: a smaller error is rounding.
-    whole : bool
-        Whether every value is a class, a whole number, between which nothing is interpolated.
-    """
-
-    thresholds: tuple[float, ...] = ()
-    tolerance: float | None = None
-    resolution: float = 1e-9
-    whole: bool = False
-
-
-@dataclass(frozen=True)
 class Refinement:
     """What decides where a sweep is computed.
 
@@ -80,9 +58,12 @@ class Refinement:
     tolerance : float, optional
         Largest error expected of interpolation, in units of the range of the values found; None: any.
     thresholds : tuple of float
-        Values at which a float passes from one class to another.
+        Ascending; a value up to the first of them is of one class, one above it of another, and so on.
     resolution : float
-        Errors below this share of the largest value are rounding; at least that of the variable as it is kept.
+        Errors below this share of the largest value are rounding; `refined` makes it at least that of the variable
+        as it is kept.
+    whole : bool
+        Whether every value is a class, between which nothing is interpolated; `refined` sets it by the variable.
     """
 
     variable: str
@@ -90,23 +71,11 @@ class Refinement:
     tolerance: float | None = None
     thresholds: tuple[float, ...] = ()
     resolution: float = 1e-9
-
-    def rule(self, whole: bool) -> Rule:
-        """What makes a point worth computing."""
-        return Rule(self.thresholds, self.tolerance, self.resolution, whole)
+    whole: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """A lattice as what is known of it lets it appear.
-
-    Attributes
-    ----------
-    values : ndarray of float
-        What is known, and elsewhere what is predicted.
-    asked : ndarray of bool
-        Points that are to be computed next.
-    """
+class Survey(NamedTuple):
+    """Values of a lattice, predicted where they are not known; and the points that are to be computed next."""
 
     values: Values
     asked: Flags
@@ -117,17 +86,17 @@ def coarse(levels: int, dims: int) -> tuple[slice, ...]:
     return (slice(None, None, 2**levels),) * dims
 
 
-def survey(values: Values, known: Flags, levels: int, rule: Rule) -> Survey:
+def survey(values: Values, known: Flags, levels: int, rule: Refinement) -> Survey:
     """Predict what is not known, and say what is to be computed next.
 
     Parameters
     ----------
     values : ndarray
-        Of any number of dimensions; looked at where `known`. The coarse lattice must be known.
+        Of any number of dimensions; looked at where `known`.
     known : ndarray of bool, same shape
     levels : int
-        Halvings between the coarse lattice and this one.
-    rule : Rule
+        Halvings between the coarse lattice, which must be known, and this one; those of the rule do not count.
+    rule : Refinement
     """
     found = np.where(known, values, np.nan)
     codes = np.where(known, classes(found, rule), UNSURE)
@@ -143,7 +112,7 @@ def survey(values: Values, known: Flags, levels: int, rule: Rule) -> Survey:
     return Survey(found, asked)
 
 
-def closure(values: Values, known: Flags, levels: int, rule: Rule, copies: Codes | None = None) -> Flags:
+def closure(values: Values, known: Flags, levels: int, rule: Refinement, copies: Codes | None = None) -> Flags:
     """All points that are wanted, as far as what is known tells.
 
     The points are chosen level by level, each time from the results of all that were chosen before: so the choice
@@ -183,7 +152,7 @@ def finest_known(known: Flags) -> int | None:
     return None
 
 
-def classes(values: Values, rule: Rule) -> Codes:
+def classes(values: Values, rule: Refinement) -> Codes:
     """The class of each value."""
     finite = np.isfinite(values)
     codes = np.select([values == np.inf, values == -np.inf], [ABOVE, BELOW], NOTHING)
@@ -192,14 +161,8 @@ def classes(values: Values, rule: Rule) -> Codes:
     return codes
 
 
-def _predict(values: Values, codes: Codes, known: Flags, rule: Rule) -> Flags:
-    """Enter what is predicted for the points half-way between the even ones, along one axis first, then more.
-
-    Returns
-    -------
-    ndarray of bool
-        Known points that are not of the class that is predicted.
-    """
+def _predict(values: Values, codes: Codes, known: Flags, rule: Refinement) -> Flags:
+    """Predict the points half-way between the even ones; which known points are not of the class predicted."""
     dims = values.ndim
     surprises = np.zeros(known.shape, dtype=bool)
     for count in range(1, dims + 1):
@@ -278,7 +241,7 @@ def _errors(values: Values) -> Values:
     return total
 
 
-def _largest_error(values: Values, rule: Rule) -> float:
+def _largest_error(values: Values, rule: Refinement) -> float:
     """The error that may remain, in the unit of the values."""
     finite = values[np.isfinite(values)]
     if rule.whole or rule.tolerance is None or not len(finite):

@@ -8,7 +8,7 @@ points are interpolated, and say so in their status; to the next plan they are p
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -25,11 +25,13 @@ from sweeps.grid import (
     PENDING,
     SKIPPED,
     STATUS_FLAGS,
-    Variable,
+    Embedding,
 )
 from sweeps.plan.declaration import Declaration
 from sweeps.refine.lattice import Refinement, closure, finest_known, survey
 from sweeps.storage.manifest import LARGE, Manifest
+from sweeps.storage.merge import STATUS, attributes, gather
+from sweeps.storage.sources import Source
 
 Declared = TypeVar("Declared", bound=Declaration)
 Derive = Callable[[xr.Dataset], xr.Dataset]
@@ -47,31 +49,22 @@ def refined(sweep: Declared, refinement: Refinement) -> Declared:
     variable = sweep.variables[refinement.variable]
     if np.dtype(variable.dtype).kind == "f":
         kept = max(float(np.finfo(variable.dtype).eps), 0.0 if variable.digits is None else 10.0**-variable.digits)
-        refinement = replace(refinement, resolution=max(refinement.resolution, kept))
+        refinement = replace(refinement, resolution=max(refinement.resolution, kept), whole=False)
+    else:
+        refinement = replace(refinement, whole=True)
     derive = partial(filled, refinement=refinement, then=sweep.derive)
     return replace(sweep, refinement=refinement, derive=derive)
 
 
 def wanted_points(
-    name: str,
+    sweep: Declaration,
     refinement: Refinement,
     manifest: Manifest,
-    values: NDArray[Any],
+    embedding: Embedding,
     status: NDArray[np.int8],
-    copies: NDArray[np.intp] | None,
+    sources: Sequence[Source],
 ) -> NDArray[np.bool_]:
-    """Which points of a refined sweep are wanted, as far as what is known of it tells.
-
-    Parameters
-    ----------
-    name : str
-        The sweep's.
-    refinement : Refinement
-    manifest : Manifest
-    values, status : ndarray
-        Of the lattice: the variable that is looked at, and what has become of each point.
-    copies : ndarray of int, optional
-        Equal for points that are one computation.
+    """Which of the file's points a refined sweep asks for, as far as what is known of it tells.
 
     Raises
     ------
@@ -81,12 +74,27 @@ def wanted_points(
     large = [each for each in manifest.large() if each in manifest.variables and not manifest.variables[each].dims]
     if large:
         raise ValueError(
-            f"Sweep {name}: {manifest.grid.size} points of {large[0]} are too many to refine; it must be at "
+            f"Sweep {sweep.name}: {manifest.grid.size} points of {large[0]} are too many to refine; it must be at "
             f"most {LARGE // manifest.row_bytes(large[0])}"
         )
-    variable = manifest.variables[refinement.variable]
-    rule = refinement.rule(_whole(variable.dtype))
-    return closure(_as_floats(values, variable), _is_known(status), refinement.levels, rule, copies)
+    name, shape = refinement.variable, manifest.grid.shape
+    values = gather(manifest, sources, [name], reasons=False).values[name]
+    if refinement.whole:
+        values = np.where(values == manifest.variables[name].missing, np.nan, values.astype(float))
+    copies = None if sweep.key is None else manifest.representative
+
+    def lattice(array: NDArray[Any]) -> NDArray[Any]:
+        return array.reshape(shape)[embedding.index]
+
+    wanted = np.zeros(shape, dtype=bool)
+    wanted[embedding.index] = closure(
+        lattice(values),
+        lattice(_is_known(status)),
+        refinement.levels,
+        refinement,
+        None if copies is None else lattice(copies),
+    )
+    return wanted.ravel()
 
 
 def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive | None) -> xr.Dataset:
@@ -95,27 +103,26 @@ def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive | None) 
     The lattice is the file's grid, which may be finer than the one that was asked for now. Where no coarse lattice
     of it is known throughout, nothing is interpolated.
     """
-    told = json.loads(dataset.attrs["configuration"]) | {"refinement": asdict(refinement)}
-    dataset = dataset.assign_attrs(configuration=json.dumps(told))
+    chosen_by = {name: value for name, value in asdict(refinement).items() if name != "whole"}
+    configuration = json.loads(dataset.attrs["configuration"]) | {"refinement": chosen_by}
+    dataset = dataset.assign_attrs(configuration=json.dumps(configuration))
     status = dataset["status"]
     known = _is_known(status.values)
     levels = finest_known(known)
     if levels is not None:
-        found = {
-            str(name): survey(each.values.astype(float), known, levels, refinement.rule(_whole(each)))
-            for name, each in dataset.data_vars.items()
-            if each.dims == status.dims and each.dtype.kind in "fi" and name not in ("status", "wall_time")
-        }
-        rest = ~known & ~found[refinement.variable].asked
-        for name, each in found.items():
+        surveys = {}
+        for name, each in dataset.data_vars.items():
+            if each.dims == status.dims and each.dtype.kind in "fi" and name not in ("status", "wall_time"):
+                # Whole numbers are floats once some are missing.
+                whole = np.dtype(each.encoding.get("dtype", each.dtype)).kind == "i"
+                surveys[name] = survey(each.values.astype(float), known, levels, replace(refinement, whole=whole))
+        shown = known | ~surveys[refinement.variable].asked
+        for name, found in surveys.items():
             own = dataset[name]
-            values = np.where(rest, each.values, np.where(known, own.values, np.nan))
-            dataset[name] = own.copy(data=values.astype(own.dtype))
-        codes = np.where(rest, INTERPOLATED, np.where(known, status.values, PENDING)).astype(np.int8)
-        dataset["status"] = status.copy(data=codes).assign_attrs(
-            flag_values=np.arange(INTERPOLATED + 1, dtype=np.int8),
-            flag_meanings=" ".join((STATUS_FLAGS | INTERPOLATED_FLAG).values()),
-        )
+            dataset[name] = own.copy(data=np.where(shown, found.values, np.nan).astype(own.dtype))
+        codes = np.where(known, status.values, np.where(shown, INTERPOLATED, PENDING)).astype(np.int8)
+        flags = attributes(replace(STATUS, flags=STATUS_FLAGS | INTERPOLATED_FLAG), "status")
+        dataset["status"] = status.copy(data=codes).assign_attrs(flags)
     return dataset if then is None else then(dataset)
 
 
@@ -143,15 +150,3 @@ def _check(sweep: Declaration, refinement: Refinement) -> None:
 def _is_known(status: NDArray[Any]) -> NDArray[np.bool_]:
     """Whether there is nothing to be computed at a point: what failed is an answer too."""
     return np.isin(status, (DONE, FAILED, SKIPPED))
-
-
-def _as_floats(values: NDArray[Any], variable: Variable) -> NDArray[np.float64]:
-    """Values with NaN for what is missing."""
-    floats = values.astype(float)
-    return floats if values.dtype.kind == "f" else np.where(values == variable.missing, np.nan, floats)
-
-
-def _whole(each: Any) -> bool:
-    """Whether a type, or what a variable has in its file, is of whole numbers."""
-    kind = each.encoding.get("dtype", each.dtype) if isinstance(each, xr.DataArray) else each
-    return bool(np.dtype(kind).kind == "i")
