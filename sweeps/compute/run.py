@@ -24,9 +24,9 @@ from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.plan.planning import ROW_BYTES, select
 from sweeps.storage.lock import locked
-from sweeps.storage.merge import DamagedError, dataset, gather
+from sweeps.storage.merge import dataset, gather
 from sweeps.storage.netcdf import attach, leftovers, open_results, stored_only, write
-from sweeps.storage.sources import PartSource, ResultSource, Source
+from sweeps.storage.sources import DamagedError, PartSource, ResultSource, Source
 from sweeps.storage.store import Store
 from sweeps.watch.monitor import Monitor, Progress
 
