@@ -130,9 +130,10 @@ def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
         row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)
         computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
     most = max(LARGE // row, 1)
-    sources: list[Source] = [FileSource(path, grid, block) for block in blocks(grid.shape, most)]
-    sources += [ComputedSource(path, grid, slice(k, k + most)) for k in range(0, computations, most)]
-    return Existing(grid, sources, attributes)
+    sources: list[Source] = [ComputedSource(path, grid, slice(k, k + most)) for k in range(0, computations, most)]
+    return Existing(
+        grid, sources or [FileSource(path, grid, each) for each in blocks(grid.shape, most)], attributes
+    )
 
 
 def _owned(path: Path, name: str) -> dict[str, Any]:

@@ -57,11 +57,8 @@ class Choice:
         self.seconds += held.seconds
         self.computations += int(np.count_nonzero(held.computed))
         before = self.status[held.points]
-        # What failed does not replace what was done.
-        better = ~held.failed | (before == PENDING) | (before == FAILED)
-        if source.scaled:
-            # What a finished file says of a point goes before what it says of another that is the same.
-            better &= held.computed | (before == PENDING)
+        # Neither what failed nor what is known of a copy replaces what was done.
+        better = (before == PENDING) | (before == FAILED) | (held.computed & ~held.failed)
         points = held.points[better]
         self.status[points] = np.where(held.failed[better], np.int8(FAILED), np.int8(DONE))
         return points, held.rows[better], held.computed[better]
@@ -122,7 +119,7 @@ def gather(
                 # A copy costs nothing.
                 array[points] = np.where(computed, result.wall_time[rows], 0.0)
             else:
-                array[points] = _at_points(manifest, name, result.values[name][rows], source, points)
+                array[points] = _at_points(manifest, name, result.values[name][rows], points)
         if reasons and (result.failures or found.errors):
             _take_reasons(manifest, found, result.failures, points, rows, computed)
     return found
@@ -151,11 +148,9 @@ def _take_reasons(
         found.failures = {slot: found.failures[slot] for slot in sorted(found.failures)[:MOST_TRACEBACKS]}
 
 
-def _at_points(
-    manifest: Manifest, name: str, values: NDArray[Any], source: Source, points: Indices
-) -> NDArray[Any]:
-    """Rows of a source as results of points."""
-    factor = None if source.scaled else manifest.factor(name, points)
+def _at_points(manifest: Manifest, name: str, values: NDArray[Any], points: Indices) -> NDArray[Any]:
+    """Results of computations as those of points."""
+    factor = manifest.factor(name, points)
     return values if factor is None else scaled(values, factor, manifest.described(name).digits)
 
 
@@ -198,7 +193,7 @@ def stream(
             *outer, last = np.unravel_index(places[begin], shape)
             region, run = (*outer, slice(last, last + end - begin)), points[begin:end]
             for name, variable in variables.items():
-                values = _at_points(manifest, name, result.values[name][rows[begin:end]], source, run)
+                values = _at_points(manifest, name, result.values[name][rows[begin:end]], run)
                 if convert is not None:
                     values = convert(name, values, run)
                 with NETCDF:

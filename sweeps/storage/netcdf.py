@@ -137,7 +137,7 @@ def _compose(
             path, "a" if large else "w", "NETCDF4", engine="netcdf4", encoding=_encoding(data, manifest)
         )
     if any(variable.scale for variable in manifest.variables.values()):
-        _keep_computations(path, manifest, [each for each in sources if not each.scaled])
+        _keep_computations(path, manifest, sources)
     return problem
 
 

@@ -1,7 +1,7 @@
 """Where computed points are kept: parts, a finished file, or this process's memory.
 
 Each source tells first which points it holds, at little cost (`held`), and gives their values when they are wanted
-(`read`, of all its rows). Its rows are those of points, factors included, if it is `scaled`, else of computations.
+(`read`, of all its rows): results of computations, before they are multiplied by the factors of a point.
 """
 
 from __future__ import annotations
@@ -67,7 +67,6 @@ class PartSource:
 
     folder: PartFolder
     name: str
-    scaled = False
 
     def held(self, manifest: Manifest) -> Held:
         """The points of the manifest's grid that get something."""
@@ -91,7 +90,6 @@ class ResultSource:
 
     points: NDArray[np.intp]
     result: BatchResult
-    scaled = False
     name = "memory"
 
     def held(self, manifest: Manifest) -> Held:
@@ -106,7 +104,7 @@ class ResultSource:
 
 @dataclass(frozen=True, eq=False)
 class FileSource:
-    """The points of a finished file, or those of one block of it; if it is damaged, a StoreError.
+    """The points of a finished file without factors, or those of one block; if it is damaged, a StoreError.
 
     Attributes
     ----------
@@ -120,7 +118,6 @@ class FileSource:
     path: Path
     grid: Grid
     block: tuple[slice, ...] = ()
-    scaled = True
 
     @property
     def name(self) -> str:
@@ -144,8 +141,7 @@ class FileSource:
         points = manifest.grid.embed(self.grid)(self._first() + rows)
         rows, points = rows[points >= 0], points[points >= 0]
         own, seconds = len(points), float(np.nansum(spent[rows]))
-        if manifest.representative is not None and not any(v.scale for v in manifest.variables.values()):
-            # Without factors a point's result is its computation's, so its copies have it too.
+        if manifest.representative is not None:
             stand_for, first = np.unique(manifest.representative[points], return_index=True)
             copies, row = manifest.copies(stand_for)
             new = ~np.isin(copies, points)
@@ -177,7 +173,7 @@ class FileSource:
 
 @dataclass(frozen=True, eq=False)
 class ComputedSource:
-    """Computations of a finished file as they were before they were scaled: what its points lack to be that.
+    """Computations of a finished file with factors: of its points, and of what these lack to be what was computed.
 
     Attributes
     ----------
@@ -191,7 +187,6 @@ class ComputedSource:
     path: Path
     grid: Grid
     block: slice
-    scaled = False
 
     @property
     def name(self) -> str:
