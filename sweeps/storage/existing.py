@@ -99,7 +99,8 @@ def _sources(store: Store, manifest: Manifest) -> list[Source]:
 
 
 def _parts(store: Store) -> list[Source]:
-    return [PartSource(store.folder, name) for name in store.folder.names()]
+    folder = store.folder
+    return [PartSource(folder, name) for name in folder.names()]
 
 
 def _unfinished(store: Store, name: str) -> Manifest | None:

@@ -123,8 +123,9 @@ class Manifest:
         return int(np.dtype(self.described(name).dtype).itemsize * np.prod(self.shape(name), dtype=np.int64))
 
     def large(self) -> list[str]:
-        """Variables that are never in memory as a whole together with others; `wall_time` may be one."""
-        return [n for n in (*self.variables, "wall_time") if self.row_bytes(n) * self.grid.size > LARGE]
+        """Variables that are never in memory together; where one number a point is too much, what else has one."""
+        large = [n for n in (*self.variables, "wall_time") if self.row_bytes(n) * self.grid.size > LARGE]
+        return [*large, "status", "error"] if "wall_time" in large else large
 
     def save(self, path: Path) -> None:
         """Write the manifest."""

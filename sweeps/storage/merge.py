@@ -121,17 +121,12 @@ def gather(
             else:
                 array[points] = _at_points(manifest, name, result.values[name][rows], points)
         if reasons and (result.failures or found.errors):
-            _take_reasons(manifest, found, result.failures, points, rows, computed)
+            _take_reasons(manifest, found, result.failures, points, rows)
     return found
 
 
 def _take_reasons(
-    manifest: Manifest,
-    found: Gathered,
-    failures: Mapping[int, Failure],
-    points: Indices,
-    rows: Indices,
-    computed: NDArray[np.bool_],
+    manifest: Manifest, found: Gathered, failures: Mapping[int, Failure], points: Indices, rows: Indices
 ) -> None:
     """Enter why points failed, and forget it of those that now have a result."""
     for point in [point for point in found.errors if found.status[point] != FAILED]:
@@ -139,11 +134,10 @@ def _take_reasons(
         found.failures.pop(point, None)
     at = np.flatnonzero(np.isin(rows, list(failures)))
     slots = manifest.representatives(points[at])
-    for place, point, slot in zip(at.tolist(), points[at].tolist(), slots.tolist(), strict=True):
-        failure = failures[int(rows[place])]
-        found.errors[point] = failure.error
-        if computed[place] and failure.reproduce:
-            found.failures[slot] = failure
+    for point, slot, row in zip(points[at].tolist(), slots.tolist(), rows[at].tolist(), strict=True):
+        found.errors[point] = failures[row].error
+        if failures[row].reproduce:
+            found.failures[slot] = failures[row]
     if len(found.failures) > 2 * MOST_TRACEBACKS:
         found.failures = {slot: found.failures[slot] for slot in sorted(found.failures)[:MOST_TRACEBACKS]}
 

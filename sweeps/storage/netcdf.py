@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import glob
 import json
 import os
 import tempfile
@@ -35,8 +34,6 @@ READ_AT_ONCE = 50_000_000
 # Of a chunk: a reader who wants one point should not read a hundred others.
 CHUNK_BYTES = 1 << 18
 MOST_CHUNK_BYTES = 1 << 22
-# Bytes of a row from which on its chunks are those of a large variable.
-WIDE = 1 << 16
 # A large variable of rows up to this size is put together in memory, alone; of others each row is written as it is
 # read.
 NARROW = 16
@@ -73,7 +70,7 @@ def write(store: Store, manifest: Manifest, sources: Sequence[Source], derive: D
     StoreError
         If it cannot be written; an older one is left as it was.
     """
-    temporary = store.file.with_name(f".{store.file.name}.{os.getpid()}.tmp")
+    temporary = store.parts / f".{store.file.name}.tmp"
     try:
         underived = _compose(temporary, manifest, sources, derive, _history(store, manifest))
         with open(temporary, "rb") as written:
@@ -102,11 +99,6 @@ def _history(store: Store, manifest: Manifest) -> str:
     return ""
 
 
-def leftovers(store: Store) -> list[Path]:
-    """Half a file that a killed run has left, for whoever holds the store."""
-    return list(store.file.parent.glob(f".{glob.escape(store.file.name)}.*.tmp"))
-
-
 def _compose(
     path: Path, manifest: Manifest, sources: Sequence[Source], derive: Derive | None = None, before: str = ""
 ) -> Exception | None:
@@ -116,13 +108,10 @@ def _compose(
     """
     large, problem = manifest.large(), None
     found = gather(manifest, sources, [each for each in (*manifest.variables, "wall_time") if each not in large])
-    # Where one number a point is large, so is its state.
-    states = "wall_time" not in large
-    data = dataset(manifest, found, states)
+    data = dataset(manifest, found, "status" not in large)
     with ExitStack() as stack:
         if large:
-            _write_large(path, manifest, sources, found, large, states)
-            large += [] if states else ["status", "error"]
+            _write_large(path, manifest, sources, found)
             data = data.assign(stack.enter_context(xr.open_dataset(path, engine="netcdf4", cache=False))[large])
         try:
             data = attach(manifest, data, derive, before)
@@ -141,36 +130,31 @@ def _compose(
     return problem
 
 
-def _write_large(
-    path: Path, manifest: Manifest, sources: Sequence[Source], found: Gathered, large: Sequence[str], states: bool
-) -> None:
+def _write_large(path: Path, manifest: Manifest, sources: Sequence[Source], found: Gathered) -> None:
     """Write the large variables into a new file."""
     grid, made = manifest.grid, {}
     points = dict(zip(grid.dims, grid.shape, strict=True))
     aside = " ".join(axis for axis in grid.axes if axis not in grid.dims)
-    with NETCDF, netCDF4.Dataset(path, "w") as file:
-        for name in [*large, *([] if states else ["status"])]:
-            described = manifest.described(name)
-            shrinks = described.digits is not None or described.dtype.startswith("int") or name == "wall_time"
-            missing = False if name == "status" else np.array(described.missing, described.dtype)[()]
-            made[name] = _create(file, name, described.dtype, points, _inner(manifest, name), shrinks, missing)
-            made[name].setncatts(attributes(described, name) | ({"coordinates": aside} if aside else {}))
-        if not states:
-            made.pop("status")[...] = found.status.reshape(grid.shape)
-            _write_errors(file, manifest, found)
-        _fill(made, manifest, sources)
-
-
-def _write_errors(file: Any, manifest: Manifest, found: Gathered) -> None:
-    """Write why points failed as characters; what is not written is empty."""
     texts = {point: fitting(manifest, text).encode() for point, text in found.errors.items()}
     width = max(map(len, texts.values()), default=1)
-    shape = dict(zip(manifest.grid.dims, manifest.grid.shape, strict=True))
-    made = _create(file, "error", "S1", shape, {f"string{width}": width}, True, None)
-    made.setncatts(attributes(manifest.described("error"), "error") | {"_Encoding": "utf-8"})
-    for point in sorted(texts):
-        letters = np.array([texts[point]], dtype=f"S{width}").view("S1")
-        made[tuple(np.unravel_index(point, manifest.grid.shape))] = letters
+    with NETCDF, netCDF4.Dataset(path, "w") as file:
+        for name in manifest.large():
+            described, inner, more = manifest.described(name), _inner(manifest, name), {}
+            kind = np.dtype(described.dtype)
+            missing = None if name in ("status", "error") else np.array(described.missing, kind)[()]
+            if name == "error":
+                # What is not written is empty.
+                kind, inner, more = np.dtype("S1"), {f"string{width}": width}, {"_Encoding": "utf-8"}
+            shrinks = described.digits is not None or kind.kind in "iS" or name == "wall_time"
+            made[name] = _create(file, name, kind, points, inner, shrinks, missing)
+            made[name].setncatts(attributes(described, name) | more | ({"coordinates": aside} if aside else {}))
+        if "status" in made:
+            made.pop("status")[...] = found.status.reshape(grid.shape)
+            error = made.pop("error")
+            for point in sorted(texts):
+                letters = np.array([texts[point]], dtype=f"S{width}").view("S1")
+                error[tuple(np.unravel_index(point, grid.shape))] = letters
+        _fill(made, manifest, sources)
 
 
 def _describe(path: Path, attributes_of: Mapping[str, Mapping[str, Any]]) -> None:
@@ -224,11 +208,11 @@ def _inner(manifest: Manifest, name: str) -> dict[str, int]:
 def _create(
     group: Any,
     name: str,
-    kind: str,
+    kind: Any,
     points: Mapping[str, int],
     inner: Mapping[str, int],
     shrinks: bool,
-    missing: Any = False,
+    missing: Any = None,
 ) -> Any:
     """A variable of an open file or group, the points' dimensions first; its values are written as they are."""
     for dim, length in {**points, **inner}.items():
@@ -301,7 +285,7 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
         plain = name in data.coords and (text or variable.size < 10_000)
         if variable.ndim and not plain:
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
-        if name in manifest.variables and manifest.row_bytes(str(name)) > WIDE:
+        if name in manifest.variables:
             inner = manifest.shape(str(name))
             chosen["chunksizes"] = chunk(manifest.grid.shape, inner, manifest.row_bytes(str(name)))
         if text:

@@ -103,26 +103,23 @@ class ResultSource:
 
 
 @dataclass(frozen=True, eq=False)
-class FileSource:
-    """The points of a finished file without factors, or those of one block; if it is damaged, a StoreError.
-
-    Attributes
-    ----------
-    path : Path
-    grid : Grid
-        The file's.
-    block : tuple of slice
-        Along the first dimensions; () for the whole.
-    """
+class _File:
+    """A finished file and its grid; if it is damaged, a StoreError."""
 
     path: Path
     grid: Grid
-    block: tuple[slice, ...] = ()
 
     @property
     def name(self) -> str:
         """The file."""
         return str(self.path)
+
+
+@dataclass(frozen=True, eq=False)
+class FileSource(_File):
+    """The points of a finished file without factors, or those of a block along the first dimensions."""
+
+    block: tuple[slice, ...] = ()
 
     def _first(self) -> int:
         """The block's first point; the others follow, for it is one of `blocks`."""
@@ -172,26 +169,10 @@ class FileSource:
 
 
 @dataclass(frozen=True, eq=False)
-class ComputedSource:
-    """Computations of a finished file with factors: of its points, and of what these lack to be what was computed.
+class ComputedSource(_File):
+    """Some computations of a finished file with factors: its points, and what these lack to be what was computed."""
 
-    Attributes
-    ----------
-    path : Path
-    grid : Grid
-        The file's.
-    block : slice
-        Which of the computations.
-    """
-
-    path: Path
-    grid: Grid
     block: slice
-
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
 
     def held(self, manifest: Manifest) -> Held:
         """The points of the manifest's grid that get something."""
@@ -207,11 +188,10 @@ class ComputedSource:
             values = {name: self._values(file, name, points) for name in variables}
             failures = {}
             if reasons and "error" in file[COMPUTED].variables:
-                texts = [
-                    as_texts(each).tolist() for each in self._columns(file, "error", "traceback", "reproduce")
-                ]
-                rows = np.flatnonzero(status == FAILED).tolist()
-                failures = {row: Failure(*(each[row] for each in texts)) for row in rows}
+                rows = np.flatnonzero(status == FAILED)
+                columns = self._columns(file, "error", "traceback", "reproduce")
+                texts = zip(*(as_texts(each[rows]).tolist() for each in columns), strict=True)
+                failures = {row: Failure(*each) for row, each in zip(rows.tolist(), texts, strict=True)}
             return BatchResult(values, spent, failures)
 
     def _columns(self, file: Any, *names: str) -> list[NDArray[Any]]:
