@@ -170,7 +170,7 @@ class FileSource(_File):
 
 @dataclass(frozen=True, eq=False)
 class ComputedSource(_File):
-    """Some computations of a finished file with factors: its points, and what these lack to be what was computed."""
+    """Some computations of a finished file with factors: its points, and what these lack to be as computed."""
 
     block: slice
 
