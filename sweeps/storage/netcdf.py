@@ -122,9 +122,8 @@ def _compose(
     with NETCDF:
         if large:
             _describe(path, attributes_of)
-        data.to_netcdf(
-            path, "a" if large else "w", "NETCDF4", engine="netcdf4", encoding=_encoding(data, manifest)
-        )
+        encoding = _encoding(data, manifest)
+        data.to_netcdf(path, mode="a" if large else "w", engine="netcdf4", encoding=encoding)
     if any(variable.scale for variable in manifest.variables.values()):
         _keep_computations(path, manifest, sources)
     return problem
@@ -190,7 +189,8 @@ def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]
         return residual(values, factor, scaled[name].digits)
 
     with NETCDF:
-        kept.to_netcdf(path, "a", "NETCDF4", COMPUTED, "netcdf4", _encoding(kept, manifest))
+        encoding = _encoding(kept, manifest)
+        kept.to_netcdf(path, mode="a", group=COMPUTED, engine="netcdf4", encoding=encoding)
     with NETCDF, netCDF4.Dataset(path, "a") as file:
         made, axis = {}, {"computation": len(slots)}
         for name, variable in scaled.items():
