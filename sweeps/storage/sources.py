@@ -137,14 +137,16 @@ class FileSource(_File):
         rows = np.flatnonzero((status == DONE) | (status == FAILED))
         points = manifest.grid.embed(self.grid)(self._first() + rows)
         rows, points = rows[points >= 0], points[points >= 0]
-        own, seconds = len(points), float(np.nansum(spent[rows]))
+        # Copies have cost nothing.
+        computed, seconds = spent[rows] > 0.0, float(np.nansum(spent[rows]))
         if manifest.representative is not None:
             stand_for, first = np.unique(manifest.representative[points], return_index=True)
             copies, row = manifest.copies(stand_for)
             new = ~np.isin(copies, points)
             points = np.concatenate([points, copies[new]])
             rows = np.concatenate([rows, rows[first[row[new]]]])
-        return Held(points, rows, status[rows] == FAILED, np.arange(len(points)) < own, seconds)
+            computed = np.concatenate([computed, np.zeros(np.count_nonzero(new), dtype=bool)])
+        return Held(points, rows, status[rows] == FAILED, computed, seconds)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
         """The block's points with the values of some variables."""
