@@ -7,9 +7,8 @@ import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import netCDF4
 
@@ -31,18 +30,11 @@ from sweeps.storage.sources import (
 from sweeps.storage.store import Store
 
 
-@dataclass(frozen=True, eq=False)
-class Existing:
+class Existing(NamedTuple):
     """What a store holds already.
 
-    Attributes
-    ----------
-    grid : Grid
-    sources : list of Source
-    attributes : mapping of str to str
-        What it says of its sweep: `configuration`, `identity`, `presentation` and `libraries`.
-    manifest : Manifest or None
-        Of a run that was not finished; None where all there is is in the finished file.
+    `attributes` is what it says of its sweep: `configuration`, `identity`, `presentation` and `libraries`.
+    `manifest` is that of a run that was not finished; None: everything is in the finished file.
     """
 
     grid: Grid
