@@ -24,6 +24,21 @@ from sweeps.storage.store import Store
 LOG: list[float] = []
 
 
+def test_what_is_derived_may_change_the_shape_of_a_variable(tmp_path):
+    grid, coords = Grid({"x": Axis(np.arange(3.0))}), {"elapsed": Axis(np.arange(10_000))}
+    made = Sweep(
+        "means",
+        lambda p: {"y": p["x"][:, None] + np.zeros(10_000)},
+        grid,
+        {"y": Variable(dims=("elapsed",))},
+        coords=coords,
+        derive=lambda data: data.assign(y=data["y"].mean("elapsed")),
+    )
+    found = made.plan(tmp_path / "m.nc").run()
+    assert found["y"].dims == ("x",)
+    np.testing.assert_array_equal(found["y"], np.arange(3.0))
+
+
 def contact(points):
     """A state of the contact, a million samples a point."""
     return {"state": np.broadcast_to(np.arange(1_000_000) % 3, (len(points["x"]), 1_000_000)).astype(np.int8)}

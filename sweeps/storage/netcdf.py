@@ -245,7 +245,7 @@ def _fill(
     large = manifest.large()
     wide = {name: each for name, each in made.items() if name in large and manifest.row_bytes(name) > NARROW}
     alone = [[name] for name in made if name in large and name not in wide]
-    for names in [[name for name in made if name not in large], *alone]:
+    for names in filter(None, [[name for name in made if name not in large], *alone]):
         for name, values in gather(manifest, sources, names, reasons=False).values.items():
             rows = values if slots is None else values[slots]
             if convert is not None and slots is not None:
@@ -285,8 +285,9 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
         plain = name in data.coords and (text or variable.size < 10_000)
         if variable.ndim and not plain:
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
-        if name in manifest.variables:
-            inner = manifest.shape(str(name))
+        inner = manifest.shape(str(name)) if name in manifest.variables else None
+        # What is derived may have another shape.
+        if inner is not None and variable.shape == (*manifest.grid.shape, *inner):
             chosen["chunksizes"] = chunk(manifest.grid.shape, inner, manifest.row_bytes(str(name)))
         if text:
             chosen["dtype"] = "S1"
