@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from sweeps.grid import STATUS_FLAGS, Axis, Embedding, Grid, Variable
 from sweeps.storage.packed import Packed, pack
-from sweeps.storage.parts import PartFolder
 
 # What every file has besides its sweep's variables.
 BESIDES = {
@@ -129,7 +128,7 @@ class Manifest:
         return [*large, "status", "error"] if "wall_time" in large else large
 
     def save(self, path: Path) -> None:
-        """Write the manifest, so that it is whole or not there."""
+        """Write the manifest."""
         grids = {self.token: self.grid, **self.earlier}
         about = {
             "name": self.name,
@@ -148,7 +147,7 @@ class Manifest:
         arrays |= {f"factor {name}": values for name, values in self.factors.items()}
         if self.representative is not None:
             arrays["representative"] = self.representative
-        PartFolder(path.parent).put(path.name, pack(about, arrays, ["representative"]))
+        path.write_bytes(pack(about, arrays, ["representative"]))
 
     @classmethod
     def load(cls, path: Path) -> Manifest:

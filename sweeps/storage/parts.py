@@ -101,7 +101,7 @@ class PartFolder:
         return f"{self._last:06d}-{self._run}.part"
 
     def put(self, name: str, content: bytes) -> None:
-        """Write a file: temporary name, flush, rename; nothing once the folder is closed."""
+        """Write a part: temporary name, flush, rename; nothing once the folder is closed."""
         temporary = self.path / f".{name}.{os.getpid()}.tmp"
         if self._closed:
             return
