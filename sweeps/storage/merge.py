@@ -194,17 +194,16 @@ def stream(
                     variable[region] = values
 
 
-def dataset(manifest: Manifest, found: Gathered, states: bool = True) -> xr.Dataset:
-    """What was gathered, with the attributes CF asks for; with or without `status` and `error`."""
+def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
+    """What was gathered, with the attributes CF asks for; with `wall_time` come `status` and `error`."""
     grid, arrays = manifest.grid, dict(found.values)
     axes = [((grid.dim_of(name),), name, axis) for name, axis in grid.axes.items()]
     axes += [((name,), name, axis) for name, axis in manifest.coords.items()]
-    if states:
+    if "wall_time" in arrays:
         error = np.full(grid.size, "", dtype=object)
         for point, text in found.errors.items():
             error[point] = fitting(manifest, text)
-        spent = {"wall_time": arrays.pop("wall_time")} if "wall_time" in arrays else {}
-        arrays |= {"status": found.status, "error": error, **spent}
+        arrays |= {"status": found.status, "error": error, "wall_time": arrays.pop("wall_time")}
     data: dict[str, Any] = {}
     for name, values in arrays.items():
         described, encoding = manifest.described(name), {}

@@ -108,7 +108,7 @@ def _compose(
     """
     large, problem = manifest.large(), None
     found = gather(manifest, sources, [each for each in (*manifest.variables, "wall_time") if each not in large])
-    data = dataset(manifest, found, "status" not in large)
+    data = dataset(manifest, found)
     with ExitStack() as stack:
         if large:
             _write_large(path, manifest, sources, found)
