@@ -180,8 +180,9 @@ def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]
     columns |= {f"factor_{name}": manifest.factors[variable.scale][slots] for name, variable in scaled.items()}
     if found.errors:
         reasons = [found.failures.get(slot, (found.errors.get(slot, ""), "", "")) for slot in slots.tolist()]
-        columns |= dict(zip(("error", "traceback", "reproduce"), zip(*reasons, strict=True), strict=True))
-    kept = xr.Dataset({name: ("computation", np.array(each)) for name, each in columns.items()})
+        texts = np.array(reasons, dtype=object)
+        columns |= {"error": texts[:, 0], "traceback": texts[:, 1], "reproduce": texts[:, 2]}
+    kept = xr.Dataset({name: ("computation", each) for name, each in columns.items()})
     kept = kept.assign_coords(computation=slots)
 
     def lacking(name: str, values: NDArray[Any], points: NDArray[np.intp]) -> NDArray[Any]:
