@@ -171,6 +171,15 @@ def test_an_old_copy_may_become_what_is_computed(tmp_path, scaled):
 
 
 @pytest.mark.parametrize("scaled", [True, False])
+def test_copies_do_not_make_what_is_to_come_look_cheap(tmp_path, scaled):
+    sweep(scaled=scaled).plan(tmp_path / "o.nc").run()
+    planned = sweep(V=(0, 9), scaled=scaled).plan(tmp_path / "o.nc")
+    # Each computation has told that it took a second.
+    assert planned.todo == 3 * 4
+    assert planned.seconds == pytest.approx(planned.todo)
+
+
+@pytest.mark.parametrize("scaled", [True, False])
 def test_an_interrupted_run_goes_on(tmp_path, scaled):
     path = tmp_path / "o.nc"
     asked = sweep(scaled=scaled)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results, status
+from sweeps import Axis, Grid, LockedError, StoreError, Sweep, Variable, open_results, status
 from sweeps.compute.batch import BatchResult, Failure
 from sweeps.compute.values import residual, scaled, unscaled
 from sweeps.storage import lock
@@ -23,6 +23,21 @@ from sweeps.storage.store import Store
 from tests import waves
 
 LOG: list[float] = []
+
+
+def test_what_is_derived_may_change_the_shape_of_a_variable(tmp_path):
+    grid, coords = Grid({"x": Axis(np.arange(3.0))}), {"elapsed": Axis(np.arange(10_000))}
+    made = Sweep(
+        "means",
+        lambda p: {"y": p["x"][:, None] + np.zeros(10_000)},
+        grid,
+        {"y": Variable(dims=("elapsed",))},
+        coords=coords,
+        derive=lambda data: data.assign(y=data["y"].mean("elapsed")),
+    )
+    found = made.plan(tmp_path / "m.nc").run()
+    assert found["y"].dims == ("x",)
+    np.testing.assert_array_equal(found["y"], np.arange(3.0))
 
 
 def contact(points):
@@ -289,6 +304,44 @@ def test_of_many_that_want_the_lock_one_has_it_at_a_time(tmp_path):
         list(pool.map(hold, range(4)))
     assert most == [1]
     assert os.listdir(tmp_path) == []
+
+
+def test_the_lock_removes_no_file_but_its_own(tmp_path):
+    store = Store(tmp_path / "a.nc")
+    with lock.locked(store):
+        store.lock.unlink()
+        assert not lock.is_locked(store)
+        store.lock.write_bytes(b"another run's")
+    assert store.lock.read_bytes() == b"another run's"
+    with lock.locked(store), pytest.raises(LockedError, match=f"process {os.getpid()} on "), lock.locked(store):
+        pass
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_lock_whose_file_is_removed_while_it_is_waited_for_is_not_taken(tmp_path, monkeypatch):
+    store, files = Store(tmp_path / "a.nc"), []
+
+    def slow(descriptor, blocking):
+        # The run before ends between our opening the file and locking it.
+        if not files:
+            store.lock.unlink()
+        files.append(os.fstat(descriptor).st_ino)
+        return True
+
+    monkeypatch.setattr(lock, "lock_descriptor", slow)
+    with lock.locked(store):
+        assert len(files) == 2
+        assert store.lock.stat().st_ino == files[1]
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_disk_without_locks_is_refused(tmp_path, monkeypatch):
+    def missing(descriptor, blocking):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr(lock, "lock_descriptor", missing)
+    with pytest.raises(StoreError, match=r"a.nc cannot be written: Function not implemented; choose another"):
+        recorded(1).plan(tmp_path / "a.nc").run("sync")
 
 
 def test_flags_of_a_variable_are_those_of_cf(tmp_path):

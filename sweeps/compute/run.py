@@ -24,9 +24,9 @@ from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.plan.planning import ROW_BYTES, select
 from sweeps.storage.lock import locked
-from sweeps.storage.merge import DamagedError, dataset, gather
-from sweeps.storage.netcdf import attach, leftovers, open_results, stored_only, write
-from sweeps.storage.sources import PartSource, ResultSource, Source
+from sweeps.storage.merge import dataset, gather
+from sweeps.storage.netcdf import attach, open_results, stored_only, write
+from sweeps.storage.sources import DamagedError, PartSource, ResultSource, Source
 from sweeps.storage.store import Store
 from sweeps.watch.monitor import Monitor, Progress
 
@@ -88,7 +88,7 @@ def _prepare(plan: PlanData, store: Store, known: Collection[str]) -> None:
             store.manifest.unlink(missing_ok=True)
         store.parts.mkdir(parents=True, exist_ok=True)
         # What a killed run left half written, and parts that are damaged or of another manifest.
-        for path in [*store.parts.glob(".*.tmp"), *leftovers(store)]:
+        for path in store.parts.glob(".*.tmp"):
             path.unlink(missing_ok=True)
         for name in store.folder.names():
             if name not in known:

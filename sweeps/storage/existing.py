@@ -3,45 +3,43 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import netCDF4
-import numpy as np
 
 from sweeps.errors import StoreError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
 from sweeps.storage.manifest import LARGE, Manifest
-from sweeps.storage.sources import COMPUTED, ComputedSource, FileSource, PartSource, Source, blocks
+from sweeps.storage.sources import (
+    COMPUTED,
+    NETCDF,
+    ComputedSource,
+    FileSource,
+    PartSource,
+    Source,
+    blocks,
+    opened,
+    plain,
+)
 from sweeps.storage.store import Store
-from sweeps.storage.texts import NETCDF
-
-# What a file or a manifest says of its sweep.
-ATTRIBUTES = ("configuration", "identity", "presentation", "libraries")
 
 
-@dataclass(frozen=True, eq=False)
-class Existing:
+class Existing(NamedTuple):
     """What a store holds already.
 
-    Attributes
-    ----------
-    grid : Grid
-    sources : list of Source
-    attributes : dict of str to str
-        `configuration`, `identity` and `presentation`.
-    manifest : Manifest or None
-        Of a run that was not finished; None where all there is is in the finished file.
+    `attributes` is what it says of its sweep: `configuration`, `identity`, `presentation` and `libraries`.
+    `manifest` is that of a run that was not finished; None: everything is in the finished file.
     """
 
     grid: Grid
     sources: list[Source]
-    attributes: dict[str, str]
+    attributes: Mapping[str, str]
     manifest: Manifest | None = None
 
 
@@ -57,33 +55,12 @@ def existing(store: Store, name: str, identity: dict[str, Any]) -> Existing | No
     if manifest is None:
         return _finished(store.file, name, identity) if store.file.exists() else None
     try:
-        _same(store.parts, manifest.attributes, identity)
+        _check_same(store.parts, manifest.attributes, identity)
     except StoreError as problem:
         if manifest.fresh and store.file.exists():
             raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
         raise
-    sources: list[Source] = []
-    if store.file.exists() and not manifest.fresh:
-        sources += _finished(store.file, name, identity).sources
-    return Existing(manifest.grid, sources + _parts(store), dict(manifest.attributes), manifest)
-
-
-def _parts(store: Store) -> list[Source]:
-    folder = store.folder
-    return [PartSource(folder, name) for name in folder.names()]
-
-
-def _unfinished(store: Store, name: str) -> Manifest | None:
-    """The manifest of a run that was not finished; None where there is none."""
-    # A manifest that cannot be read was never finished: a run was killed at its very beginning.
-    with suppress(ValueError):
-        manifest = Manifest.load(store.manifest)
-        if manifest.name != name:
-            raise StoreError(
-                f"{store.parts} holds the results of {manifest.name}; the results of {name} need another folder"
-            )
-        return manifest
-    return None
+    return Existing(manifest.grid, _sources(store, manifest), manifest.attributes, manifest)
 
 
 def check_replaceable(store: Store, name: str) -> None:
@@ -95,83 +72,84 @@ def check_replaceable(store: Store, name: str) -> None:
         If there is something else.
     """
     if store.file.exists():
-        check_owner(store.file, name)
+        _owned(store.file, name)
     _unfinished(store, name)
 
 
 def sources_of(store: Store, manifest: Manifest) -> list[Source]:
-    """All sources of a manifest's points, for a reader who has no sweep."""
-    sources: list[Source] = []
-    if store.file.is_file() and not manifest.fresh:
-        with suppress(StoreError):
-            sources += _finished(store.file, manifest.name, json.loads(manifest.attributes["identity"])).sources
-    return sources + _parts(store)
+    """All sources of a manifest's points, for a reader who has no sweep; the parts, where the file is unusable."""
+    with suppress(StoreError):
+        return _sources(store, manifest)
+    return _parts(store)
 
 
-def _same(path: Path, attributes: Mapping[str, Any], identity: dict[str, Any]) -> None:
+def _sources(store: Store, manifest: Manifest) -> list[Source]:
+    if manifest.fresh or not store.file.exists():
+        return _parts(store)
+    identity = json.loads(manifest.attributes["identity"])
+    return _finished(store.file, manifest.name, identity).sources + _parts(store)
+
+
+def _parts(store: Store) -> list[Source]:
+    folder = store.folder
+    return [PartSource(folder, name) for name in folder.names()]
+
+
+def _unfinished(store: Store, name: str) -> Manifest | None:
+    """The manifest of a run that was not finished; None where there is none."""
     try:
-        stored = json.loads(attributes["identity"])
-        different = differences(stored, identity)
-    except (KeyError, TypeError, ValueError, AttributeError):
+        manifest = Manifest.load(store.manifest)
+    except ValueError:
+        # A manifest that cannot be read was never finished: a run was killed at its very beginning.
+        return None
+    if manifest.name != name:
         raise StoreError(
-            f"{path} does not say what made it; start over with fresh (--fresh), or choose another folder (--out)"
-        ) from None
-    if different:
-        raise StoreError(
-            f"{path} holds something else: {different}; start over with fresh (--fresh), or choose another "
-            "folder (--out)"
+            f"{store.parts} holds the results of {manifest.name}; the results of {name} need another folder"
         )
+    return manifest
 
 
-def check_owner(path: Path, name: str) -> dict[str, Any]:
-    """The attributes of a finished file of the sweep `name`.
+def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
+    """A finished file, in blocks that memory can hold."""
+    attributes = _owned(path, name)
+    _check_same(path, attributes, identity)
+    stored = json.loads(attributes["identity"])
+    with opened(path) as file:
+        grid = Grid(
+            {axis: Axis(plain(file[axis])) for axis in stored["axes"]},
+            [tuple(group) for group in stored["groups"] if len(group) > 1],
+        )
+        present = [file[each] for each in stored["variables"] if each in file.variables]
+        row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)
+        computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
+    most = max(LARGE // row, 1)
+    sources: list[Source] = [ComputedSource(path, grid, slice(k, k + most)) for k in range(0, computations, most)]
+    return Existing(
+        grid, sources or [FileSource(path, grid, each) for each in blocks(grid.shape, most)], attributes
+    )
 
-    Raises
-    ------
-    StoreError
-        If it is anything else: that is never overwritten.
-    """
+
+def _owned(path: Path, name: str) -> dict[str, Any]:
+    """The attributes of a finished file of the sweep `name`; anything else is never overwritten."""
     if not os.access(path, os.R_OK):
         raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
     try:
         with NETCDF, netCDF4.Dataset(path) as file:
-            found = {key: file.getncattr(key) for key in file.ncattrs()}
+            attributes: dict[str, Any] = dict(vars(file))
     except (OSError, RuntimeError):
         raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
-    owner = found.get("sweep")
+    owner = attributes.get("sweep")
     if owner != name:
         whose = f"holds the results of {owner}" if owner else "was not made by a sweep"
         raise StoreError(f"{path} {whose}; the results of {name} need another folder")
-    return found
+    return attributes
 
 
-def _axis(variable: Any) -> Axis:
-    values = np.asarray(variable[...])
-    return Axis(values.astype(str) if values.dtype.kind == "O" else values)
-
-
-def _finished(path: Path, name: str, identity: dict[str, Any] | None) -> Existing:
-    """A finished file as sources."""
-    found = check_owner(path, name)
-    if identity is not None:
-        _same(path, found, identity)
-    stored = json.loads(found["identity"])
+def _check_same(path: Path, attributes: Mapping[str, Any], identity: dict[str, Any]) -> None:
+    otherwise = "start over with fresh (--fresh), or choose another folder (--out)"
     try:
-        with NETCDF, netCDF4.Dataset(path) as file:
-            axes = {axis: _axis(file[axis]) for axis in stored["axes"]}
-            grid = Grid(axes, [tuple(group) for group in stored["groups"] if len(group) > 1])
-            kept = file.groups[COMPUTED].dimensions if COMPUTED in file.groups else {}
-            computations = len(kept.get("computation", ()))
-            row = max(
-                variable.dtype.itemsize * int(np.prod(variable.shape[len(grid.shape) :]))
-                for name, variable in file.variables.items()
-                if name in stored["variables"]
-            )
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError, IndexError):
-        raise StoreError(f"{path} is damaged; move it away, or start over with fresh (--fresh)") from None
-    most = max(LARGE // row, 1)
-    sources: list[Source] = [FileSource(path, grid, index) for index in blocks(grid.shape, most)]
-    parts = [slice(k, k + most) for k in range(0, computations, most)]
-    sources += [ComputedSource(path, grid, part) for part in parts]
-    attributes = {key: str(found[key]) for key in ATTRIBUTES if key in found}
-    return Existing(grid, sources, attributes)
+        different = differences(json.loads(attributes["identity"]), identity)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise StoreError(f"{path} does not say what made it; {otherwise}") from None
+    if different:
+        raise StoreError(f"{path} holds something else: {different}; {otherwise}")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
 
-from filelock import FileLock, Timeout
+from filelock import lock_descriptor, unlock_descriptor
 
 from sweeps.errors import LockedError, StoreError, reason
 from sweeps.storage.store import Store
@@ -26,41 +30,61 @@ def locked(store: Store) -> Iterator[None]:
     StoreError
         If nothing can be written there.
     """
-    lock = FileLock(store.lock, timeout=PATIENCE)
     try:
         store.file.parent.mkdir(parents=True, exist_ok=True)
-        lock.acquire()
-    except Timeout:
-        raise taken(store) from None
-    except (OSError, NotImplementedError) as problem:
+        file = _acquired(store.lock)
+    except OSError as problem:
         raise StoreError(f"{store.file} cannot be written: {reason(problem)}; choose another folder") from None
-    try:
-        # Only a message needs it, so a full disk is no matter.
-        with suppress(OSError):
-            store.parts.mkdir(exist_ok=True)
-        write_state(store.progress, owner())
-        yield
-    finally:
-        # Without a manifest the folder is nothing.
-        if not store.manifest.exists():
-            store.clear()
-        # Removed while it is held: filelock takes no lock on a file that has lost its name, and tries again.
-        with suppress(OSError):
-            store.lock.unlink()
-        lock.release()
+    if file is None:
+        raise taken(store)
+    with file:
+        try:
+            # Only a message needs it, so a full disk is no matter.
+            with suppress(OSError):
+                store.parts.mkdir(exist_ok=True)
+            write_state(store.progress, owner())
+            yield
+        finally:
+            # Without a manifest the folder is nothing.
+            if not store.manifest.exists():
+                store.clear()
+            with suppress(OSError):
+                if _names(store.lock, file):
+                    store.lock.unlink()
+            # A process that was forked meanwhile has the file open too.
+            unlock_descriptor(file.fileno())
+
+
+def _acquired(path: Path) -> BinaryIO | None:
+    """The lock's file, locked; None if somebody else has it."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        with ExitStack() as stack:
+            file = stack.enter_context(open(path, "ab"))
+            # A holder removes the file at its end: whoever opened it before has locked what nobody else will find.
+            if lock_descriptor(file.fileno(), blocking=False) and _names(path, file):
+                stack.pop_all()
+                return file
+        time.sleep(PATIENCE / 10)
+    return None
+
+
+def _names(path: Path, file: BinaryIO) -> bool:
+    """Whether a path leads to an open file."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.stat(path), os.fstat(file.fileno()))
+    return False
 
 
 def is_locked(store: Store) -> bool:
     """Whether a run holds the store now."""
-    if not store.lock.exists():
-        return False
-    lock = FileLock(store.lock, timeout=0)
     try:
-        lock.acquire()
-    except (Timeout, OSError):
+        with open(store.lock, "r+b") as file:
+            return not lock_descriptor(file.fileno(), blocking=False)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:
         return True
-    lock.release()
-    return False
 
 
 def taken(store: Store) -> LockedError:

@@ -15,8 +15,15 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.grid import Axis, Embedding, Grid, Variable
+from sweeps.grid import STATUS_FLAGS, Axis, Embedding, Grid, Variable
 from sweeps.storage.packed import Packed, pack
+
+# What every file has besides its sweep's variables.
+BESIDES = {
+    "status": Variable("", "status of the point", dtype="int8", flags=STATUS_FLAGS),
+    "error": Variable("", "why the point failed"),
+    "wall_time": Variable("s", "computing time of the point"),
+}
 
 # A variable with more bytes than this is never in memory as a whole.
 LARGE = 32_000_000
@@ -79,7 +86,7 @@ class Manifest:
         """All points that some computed ones stand for, and for each the row of the one; -1 stands for none."""
         if self.representative is None or not self.copied:
             rows = np.flatnonzero(points >= 0)
-            return (points, rows) if len(rows) == len(points) else (points[rows], rows)
+            return points[rows], rows
         order, ordered = self._order
         first = np.searchsorted(ordered, points)
         counts = np.where(points >= 0, np.searchsorted(ordered, points, side="right") - first, 0)
@@ -90,7 +97,7 @@ class Manifest:
     @cached_property
     def _order(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The points, copies beside what they are copies of; and their representatives in that order."""
-        own = np.arange(self.grid.size) if self.representative is None else self.representative
+        own = self.representatives(np.arange(self.grid.size))
         order = np.argsort(own, kind="stable")
         return order, own[order]
 
@@ -98,23 +105,27 @@ class Manifest:
         """The computations themselves: without copies and factors."""
         return replace(self, copied=False, factors={})
 
+    def described(self, name: str) -> Variable:
+        """One of the variables, or of those that every file has besides."""
+        return self.variables.get(name) or BESIDES[name]
+
     def factor(self, name: str, points: NDArray[np.intp]) -> NDArray[np.float64] | None:
         """What a variable is multiplied by at some points; None for nothing."""
-        factors = self.factors.get(self.variables[name].scale) if name in self.variables else None
+        factors = self.factors.get(self.described(name).scale)
         return None if factors is None else factors[points]
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of a variable at one point."""
-        return tuple(len(self.coords[dim]) for dim in self.variables[name].dims)
+        return tuple(len(self.coords[dim]) for dim in self.described(name).dims)
 
     def row_bytes(self, name: str) -> int:
         """Size of a variable at one point."""
-        return int(np.dtype(self.variables[name].dtype).itemsize * np.prod(self.shape(name), dtype=np.int64))
+        return int(np.dtype(self.described(name).dtype).itemsize * np.prod(self.shape(name), dtype=np.int64))
 
     def large(self) -> list[str]:
-        """Variables that are never in memory as a whole together with others; `wall_time` may be one."""
-        sizes = {name: self.row_bytes(name) for name in self.variables} | {"wall_time": 8}
-        return [name for name, size in sizes.items() if size * self.grid.size > LARGE]
+        """Variables that are never in memory together; where one number a point is too much, what else has one."""
+        large = [n for n in (*self.variables, "wall_time") if self.row_bytes(n) * self.grid.size > LARGE]
+        return [*large, "status", "error"] if "wall_time" in large else large
 
     def save(self, path: Path) -> None:
         """Write the manifest."""
@@ -123,19 +134,15 @@ class Manifest:
             "name": self.name,
             "title": self.title,
             "token": self.token,
+            "fresh": self.fresh,
+            "attributes": dict(self.attributes),
             "groups": {token: grid.groups for token, grid in grids.items()},
             "axes": {name: [axis.units, axis.long_name] for name, axis in self.grid.axes.items()},
             "coords": {name: [axis.units, axis.long_name] for name, axis in self.coords.items()},
             "variables": {name: asdict(variable) for name, variable in self.variables.items()},
-            "attributes": dict(self.attributes),
             "factors": list(self.factors),
-            "fresh": self.fresh,
         }
-        arrays = {
-            f"axis {name} {token}": axis.values
-            for token, grid in grids.items()
-            for name, axis in grid.axes.items()
-        }
+        arrays = {f"axis {n} {token}": axis.values for token, g in grids.items() for n, axis in g.axes.items()}
         arrays |= {f"coord {name}": axis.values for name, axis in self.coords.items()}
         arrays |= {f"factor {name}": values for name, values in self.factors.items()}
         if self.representative is not None:
@@ -153,28 +160,21 @@ class Manifest:
         """
         try:
             file = Packed(path)
-            about = file.about
-            arrays = file.read(file.names)
+            about, arrays = file.about, file.read(file.names)
             grids = {}
             for token, groups in about["groups"].items():
                 axes = {n: Axis(arrays[f"axis {n} {token}"], *each) for n, each in about["axes"].items()}
                 grids[token] = Grid(axes, [tuple(group) for group in groups if len(group) > 1])
-            variables = {}
-            for name, each in about["variables"].items():
-                flags = each["flags"] and {int(code): word for code, word in each["flags"].items()}
-                variables[name] = Variable(**(each | {"flags": flags}))
+            for each in about["variables"].values():
+                each["flags"] = each["flags"] and {int(code): word for code, word in each["flags"].items()}
             return cls(
-                about["name"],
-                about["title"],
-                grids.pop(about["token"]),
-                {name: Axis(arrays[f"coord {name}"], *each) for name, each in about["coords"].items()},
-                variables,
-                arrays.get("representative"),
-                {name: arrays[f"factor {name}"] for name in about["factors"]},
-                about["attributes"],
-                about["fresh"],
-                about["token"],
-                grids,
+                **{name: about[name] for name in ("name", "title", "token", "fresh", "attributes")},
+                grid=grids.pop(about["token"]),
+                earlier=grids,
+                coords={n: Axis(arrays[f"coord {n}"], *each) for n, each in about["coords"].items()},
+                variables={name: Variable(**each) for name, each in about["variables"].items()},
+                representative=arrays.get("representative"),
+                factors={name: arrays[f"factor {name}"] for name in about["factors"]},
             )
         except (OSError, LookupError, TypeError, ValueError) as problem:
             raise ValueError(f"{path}: it is damaged or not the manifest of a sweep") from problem

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import atexit
-import glob
 import json
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -25,24 +23,10 @@ from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED
 from sweeps.storage.existing import sources_of
 from sweeps.storage.manifest import Manifest
-from sweeps.storage.merge import (
-    ERROR_ATTRIBUTES,
-    STATUS,
-    WALL_TIME,
-    DamagedError,
-    Gathered,
-    attributes,
-    dataset,
-    fitting,
-    gather,
-    inner_shape,
-    stream,
-    surveyed,
-)
+from sweeps.storage.merge import Convert, Gathered, attributes, dataset, fitting, gather, stream
 from sweeps.storage.parts import flush_folder
-from sweeps.storage.sources import COMPUTED, Source
+from sweeps.storage.sources import COMPUTED, NETCDF, DamagedError, Source
 from sweeps.storage.store import Store
-from sweeps.storage.texts import NETCDF, write_texts
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
 # A file up to this size is read at once, so that it stays free to be replaced.
@@ -50,9 +34,8 @@ READ_AT_ONCE = 50_000_000
 # Of a chunk: a reader who wants one point should not read a hundred others.
 CHUNK_BYTES = 1 << 18
 MOST_CHUNK_BYTES = 1 << 22
-# Bytes of a row from which on its chunks are those of a large variable.
-WIDE = 1 << 16
-# A large variable with shorter rows is put together in memory, alone; of others each row is written as it is read.
+# A large variable of rows up to this size is put together in memory, alone; of others each row is written as it is
+# read.
 NARROW = 16
 # What was written last and may be written into again, of all large variables; netCDF would keep 64 MB of each.
 CACHE_BYTES = 1 << 25
@@ -87,26 +70,24 @@ def write(store: Store, manifest: Manifest, sources: Sequence[Source], derive: D
     StoreError
         If it cannot be written; an older one is left as it was.
     """
-    temporary = store.file.with_name(f".{store.file.name}.{os.getpid()}.tmp")
-    problems: list[Exception] = []
+    temporary = store.parts / f".{store.file.name}.tmp"
     try:
-        _compose(temporary, manifest, sources, derive, problems, _history(store, manifest))
+        underived = _compose(temporary, manifest, sources, derive, _history(store, manifest))
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, store.file)
         # The parts are removed next.
         flush_folder(store.file.parent)
+    except StoreError:
+        raise
     except (OSError, RuntimeError) as problem:
-        if isinstance(problem, StoreError):
-            raise
         kept = "all points are kept, and the same run writes it again"
         raise StoreError(f"{store.file} could not be written: {reason(problem)}; {kept}") from problem
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-    if problems:
-        # What was computed is kept even where nothing can be derived from it.
-        raise problems[0]
+    if underived is not None:
+        raise underived
 
 
 def _history(store: Store, manifest: Manifest) -> str:
@@ -118,103 +99,163 @@ def _history(store: Store, manifest: Manifest) -> str:
     return ""
 
 
-def leftovers(store: Store) -> list[Path]:
-    """Half a file that a killed run has left, for whoever holds the store."""
-    return list(store.file.parent.glob(f".{glob.escape(store.file.name)}.*.tmp"))
-
-
 def _compose(
-    path: Path,
-    manifest: Manifest,
-    sources: Sequence[Source],
-    derive: Derive | None,
-    problems: list[Exception],
-    before: str = "",
-) -> None:
-    """Write the file: large variables first, one after another, then everything else with what is derived."""
-    every, large = [*manifest.variables, "wall_time"], manifest.large()
-    found = gather(manifest, sources, [name for name in every if name not in large])
-    # Where one number a point is large, so is its state.
-    states = "wall_time" not in large
-    if large:
-        _write_large(path, manifest, sources, found, large, states)
-    large += [] if states else ["status", "error"]
-    data = dataset(manifest, found, states)
+    path: Path, manifest: Manifest, sources: Sequence[Source], derive: Derive | None = None, before: str = ""
+) -> Exception | None:
+    """Write the file: large variables first, one after another, then everything else with what is derived.
 
-    def described(data: xr.Dataset) -> xr.Dataset:
+    What was computed is kept even where nothing can be derived from it; why not is returned.
+    """
+    large, problem = manifest.large(), None
+    found = gather(manifest, sources, [each for each in (*manifest.variables, "wall_time") if each not in large])
+    data = dataset(manifest, found)
+    with ExitStack() as stack:
+        if large:
+            _write_large(path, manifest, sources, found)
+            data = data.assign(stack.enter_context(xr.open_dataset(path, engine="netcdf4", cache=False))[large])
         try:
-            return attach(manifest, data, derive, before)
-        except Exception as problem:  # noqa: BLE001 - raised again when the file is written
-            problems.append(problem)
-            return attach(manifest, data, None, before)
-
-    if large:
-        with xr.open_dataset(path, engine="netcdf4", cache=False) as streamed:
-            derived = described(data.assign(streamed[large]))
-            attributes_of = {name: derived[name].attrs for name in large if name in derived}
-            data = derived.drop_vars(large, errors="ignore").load()
-        _describe(path, attributes_of)
-    else:
-        data = described(data)
+            data = attach(manifest, data, derive, before)
+        except Exception as raised:  # noqa: BLE001 - raised again when the file is written
+            problem, data = raised, attach(manifest, data, None, before)
+        attributes_of = {name: data[name].attrs for name in large if name in data}
+        data = data.drop_vars(large, errors="ignore").load()
     with NETCDF:
-        options: dict[str, Any] = {"engine": "netcdf4", "format": "NETCDF4"}
-        data.to_netcdf(path, mode="a" if large else "w", encoding=_encoding(data, manifest), **options)
+        if large:
+            _describe(path, attributes_of)
+        encoding = _encoding(data, manifest)
+        data.to_netcdf(path, mode="a" if large else "w", engine="netcdf4", encoding=encoding)
     if any(variable.scale for variable in manifest.variables.values()):
-        _keep_computations(path, manifest, [each for each in sources if not each.scaled])
+        _keep_computations(path, manifest, sources)
+    return problem
 
 
-def _row_bytes(manifest: Manifest, name: str) -> int:
-    return manifest.row_bytes(name) if name in manifest.variables else 8
-
-
-def _write_large(
-    path: Path, manifest: Manifest, sources: Sequence[Source], found: Gathered, large: Sequence[str], states: bool
-) -> None:
+def _write_large(path: Path, manifest: Manifest, sources: Sequence[Source], found: Gathered) -> None:
     """Write the large variables into a new file."""
-    with NETCDF:
-        file = netCDF4.Dataset(path, "w")
-    try:
-        with NETCDF:
-            made = {name: _create_large(file, manifest, name) for name in large}
-            for variable in made.values():
-                variable.set_var_chunk_cache(max(CACHE_BYTES // len(large), MOST_CHUNK_BYTES))
-        if not states:
-            status = _create_large(file, manifest, "status")
-            status[...] = found.status.reshape(manifest.grid.shape)
-            _write_errors(file, manifest, found)
-        for name in [name for name in large if _row_bytes(manifest, name) <= NARROW]:
-            variable = made.pop(name)
-            values = gather(manifest, sources, [name], reasons=False).values[name]
-            with NETCDF:
-                variable[...] = values.reshape(variable.shape)
-        if made:
-            stream(manifest, sources, made)
-    finally:
-        with NETCDF:
-            file.close()
-
-
-def _write_errors(file: Any, manifest: Manifest, found: Gathered) -> None:
-    """Write why points failed as characters; what is not written is empty."""
+    grid, made = manifest.grid, {}
+    points = dict(zip(grid.dims, grid.shape, strict=True))
+    aside = " ".join(axis for axis in grid.axes if axis not in grid.dims)
     texts = {point: fitting(manifest, text).encode() for point, text in found.errors.items()}
     width = max(map(len, texts.values()), default=1)
-    grid, dim = manifest.grid, f"string{width}"
-    file.createDimension(dim, width)
-    lengths = [*chunk(grid.shape, (), width), width]
-    made = file.createVariable("error", "S1", (*grid.dims, dim), zlib=True, complevel=1, chunksizes=lengths)
-    made.setncatts({**ERROR_ATTRIBUTES, "_Encoding": "utf-8"})
-    for point in sorted(texts):
-        letters = np.array([texts[point]], dtype=f"S{width}").view("S1")
-        made[tuple(np.unravel_index(point, grid.shape))] = letters
+    with NETCDF, netCDF4.Dataset(path, "w") as file:
+        for name in manifest.large():
+            described, inner, more = manifest.described(name), _inner(manifest, name), {}
+            kind = np.dtype(described.dtype)
+            missing = None if name in ("status", "error") else np.array(described.missing, kind)[()]
+            if name == "error":
+                # What is not written is empty.
+                kind, inner, more = np.dtype("S1"), {f"string{width}": width}, {"_Encoding": "utf-8"}
+            shrinks = described.digits is not None or kind.kind in "iS" or name == "wall_time"
+            made[name] = _create(file, name, kind, points, inner, shrinks, missing)
+            made[name].setncatts(attributes(described, name) | more | ({"coordinates": aside} if aside else {}))
+        if "status" in made:
+            made.pop("status")[...] = found.status.reshape(grid.shape)
+            error = made.pop("error")
+            for point in sorted(texts):
+                letters = np.array([texts[point]], dtype=f"S{width}").view("S1")
+                error[tuple(np.unravel_index(point, grid.shape))] = letters
+        _fill(made, manifest, sources)
 
 
 def _describe(path: Path, attributes_of: Mapping[str, Mapping[str, Any]]) -> None:
     """Give large variables the attributes that `derive` has given them."""
-    with NETCDF, netCDF4.Dataset(path, "a") as file:
+    with netCDF4.Dataset(path, "a") as file:
         for name, described in attributes_of.items():
             for old in set(file[name].ncattrs()) - set(described) - {"_FillValue", "_Encoding", "coordinates"}:
                 file[name].delncattr(old)
             file[name].setncatts(described)
+
+
+def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]) -> None:
+    """Keep what was computed as it was before it was scaled, for points that are added later.
+
+    Of the scaled variables the file has products already: only what these lack is kept.
+    """
+    plain = manifest.unscaled()
+    scaled = {name: variable for name, variable in manifest.variables.items() if variable.scale}
+    found = gather(plain, sources, ["wall_time"])
+    slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
+    if not len(slots):
+        return
+    columns: dict[str, Any] = {"status": found.status[slots], "wall_time": found.values["wall_time"][slots]}
+    columns |= {f"factor_{name}": manifest.factors[variable.scale][slots] for name, variable in scaled.items()}
+    if found.errors:
+        reasons = [found.failures.get(slot, (found.errors.get(slot, ""), "", "")) for slot in slots.tolist()]
+        texts = np.array(reasons, dtype=object)
+        columns |= {"error": texts[:, 0], "traceback": texts[:, 1], "reproduce": texts[:, 2]}
+    kept = xr.Dataset({name: ("computation", each) for name, each in columns.items()})
+    kept = kept.assign_coords(computation=slots)
+
+    def lacking(name: str, values: NDArray[Any], points: NDArray[np.intp]) -> NDArray[Any]:
+        factor = manifest.factors[scaled[name].scale][points]
+        return residual(values, factor, scaled[name].digits)
+
+    with NETCDF:
+        encoding = _encoding(kept, manifest)
+        kept.to_netcdf(path, mode="a", group=COMPUTED, engine="netcdf4", encoding=encoding)
+    with NETCDF, netCDF4.Dataset(path, "a") as file:
+        made, axis = {}, {"computation": len(slots)}
+        for name, variable in scaled.items():
+            bits, inner = f"u{np.dtype(variable.dtype).itemsize}", _inner(manifest, name)
+            made[name] = _create(file[COMPUTED], f"residual_{name}", bits, axis, inner, True)
+            made[name].digits = variable.digits or 0
+        _fill(made, plain, sources, slots, lacking)
+
+
+def _inner(manifest: Manifest, name: str) -> dict[str, int]:
+    """Dimensions of a variable at one point."""
+    return dict(zip(manifest.described(name).dims, manifest.shape(name), strict=True))
+
+
+def _create(
+    group: Any,
+    name: str,
+    kind: Any,
+    points: Mapping[str, int],
+    inner: Mapping[str, int],
+    shrinks: bool,
+    missing: Any = None,
+) -> Any:
+    """A variable of an open file or group, the points' dimensions first; its values are written as they are."""
+    for dim, length in {**points, **inner}.items():
+        if dim not in group.dimensions:
+            group.createDimension(dim, length)
+    row = int(np.dtype(kind).itemsize * np.prod([*inner.values()], dtype=np.int64))
+    made = group.createVariable(
+        name,
+        kind,
+        (*points, *inner),
+        fill_value=missing,
+        chunksizes=chunk(tuple(points.values()), tuple(inner.values()), row),
+        zlib=shrinks,
+        complevel=1,
+        shuffle=shrinks,
+        fletcher32=True,
+    )
+    made.set_auto_maskandscale(False)
+    return made
+
+
+def _fill(
+    made: Mapping[str, Any],
+    manifest: Manifest,
+    sources: Sequence[Source],
+    slots: NDArray[np.intp] | None = None,
+    convert: Convert | None = None,
+) -> None:
+    """Write variables of an open file: what memory can hold at once, the rest as it is read; see `stream`."""
+    large = manifest.large()
+    wide = {name: each for name, each in made.items() if name in large and manifest.row_bytes(name) > NARROW}
+    alone = [[name] for name in made if name in large and name not in wide]
+    for names in filter(None, [[name for name in made if name not in large], *alone]):
+        for name, values in gather(manifest, sources, names, reasons=False).values.items():
+            rows = values if slots is None else values[slots]
+            if convert is not None and slots is not None:
+                rows = convert(name, rows, slots)
+            made[name][...] = rows.reshape(made[name].shape)
+    for variable in wide.values():
+        variable.set_var_chunk_cache(max(CACHE_BYTES // len(wide), MOST_CHUNK_BYTES))
+    if wide:
+        stream(manifest, sources, wide, slots, convert)
 
 
 def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int]:
@@ -236,61 +277,18 @@ def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int
     return [*lengths, *inner]
 
 
-def _create(
-    file: Any,
-    name: str,
-    kind: str,
-    points: Mapping[str, int],
-    dims: Sequence[str],
-    inner: tuple[int, ...],
-    shrinks: bool,
-    missing: Any = False,
-) -> Any:
-    """A variable of an open file or group, the points' dimensions first; its values are written as they are."""
-    for dim, length in {**points, **dict(zip(dims, inner, strict=True))}.items():
-        if dim not in file.dimensions:
-            file.createDimension(dim, length)
-    row = int(np.dtype(kind).itemsize * np.prod(inner, dtype=np.int64))
-    made = file.createVariable(
-        name,
-        kind,
-        (*points, *dims),
-        fill_value=missing,
-        chunksizes=chunk(tuple(points.values()), inner, row),
-        zlib=shrinks,
-        complevel=1,
-        shuffle=shrinks,
-        fletcher32=True,
-    )
-    made.set_auto_maskandscale(False)
-    return made
-
-
-def _create_large(file: Any, manifest: Manifest, name: str) -> Any:
-    """A large variable, or a state or a time of every point."""
-    described = manifest.variables.get(name, WALL_TIME if name == "wall_time" else STATUS)
-    points = dict(zip(manifest.grid.dims, manifest.grid.shape, strict=True))
-    shrinks = described.digits is not None or np.dtype(described.dtype).kind == "i" or name == "wall_time"
-    missing = False if name == "status" else np.array(described.missing, described.dtype)[()]
-    inner = inner_shape(manifest, name)
-    made = _create(file, name, described.dtype, points, described.dims, inner, shrinks, missing)
-    aside = [axis for axis in manifest.grid.axes if axis not in manifest.grid.dims]
-    made.setncatts(attributes(described, name) | ({"coordinates": " ".join(aside)} if aside else {}))
-    return made
-
-
 def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in data.variables.items():
         chosen = encoding.setdefault(str(name), {})
-        # Small coordinates are read by the smallest of readers; long ones would outweigh the data.
-        plain = name in data.coords and variable.size < 10_000
         text = variable.dtype.kind in "OUT"
-        shrinks = variable.dtype.kind in "fiu" or name in ("error", "traceback", "reproduce")
-        if variable.ndim and not plain and shrinks:
+        # Small coordinates are read by the smallest of readers; long ones would outweigh the data.
+        plain = name in data.coords and (text or variable.size < 10_000)
+        if variable.ndim and not plain:
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
-        if name in manifest.variables and manifest.row_bytes(str(name)) > WIDE:
-            inner = manifest.shape(str(name))
+        inner = manifest.shape(str(name)) if name in manifest.variables else None
+        # What is derived may have another shape.
+        if inner is not None and variable.shape == (*manifest.grid.shape, *inner):
             chosen["chunksizes"] = chunk(manifest.grid.shape, inner, manifest.row_bytes(str(name)))
         if text:
             chosen["dtype"] = "S1"
@@ -298,47 +296,6 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
             chosen["_FillValue"] = None
         chosen |= {key: variable.encoding[key] for key in ("dtype", "_FillValue") if key in variable.encoding}
     return encoding
-
-
-def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]) -> None:
-    """Keep what was computed as it was before it was scaled, for points that are added later.
-
-    Of the scaled variables the file has products already: only what these lack is kept.
-    """
-    plain, large = manifest.unscaled(), manifest.large()
-    scaled = [name for name, variable in manifest.variables.items() if variable.scale]
-    found = gather(plain, sources, [*(name for name in scaled if name not in large), "wall_time"])
-    slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
-    if not len(slots):
-        return
-
-    def lacking(name: str, values: NDArray[Any], points: NDArray[np.intp]) -> NDArray[Any]:
-        factor = manifest.factors[manifest.variables[name].scale][points]
-        return residual(values, factor, manifest.variables[name].digits)
-
-    with NETCDF, netCDF4.Dataset(path, "a") as file:
-        group = file.createGroup(COMPUTED)
-        group.createDimension("computation", len(slots))
-        columns: dict[str, NDArray[Any]] = {"computation": slots, "status": found.status[slots]}
-        columns["wall_time"] = found.values.pop("wall_time")[slots]
-        columns |= {f"factor_{name}": manifest.factors[manifest.variables[name].scale][slots] for name in scaled}
-        for name, values in columns.items():
-            group.createVariable(name, values.dtype, ("computation",), zlib=True, complevel=1)[...] = values
-        if found.errors:
-            reasons = [(found.errors.get(s, ""), *found.failures.get(s, ("", ""))) for s in slots.tolist()]
-            for name, texts in zip(("error", "traceback", "reproduce"), zip(*reasons, strict=True), strict=True):
-                write_texts(group, name, np.array(texts, dtype=object), "computation")
-        made = {}
-        for name in scaled:
-            described = manifest.variables[name]
-            kind, axes = f"u{np.dtype(described.dtype).itemsize}", {"computation": len(slots)}
-            made[name] = _create(group, f"residual_{name}", kind, axes, described.dims, manifest.shape(name), True)
-            made[name].digits = described.digits or 0
-            made[name].set_var_chunk_cache(max(CACHE_BYTES // len(scaled), MOST_CHUNK_BYTES))
-        for name, values in found.values.items():
-            made.pop(name)[...] = lacking(name, values[slots], slots)
-        if made:
-            stream(plain, sources, made, slots, lacking)
 
 
 def open_results(path: str | Path) -> xr.Dataset:
@@ -387,8 +344,6 @@ def _unfinished(store: Store) -> xr.Dataset:
     """The points that are finished so far; the others are pending, and so are those of damaged parts."""
     manifest = Manifest.load(store.manifest)
     sources = sources_of(store, manifest)
-    damaged = surveyed(manifest, sources).damaged
-    sources = [source for source in sources if source.name not in damaged]
     while True:
         try:
             data = _so_far(manifest, sources)
@@ -404,14 +359,10 @@ def _so_far(manifest: Manifest, sources: Sequence[Source]) -> xr.Dataset:
     if not manifest.large():
         found = gather(manifest, sources, [*manifest.variables, "wall_time"])
         return attach(manifest, dataset(manifest, found), None)
-    folder = tempfile.mkdtemp(prefix="sweeps-")
-    path = Path(folder) / "unfinished.nc"
-    try:
-        _compose(path, manifest, sources, None, [])
+    with ExitStack() as stack:
+        path = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sweeps-"))) / "unfinished.nc"
+        _compose(path, manifest, sources)
         data = _opened(path)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-    # What is read when it is used needs the file as long as anybody may use it.
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        # What is read when it is used needs the file as long as anybody may use it.
+        atexit.register(stack.pop_all().close)
     return data

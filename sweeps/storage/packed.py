@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 MAGIC = b"sweeps-1"
 HEAD = struct.Struct("<8sII")
 # A file up to this size is checked as a whole when it is opened.
-READ_AT_ONCE = 1 << 16
+CHECKED_AT_ONCE = 1 << 16
 RAW, CONSTANT, DEFLATED = "raw", "constant", "deflated"
 
 
@@ -65,6 +65,8 @@ class Packed:
     Attributes
     ----------
     about : dict
+    names : list of str
+        Of the arrays.
 
     Raises
     ------
@@ -77,30 +79,22 @@ class Packed:
     def __init__(self, path: Path) -> None:
         self.path = path
         with open(path, "rb") as file:
-            begin = file.read(READ_AT_ONCE)
-            if len(begin) < HEAD.size:
-                raise ValueError(f"{path} is too short")
-            magic, length, check = HEAD.unpack_from(begin)
-            self._start = HEAD.size + length
-            header = begin[HEAD.size : self._start] + file.read(max(self._start - len(begin), 0))
+            head = file.read(HEAD.size)
+            if len(head) < HEAD.size or not head.startswith(MAGIC):
+                raise ValueError(f"{path} is no file of ours")
+            _, length, check = HEAD.unpack(head)
+            header = file.read(length)
             size = os.fstat(file.fileno()).st_size
-        if magic != MAGIC or len(header) < length or zlib.crc32(header) != check:
-            raise ValueError(f"{path} has no header of ours")
+        if zlib.crc32(header) != check:
+            raise ValueError(f"the header of {path} is damaged")
         found = json.loads(header)
         self.about: dict[str, Any] = found["about"]
         self._arrays: dict[str, Any] = found["arrays"]
+        self.names, self._start = list(self._arrays), HEAD.size + length
         if size != self._start + sum(entry[4] for entry in self._arrays.values()):
             raise ValueError(f"{path} has lost its end")
-        if size <= READ_AT_ONCE:
-            self.read(self._arrays)
-
-    @property
-    def names(self) -> list[str]:
-        """The arrays' names."""
-        return list(self._arrays)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._arrays
+        if size <= CHECKED_AT_ONCE:
+            self.read(self.names)
 
     def read(self, names: Collection[str]) -> dict[str, NDArray[Any]]:
         """Some of the arrays, by name."""
@@ -112,14 +106,12 @@ class Packed:
                 blob = file.read(length)
                 if zlib.crc32(blob) != check:
                     raise ValueError(f"{name} in {self.path} is damaged")
-                found[name] = _restored(blob, np.dtype(kind), tuple(shape), how)
+                dtype = np.dtype(kind)
+                if how == CONSTANT:
+                    found[name] = np.full(shape, np.frombuffer(blob, dtype)[0], dtype)
+                    continue
+                if how == DEFLATED:
+                    letters = np.frombuffer(zlib.decompress(blob), np.uint8).reshape(dtype.itemsize, -1)
+                    blob = letters.T.tobytes()
+                found[name] = np.frombuffer(blob, dtype).reshape(shape)
         return found
-
-
-def _restored(blob: bytes, dtype: np.dtype[Any], shape: tuple[int, ...], how: str) -> NDArray[Any]:
-    if how == CONSTANT:
-        return np.full(shape, np.frombuffer(blob, dtype)[0], dtype)
-    if how == DEFLATED:
-        letters = np.frombuffer(zlib.decompress(blob), np.uint8).reshape(dtype.itemsize, -1)
-        return np.ascontiguousarray(letters.T).reshape(-1).view(dtype).reshape(shape)
-    return np.frombuffer(blob, dtype).reshape(shape)

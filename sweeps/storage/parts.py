@@ -14,9 +14,8 @@ import re
 import threading
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 import numpy as np
@@ -65,19 +64,10 @@ def encode(
     return pack(about, arrays, ["steps", "failures", *(f"value_{name}" for name in small)])
 
 
-@dataclass(frozen=True, eq=False)
-class Contents:
-    """Which points a part holds: all that is read of it before its values are wanted.
+class Contents(NamedTuple):
+    """What is read of a part before its values are wanted.
 
-    Attributes
-    ----------
-    manifest : str
-        Token of the manifest whose grid they are points of.
-    points : ndarray of int
-    failed : ndarray of int
-        Rows that failed.
-    seconds : float
-        Computing time of all of them.
+    Its manifest's token, its points in that one's grid, rows that failed, and the computing time of all in s.
     """
 
     manifest: str
@@ -137,7 +127,7 @@ class PartFolder:
         """Which points a part holds; None if it is damaged or gone."""
         try:
             part = Packed(self.path / name)
-            about, index = part.about, part.read([each for each in ("steps", "failed") if each in part])
+            about, index = part.about, part.read([each for each in ("steps", "failed") if each in part.names])
             points = np.cumsum(index["steps"]) if "steps" in index else about["first"] + np.arange(about["rows"])
             failed = index.get("failed", np.zeros(0, dtype=np.int64))
             return Contents(about["manifest"], points, failed, about["seconds"])
@@ -148,7 +138,7 @@ class PartFolder:
         """The values of some variables, with or without why points failed; None if the part is damaged or gone."""
         try:
             part = Packed(self.path / name)
-            failing = ["failed", "failures"] if reasons and "failed" in part else []
+            failing = ["failed", "failures"] if reasons and "failed" in part.names else []
             found = part.read(["wall_time", *failing, *(f"value_{each}" for each in variables)])
         except (OSError, LookupError, TypeError, ValueError):
             return None

@@ -1,12 +1,12 @@
 """Where computed points are kept: parts, a finished file, or this process's memory.
 
 Each source tells first which points it holds, at little cost (`held`), and gives their values when they are wanted
-(`read`, of all its rows). Its rows are those of points, factors included, if it is `scaled`, else of computations.
-Of a damaged part both give None; a damaged file is a StoreError.
+(`read`, of all its rows): results of computations, before they are multiplied by the factors of a point.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,10 +24,19 @@ from sweeps.errors import StoreError
 from sweeps.grid import DONE, FAILED, Grid
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.parts import PartFolder
-from sweeps.storage.texts import NETCDF, as_texts
 
+# The netCDF library is not made for several threads at once.
+NETCDF = threading.RLock()
 # The group of a file that holds computations as they were before they were scaled to their points.
 COMPUTED = "computed"
+
+
+class DamagedError(StoreError):
+    """A part got damaged after it was planned with; `part` is its name."""
+
+    def __init__(self, part: str) -> None:
+        super().__init__(f"{part} got damaged; plan and run again")
+        self.part = part
 
 
 class Held(NamedTuple):
@@ -43,36 +52,36 @@ class Held(NamedTuple):
     seconds: float
 
 
-def of_computations(
-    manifest: Manifest, points: NDArray[np.intp], failed: NDArray[np.bool_], seconds: float
-) -> Held:
+def _of_computations(manifest: Manifest, points: NDArray[np.intp], failed: Any, seconds: float) -> Held:
     """Every computation goes to its representative and to all copies of that; -1 goes nowhere."""
     stand_for = np.where(points >= 0, manifest.representatives(points), -1)
     every, rows = manifest.copies(stand_for)
-    return Held(every, rows, failed[rows], every == stand_for[rows], seconds)
+    flags = np.zeros(len(points), dtype=bool)
+    flags[failed] = True
+    return Held(every, rows, flags[rows], every == stand_for[rows], seconds)
 
 
 @dataclass(frozen=True)
 class PartSource:
-    """A part on disk."""
+    """A part on disk; if it is damaged or gone, a DamagedError."""
 
     folder: PartFolder
     name: str
-    scaled = False
 
-    def held(self, manifest: Manifest) -> Held | None:
+    def held(self, manifest: Manifest) -> Held:
         """The points of the manifest's grid that get something."""
         contents = self.folder.contents(self.name)
         points = None if contents is None else manifest.located(contents.manifest, contents.points)
         if contents is None or points is None:
-            return None
-        failed = np.zeros(len(points), dtype=bool)
-        failed[contents.failed] = True
-        return of_computations(manifest, points, failed, contents.seconds)
+            raise DamagedError(self.name)
+        return _of_computations(manifest, points, contents.failed, contents.seconds)
 
-    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult | None:
+    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
         """Its rows with the values of some variables."""
-        return self.folder.read(self.name, variables, reasons)
+        result = self.folder.read(self.name, variables, reasons)
+        if result is None:
+            raise DamagedError(self.name)
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,18 +90,129 @@ class ResultSource:
 
     points: NDArray[np.intp]
     result: BatchResult
-    scaled = False
     name = "memory"
 
     def held(self, manifest: Manifest) -> Held:
         """The points of the manifest's grid that get something."""
-        failed = np.zeros(len(self.points), dtype=bool)
-        failed[list(self.result.failures)] = True
-        return of_computations(manifest, self.points, failed, float(self.result.wall_time.sum()))
+        seconds = float(self.result.wall_time.sum())
+        return _of_computations(manifest, self.points, list(self.result.failures), seconds)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
         """The result."""
         return self.result
+
+
+@dataclass(frozen=True, eq=False)
+class _File:
+    """A finished file and its grid; if it is damaged, a StoreError."""
+
+    path: Path
+    grid: Grid
+
+    @property
+    def name(self) -> str:
+        """The file."""
+        return str(self.path)
+
+
+@dataclass(frozen=True, eq=False)
+class FileSource(_File):
+    """The points of a finished file without factors, or those of a block along the first dimensions."""
+
+    block: tuple[slice, ...] = ()
+
+    def _first(self) -> int:
+        """The block's first point; the others follow, for it is one of `blocks`."""
+        begin = [each.start for each in self.block] + [0] * (len(self.grid.shape) - len(self.block))
+        return int(np.ravel_multi_index(begin, self.grid.shape))
+
+    def _rows(self, file: Any, name: str) -> NDArray[Any]:
+        values = np.asarray(file[name][(*self.block, ...)])
+        return values.reshape(-1, *file[name].shape[len(self.grid.shape) :])
+
+    def held(self, manifest: Manifest) -> Held:
+        """The points of the manifest's grid that get something."""
+        with opened(self.path) as file:
+            status, spent = (self._rows(file, name).ravel() for name in ("status", "wall_time"))
+        rows = np.flatnonzero((status == DONE) | (status == FAILED))
+        points = manifest.grid.embed(self.grid)(self._first() + rows)
+        rows, points = rows[points >= 0], points[points >= 0]
+        # Copies have cost nothing.
+        computed, seconds = spent[rows] > 0.0, float(np.nansum(spent[rows]))
+        if manifest.representative is not None:
+            stand_for, first = np.unique(manifest.representative[points], return_index=True)
+            copies, row = manifest.copies(stand_for)
+            new = ~np.isin(copies, points)
+            points = np.concatenate([points, copies[new]])
+            rows = np.concatenate([rows, rows[first[row[new]]]])
+            computed = np.concatenate([computed, np.zeros(np.count_nonzero(new), dtype=bool)])
+        return Held(points, rows, status[rows] == FAILED, computed, seconds)
+
+    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
+        """The block's points with the values of some variables."""
+        with opened(self.path) as file:
+            values = {name: self._rows(file, name) for name in variables}
+            failures = self._failures(file) if reasons else {}
+            return BatchResult(values, self._rows(file, "wall_time").ravel(), failures)
+
+    def _failures(self, file: Any) -> dict[int, Failure]:
+        rows = np.flatnonzero(self._rows(file, "status").ravel() == FAILED)
+        if not len(rows):
+            return {}
+        errors = as_texts(self._rows(file, "error")[rows])
+        failures = {row: Failure(text) for row, text in zip(rows.tolist(), errors.tolist(), strict=True)}
+        if "failure" in file.dimensions:
+            points = self.grid.at([plain(file[f"failure_{name}"]) for name in self.grid.axes])
+            texts = zip(*(plain(file[name]).tolist() for name in ("traceback", "reproduce")), strict=True)
+            for row, about in zip((points - self._first()).tolist(), texts, strict=True):
+                if row in failures:
+                    failures[row] = Failure(failures[row].error, *about)
+        return failures
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedSource(_File):
+    """Some computations of a finished file with factors: its points, and what these lack to be as computed."""
+
+    block: slice
+
+    def held(self, manifest: Manifest) -> Held:
+        """The points of the manifest's grid that get something."""
+        with opened(self.path) as file:
+            points, status, spent = self._columns(file, "computation", "status", "wall_time")
+        points = manifest.grid.embed(self.grid)(points)
+        return _of_computations(manifest, points, status == FAILED, float(spent.sum()))
+
+    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
+        """Some of them with the values of some variables."""
+        with opened(self.path) as file:
+            points, status, spent = self._columns(file, "computation", "status", "wall_time")
+            values = {name: self._values(file, name, points) for name in variables}
+            failures = {}
+            if reasons and "error" in file[COMPUTED].variables:
+                rows = np.flatnonzero(status == FAILED)
+                columns = self._columns(file, "error", "traceback", "reproduce")
+                texts = zip(*(as_texts(each[rows]).tolist() for each in columns), strict=True)
+                failures = {row: Failure(*each) for row, each in zip(rows.tolist(), texts, strict=True)}
+            return BatchResult(values, spent, failures)
+
+    def _columns(self, file: Any, *names: str) -> list[NDArray[Any]]:
+        return [file[COMPUTED][name][self.block] for name in names]
+
+    def _values(self, file: Any, name: str, points: NDArray[np.intp]) -> NDArray[Any]:
+        """A variable at the points themselves, as it was before it was scaled."""
+        shape, rows = self.grid.shape, []
+        for begin, end in runs(points, shape[-1]):
+            *outer, last = np.unravel_index(points[begin], shape)
+            rows.append(np.asarray(file[name][(*outer, slice(last, last + end - begin))]))
+        values = np.concatenate(rows)
+        if f"residual_{name}" not in file[COMPUTED].variables:
+            return values
+        factor, residual = self._columns(file, f"factor_{name}", f"residual_{name}")
+        return unscaled(values, factor, int(file[COMPUTED][f"residual_{name}"].digits) or None, residual)
+
+
+Source = PartSource | ResultSource | FileSource | ComputedSource
 
 
 def blocks(shape: tuple[int, ...], most: int) -> list[tuple[slice, ...]]:
@@ -110,144 +230,6 @@ def blocks(shape: tuple[int, ...], most: int) -> list[tuple[slice, ...]]:
     return [(*index, cut) for index in outer for cut in cuts]
 
 
-@dataclass(frozen=True, eq=False)
-class FileSource:
-    """The points of a finished file, or those of one block of it.
-
-    Attributes
-    ----------
-    path : Path
-    grid : Grid
-        The file's.
-    index : tuple of slice
-        The block, along the first dimensions; () for the whole.
-    """
-
-    path: Path
-    grid: Grid
-    index: tuple[slice, ...] = ()
-    scaled = True
-
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
-
-    @property
-    def _points(self) -> NDArray[np.intp]:
-        """The block's points in the file's grid: neighbours, for a block is one of `blocks`."""
-        shape = self.grid.shape
-        first = [each.start for each in self.index] + [0] * (len(shape) - len(self.index))
-        lengths = [each.stop - each.start for each in self.index] + list(shape[len(self.index) :])
-        return int(np.ravel_multi_index(first, shape)) + np.arange(int(np.prod(lengths, dtype=np.int64)))
-
-    def _part(self, file: Any, name: str) -> NDArray[Any]:
-        values = np.asarray(file[name][(*self.index, ...)])
-        return values.reshape(-1, *file[name].shape[len(self.grid.shape) :])
-
-    def held(self, manifest: Manifest) -> Held:
-        """The points of the manifest's grid that get something."""
-        with _opened(self.path) as file:
-            status = self._part(file, "status").ravel()
-            spent = self._part(file, "wall_time").ravel()
-        rows = np.flatnonzero((status == DONE) | (status == FAILED))
-        points = manifest.grid.embed(self.grid)(self._points[rows])
-        rows, points = rows[points >= 0], points[points >= 0]
-        seconds, computed = float(np.nansum(spent[rows])), np.ones(len(rows), dtype=bool)
-        if manifest.representative is not None and not any(v.scale for v in manifest.variables.values()):
-            # Without factors a point's result is its computation's, so its copies have it too.
-            stand_for, first = np.unique(manifest.representative[points], return_index=True)
-            copies, row = manifest.copies(stand_for)
-            new = ~np.isin(copies, points)
-            points = np.concatenate([points, copies[new]])
-            rows = np.concatenate([rows, rows[first[row[new]]]])
-            computed = np.concatenate([computed, np.zeros(np.count_nonzero(new), dtype=bool)])
-        return Held(points, rows, status[rows] == FAILED, computed, seconds)
-
-    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
-        """The block's points with the values of some variables."""
-        with _opened(self.path) as file:
-            values = {name: self._part(file, name) for name in variables}
-            result = BatchResult(values, self._part(file, "wall_time").ravel())
-            failed = (
-                np.flatnonzero(self._part(file, "status").ravel() == FAILED)
-                if reasons
-                else np.zeros(0, dtype=np.intp)
-            )
-            if len(failed):
-                errors = as_texts(self._part(file, "error")[failed])
-                result.failures |= {row: Failure(text) for row, text in zip(failed.tolist(), errors, strict=True)}
-            if len(failed) and "failure" in file.dimensions:
-                columns = [file[f"failure_{name}"][...] for name in self.grid.axes]
-                found = self.grid.at([as_texts(c).astype(str) if c.dtype.kind == "S" else c for c in columns])
-                texts = zip(as_texts(file["traceback"][...]), as_texts(file["reproduce"][...]), strict=True)
-                for row, about in zip((found - self._points[0]).tolist(), texts, strict=True):
-                    if row in result.failures:
-                        result.failures[row] = Failure(result.failures[row].error, *about)
-        return result
-
-
-@dataclass(frozen=True, eq=False)
-class ComputedSource:
-    """Computations of a finished file as they were before they were scaled: what its points lack to be that.
-
-    Attributes
-    ----------
-    path : Path
-    grid : Grid
-        The file's.
-    part : slice
-        Which of the computations.
-    """
-
-    path: Path
-    grid: Grid
-    part: slice
-    scaled = False
-
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
-
-    def held(self, manifest: Manifest) -> Held:
-        """The points of the manifest's grid that get something."""
-        with _opened(self.path) as file:
-            group = file.groups[COMPUTED]
-            points = manifest.grid.embed(self.grid)(group["computation"][self.part])
-            failed, spent = group["status"][self.part] == FAILED, float(group["wall_time"][self.part].sum())
-        return of_computations(manifest, points, failed, spent)
-
-    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
-        """Some of them with the values of some variables."""
-        with _opened(self.path) as file:
-            group = file.groups[COMPUTED]
-            points = group["computation"][self.part]
-            values = {name: self._values(file, group, name, points) for name in variables}
-            result = BatchResult(values, group["wall_time"][self.part])
-            if reasons and "error" in group.variables:
-                texts = [as_texts(group[name][self.part]) for name in ("error", "traceback", "reproduce")]
-                for row in np.flatnonzero(group["status"][self.part] == FAILED).tolist():
-                    result.failures[row] = Failure(*(each[row] for each in texts))
-        return result
-
-    def _values(self, file: Any, group: Any, name: str, points: NDArray[np.intp]) -> NDArray[Any]:
-        """A variable at the points themselves, as it was before it was scaled."""
-        shape, rows = self.grid.shape, []
-        for begin, end in runs(points, shape[-1]):
-            *outer, last = np.unravel_index(points[begin], shape)
-            rows.append(np.asarray(file[name][(*outer, slice(last, last + end - begin))]))
-        values = np.concatenate(rows)
-        if f"residual_{name}" not in group.variables:
-            return values
-        residuals = group[f"residual_{name}"]
-        factor = group[f"factor_{name}"][self.part]
-        return unscaled(values, factor, int(residuals.digits) or None, residuals[self.part])
-
-
-Source = PartSource | ResultSource | FileSource | ComputedSource
-
-
 def runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
     """Where neighbours along a last dimension of this length begin and end among ascending points."""
     breaks = np.flatnonzero((np.diff(points) != 1) | (points[1:] % length == 0)) + 1
@@ -255,14 +237,27 @@ def runs(points: NDArray[np.intp], length: int) -> Iterator[tuple[int, int]]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """A netCDF file as it is stored; what is wrong with it is a StoreError."""
+def opened(path: Path) -> Iterator[Any]:
+    """A netCDF file with everything as it is stored; if it is damaged, a StoreError."""
     try:
         with NETCDF, netCDF4.Dataset(path) as file:
             file.set_auto_maskandscale(False)
             file.set_auto_chartostring(False)
             yield file
-    except (OSError, RuntimeError, LookupError, ValueError) as problem:
-        raise StoreError(
-            f"{path} is damaged ({problem}); move it away, or start over with fresh (--fresh)"
-        ) from None
+    except StoreError:
+        raise
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as problem:
+        text = f"{path} is damaged ({problem}); move it away, or start over with fresh (--fresh)"
+        raise StoreError(text) from None
+
+
+def plain(variable: Any) -> NDArray[Any]:
+    """The values of a variable, texts as such."""
+    values = np.asarray(variable[...])
+    return as_texts(values) if values.dtype.kind == "S" else values
+
+
+def as_texts(letters: NDArray[np.bytes_]) -> NDArray[np.str_]:
+    """Rows of padded characters as texts."""
+    texts = np.ascontiguousarray(letters).view(f"S{letters.shape[-1]}")[..., 0]
+    return np.char.decode(texts, "utf-8", "replace")

@@ -50,11 +50,9 @@ class Store:
         try:
             if path.is_dir():
                 raise StoreError(f"{path} is a folder; the results of {name} need a file there")
-            folder = path.parent
-            while not folder.exists() and folder != folder.parent:
-                if folder.is_symlink():
-                    raise StoreError(f"{folder} is a link to nothing; choose another folder")
-                folder = folder.parent
+            folder = next(each for each in path.parents if each.is_symlink() or each.exists())
+            if not folder.exists():
+                raise StoreError(f"{folder} is a link to nothing; choose another folder")
             if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
                 raise StoreError(f"{folder} cannot be written to; choose another folder")
         except OSError as problem:
