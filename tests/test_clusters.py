@@ -14,7 +14,8 @@ from threadpoolctl import threadpool_info
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.compute import cluster
-from sweeps.compute.local import WINDOW, one_blas_thread
+from sweeps.compute.batch import one_blas_thread
+from sweeps.compute.local import WINDOW
 from sweeps.plan import batches
 from sweeps.storage.parts import PartFolder
 from tests.sweep_programs import HOME, cut, make

@@ -7,7 +7,6 @@ import time
 
 import numpy as np
 
-from sweeps.compute.local import one_blas_thread
 from sweeps.plan.plan import PlanData
 
 # Batches of so many points, from these places of the work, while so long is not over, s.
@@ -28,13 +27,10 @@ def timed(plan: PlanData) -> float:
         if not plan.todo or (number > 1 and time.perf_counter() - begin > SECONDS):
             break
         points = _next_due(plan.due, int(place * len(plan.due)), size * plan.sweep.batch_multiple)
-        with one_blas_thread():
-            start = time.perf_counter()
-            result = plan.task.compute(plan.manifest.grid.points(points))
-            taken = time.perf_counter() - start
+        result = plan.task.compute(plan.manifest.grid.points(points))
         if (number or plan.todo == 1) and len(result.failures) < len(result):
             # The last batch is the largest, and tells most of what batches cost.
-            seconds = taken / len(points)
+            seconds = float(result.wall_time.mean())
     return seconds * plan.todo if plan.todo else 0.0
 
 
