@@ -268,7 +268,12 @@ class Cluster:
             if self._payload.probe is not None:
                 self._payload.probe.write_text(self.run)
         with _answering():
-            self.client.register_plugin(self._payload)
+            try:
+                self.client.register_plugin(self._payload)
+            except OSError:
+                raise
+            except Exception as problem:  # noqa: BLE001 - whatever it is that workers lack
+                raise _uncomputable(problem) from None
             self.client.subscribe_topic(self.run, self._hear)
         return self
 
