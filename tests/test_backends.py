@@ -200,7 +200,11 @@ def test_workers_that_lack_the_engine():
     code = f"import sys; sys.modules['sweeps'] = None; import distributed; cluster = {cluster}; "
     code += "print(cluster.scheduler_address, flush=True); sys.stdin.read()"
     process = subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     where = process.stdout.readline().strip()
     with pytest.raises(SchedulerError, match=r"^the workers cannot compute this: .*ModuleNotFoundError"):
