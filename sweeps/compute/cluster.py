@@ -16,12 +16,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
 from functools import cached_property, partial
 from multiprocessing import resource_tracker
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
 
@@ -32,7 +31,7 @@ import numpy as np
 from distributed.utils import silence_logging_cmgr
 from numpy.typing import NDArray
 
-from sweeps.compute.local import TICK, Died, Job, Outcome, Receipt
+from sweeps.compute.local import Job, Receipt, WorkerDied
 from sweeps.errors import SchedulerError
 from sweeps.fingerprint.code import digests
 from sweeps.storage.parts import PartFolder
@@ -47,7 +46,8 @@ GONE = "the scheduler does not answer any more; what was finished is kept"
 
 # How Dask runs workers of our own.
 CONFIGURATION = {
-    # A worker that samples its own stack a hundred times a second takes turns with what it computes.
+    # A worker that samples its own stack a hundred times a second takes turns with what it computes: a tenth of
+    # the time of loops in Python.
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     # Dask's workers give memory back to the system at once, and get it again page by page: a tenth of the time of
@@ -153,27 +153,13 @@ def _uncomputable(problem: BaseException | None) -> SchedulerError:
     return SchedulerError(f"the workers cannot compute this: {text}")
 
 
-class Payload(distributed.WorkerPlugin):
-    """What every batch of a run needs, at a worker.
-
-    Parameters
-    ----------
-    run : str
-        Name of the run, and of the plug-in.
-    job : Job
-    parts : Path or None
-        The folder of the parts as the client sees it.
-
-    Raises
-    ------
-    SchedulerError
-        If the job cannot be sent.
-    """
+class _Payload(distributed.WorkerPlugin):
+    """What every batch of a run needs, at a worker."""
 
     idempotent = True
 
     def __init__(self, run: str, job: Job, parts: Path | None) -> None:
-        # A file by which workers find out whether they see the folder.
+        # By this file workers find out whether they see the folder of the parts.
         self.name, self.probe = run, None if parts is None else parts / f".{run}.probe.tmp"
         try:
             # Unpacked when a batch needs it: a worker that cannot would refuse the plug-in, and not say why.
@@ -204,32 +190,29 @@ class Payload(distributed.WorkerPlugin):
                 return PartFolder(self.probe.parent)
         return None
 
-    def compute(self, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
-        """Compute a batch; its receipt, unless that goes as an event, or the batch is not to begin."""
-        if self.halted:
-            return None
-        receipt = self.job.compute(np.asarray(points))
-        if self.folder is not None and receipt.content is not None:
-            # What cannot be written from here may be from where the client is.
-            with suppress(OSError):
-                self.folder.put(name, receipt.content)
-                receipt = receipt._replace(content=None)
-        if receipt.content is not None or receipt.result is not None:
-            return receipt
-        # An event needs no question: a third of what a batch costs the client. It arrives before the future's end.
-        self.worker.log_event(self.name, (self.worker.get_current_task(), tuple(receipt)))
-        return None
-
 
 def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
-    plugin: Any = distributed.get_worker().plugins[run]
-    receipt: Receipt | None = plugin.compute(name, points)
-    return receipt
+    """A batch's receipt, unless that went as an event, or the batch is not to begin."""
+    worker: Any = distributed.get_worker()
+    payload: _Payload = worker.plugins[run]
+    if payload.halted:
+        return None
+    receipt = payload.job.compute(np.asarray(points))
+    if payload.folder is not None and receipt.content is not None:
+        # What cannot be written from here may be from where the client is.
+        with suppress(OSError):
+            payload.folder.put(name, receipt.content)
+            receipt = receipt._replace(content=None)
+    if receipt.content is not None or receipt.result is not None:
+        return receipt
+    # The client need not ask for an event, which is a third of what a batch costs it. It overtakes the future.
+    worker.log_event(run, (worker.get_current_task(), tuple(receipt)))
+    return None
 
 
 def _halt(run: str, dask_worker: distributed.Worker) -> None:
-    plugin: Any = dask_worker.plugins[run]
-    plugin.halted = True
+    payload: Any = dask_worker.plugins[run]
+    payload.halted = True
 
 
 class Cluster:
@@ -245,23 +228,13 @@ class Cluster:
 
     def __init__(self, client: distributed.Client, job: Job, parts: Path | None) -> None:
         self.client, self.run = client, f"sweeps-{uuid4().hex}"
-        self._payload = Payload(self.run, job, parts)
-        self._done: SimpleQueue[distributed.Future] = SimpleQueue()
-        # Receipts that came as events, by the keys of their futures.
-        self._receipts: dict[Any, Receipt | None] = {}
-        # The worker that is kept free, and the batch that is alone there.
-        self._free = ""
-        self._alone: distributed.Future | None = None
+        self._payload = _Payload(self.run, job, parts)
+        # Receipts that came as events, by the keys of Dask's futures.
+        self._receipts: dict[Any, Receipt] = {}
+        # The worker that is kept free, and whether a batch is alone there.
+        self._free, self._alone = "", False
         self._seen = time.monotonic()
-        self._count()
-
-    @_answering()
-    def _count(self) -> None:
-        """Count the threads of each worker."""
-        self._threads: dict[str, int] = self.client.nthreads()
-        self._counted = time.monotonic()
-        if self._threads:
-            self._seen = self._counted
+        self.check()
 
     def __enter__(self) -> Cluster:
         with suppress(OSError):
@@ -288,6 +261,22 @@ class Cluster:
         if self._payload.probe is not None:
             self._payload.probe.unlink(missing_ok=True)
 
+    @_answering()
+    def check(self) -> None:
+        """Count the workers.
+
+        Raises
+        ------
+        SchedulerError
+            If the scheduler does not answer, or there have been no workers for long.
+        """
+        self._threads: dict[str, int] = self.client.nthreads()
+        self._counted = time.monotonic()
+        if self._threads:
+            self._seen = self._counted
+        elif self._counted - self._seen > BEREFT:
+            raise SchedulerError("the cluster has no workers left; what was finished is kept")
+
     @property
     def workers(self) -> int:
         """How many batches are computed at a time."""
@@ -296,51 +285,42 @@ class Cluster:
     def room(self, window: int) -> int:
         """How many batches may be handed out at a time, so many for each thread."""
         if time.monotonic() - self._counted > COUNTED:
-            self._count()
+            self.check()
         return window * sum(count for worker, count in self._threads.items() if worker != self._free)
 
     @_answering()
-    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> distributed.Future:
+    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> Future[Receipt | None]:
         """Have a batch computed and kept as the part of that name; `alone`: on a worker that has nothing else."""
-        first = int(points[0])
-        neighbours = np.array_equal(points, np.arange(first, first + len(points)))
+        first, end = int(points[0]), int(points[0]) + len(points)
+        sent = range(first, end) if np.array_equal(points, np.arange(first, end)) else points
         options: dict[str, Any] = {}
         if self._free:
             others = [worker for worker in self._threads if worker != self._free]
             options = {"workers": [self._free] if alone else others, "allow_other_workers": True}
-        sent = range(first, first + len(points)) if neighbours else points
-        future = self.client.submit(_compute, self.run, name, sent, pure=False, **options)
-        if alone:
-            self._alone = future
-        future.add_done_callback(self._done.put)
+        self._alone = self._alone or alone
+        future: Future[Receipt | None] = Future()
+        task = self.client.submit(_compute, self.run, name, sent, pure=False, **options)
+        task.add_done_callback(partial(self._resolve, future, alone))
         return future
 
-    @_answering()
-    def arrived(self) -> list[tuple[distributed.Future, Outcome]]:
-        """What has come of batches meanwhile; waits a moment where there is nothing.
+    def _resolve(self, future: Future[Receipt | None], alone: bool, task: distributed.Future) -> None:
+        """Give a future what has come of its batch; Dask calls this in a thread of its own."""
+        if alone:
+            self._free, self._alone = "", False
+        try:
+            future.set_result(self._receipt(task))
+        except Exception as problem:  # noqa: BLE001 - raised by whoever asks for the result
+            future.set_exception(problem)
 
-        Raises
-        ------
-        SchedulerError
-            If the scheduler does not answer, there have been no workers for long, or they cannot compute this.
-        """
-        futures: list[distributed.Future] = []
-        with suppress(Empty):
-            futures.append(self._done.get(timeout=TICK))
-            while True:
-                futures.append(self._done.get_nowait())
-        if not futures:
-            self._count()
-            if time.monotonic() - self._seen > BEREFT:
-                raise SchedulerError("the cluster has no workers left; what was finished is kept")
-        if self._alone in futures:
-            self._free, self._alone = "", None
-        fetched = [f for f in futures if f.status == "finished" and f.key not in self._receipts]
-        if fetched:
-            # By way of the scheduler, which knows who has died: alone, a client waits half a minute for the dead.
-            found = self.client.gather(fetched, direct=False)
-            self._receipts |= {future.key: receipt for future, receipt in zip(fetched, found, strict=True)}
-        return [(f, self._receipts.pop(f.key) if f.key in self._receipts else _lost(f)) for f in futures]
+    def _receipt(self, task: distributed.Future) -> Receipt | None:
+        if task.status == "cancelled":
+            raise SchedulerError(GONE)
+        if task.status == "error":
+            problem = task.exception()
+            raise WorkerDied if isinstance(problem, distributed.KilledWorker) else _uncomputable(problem)
+        with _answering():
+            # By way of the scheduler, which knows who died: a client that asks the dead waits half a minute.
+            return self._receipts.pop(task.key, None) or self.client.gather(task, direct=False)
 
     def halt(self) -> None:
         """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""
@@ -349,23 +329,13 @@ class Cluster:
     @_answering()
     def isolate(self, last: bool) -> bool:
         """Keep a worker free for a batch to be alone at, the only one if it is the `last`; whether it is free."""
-        if self._alone is not None:
+        if self._alone:
             return False
         at_work: dict[str, Any] = self.client.processing()
         if self._free not in at_work:
             least = min(at_work, key=lambda worker: len(at_work[worker]), default="")
             self._free = least if last or len(at_work) > 1 else ""
         return bool(self._free) and not at_work[self._free]
-
-
-def _lost(future: distributed.Future) -> Died:
-    """What becomes of a batch without a receipt: its worker died, or the run ends."""
-    if future.status == "cancelled":
-        raise SchedulerError(GONE)
-    problem = future.exception()
-    if isinstance(problem, distributed.KilledWorker):
-        return Died()
-    raise _uncomputable(problem)
 
 
 def _importable(function: Any) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,8 +19,6 @@ from sweeps.storage.parts import encode
 
 # Batches handed out for each thread: one to work on, one waiting.
 WINDOW = 2
-# Seconds between looks at whether to stop.
-TICK = 0.25
 
 
 class Receipt(NamedTuple):
@@ -47,12 +45,8 @@ class Receipt(NamedTuple):
     result: BatchResult | None = None
 
 
-class Died(NamedTuple):
+class WorkerDied(Exception):  # noqa: N818 - it is no error of the run
     """A worker died while it had the batch."""
-
-
-# None is the outcome of a batch that was taken back before it was begun.
-Outcome = Receipt | Died | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +113,9 @@ class Local:
         if abandoned and any(future.running() for future in self._open):
             raise AbandonedError from None
 
+    def check(self) -> None:
+        """Threads are always there."""
+
     def room(self, window: int) -> int:
         """How many batches may be handed out at a time, so many for each worker."""
         return self.workers * window
@@ -127,16 +124,12 @@ class Local:
         """Have a batch computed and kept as the part of that name."""
         future = self._pool.submit(self._compute, name, points)
         self._open.add(future)
+        future.add_done_callback(self._open.discard)
         return future
-
-    def arrived(self) -> list[tuple[Future[Receipt], Outcome]]:
-        """What has come of batches meanwhile; waits a moment where there is nothing."""
-        done, self._open = wait(self._open, TICK, FIRST_COMPLETED)
-        return [(future, None if future.cancelled() else future.result()) for future in done]
 
     def halt(self) -> None:
         """Begin no more batches."""
-        for future in self._open:
+        for future in list(self._open):
             future.cancel()
 
     def isolate(self, last: bool) -> bool:

@@ -6,7 +6,9 @@ import os
 import signal
 import threading
 from collections.abc import Collection, Iterator
+from concurrent.futures import CancelledError, Future
 from contextlib import ExitStack, contextmanager, suppress
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
@@ -14,7 +16,7 @@ import xarray as xr
 from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
-from sweeps.compute.local import WINDOW, Died, Job, Local, Receipt
+from sweeps.compute.local import WINDOW, Job, Local, Receipt, WorkerDied
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
@@ -33,6 +35,8 @@ Backend = Union[Local, "Cluster"]
 LOCAL = ("threads", "sync", "processes")
 # A point has failed when the worker that had nothing else to do died so many times.
 DEATHS = 2
+# Seconds between looks at whether to stop.
+TICK = 0.25
 
 
 def execute(
@@ -131,17 +135,7 @@ def _unwritten(store: Store, problem: BaseException) -> str:
 
 
 class _Run:
-    """One execution of a plan's batches.
-
-    Parameters
-    ----------
-    plan : PlanData
-    store : Store or None
-    sources : list of Source
-        Where what is at hand is kept.
-    progress : callable, optional
-    fail_fast : bool
-    """
+    """One execution of a plan's batches; `sources` are where results at hand are kept, and then all of them."""
 
     def __init__(
         self,
@@ -161,7 +155,8 @@ class _Run:
         self.interrupted = False
         self.failure = ""
         # Of each batch its part's name, its points and, if it is alone at a worker, how often one has died of it.
-        self._under_way: dict[Any, tuple[str, NDArray[np.intp], int | None]] = {}
+        self._under_way: dict[Future[Any], tuple[str, NDArray[np.intp], int | None]] = {}
+        self._done: SimpleQueue[Future[Any]] = SimpleQueue()
         # Batches at which a worker died, and how often each has died alone.
         self._suspects: list[tuple[NDArray[np.intp], int]] = []
 
@@ -195,7 +190,7 @@ class _Run:
                 if plan.sweep.refinement is None or self._stopped():
                     return
                 selection = select(plan.sweep, plan.manifest, plan.embedding, plan.requested, self.sources)
-                self.monitor.more(selection.todo)
+                self.monitor.todo += selection.todo
 
     def _backend(self, stack: ExitStack, scheduler: str, workers: int) -> Backend:
         if scheduler in ("threads", "sync"):
@@ -226,27 +221,37 @@ class _Run:
         spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
         self.monitor.begin(int(points[0]), ", ".join(spans))
         name = "" if self.folder is None else self.folder.next_name()
-        handle = backend.submit(name, points, deaths is not None)
-        self._under_way[handle] = name, points, deaths
+        future = backend.submit(name, points, deaths is not None)
+        self._under_way[future] = name, points, deaths
+        future.add_done_callback(self._done.put)
 
     def _take(self, backend: Backend) -> None:
-        """Keep what has come of batches."""
-        for handle, outcome in backend.arrived():
-            name, points, deaths = self._under_way.pop(handle)
-            if isinstance(outcome, Died):
-                outcome = self._suspected(points, deaths)
-            elif outcome is not None:
-                self.sizes.finished(outcome.rows, outcome.seconds)
-            done = failed = 0
-            if outcome is not None:
-                done, failed = outcome.rows, outcome.failed
-                self.failure = self.failure or outcome.first_failure
-                self._write(name, outcome)
-                if self.folder is not None:
-                    self.sources.append(PartSource(self.folder, name))
-                elif outcome.result is not None:
-                    self.sources.append(ResultSource(points, outcome.result))
-            self.monitor.end(int(points[0]), done, failed)
+        """Keep what has come of a batch; wait a moment where nothing has."""
+        try:
+            future = self._done.get(timeout=TICK)
+        except Empty:
+            backend.check()
+            return
+        name, points, deaths = self._under_way.pop(future)
+        receipt: Receipt | None = None  # of a batch that was taken back before it was begun
+        try:
+            receipt = future.result()
+            if receipt is not None:
+                self.sizes.finished(receipt.rows, receipt.seconds)
+        except CancelledError:
+            pass
+        except WorkerDied:
+            receipt = self._suspected(points, deaths)
+        if receipt is None:
+            self.monitor.end(int(points[0]))
+            return
+        self.failure = self.failure or receipt.first_failure
+        self._write(name, receipt)
+        if self.folder is not None:
+            self.sources.append(PartSource(self.folder, name))
+        elif receipt.result is not None:
+            self.sources.append(ResultSource(points, receipt.result))
+        self.monitor.end(int(points[0]), receipt.rows, receipt.failed)
 
     def _compute(self, name: str, points: NDArray[np.intp]) -> Receipt:
         """A batch on a thread of this process, kept as the part of that name."""
