@@ -9,6 +9,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -178,9 +179,12 @@ def one_blas_thread() -> Iterator[None]:
     More would compete with each other, and the bits of a result may depend on their number. A limit belongs to the
     process: whoever ended first would take it from those that still compute.
     """
+    # From its version 3.8 on, threadpoolctl ignores all threads but the first that sets a limit, as long as that
+    # lives; so here each setting has a short-lived thread of its own.
     with _Blas.lock:
         if not _Blas.batches:
-            _Blas.limit = threadpool_limits(1, user_api="blas")
+            with ThreadPoolExecutor(1) as setter:
+                _Blas.limit = setter.submit(threadpool_limits, 1, "blas").result()
         _Blas.batches += 1
     try:
         yield
@@ -188,7 +192,8 @@ def one_blas_thread() -> Iterator[None]:
         with _Blas.lock:
             _Blas.batches -= 1
             if not _Blas.batches:
-                _Blas.limit.restore_original_limits()
+                with ThreadPoolExecutor(1) as setter:
+                    setter.submit(_Blas.limit.restore_original_limits)
 
 
 def _described(problem: BaseException) -> str:
