@@ -148,9 +148,16 @@ def _answering() -> Iterator[None]:
         raise SchedulerError(GONE) from None
 
 
-def _uncomputable(problem: BaseException | None) -> SchedulerError:
+def _in_our_words(problem: BaseException) -> BaseException:
+    """Why there is nothing of a batch."""
+    if isinstance(problem, distributed.KilledWorker):
+        return WorkerDied()
     text = " ".join(f"{type(problem).__name__}: {problem}".split())
-    return SchedulerError(f"the workers cannot compute this: {text}")
+    return (
+        problem
+        if isinstance(problem, SchedulerError)
+        else SchedulerError(f"the workers cannot compute this: {text}")
+    )
 
 
 class _Payload(distributed.WorkerPlugin):
@@ -240,14 +247,12 @@ class Cluster:
         with suppress(OSError):
             if self._payload.probe is not None:
                 self._payload.probe.write_text(self.run)
-        with _answering():
-            try:
+        try:
+            with _answering():
                 self.client.register_plugin(self._payload)
-            except OSError:
-                raise
-            except Exception as problem:  # noqa: BLE001 - whatever it is that workers lack
-                raise _uncomputable(problem) from None
-            self.client.subscribe_topic(self.run, self._hear)
+                self.client.subscribe_topic(self.run, self._hear)
+        except Exception as problem:  # noqa: BLE001 - whatever it is that workers lack
+            raise _in_our_words(problem) from None
         return self
 
     def _hear(self, event: tuple[float, Any]) -> None:
@@ -308,19 +313,16 @@ class Cluster:
         if alone:
             self._free, self._alone = "", False
         try:
-            future.set_result(self._receipt(task))
+            if task.status == "cancelled":
+                raise SchedulerError(GONE)
+            if task.status == "error":
+                raise task.exception()
+            with _answering():
+                # By way of the scheduler, which knows who died: a client that asks the dead waits half a minute.
+                receipt = self._receipts.pop(task.key, None) or self.client.gather(task, direct=False)
+            future.set_result(receipt)
         except Exception as problem:  # noqa: BLE001 - raised by whoever asks for the result
-            future.set_exception(problem)
-
-    def _receipt(self, task: distributed.Future) -> Receipt | None:
-        if task.status == "cancelled":
-            raise SchedulerError(GONE)
-        if task.status == "error":
-            problem = task.exception()
-            raise WorkerDied if isinstance(problem, distributed.KilledWorker) else _uncomputable(problem)
-        with _answering():
-            # By way of the scheduler, which knows who died: a client that asks the dead waits half a minute.
-            return self._receipts.pop(task.key, None) or self.client.gather(task, direct=False)
+            future.set_exception(_in_our_words(problem))
 
     def halt(self) -> None:
         """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""

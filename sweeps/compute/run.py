@@ -8,6 +8,7 @@ import threading
 from collections.abc import Collection, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Union
 
@@ -134,26 +135,26 @@ def _unwritten(store: Store, problem: BaseException) -> str:
     return f"{store.file} could not be written: {reason(problem)}; {kept}"
 
 
+@dataclass(eq=False)
 class _Run:
     """One execution of a plan's batches; `sources` are where results at hand are kept, and then all of them."""
 
-    def __init__(
-        self,
-        plan: PlanData,
-        store: Store | None,
-        sources: list[Source],
-        progress: Progress | None,
-        fail_fast: bool,
-    ) -> None:
-        self.plan, self.store, self.sources, self.fail_fast = plan, store, sources, fail_fast
+    plan: PlanData
+    store: Store | None
+    sources: list[Source]
+    progress: Progress | None
+    fail_fast: bool
+    # Plain values: a signal's handler sets the flag, and must not wait for a lock.
+    interrupted: bool = False
+    failure: str = ""
+
+    def __post_init__(self) -> None:
+        plan, store = self.plan, self.store
         self.folder = None if store is None else store.folder
         self.job = Job(plan.task, plan.manifest.grid, "" if store is None else plan.manifest.token)
-        self.monitor = Monitor(plan.todo, progress, None if store is None else store.progress)
+        self.monitor = Monitor(plan.todo, self.progress, None if store is None else store.progress)
         row = sum(plan.manifest.row_bytes(name) for name in plan.sweep.variables) + ROW_BYTES
         self.sizes = BatchSizes(row, plan.sweep.batch_multiple)
-        # A plain flag: a signal's handler sets it, and must not wait for a lock.
-        self.interrupted = False
-        self.failure = ""
         # Of each batch its part's name, its points and, if it is alone at a worker, how often one has died of it.
         self._under_way: dict[Future[Any], tuple[str, NDArray[np.intp], int | None]] = {}
         self._done: SimpleQueue[Future[Any]] = SimpleQueue()
@@ -307,7 +308,5 @@ class _Run:
 
 
 def _span(first: Any, last: Any) -> str:
-    def text(value: Any) -> str:
-        return f"{value:g}" if isinstance(value, float) else str(value)
-
-    return text(first) if first == last else f"{text(first)} to {text(last)}"
+    texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in (first, last)]
+    return texts[0] if first == last else " to ".join(texts)
