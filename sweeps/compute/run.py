@@ -17,6 +17,7 @@ import xarray as xr
 from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
+from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.local import WINDOW, Job, Local, Receipt, WorkerDied
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
 from sweeps.plan.batches import BatchSizes, Queue
@@ -184,7 +185,8 @@ class _Run:
         most = plan.todo if plan.sweep.refinement is None else plan.points
         # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
         window = 1 if self.fail_fast or scheduler == "sync" else WINDOW
-        with ExitStack() as stack:
+        # Held for all batches here, for it takes a few milliseconds.
+        with ExitStack() as stack, one_blas_thread():
             backend = self._backend(stack, scheduler, min(workers or CPU_COUNT, most))
             while selection.todo:
                 self._loop(selection, backend, window)
