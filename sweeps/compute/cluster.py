@@ -223,15 +223,7 @@ def _halt(run: str, dask_worker: distributed.Worker) -> None:
 
 
 class Cluster:
-    """Workers of a Dask cluster.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    job : Job
-    parts : Path or None
-        The folder of the parts.
-    """
+    """Workers of a Dask cluster, which may see the folder of the parts."""
 
     def __init__(self, client: distributed.Client, job: Job, parts: Path | None) -> None:
         self.client, self.run = client, f"sweeps-{uuid4().hex}"

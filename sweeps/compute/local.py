@@ -22,25 +22,14 @@ WINDOW = 2
 
 
 class Receipt(NamedTuple):
-    """What comes of a batch.
-
-    Attributes
-    ----------
-    rows, failed : int
-    seconds : float
-        Wall-clock time.
-    first_failure : str
-        Where and why the first point failed that did.
-    content : bytes or None
-        The part, where it is still to be written.
-    result : BatchResult or None
-        Where there is no store.
-    """
+    """What comes of a batch: how many rows, how many of them failed, and the wall-clock time, s."""
 
     rows: int
     failed: int
     seconds: float
+    # Where and why the first point failed that did.
     first_failure: str = ""
+    # The part, where it is still to be written; without a store the result itself.
     content: bytes | None = None
     result: BatchResult | None = None
 
@@ -51,19 +40,11 @@ class WorkerDied(Exception):  # noqa: N818 - it is no error of the run
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What a back end does to every batch of points.
-
-    Attributes
-    ----------
-    task : Task
-    grid : Grid
-        Of which batches are points.
-    manifest : str
-        Token of the manifest that parts name; "" where there is no store, and results stay in memory.
-    """
+    """What a back end does to every batch of a grid's points."""
 
     task: Task
     grid: Grid
+    # Token of the manifest that parts name; "" where there is no store, and results stay in memory.
     manifest: str
 
     def compute(self, points: NDArray[np.intp]) -> Receipt:
@@ -86,14 +67,7 @@ class Job:
 
 
 class Local:
-    """Threads of this process, or with `workers` None this thread.
-
-    Parameters
-    ----------
-    compute : callable
-        What is done to a batch: `compute(name, points)` gives its receipt.
-    workers : int, optional
-    """
+    """Threads of this process, or with `workers` None this thread; `compute(name, points)` gives a receipt."""
 
     def __init__(self, compute: Callable[[str, NDArray[np.intp]], Receipt], workers: int | None) -> None:
         self._compute, self.workers = compute, workers or 1
