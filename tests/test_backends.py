@@ -195,6 +195,23 @@ except SchedulerError as problem:
     assert told.stderr == ""
 
 
+def test_workers_that_lack_the_engine():
+    cluster = f"distributed.LocalCluster(n_workers=1, processes=False, protocol='tcp://', **{QUIET})"
+    code = f"import sys; sys.modules['sweeps'] = None; import distributed; cluster = {cluster}; "
+    code += "print(cluster.scheduler_address, flush=True); sys.stdin.read()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    where = process.stdout.readline().strip()
+    with pytest.raises(SchedulerError, match=r"^the workers cannot compute this: .*ModuleNotFoundError"):
+        make(points=4).plan().run(where)
+    process.communicate()
+
+
 def test_a_function_that_cannot_be_sent():
     lock = threading.Lock()
 

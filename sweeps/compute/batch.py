@@ -5,14 +5,18 @@ A worker needs nothing else of a sweep than its `Task`, and of a batch its point
 
 from __future__ import annotations
 
+import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from sweeps.compute.reproduce import one_liner
 from sweeps.compute.values import fits, rounded
@@ -76,45 +80,47 @@ class Task:
 
     def compute(self, points: Points) -> BatchResult:
         """Compute a batch; if it raises as a whole, its halves, down to the points that fail."""
-        count = len(next(iter(points.values())))
-        result = BatchResult({}, np.zeros(count))
-        self._fill(result, points, 0, count)
-        if not result.values:
-            self._make_room(result)
+        result = self._missing(points)
+        with one_blas_thread():
+            self._fill(result, points, 0, len(result))
         return result
 
-    def _make_room(self, result: BatchResult) -> None:
-        """Missing values for all points of a batch."""
-        for name, variable in self.variables.items():
-            shape = (len(result), *self.shapes[name])
-            result.values[name] = np.full(shape, variable.missing, dtype=variable.dtype)
+    def failed(self, points: Points, problem: Exception) -> BatchResult:
+        """The result of points at which nothing could be computed."""
+        result = self._missing(points)
+        for row in range(len(result)):
+            self._fail(result, points, row, problem)
+        return result
+
+    def _missing(self, points: Points) -> BatchResult:
+        count = len(next(iter(points.values())))
+        values = {
+            name: np.full((count, *self.shapes[name]), variable.missing, dtype=variable.dtype)
+            for name, variable in self.variables.items()
+        }
+        return BatchResult(values, np.zeros(count))
 
     def _fill(self, result: BatchResult, every: Points, begin: int, end: int) -> None:
         points = {name: values[begin:end] for name, values in every.items()}
         start = time.perf_counter()
         try:
-            given, besides = self._call(points)
+            given, errors, times = self._call(points)
         except (Exception, SystemExit) as problem:  # noqa: BLE001 - what a point raises is its outcome
             if end - begin > 1:
                 middle = (begin + end) // 2
                 self._fill(result, every, begin, middle)
                 self._fill(result, every, middle, end)
-                return
-            result.wall_time[begin] = time.perf_counter() - start
-            self._fail(result, every, begin, problem)
+            else:
+                result.wall_time[begin] = time.perf_counter() - start
+                self._fail(result, every, begin, problem)
             return
         spent = (time.perf_counter() - start) / (end - begin)
-        result.wall_time[begin:end] = besides.get(WALL_TIME, spent)
-        if end - begin == len(result):
-            result.values = given
-        else:
-            if not result.values:
-                self._make_room(result)
-            for name, values in given.items():
-                result.values[name][begin:end] = values
-        for row, each in enumerate(besides.get(ERROR, ()), begin):
-            if each is not None:
-                self._fail(result, every, row, each)
+        result.wall_time[begin:end] = spent if times is None else times
+        for name, values in given.items():
+            result.values[name][begin:end] = values
+        for row, error in enumerate(errors or (), begin):
+            if error is not None:
+                self._fail(result, every, row, error)
 
     def _fail(self, result: BatchResult, every: Points, row: int, problem: BaseException) -> None:
         """Keep why a point failed, where, and how to see it again."""
@@ -128,51 +134,66 @@ class Task:
         for name, values in result.values.items():
             values[row] = self.variables[name].missing
 
-    def _call(self, points: Points) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """The function's results, each of its declared shape and type, and what it returned besides."""
+    def _call(self, points: Points) -> tuple[dict[str, Any], list[Any] | None, Any]:
+        """Results of the declared shapes and types; errors and computing times where the function gives them."""
         count = len(next(iter(points.values())))
+        who = f"the function of sweep {self.name} returned"
         given = self.function(points, **self.constants)
         if not isinstance(given, Mapping):
-            raise TypeError(
-                f"the function of sweep {self.name} returned {type(given).__name__}; it must be a dict"
-            )
-        results: dict[str, NDArray[Any]] = {}
+            raise TypeError(f"{who} {type(given).__name__}; it must be a dict")
+        results: dict[str, Any] = {}
         for name, variable in self.variables.items():
             if name not in given:
-                raise KeyError(f"the function of sweep {self.name} returned no {name!r}")
+                raise KeyError(f"{who} no {name!r}")
             values, expected = np.asarray(given[name]), (count, *self.shapes[name])
             if values.shape != expected:
-                raise ValueError(
-                    f"the function of sweep {self.name} returned {name!r} of shape {values.shape}; "
-                    f"it must be {expected}"
-                )
+                raise ValueError(f"{who} {name!r} of shape {values.shape}; it must be {expected}")
             if not fits(values, np.dtype(variable.dtype)):
-                raise ValueError(
-                    f"the function of sweep {self.name} returned {name!r} of type {values.dtype}, "
-                    f"which does not fit {variable.dtype}"
-                )
-            # A copy: the function may use its array again, or may have returned the points themselves.
+                raise ValueError(f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}")
             results[name] = rounded(values.astype(variable.dtype), variable.digits)
-        return results, self._besides(given, count)
-
-    def _besides(self, given: Mapping[str, Any], count: int) -> dict[str, Any]:
-        """Errors and computing times, one a point, where the function returned them."""
-        besides: dict[str, Any] = {}
-        who = f"the function of sweep {self.name} returned"
-        if given.get(ERROR) is not None:
-            besides[ERROR] = list(given[ERROR])
-            for each in besides[ERROR]:
-                if not (each is None or isinstance(each, Exception)):
-                    raise TypeError(f"{who} the {ERROR} {each!r}; it must be an exception or None")
-        if given.get(WALL_TIME) is not None:
-            besides[WALL_TIME] = np.asarray(given[WALL_TIME], dtype=float)
-            if besides[WALL_TIME].ndim != 1:
-                shape = besides[WALL_TIME].shape
-                raise ValueError(f"{who} {WALL_TIME!r} of shape {shape}; it must be ({count},)")
-        for name, entries in besides.items():
-            if len(entries) != count:
+        errors = None if given.get(ERROR) is None else list(given[ERROR])
+        for error in errors or ():
+            if not (error is None or isinstance(error, Exception)):
+                raise TypeError(f"{who} the {ERROR} {error!r}; it must be an exception or None")
+        times = None if given.get(WALL_TIME) is None else np.asarray(given[WALL_TIME], dtype=float)
+        if times is not None and times.ndim != 1:
+            raise ValueError(f"{who} {WALL_TIME!r} of shape {times.shape}; it must be ({count},)")
+        for name, entries in ((ERROR, errors), (WALL_TIME, times)):
+            if entries is not None and len(entries) != count:
                 raise ValueError(f"{who} {len(entries)} of {name!r}; it must be one a point, {count}")
-        return besides
+        return results, errors, times
+
+
+class _Blas:
+    """How many batches compute in this process, and what holds BLAS to one thread meanwhile."""
+
+    lock = threading.Lock()
+    batches = 0
+    limit: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """One BLAS thread for all of this process, until the last that asks for it has done.
+
+    More would compete with each other, and the bits of a result may depend on their number. A limit belongs to the
+    process: whoever ended first would take it from those that still compute.
+    """
+    # From its version 3.8 on, threadpoolctl ignores all threads but the first that sets a limit, as long as that
+    # lives; so here each setting has a short-lived thread of its own.
+    with _Blas.lock:
+        if not _Blas.batches:
+            with ThreadPoolExecutor(1) as setter:
+                _Blas.limit = setter.submit(threadpool_limits, 1, "blas").result()
+        _Blas.batches += 1
+    try:
+        yield
+    finally:
+        with _Blas.lock:
+            _Blas.batches -= 1
+            if not _Blas.batches:
+                with ThreadPoolExecutor(1) as setter:
+                    setter.submit(_Blas.limit.restore_original_limits)
 
 
 def _described(problem: BaseException) -> str:

@@ -14,15 +14,13 @@ import os
 import signal
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
-from functools import partial
+from functools import cached_property, partial
 from multiprocessing import resource_tracker
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
 
@@ -30,11 +28,10 @@ import cloudpickle  # type: ignore[import-untyped]
 import dask
 import distributed
 import numpy as np
-from dask.system import CPU_COUNT
 from distributed.utils import silence_logging_cmgr
 from numpy.typing import NDArray
 
-from sweeps.compute.local import TICK, Died, Job, Outcome, Receipt, perform
+from sweeps.compute.local import Job, Receipt, WorkerDied
 from sweeps.errors import SchedulerError
 from sweeps.fingerprint.code import digests
 from sweeps.storage.parts import PartFolder
@@ -45,10 +42,12 @@ PATIENCE = 10.0
 BEREFT = 60.0
 # Seconds between counts of the workers.
 COUNTED = 1.0
+GONE = "the scheduler does not answer any more; what was finished is kept"
 
 # How Dask runs workers of our own.
 CONFIGURATION = {
-    # A worker that samples its own stack a hundred times a second takes turns with what it computes.
+    # A worker that samples its own stack a hundred times a second takes turns with what it computes: a tenth of
+    # the time of loops in Python.
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     # Dask's workers give memory back to the system at once, and get it again page by page: a tenth of the time of
@@ -59,7 +58,7 @@ CONFIGURATION = {
 
 
 @contextmanager
-def connected(address: str | None, workers: int | None) -> Iterator[distributed.Client]:
+def connected(address: str | None, workers: int) -> Iterator[distributed.Client]:
     """A Dask client: of the scheduler at an address, or of a new cluster of processes on this machine.
 
     Raises
@@ -68,13 +67,11 @@ def connected(address: str | None, workers: int | None) -> Iterator[distributed.
         If no scheduler answers, it has no workers, or no processes can be started.
     """
     # What Dask says of lost connections and killed workers is said in one line by whoever meets it.
-    with silence_logging_cmgr(logging.CRITICAL):
-        if address is None:
-            with _own(workers or CPU_COUNT) as client:
-                yield client
-        else:
-            with _theirs(address) as client:
-                yield client
+    with (
+        silence_logging_cmgr(logging.CRITICAL),
+        _own(workers) if address is None else _theirs(address) as client,
+    ):
+        yield client
 
 
 @contextmanager
@@ -86,7 +83,7 @@ def _theirs(address: str) -> Iterator[distributed.Client]:
             f"scheduler = {address!r}: no Dask scheduler answers there ({type(problem).__name__}); start one, "
             "or leave it out"
         ) from None
-    with client, client.as_current():
+    with client:
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
@@ -130,11 +127,7 @@ def _own(workers: int) -> Iterator[distributed.Client]:
             ) from problem
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        with (
-            cluster,
-            distributed.Client(cluster, set_as_default=False) as client,
-            client.as_current(),
-        ):
+        with cluster, distributed.Client(cluster, set_as_default=False) as client:
             try:
                 yield client
             except BaseException:
@@ -146,226 +139,6 @@ def _own(workers: int) -> Iterator[distributed.Client]:
                 raise
 
 
-class Payload(distributed.WorkerPlugin):
-    """What every batch of a run needs, at a worker.
-
-    Parameters
-    ----------
-    run : str
-        Name of the run, and of the plug-in.
-    content : bytes
-        The job, pickled.
-    expected : dict or None
-        Digests of the function's code, where a worker imports it.
-    parts : str
-        The folder of the parts as the client sees it; "" for none.
-    """
-
-    idempotent = True
-
-    def __init__(self, run: str, content: bytes, expected: dict[str, str] | None, parts: str) -> None:
-        self.name, self.content, self.expected, self.parts = run, content, expected, parts
-
-    def setup(self, worker: distributed.Worker) -> None:
-        """Join a worker; what may fail waits for the first batch."""
-        self.halted = False
-        self._lock = threading.Lock()
-        self._job: Job | None = None
-        self._folder: PartFolder | None = None
-
-    def _unpacked(self) -> Job:
-        with self._lock:
-            if self._job is None:
-                job: Job = cloudpickle.loads(self.content)
-                if self.expected is not None and digests(job.task.function) != self.expected:
-                    raise RuntimeError(
-                        "this worker has another version of the code; install the same one everywhere"
-                    )
-                folder = Path(self.parts)
-                with suppress(OSError):
-                    if self.parts and probe(folder, self.name).read_text() == self.name:
-                        self._folder = PartFolder(folder)
-                self._job = job
-            return self._job
-
-    def compute(self, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
-        """A batch; None if it is not to begin."""
-        if self.halted:
-            return None
-        receipt = perform(self._unpacked(), np.asarray(points))
-        if self._folder is not None and receipt.content is not None:
-            # What cannot be written from here may be from where the client is.
-            with suppress(OSError):
-                self._folder.put(name, receipt.content)
-                return receipt._replace(content=None)
-        return receipt
-
-
-def probe(parts: Path, run: str) -> Path:
-    """The file by which workers find out whether they see a folder."""
-    return parts / f".{run}.probe.tmp"
-
-
-def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
-    """A batch; a receipt that holds no results goes as an event, which needs no question and no connection."""
-    worker: Any = distributed.get_worker()
-    receipt: Receipt | None = worker.plugins[run].compute(name, points)
-    if receipt is not None and (receipt.content is not None or receipt.result is not None):
-        return receipt
-    worker.log_event(run, (worker.get_current_task(), receipt and tuple(receipt)))
-    return None
-
-
-def _halt(run: str, dask_worker: distributed.Worker) -> None:
-    plugin: Any = dask_worker.plugins[run]
-    plugin.halted = True
-
-
-class Cluster:
-    """Workers of a Dask cluster.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    job : Job
-    folder : PartFolder, optional
-        Where parts go.
-    """
-
-    def __init__(self, client: distributed.Client, job: Job, folder: PartFolder | None) -> None:
-        self.client, self.run = client, f"sweeps-{uuid4().hex}"
-        self._done: SimpleQueue[distributed.Future] = SimpleQueue()
-        # Receipts by the keys of their futures; a worker's events overtake nothing and are not overtaken.
-        self._receipts: dict[Any, Receipt | None] = {}
-        self._counted = self._seen = time.monotonic()
-        self._threads = self._count()
-        # The worker that is kept free, and the batch that is alone there.
-        self._free = ""
-        self._alone: distributed.Future | None = None
-        self._probe = None if folder is None else probe(folder.path, self.run)
-        importable = _importable(job.task.function)
-        expected = digests(job.task.function) if importable else None
-        self._payload = Payload(self.run, _packed(job), expected, "" if folder is None else str(folder.path))
-
-    def __enter__(self) -> Cluster:
-        if self._probe is not None:
-            self._probe.write_text(self.run)
-        with _answering():
-            self.client.register_plugin(self._payload)
-            self.client.subscribe_topic(self.run, self._hear)
-        return self
-
-    def _hear(self, event: tuple[float, Any]) -> None:
-        key, receipt = event[1]
-        self._receipts[key] = receipt and Receipt(*receipt)
-
-    def __exit__(self, *problem: Any) -> None:
-        with suppress(Exception):
-            self.client.unsubscribe_topic(self.run)
-            self.client.unregister_worker_plugin(self.run)
-        if self._probe is not None:
-            self._probe.unlink(missing_ok=True)
-
-    @property
-    def workers(self) -> int:
-        """How many batches are computed at a time."""
-        return max(sum(self._threads.values()), 1)
-
-    def room(self, window: int) -> int:
-        """How many batches may be handed out at a time, so many for each thread."""
-        if time.monotonic() - self._counted > COUNTED:
-            self._threads = self._count()
-            self._counted = time.monotonic()
-        return window * sum(count for worker, count in self._threads.items() if worker != self._free)
-
-    def _count(self) -> dict[str, int]:
-        with _answering():
-            return dict(self.client.nthreads())
-
-    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> distributed.Future:
-        """Have a batch computed and kept as the part of that name; `alone`: on a worker that has nothing else."""
-        first, last = int(points[0]), int(points[-1])
-        neighbours = last - first == len(points) - 1 and bool(np.all(np.diff(points) == 1))
-        options: dict[str, Any] = {}
-        if self._free:
-            others = [worker for worker in self._threads if worker != self._free]
-            options = {"workers": [self._free] if alone else others, "allow_other_workers": True}
-        with _answering():
-            future = self.client.submit(
-                _compute, self.run, name, range(first, last + 1) if neighbours else points, pure=False, **options
-            )
-        if alone:
-            self._alone = future
-        future.add_done_callback(self._done.put)
-        return future
-
-    def arrived(self) -> list[tuple[distributed.Future, Outcome]]:
-        """What has come of batches meanwhile; waits a moment where there is nothing.
-
-        Raises
-        ------
-        SchedulerError
-            If the scheduler does not answer, or there have been no workers for long.
-        """
-        futures: list[distributed.Future] = []
-        with suppress(Empty):
-            futures.append(self._done.get(timeout=TICK))
-            while True:
-                futures.append(self._done.get_nowait())
-        if not futures:
-            self._threads = self._count()
-            self._seen = time.monotonic() if self._threads else self._seen
-            if time.monotonic() - self._seen > BEREFT:
-                raise SchedulerError("the cluster has no workers left; what was finished is kept")
-            return []
-        self._seen = time.monotonic()
-        if self._alone in futures:
-            self._free, self._alone = "", None
-        fetched = [f for f in futures if f.status == "finished" and f.key not in self._receipts]
-        if fetched:
-            # By way of the scheduler, which knows who has died: alone, a client waits half a minute for the dead.
-            with _answering():
-                found = self.client.gather(fetched, direct=False)
-            self._receipts |= {future.key: receipt for future, receipt in zip(fetched, found, strict=True)}
-        return [(f, self._receipts.pop(f.key) if f.key in self._receipts else _problem(f)) for f in futures]
-
-    def halt(self) -> None:
-        """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""
-        self.client.run(_halt, self.run, on_error="ignore")
-
-    def isolate(self, last: bool) -> bool:
-        """Keep a worker free for a batch to be alone at, the only one if it is the `last`; whether it is free."""
-        if self._alone is not None:
-            return False
-        with _answering():
-            self._threads = self._count()
-            at_work = self.client.processing()
-        if len(self._threads) < 2 and not last:
-            self._free = ""
-            return False
-        if self._free not in self._threads:
-            self._free = min(self._threads, key=lambda worker: len(at_work.get(worker, ())), default="")
-        return bool(self._free) and not at_work.get(self._free)
-
-
-def _problem(future: distributed.Future) -> Outcome:
-    """Why there is nothing of a batch."""
-    if future.status == "cancelled":
-        return SchedulerError(GONE)
-    try:
-        with _answering():
-            problem = future.exception()
-    except SchedulerError as gone:
-        return gone
-    if isinstance(problem, distributed.KilledWorker):
-        return Died()
-    text = " ".join(f"{type(problem).__name__}: {problem}".split())
-    return SchedulerError(f"the workers cannot compute this: {text}")
-
-
-GONE = "the scheduler does not answer any more; what was finished is kept"
-
-
 @contextmanager
 def _answering() -> Iterator[None]:
     """What Dask raises when the scheduler has gone, in our words."""
@@ -375,14 +148,188 @@ def _answering() -> Iterator[None]:
         raise SchedulerError(GONE) from None
 
 
-def _packed(job: Job) -> bytes:
-    """What is sent to every worker."""
-    try:
-        return bytes(cloudpickle.dumps(job))
-    except Exception as problem:  # noqa: BLE001 - any object may refuse in its own way
-        raise SchedulerError(
-            f"the function of sweep {job.task.name} cannot be sent to other processes: {problem}"
-        ) from None
+def _in_our_words(problem: BaseException) -> BaseException:
+    """Why there is nothing of a batch."""
+    if isinstance(problem, distributed.KilledWorker):
+        return WorkerDied()
+    text = " ".join(f"{type(problem).__name__}: {problem}".split())
+    return (
+        problem
+        if isinstance(problem, SchedulerError)
+        else SchedulerError(f"the workers cannot compute this: {text}")
+    )
+
+
+class _Payload(distributed.WorkerPlugin):
+    """What every batch of a run needs, at a worker."""
+
+    idempotent = True
+
+    def __init__(self, run: str, job: Job, parts: Path | None) -> None:
+        # By this file workers find out whether they see the folder of the parts.
+        self.name, self.probe = run, None if parts is None else parts / f".{run}.probe.tmp"
+        try:
+            # Unpacked when a batch needs it: a worker that cannot would refuse the plug-in, and not say why.
+            self.content = cloudpickle.dumps(job)
+        except Exception as problem:  # noqa: BLE001 - any object may refuse in its own way
+            raise SchedulerError(
+                f"the function of sweep {job.task.name} cannot be sent to other processes: {problem}"
+            ) from None
+        self.expected = digests(job.task.function) if _importable(job.task.function) else None
+
+    def setup(self, worker: distributed.Worker) -> None:
+        """Join a worker."""
+        self.worker, self.halted = worker, False
+
+    @cached_property
+    def job(self) -> Job:
+        """The job, where the worker has the code that the client has."""
+        job: Job = cloudpickle.loads(self.content)
+        if self.expected is not None and digests(job.task.function) != self.expected:
+            raise RuntimeError("this worker has another version of the code; install the same one everywhere")
+        return job
+
+    @cached_property
+    def folder(self) -> PartFolder | None:
+        """The folder of the parts, where the worker sees it."""
+        with suppress(OSError):
+            if self.probe is not None and self.probe.read_text() == self.name:
+                return PartFolder(self.probe.parent)
+        return None
+
+
+def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
+    """A batch's receipt, unless that went as an event, or the batch is not to begin."""
+    worker: Any = distributed.get_worker()
+    payload: _Payload = worker.plugins[run]
+    if payload.halted:
+        return None
+    receipt = payload.job.compute(np.asarray(points))
+    if payload.folder is not None and receipt.content is not None:
+        # What cannot be written from here may be from where the client is.
+        with suppress(OSError):
+            payload.folder.put(name, receipt.content)
+            receipt = receipt._replace(content=None)
+    if receipt.content is not None or receipt.result is not None:
+        return receipt
+    # The client need not ask for an event, which is a third of what a batch costs it. It overtakes the future.
+    worker.log_event(run, (worker.get_current_task(), tuple(receipt)))
+    return None
+
+
+def _halt(run: str, dask_worker: distributed.Worker) -> None:
+    payload: Any = dask_worker.plugins[run]
+    payload.halted = True
+
+
+class Cluster:
+    """Workers of a Dask cluster, which may see the folder of the parts."""
+
+    def __init__(self, client: distributed.Client, job: Job, parts: Path | None) -> None:
+        self.client, self.run = client, f"sweeps-{uuid4().hex}"
+        self._payload = _Payload(self.run, job, parts)
+        # Receipts that came as events, by the keys of Dask's futures.
+        self._receipts: dict[Any, Receipt] = {}
+        # The worker that is kept free, and whether a batch is alone there.
+        self._free, self._alone = "", False
+        self._seen = time.monotonic()
+        self.check()
+
+    def __enter__(self) -> Cluster:
+        with suppress(OSError):
+            if self._payload.probe is not None:
+                self._payload.probe.write_text(self.run)
+        try:
+            with _answering():
+                self.client.register_plugin(self._payload)
+                self.client.subscribe_topic(self.run, self._hear)
+        except Exception as problem:  # noqa: BLE001 - whatever it is that workers lack
+            raise _in_our_words(problem) from None
+        return self
+
+    def _hear(self, event: tuple[float, Any]) -> None:
+        key, receipt = event[1]
+        self._receipts[key] = Receipt(*receipt)
+
+    def __exit__(self, *problem: Any) -> None:
+        with suppress(Exception):
+            self.client.unsubscribe_topic(self.run)
+            self.client.unregister_worker_plugin(self.run)
+        if self._payload.probe is not None:
+            self._payload.probe.unlink(missing_ok=True)
+
+    @_answering()
+    def check(self) -> None:
+        """Count the workers.
+
+        Raises
+        ------
+        SchedulerError
+            If the scheduler does not answer, or there have been no workers for long.
+        """
+        self._threads: dict[str, int] = self.client.nthreads()
+        self._counted = time.monotonic()
+        if self._threads:
+            self._seen = self._counted
+        elif self._counted - self._seen > BEREFT:
+            raise SchedulerError("the cluster has no workers left; what was finished is kept")
+
+    @property
+    def workers(self) -> int:
+        """How many batches are computed at a time."""
+        return max(sum(self._threads.values()), 1)
+
+    def room(self, window: int) -> int:
+        """How many batches may be handed out at a time, so many for each thread."""
+        if time.monotonic() - self._counted > COUNTED:
+            self.check()
+        return window * sum(count for worker, count in self._threads.items() if worker != self._free)
+
+    @_answering()
+    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> Future[Receipt | None]:
+        """Have a batch computed and kept as the part of that name; `alone`: on a worker that has nothing else."""
+        first, end = int(points[0]), int(points[0]) + len(points)
+        sent = range(first, end) if np.array_equal(points, np.arange(first, end)) else points
+        options: dict[str, Any] = {}
+        if self._free:
+            others = [worker for worker in self._threads if worker != self._free]
+            options = {"workers": [self._free] if alone else others, "allow_other_workers": True}
+        self._alone = self._alone or alone
+        future: Future[Receipt | None] = Future()
+        task = self.client.submit(_compute, self.run, name, sent, pure=False, **options)
+        task.add_done_callback(partial(self._resolve, future, alone))
+        return future
+
+    def _resolve(self, future: Future[Receipt | None], alone: bool, task: distributed.Future) -> None:
+        """Give a future what has come of its batch; Dask calls this in a thread of its own."""
+        if alone:
+            self._free, self._alone = "", False
+        try:
+            if task.status == "cancelled":
+                raise SchedulerError(GONE)
+            if task.status == "error":
+                raise task.exception()
+            with _answering():
+                # By way of the scheduler, which knows who died: a client that asks the dead waits half a minute.
+                receipt = self._receipts.pop(task.key, None) or self.client.gather(task, direct=False)
+            future.set_result(receipt)
+        except Exception as problem:  # noqa: BLE001 - raised by whoever asks for the result
+            future.set_exception(_in_our_words(problem))
+
+    def halt(self) -> None:
+        """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""
+        self.client.run(_halt, self.run, on_error="ignore")
+
+    @_answering()
+    def isolate(self, last: bool) -> bool:
+        """Keep a worker free for a batch to be alone at, the only one if it is the `last`; whether it is free."""
+        if self._alone:
+            return False
+        at_work: dict[str, Any] = self.client.processing()
+        if self._free not in at_work:
+            least = min(at_work, key=lambda worker: len(at_work[worker]), default="")
+            self._free = least if last or len(at_work) > 1 else ""
+        return bool(self._free) and not at_work[self._free]
 
 
 def _importable(function: Any) -> bool:

@@ -1,201 +1,105 @@
-"""What every back end does to a batch, and those of this process: threads, or one batch after the other."""
+"""Batches on threads of this process, or one after the other; and what every back end does to a batch."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
+from dask.local import SynchronousExecutor
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from sweeps.compute.batch import BatchResult, Task
 from sweeps.errors import AbandonedError
-from sweeps.grid import Grid, Points
-from sweeps.storage.parts import PartFolder, encode
+from sweeps.grid import Grid
+from sweeps.storage.parts import encode
 
 # Batches handed out for each thread: one to work on, one waiting.
 WINDOW = 2
-# Seconds between looks at whether to stop.
-TICK = 0.25
 
 
 class Receipt(NamedTuple):
-    """What comes of a batch.
-
-    Attributes
-    ----------
-    rows, failed : int
-    seconds : float
-        Wall-clock time.
-    first_failure : str
-        Where and why the first point failed that did.
-    content : bytes or None
-        The part, where the worker did not write it itself.
-    result : BatchResult or None
-        Where there is no store.
-    """
+    """What comes of a batch: how many rows, how many of them failed, and the wall-clock time, s."""
 
     rows: int
     failed: int
     seconds: float
+    # Where and why the first point failed that did.
     first_failure: str = ""
+    # The part, where it is still to be written; without a store the result itself.
     content: bytes | None = None
     result: BatchResult | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """What a back end does to every batch of points.
-
-    Attributes
-    ----------
-    task : Task
-    grid : Grid
-        Of which batches are points.
-    manifest : str
-        Token of the manifest that parts name; "" where there is no store, and results stay in memory.
-    """
-
-    task: Task
-    grid: Grid
-    manifest: str
-
-
-class Died(NamedTuple):
+class WorkerDied(Exception):  # noqa: N818 - it is no error of the run
     """A worker died while it had the batch."""
 
 
-# A receipt; or an exception that ends the run; or None for a batch that was taken back before it was begun.
-Outcome = Receipt | Died | BaseException | None
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What a back end does to every batch of a grid's points."""
 
+    task: Task
+    grid: Grid
+    # Token of the manifest that parts name; "" where there is no store, and results stay in memory.
+    manifest: str
 
-def perform(job: Job, points: NDArray[np.intp]) -> Receipt:
-    """Compute a batch; where there is a store its part is in the receipt, and still to be written."""
-    begin = time.perf_counter()
-    values = job.grid.points(points)
-    with one_blas_thread():
-        result = job.task.compute(values)
-    return receipt_of(job, points, values, result, time.perf_counter() - begin)
+    def compute(self, points: NDArray[np.intp]) -> Receipt:
+        """Compute a batch; its part is in the receipt."""
+        begin = time.perf_counter()
+        result = self.task.compute(self.grid.points(points))
+        return self.receipt(points, result, time.perf_counter() - begin)
 
-
-def receipt_of(job: Job, points: NDArray[np.intp], values: Points, result: BatchResult, seconds: float) -> Receipt:
-    """The receipt of a batch, with its part's content or the result itself."""
-    first = ""
-    if result.failures:
-        row = min(result.failures)
-        where = ", ".join(f"{name} = {each[row]}" for name, each in values.items())
-        first = f"{where}: {result.failures[row].error}"
-    receipt = Receipt(len(result), len(result.failures), seconds, first)
-    if not job.manifest:
-        return receipt._replace(result=result)
-    return receipt._replace(content=encode(result, points, job.task.variables, job.manifest))
-
-
-class _Limit:
-    """How many batches compute in this process, and what holds BLAS to one thread meanwhile."""
-
-    lock = threading.Lock()
-    count = 0
-    held: Any = None
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """One BLAS thread for all of this process, until the last that asks for it has done.
-
-    More would compete with each other, and the bits of a result may depend on their number. A limit belongs to the
-    process: whoever ended first would take it from those that still compute.
-    """
-    with _Limit.lock:
-        if not _Limit.count:
-            _Limit.held = threadpool_limits(1, user_api="blas")
-        _Limit.count += 1
-    try:
-        yield
-    finally:
-        with _Limit.lock:
-            _Limit.count -= 1
-            if not _Limit.count:
-                _Limit.held.restore_original_limits()
-
-
-class _Inline(Executor):
-    """Computes a batch when it is submitted."""
-
-    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        try:
-            future.set_result(function(*arguments, **options))
-        except Exception as problem:  # noqa: BLE001 - raised by whoever asks for the result
-            future.set_exception(problem)
-        return future
+    def receipt(self, points: NDArray[np.intp], result: BatchResult, seconds: float) -> Receipt:
+        """The receipt of a batch that has this result."""
+        first = ""
+        if result.failures:
+            row = min(result.failures)
+            where = ", ".join(f"{name} = {each[0]}" for name, each in self.grid.points(points[[row]]).items())
+            first = f"{where}: {result.failures[row].error}"
+        receipt = Receipt(len(result), len(result.failures), seconds, first)
+        if not self.manifest:
+            return receipt._replace(result=result)
+        return receipt._replace(content=encode(result, points, self.task.variables, self.manifest))
 
 
 class Local:
-    """Threads of this process, or with `workers` None this thread.
+    """Threads of this process, or with `workers` None this thread; `compute(name, points)` gives a receipt."""
 
-    Parameters
-    ----------
-    job : Job
-    folder : PartFolder, optional
-        Where parts go.
-    workers : int, optional
-    """
-
-    def __init__(self, job: Job, folder: PartFolder | None, workers: int | None) -> None:
-        self.job, self.folder, self.workers = job, folder, workers or 1
-        self._pool: Executor = _Inline() if workers is None else ThreadPoolExecutor(workers)
-        self._queued = workers is not None
+    def __init__(self, compute: Callable[[str, NDArray[np.intp]], Receipt], workers: int | None) -> None:
+        self._compute, self.workers = compute, workers or 1
+        self._pool: Executor = SynchronousExecutor() if workers is None else ThreadPoolExecutor(workers)
         self._open: set[Future[Receipt]] = set()
-        self._done: SimpleQueue[Future[Receipt]] = SimpleQueue()
 
     def __enter__(self) -> Local:
-        self._limit = one_blas_thread()
-        self._limit.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._limit.__exit__(kind, problem, trace)
-        if isinstance(problem, KeyboardInterrupt) and any(future.running() for future in self._open):
+    def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
+        """Let threads finish what they have begun, for they cannot be ended; after an interrupt give them up."""
+        abandoned = kind is not None and issubclass(kind, KeyboardInterrupt)
+        try:
+            self._pool.shutdown(wait=not abandoned, cancel_futures=True)
+        except KeyboardInterrupt:
+            abandoned = True
+        if abandoned and any(future.running() for future in self._open):
             raise AbandonedError from None
+
+    def check(self) -> None:
+        """Threads are always there."""
 
     def room(self, window: int) -> int:
         """How many batches may be handed out at a time, so many for each worker."""
-        return self.workers * (window if self._queued else 1)
+        return self.workers * window
 
     def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> Future[Receipt]:
         """Have a batch computed and kept as the part of that name."""
         future = self._pool.submit(self._compute, name, points)
         self._open.add(future)
-        future.add_done_callback(self._done.put)
+        future.add_done_callback(self._open.discard)
         return future
-
-    def _compute(self, name: str, points: NDArray[np.intp]) -> Receipt:
-        receipt = perform(self.job, points)
-        if self.folder is not None and receipt.content is not None:
-            self.folder.put(name, receipt.content)
-        return receipt._replace(content=None)
-
-    def arrived(self) -> list[tuple[Future[Receipt], Outcome]]:
-        """What has come of batches meanwhile; waits a moment where there is nothing."""
-        futures: list[Future[Receipt]] = []
-        with suppress(Empty):
-            futures.append(self._done.get(timeout=TICK))
-            while True:
-                futures.append(self._done.get_nowait())
-        self._open.difference_update(futures)
-        return [(future, _outcome(future)) for future in futures]
 
     def halt(self) -> None:
         """Begin no more batches."""
@@ -205,12 +109,3 @@ class Local:
     def isolate(self, last: bool) -> bool:
         """Nothing dies here without the whole process."""
         return False
-
-
-def _outcome(future: Future[Receipt]) -> Outcome:
-    try:
-        return future.result()
-    except CancelledError:
-        return None
-    except BaseException as problem:  # noqa: BLE001 - raised by the loop, which keeps what else has arrived first
-        return problem

@@ -39,16 +39,21 @@ def one_liner(function: Callable[..., Any], point: Mapping[str, Any], constants:
     line = _Line()
     called = line.reference(function)
     if called is None:
-        called, name = "function", getattr(function, "__qualname__", type(function).__qualname__)
-        line.remark("function", f"{name} of {getattr(function, '__module__', None)}")
+        name = getattr(function, "__qualname__", type(function).__qualname__)
+        called = line.remark("function", f"{name} of {getattr(function, '__module__', None)}")
     arguments = [line.value(value, f"argument_{k}") for k, value in enumerate(places, 1)]
-    entries = (f"{name!r}: {line.array(np.asarray([value]), name)}" for name, value in point.items())
-    arguments.append(f"{{{', '.join(entries)}}}")
+    arguments.append(repr({name: _Text(line.array(np.asarray([value]), name)) for name, value in point.items()}))
     odd = {name: value for name, value in constants.items() if not name.isidentifier() or iskeyword(name)}
     arguments += [f"{name}={line.value(value, name)}" for name, value in constants.items() if name not in odd]
     if odd:
         arguments.append(f"**{line.value(odd, 'constants')}")
     return line.finished(f"{called}({', '.join(arguments)})")
+
+
+class _Text(str):
+    """An expression: containers of them have the representation that is wanted."""
+
+    __repr__ = str.__str__
 
 
 class _Line:
@@ -63,10 +68,9 @@ class _Line:
         imports = []
         for name, full in self._imported.items():
             module, _, original = full.rpartition(".")
-            renamed = "" if original == name else f" as {name}"
-            imports.append(f"from {module} import {original}{renamed}")
-        remarks = f"  # {'; '.join(f'{k}: {v}' for k, v in self._remarks.items())}" if self._remarks else ""
-        return "; ".join([*sorted(imports), call]) + remarks
+            imports.append(f"from {module} import {original}{'' if original == name else f' as {name}'}")
+        remarks = "; ".join(f"{name}: {text}" for name, text in self._remarks.items())
+        return "; ".join([*sorted(imports), call]) + (f"  # {remarks}" if remarks else "")
 
     def remark(self, name: str, text: str) -> str:
         """Say at the line's end what a name stands for that is not defined in it."""
@@ -86,9 +90,8 @@ class _Line:
         # Equality, for the method of a class is made anew each time.
         if found is None or _unwrapped(found) != target:
             return None
-        first, _, rest = path.partition(".")
-        name = first if module == "builtins" else self._import(f"{module}.{first}")
-        return f"{name}.{rest}" if rest else name
+        first, dot, rest = path.partition(".")
+        return f"{first if module == 'builtins' else self._import(f'{module}.{first}')}{dot}{rest}"
 
     def value(self, value: Any, name: str) -> str:
         """An expression for a value; `name` is what it is called if there is none."""
@@ -96,20 +99,22 @@ class _Line:
         if value is None or value is ... or kind in (bool, int, str, bytes, range):
             return repr(value)
         if kind is float:
-            return _float(value)
+            return repr(value) if math.isfinite(value) else f"float('{value}')"
         if kind is complex:
-            return f"complex({_float(value.real)}, {_float(value.imag)})"
-        if kind is np.ndarray and _plain(value.dtype):
+            return f"complex({self.value(value.real, name)}, {self.value(value.imag, name)})"
+        if kind is np.ndarray:
             return self.array(value, name)
         if isinstance(value, np.generic) and _plain(value.dtype):
             # `numpy.bool` would hide Python's own.
-            called = "bool_" if value.dtype.kind == "b" else type(value).__name__
+            called = "bool_" if value.dtype.kind == "b" else kind.__name__
             return f"{self._import(f'numpy.{called}')}({self.value(value.item(), name)})"
         if isinstance(value, enum.Enum):
             owner = self.reference(kind)
             return self.remark(name, repr(value)) if owner is None else f"{owner}[{value.name!r}]"
-        if kind in (list, tuple, set, frozenset, dict):
-            return self._container(value, name)
+        if kind is dict:
+            return repr({_Text(self.value(k, name)): _Text(self.value(v, name)) for k, v in value.items()})
+        if kind in (list, tuple, set, frozenset):
+            return repr(kind(_Text(self.value(item, name)) for item in value))
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self._dataclass(value, name)
         known = self.reference(value) if callable(value) else None
@@ -119,24 +124,11 @@ class _Line:
         """An array, with its type and shape where its entries do not tell them."""
         if not _plain(value.dtype):
             return self.remark(name, _described(value))
-        entries, dtype = value.tolist(), value.dtype
-        text = self.value(entries, name)
-        told = np.array(entries)
-        if told.dtype != dtype:
-            known = np.dtype(dtype.name) == dtype if dtype.kind in "biufc" else False
-            text += f", dtype={(dtype.name if known else dtype.str)!r}"
-        text = f"{self._import('numpy.array')}({text})"
-        return text if told.shape == value.shape else f"{text}.reshape({value.shape!r})"
-
-    def _container(self, value: Any, name: str) -> str:
-        if isinstance(value, dict):
-            return f"{{{', '.join(f'{self.value(k, name)}: {self.value(v, name)}' for k, v in value.items())}}}"
-        inner = [self.value(item, name) for item in value]
-        if isinstance(value, list):
-            return f"[{', '.join(inner)}]"
-        if isinstance(value, tuple):
-            return f"({inner[0]},)" if len(inner) == 1 else f"({', '.join(inner)})"
-        return f"{type(value).__name__}([{', '.join(sorted(inner))}])"
+        entries = value.tolist()
+        plain = np.array(entries)
+        dtype = "" if plain.dtype == value.dtype else f", dtype={value.dtype.str!r}"
+        text = f"{self._import('numpy.array')}({self.value(entries, name)}{dtype})"
+        return text if plain.shape == value.shape else f"{text}.reshape({value.shape!r})"
 
     def _dataclass(self, value: Any, name: str) -> str:
         """A dataclass by those of its fields that differ from their defaults."""
@@ -145,13 +137,12 @@ class _Line:
             called = self.remark(type(value).__name__, f"of {type(value).__module__}")
         given = []
         for field in dataclasses.fields(value):
-            if not field.init:
-                continue
             held, default = getattr(value, field.name), field.default
             if field.default_factory is not dataclasses.MISSING:
                 default = field.default_factory()
             # Texts are compared, for arrays have no one answer and NaN does not equal itself.
-            if default is dataclasses.MISSING or _Line().value(held, "") != _Line().value(default, ""):
+            same = default is not dataclasses.MISSING and _Line().value(held, "") == _Line().value(default, "")
+            if field.init and not same:
                 given.append(f"{field.name}={self.value(held, field.name)}")
         return f"{called}({', '.join(given)})"
 
@@ -164,10 +155,6 @@ class _Line:
             name = f"{own}_{count}"
         self._imported[name] = full
         return name
-
-
-def _float(value: float) -> str:
-    return repr(value) if math.isfinite(value) else f"float('{value}')"
 
 
 def _plain(dtype: np.dtype[Any]) -> bool:

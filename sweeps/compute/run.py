@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections import deque
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
+from concurrent.futures import CancelledError, Future
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
@@ -15,11 +17,9 @@ import xarray as xr
 from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
-from sweeps.compute.batch import Task
-from sweeps.compute.local import WINDOW, Died, Job, Local, Outcome, Receipt, receipt_of
-from sweeps.compute.reproduce import one_liner
+from sweeps.compute.batch import one_blas_thread
+from sweeps.compute.local import WINDOW, Job, Local, Receipt, WorkerDied
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
-from sweeps.grid import Points
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.plan.planning import ROW_BYTES, select
@@ -37,6 +37,8 @@ Backend = Union[Local, "Cluster"]
 LOCAL = ("threads", "sync", "processes")
 # A point has failed when the worker that had nothing else to do died so many times.
 DEATHS = 2
+# Seconds between looks at whether to stop.
+TICK = 0.25
 
 
 def execute(
@@ -134,41 +136,33 @@ def _unwritten(store: Store, problem: BaseException) -> str:
     return f"{store.file} could not be written: {reason(problem)}; {kept}"
 
 
+@dataclass(eq=False)
 class _Run:
-    """One execution of a plan's batches.
+    """One execution of a plan's batches; `sources` are where results at hand are kept, and then all of them."""
 
-    Parameters
-    ----------
-    plan : PlanData
-    store : Store or None
-    sources : list of Source
-        Where what is at hand is kept.
-    progress : callable, optional
-    fail_fast : bool
-    """
+    plan: PlanData
+    store: Store | None
+    sources: list[Source]
+    progress: Progress | None
+    fail_fast: bool
+    # Plain values: a signal's handler sets the flag, and must not wait for a lock.
+    interrupted: bool = False
+    failure: str = ""
 
-    def __init__(
-        self,
-        plan: PlanData,
-        store: Store | None,
-        sources: list[Source],
-        progress: Progress | None,
-        fail_fast: bool,
-    ) -> None:
-        self.plan, self.store, self.sources, self.fail_fast = plan, store, sources, fail_fast
+    def __post_init__(self) -> None:
+        plan, store = self.plan, self.store
         self.folder = None if store is None else store.folder
         self.job = Job(plan.task, plan.manifest.grid, "" if store is None else plan.manifest.token)
-        self.monitor = Monitor(plan.todo, progress, None if store is None else store.progress)
-        # Plain flags: a signal's handler sets them, and must not wait for a lock.
-        self.interrupted = self.abandoned = False
-        self.failure = ""
-        self._under_way: dict[Any, tuple[str, NDArray[np.intp], int | None]] = {}
+        self.monitor = Monitor(plan.todo, self.progress, None if store is None else store.progress)
+        row = sum(plan.manifest.row_bytes(name) for name in plan.sweep.variables) + ROW_BYTES
+        self.sizes = BatchSizes(row, plan.sweep.batch_multiple)
+        # Of each batch its part's name, its points and, if it is alone at a worker, how often one has died of it.
+        self._under_way: dict[Future[Any], tuple[str, NDArray[np.intp], int | None]] = {}
+        self._done: SimpleQueue[Future[Any]] = SimpleQueue()
         # Batches at which a worker died, and how often each has died alone.
         self._suspects: list[tuple[NDArray[np.intp], int]] = []
-        # What has come back and is not kept yet.
-        self._arrivals: deque[tuple[Any, Outcome]] = deque()
 
-    def compute(self, scheduler: str, workers: int | None) -> Sequence[Source]:
+    def compute(self, scheduler: str, workers: int | None) -> list[Source]:
         """Do every batch, of a refined sweep pass after pass; where all results are kept."""
         with self._interruptible():
             try:
@@ -189,58 +183,40 @@ class _Run:
         plan: PlanData = self.plan
         selection: Selection = plan
         most = plan.todo if plan.sweep.refinement is None else plan.points
-        row = sum(plan.manifest.row_bytes(name) for name in plan.sweep.variables) + ROW_BYTES
-        sizes = BatchSizes(row, plan.sweep.batch_multiple)
-        with ExitStack() as stack:
+        # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
+        window = 1 if self.fail_fast or scheduler == "sync" else WINDOW
+        # Held for all batches here, for it takes a few milliseconds.
+        with ExitStack() as stack, one_blas_thread():
             backend = self._backend(stack, scheduler, min(workers or CPU_COUNT, most))
             while selection.todo:
-                self._loop(selection, backend, sizes)
+                self._loop(selection, backend, window)
                 if plan.sweep.refinement is None or self._stopped():
                     return
                 selection = select(plan.sweep, plan.manifest, plan.embedding, plan.requested, self.sources)
-                self.monitor.more(selection.todo)
+                self.monitor.todo += selection.todo
 
     def _backend(self, stack: ExitStack, scheduler: str, workers: int) -> Backend:
         if scheduler in ("threads", "sync"):
-            return stack.enter_context(Local(self.job, self.folder, workers if scheduler == "threads" else None))
+            return stack.enter_context(Local(self._compute, workers if scheduler == "threads" else None))
         # Imported here: it takes long, and few runs need it.
         from sweeps.compute.cluster import Cluster, connected
 
         client = stack.enter_context(connected(None if scheduler == "processes" else scheduler, workers))
-        return stack.enter_context(Cluster(client, self.job, self.folder))
+        return stack.enter_context(Cluster(client, self.job, None if self.store is None else self.store.parts))
 
-    def _loop(self, selection: Selection, backend: Backend, sizes: BatchSizes) -> None:
+    def _loop(self, selection: Selection, backend: Backend, window: int) -> None:
         """Hand out batches as long as there are any, and take what comes of them."""
         queue = Queue(self.plan.manifest.grid, selection.due, self.plan.sweep.order_by)
-        # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
-        window, halted = 1 if self.fail_fast else WINDOW, False
-        try:
-            while True:
-                if self._stopped():
-                    if self._under_way and not halted:
-                        backend.halt()
-                        halted = True
-                else:
-                    if self._suspects and backend.isolate(not (queue.left or self._under_way)):
-                        self._submit(backend, *self._suspects.pop())
-                    while queue.left and len(self._under_way) < backend.room(window):
-                        self._submit(backend, queue.take(sizes.next(queue.left, backend.workers)))
-                if not self._under_way and (self._stopped() or not self._suspects):
-                    return
-                self._arrivals.extend(backend.arrived())
-                while self._arrivals:
-                    handle, outcome = self._arrivals.popleft()
-                    name, points, deaths = self._under_way.pop(handle)
-                    if isinstance(outcome, Died):
-                        outcome = self._suspected(points, deaths)
-                    if isinstance(outcome, Receipt):
-                        sizes.finished(outcome.rows, outcome.seconds)
-                    rows, failed = self._keep(name, points, outcome)
-                    self.monitor.end(int(points[0]), rows, failed)
-        except BaseException:
-            if isinstance(backend, Local) and not self.abandoned:
-                self._drain(backend)
-            raise
+        while (queue.left or self._suspects or self._under_way) and not self._stopped():
+            if self._suspects and backend.isolate(last=not (queue.left or self._under_way)):
+                self._submit(backend, *self._suspects.pop())
+            while queue.left and len(self._under_way) < backend.room(window) and not self._stopped():
+                self._submit(backend, queue.take(self.sizes.next(queue.left, backend.workers)))
+            self._take(backend)
+        if self._under_way:
+            backend.halt()
+        while self._under_way:
+            self._take(backend)
 
     def _submit(self, backend: Backend, points: NDArray[np.intp], deaths: int | None = None) -> None:
         """Hand out a batch; one at which a worker died, to a worker of its own."""
@@ -248,41 +224,53 @@ class _Run:
         spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
         self.monitor.begin(int(points[0]), ", ".join(spans))
         name = "" if self.folder is None else self.folder.next_name()
-        handle = backend.submit(name, points, deaths is not None)
-        self._under_way[handle] = name, points, deaths
+        future = backend.submit(name, points, deaths is not None)
+        self._under_way[future] = name, points, deaths
+        future.add_done_callback(self._done.put)
 
-    def _keep(self, name: str, points: NDArray[np.intp], outcome: Outcome) -> tuple[int, int]:
-        """Keep what came of a batch; how many of its points were done, and how many of these failed."""
-        if isinstance(outcome, (OSError, RuntimeError)) and self.store is not None:
-            raise StoreError(_unwritten(self.store, outcome)) from outcome
-        if isinstance(outcome, BaseException):
-            raise outcome
-        if not isinstance(outcome, Receipt):
-            return 0, 0
-        self.failure = self.failure or outcome.first_failure
-        if outcome.result is not None:
-            self.sources.append(ResultSource(points, outcome.result))
-        elif self.folder is not None and self.store is not None:
-            if outcome.content is not None:
-                try:
-                    self.folder.put(name, outcome.content)
-                except (OSError, RuntimeError) as problem:
-                    raise StoreError(_unwritten(self.store, problem)) from problem
+    def _take(self, backend: Backend) -> None:
+        """Keep what has come of a batch; wait a moment where nothing has."""
+        try:
+            future = self._done.get(timeout=TICK)
+        except Empty:
+            backend.check()
+            return
+        name, points, deaths = self._under_way.pop(future)
+        receipt: Receipt | None = None  # of a batch that was taken back before it was begun
+        try:
+            receipt = future.result()
+            if receipt is not None:
+                self.sizes.finished(receipt.rows, receipt.seconds)
+        except CancelledError:
+            pass
+        except WorkerDied:
+            receipt = self._suspected(points, deaths)
+        if receipt is None:
+            self.monitor.end(int(points[0]))
+            return
+        self.failure = self.failure or receipt.first_failure
+        self._write(name, receipt)
+        if self.folder is not None:
             self.sources.append(PartSource(self.folder, name))
-        return outcome.rows, outcome.failed
+        elif receipt.result is not None:
+            self.sources.append(ResultSource(points, receipt.result))
+        self.monitor.end(int(points[0]), receipt.rows, receipt.failed)
 
-    def _drain(self, backend: Local) -> None:
-        """Finish and keep what threads have begun: they cannot be ended."""
-        backend.halt()
-        while self._under_way:
-            for handle, outcome in [*self._arrivals, *backend.arrived()]:
-                name, points, _ = self._under_way.pop(handle)
-                # The first problem is the one that is raised.
-                with suppress(Exception):
-                    self._keep(name, points, outcome)
-            self._arrivals.clear()
+    def _compute(self, name: str, points: NDArray[np.intp]) -> Receipt:
+        """A batch on a thread of this process, kept as the part of that name."""
+        return self._write(name, self.job.compute(points))
 
-    def _suspected(self, points: NDArray[np.intp], deaths: int | None) -> Outcome:
+    def _write(self, name: str, receipt: Receipt) -> Receipt:
+        """The receipt without the part that was in it, which is written."""
+        if self.folder is None or self.store is None or receipt.content is None:
+            return receipt
+        try:
+            self.folder.put(name, receipt.content)
+        except (OSError, RuntimeError) as problem:
+            raise StoreError(_unwritten(self.store, problem)) from problem
+        return receipt._replace(content=None)
+
+    def _suspected(self, points: NDArray[np.intp], deaths: int | None) -> Receipt | None:
         """What is to be tried alone now that a worker has died at a batch; a point that has failed, as that."""
         if deaths is None:
             self._suspects.append((points, 0))
@@ -291,16 +279,10 @@ class _Run:
         elif deaths + 1 < DEATHS:
             self._suspects.append((points, deaths + 1))
         else:
-            return self._killed(points)
+            died = f"the process that computed this point died, {DEATHS} times out of {DEATHS}"
+            result = self.plan.task.failed(self.job.grid.points(points), RuntimeError(died))
+            return self.job.receipt(points, result, 0.0)
         return None
-
-    def _killed(self, points: NDArray[np.intp]) -> Receipt:
-        """A point at which workers die, as a point that failed."""
-        job, task, values = self.job, self.plan.task, self.plan.manifest.grid.points(points)
-        result = Task(task.name, _died, {}, task.variables, task.shapes).compute(values)
-        line = one_liner(task.function, {name: each[0] for name, each in values.items()}, task.constants)
-        result.failures[0] = result.failures[0]._replace(reproduce=line)
-        return receipt_of(job, points, values, result, 0.0)
 
     def _stopped(self) -> bool:
         """Whether no more batches are to begin."""
@@ -316,7 +298,6 @@ class _Run:
 
         def interrupt(number: int, frame: Any) -> None:
             if self.interrupted:
-                self.abandoned = True
                 raise KeyboardInterrupt
             self.interrupted = True
             self.monitor.stop()
@@ -328,12 +309,6 @@ class _Run:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _died(points: Points) -> dict[str, Any]:
-    raise RuntimeError(f"the process that computed this point died, {DEATHS} times out of {DEATHS}")
-
-
 def _span(first: Any, last: Any) -> str:
-    def text(value: Any) -> str:
-        return f"{value:g}" if isinstance(value, float) else str(value)
-
-    return text(first) if first == last else f"{text(first)} to {text(last)}"
+    texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in (first, last)]
+    return texts[0] if first == last else " to ".join(texts)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 
-from sweeps.compute.local import one_blas_thread
 from sweeps.plan.plan import PlanData
 
 # Batches of so many points, from these places of the work, while so long is not over, s.
@@ -27,10 +25,8 @@ def timed(plan: PlanData) -> float:
         points = due[int(place * plan.todo) :][: size * plan.sweep.batch_multiple]
         if not len(points) or spent > SECONDS:
             break
-        with one_blas_thread():
-            start = time.perf_counter()
-            result = plan.task.compute(plan.manifest.grid.points(points))
-            taken = time.perf_counter() - start
+        result = plan.task.compute(plan.manifest.grid.points(points))
+        taken = float(result.wall_time.sum())
         spent += taken if number else 0.0
         if (number or plan.todo == 1) and len(result.failures) < len(result):
             # The last batch is the largest, and tells most of what batches cost.

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -58,24 +59,19 @@ class Monitor:
 
     def __init__(self, todo: int, progress: Progress | None, file: Path | None) -> None:
         self.todo, self.done, self.failed, self.stopping = todo, 0, 0, False
-        self._progress, self._file = progress, file
+        self._progress, self._file, self._owner = progress, file, owner()
         self._begun, self._written = time.monotonic(), -math.inf
-        self._owner = owner()
         self._now: dict[int, str] = {}
         self._telling = False
-
-    def more(self, todo: int) -> None:
-        """What was found asks for so many computations more."""
-        self.todo += todo
 
     def begin(self, number: int, what: str) -> None:
         """A batch is under way."""
         self._now[number] = what
         self._tell()
 
-    def end(self, number: int, done: int, failed: int) -> None:
+    def end(self, number: int, done: int = 0, failed: int = 0) -> None:
         """A batch has ended, or has been taken back with nothing done."""
-        self._now.pop(number, None)
+        del self._now[number]
         self.done += done
         self.failed += failed
         self._tell()
@@ -90,20 +86,19 @@ class Monitor:
 
     def close(self) -> None:
         """Leave the last state in the file."""
-        self._write(self.snapshot())
+        self._write(self._snapshot())
 
-    def snapshot(self) -> Snapshot:
-        """The state now."""
+    def _snapshot(self) -> Snapshot:
         elapsed = time.monotonic() - self._begun
         rate = self.done / elapsed if elapsed > 0.0 else 0.0
         left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
-        now = tuple(list(self._now.values())[:SHOWN])
+        now = tuple(islice(self._now.values(), SHOWN))
         return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, now, self.stopping)
 
     def _tell(self) -> None:
         self._telling = True
         try:
-            snapshot = self.snapshot()
+            snapshot = self._snapshot()
             if self._progress is not None:
                 self._progress(snapshot)
             if time.monotonic() - self._written >= INTERVAL:
