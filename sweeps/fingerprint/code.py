@@ -59,8 +59,8 @@ def digests(*functions: Callable[..., Any]) -> dict[str, str]:
         For a function that carries along what cannot be compared with a stored value.
     """
     innermost = [_innermost(function) for function in functions]
-    # An instance of a library's class does not make the library the project's.
-    reach = _Reach({root(_home(each)) for each in innermost if isinstance(each, (FunctionType, type))})
+    # A library's class, or an instance of it, does not make the library the project's.
+    reach = _Reach({root(_home(each)) for each in innermost if isinstance(each, FunctionType)})
     for function, inner in zip(functions, innermost, strict=True):
         reach.notes.add((_home(inner), reach.text(function)))
     return reach.digests()
