@@ -9,9 +9,10 @@ instances; and numbers, arrays and texts without a slash that a function's names
 it names, stand for.
 
 It does not see formatting, comments, docstrings, annotations outside classes, what a script does when it is
-started, the order of statements where none acts; libraries, whose versions `provenance` compares; what is found by
-a computed name; what a module sets in another, if it is only imported as `from package import module` and never
-named; what an assigned call changes elsewhere. Nothing is imported for it, and nothing in a file is executed.
+started, except to the objects of names that are reached, the order of statements where none acts; libraries, whose
+versions `provenance` compares; what is found by a computed name; what a module sets in another, if it is only
+imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
+imported for it, and nothing in a file is executed.
 """
 
 from __future__ import annotations
@@ -128,6 +129,8 @@ class _Reach:
                 chosen, rest = module.statements, ""
         elif head not in module.binders:  # bound by a star
             rest = name
+        if head and module.name == "__main__":  # of what a script does counts what changes the name's object
+            chosen = chosen + [each for each in module.statements if head in each.effects]
         if source not in self._taken:
             self._taken[source] = set()
             self._ask(source.rpartition(".")[0], ".")
@@ -147,8 +150,7 @@ class _Reach:
         for each in [each for name in statement.makers for each in module.binding(name)]:
             if not each.is_import or not self._library(each.imports[0][0]):
                 return True
-        # What a script does of itself is to use its functions.
-        return statement.acts and module.name != "__main__" and "__name__" not in statement.uses
+        return bool(statement.effects) and module.name != "__main__"
 
     def text(self, value: Any) -> str:
         """A value in full, if it is plain or code, whose source is asked for."""

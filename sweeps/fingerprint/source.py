@@ -45,7 +45,8 @@ class Statement:
             *getattr(node, "keywords", ()),
         ]
         self.makers = {root(each) for maker in makers for each in _dotted(maker)}
-        self.acts = _acts(node)
+        # What a module does only as a script is to use its functions.
+        self.effects = set() if "__name__" in self.uses else {*_effects(node)}
         # Modules imported by it or within, each with the name taken from it; "" takes all.
         self.imports = [each for part in ast.walk(node) for each in _imports(part, package)]
         self.loads = node.names[0].name if isinstance(node, ast.Import) else ""
@@ -78,7 +79,7 @@ class Module:
         """Texts of the statements taken: imports sorted, and the others where none acts or binds a name again."""
         chosen = [each for each in self.statements if each in taken]
         others = [each.text for each in chosen if not each.is_import]
-        if not any(each.acts or any(len(self.binders[name]) > 1 for name in each.binds) for each in chosen):
+        if not any(each.effects or any(len(self.binders[name]) > 1 for name in each.binds) for each in chosen):
             others.sort()
         return sorted(each.text for each in chosen if each.is_import) + others
 
@@ -156,11 +157,16 @@ def _is_idle(node: Any, in_class: bool = False) -> bool:
     return declares or document or isinstance(node, ast.Pass)
 
 
-def _acts(node: ast.AST) -> bool:
-    """Whether a statement calls something for its effect, or sets an entry or attribute, when it runs."""
-    sets = isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load)
-    calls = isinstance(node, ast.Expr) and not _is_idle(node)
-    return sets or calls or (not isinstance(node, FUNCTIONS) and any(map(_acts, ast.iter_child_nodes(node))))
+def _effects(node: ast.AST) -> Iterator[str]:
+    """Names whose objects a statement changes in place when it runs; "" for what else it calls for its effect."""
+    if isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load):
+        yield from map(root, _dotted(node.value))
+    elif isinstance(node, ast.Expr) and not _is_idle(node):
+        method = node.value.func if isinstance(node.value, ast.Call) else None
+        yield from map(root, _dotted(method)) if isinstance(method, ast.Attribute) else ("",)
+    if not isinstance(node, FUNCTIONS):
+        for child in ast.iter_child_nodes(node):
+            yield from _effects(child)
 
 
 def _dotted(node: ast.AST) -> Iterator[str]:
