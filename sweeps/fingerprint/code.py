@@ -1,12 +1,12 @@
 """Fingerprint of the code behind functions: one digest for each module of the project that they reach.
 
 It sees, in the modules of the functions, given or carried along, and in a package's `__init__`, the top-level
-statements that they reach by name, and those that act on import: bare calls, entries and attributes set,
-definitions with decorators or bases of the project. Any other module of the project of which these take a name,
-within functions too, counts as a whole; it is followed on from that name. By value, with the code of their
-classes, count closures, defaults of nested functions, arguments of partials, compilers' options and called
-instances; and numbers, arrays and texts without a slash that a function's names, or these names in a module that
-it names, stand for.
+statements that they reach by name, and those that act on import, also in what is imported as `import
+package.module`: bare calls, entries and attributes set, definitions with decorators or bases of the project. Any
+other module of the project of which these take a name, within functions too, counts as a whole; it is followed on
+from that name. By value, with the code of their classes, count closures, defaults of nested functions, arguments
+of partials, compilers' options and called instances; and numbers, arrays and texts without a slash that a
+function's names, or these names in a module that it names, stand for, unless the function binds them.
 
 It does not see formatting, comments, docstrings, annotations outside classes, what a script does when it is
 started, except to the objects of names that are reached, the order of statements where none acts; libraries, whose
@@ -220,7 +220,7 @@ class _Reach:
         """Whether a value is found by its name in a library."""
         module = str(getattr(value, "__module__", None))
         name = str(getattr(value, "__qualname__", getattr(value, "__name__", None)))
-        return self._library(module) and getattr(sys.modules.get(module), name, None) is value
+        return getattr(sys.modules.get(module), name, None) is value and self._library(module)
 
     def _function(self, function: FunctionType) -> str:
         code, home, name = function.__code__, _home(function), function.__qualname__
@@ -260,7 +260,7 @@ class _Reach:
         named = [present[name] for name in used & set(present) if isinstance(present[name], ModuleType)]
         spaces = {each.__name__: vars(each) for each in named if not self._library(each.__name__)}
         for home, space in [(_home(function), present), *spaces.items()]:
-            for name in used & set(space):
+            for name in sorted(used & set(space)):
                 value = space[name]
                 is_array = isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject
                 # Other texts may name a place on this machine.

@@ -14,6 +14,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 
+from sweeps.fingerprint.code import differing
+
 # Compared whichever modules import them: they decide the last digits.
 ALWAYS = ("numpy", "scipy", "numba")
 
@@ -35,9 +37,9 @@ def versions(modules: Iterable[str]) -> dict[str, str]:
 
 def versions_differing(stored: Mapping[str, str], present: Mapping[str, str]) -> str:
     """One line that says which versions differ, or which only one side has; "" if none does."""
-    names = [name for name in sorted({*stored, *present}) if stored.get(name) != present.get(name)]
     return "; ".join(
-        f"{name} {stored.get(name, 'none')} there, {present.get(name, 'none')} here" for name in names
+        f"{name} {stored.get(name, 'none')} there, {present.get(name, 'none')} here"
+        for name in differing(stored, present)
     )
 
 

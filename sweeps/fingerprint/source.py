@@ -39,12 +39,8 @@ class Statement:
         self.binds = bound(code) or ({"*"} if self.is_import else set())
         used = names(code)
         self.uses = {each for each in _dotted(node) if root(each) in used}
-        makers = [
-            *getattr(node, "decorator_list", ()),
-            *getattr(node, "bases", ()),
-            *getattr(node, "keywords", ()),
-        ]
-        self.makers = {root(each) for maker in makers for each in _dotted(maker)}
+        makers = [part for field in ("decorator_list", "bases", "keywords") for part in getattr(node, field, ())]
+        self.makers = {root(each) for part in makers for each in _dotted(part)}
         # What a module does only as a script is to use its functions.
         self.effects = set() if "__name__" in self.uses else {*_effects(node)}
         # Modules imported by it or within, each with the name taken from it; "" takes all.
