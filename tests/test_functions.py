@@ -277,6 +277,29 @@ def test_a_script_is_read_from_its_file(tmp_path):
     assert found[0] == found[1] != found[2]
 
 
+def test_what_a_script_changes_in_place_counts_where_it_is_used(tmp_path):
+    text = """
+        import json
+        from sweeps.fingerprint.code import digests
+        TABLE = {}
+        OTHER = {}
+        TABLE["a"] = 1
+        TABLE.update(b=2)
+        OTHER["a"] = 3
+        def f(points):
+            return TABLE
+        print(json.dumps(digests(f)))
+        """
+    script, found = tmp_path / "script.py", {}
+    for edit in ("", "= 1 -> = 5", "b=2 -> b=5", "= 3 -> = 5"):
+        old, _, new = edit.partition(" -> ")
+        script.write_text(textwrap.dedent(text).replace(old, new) if old else textwrap.dedent(text))
+        found[edit] = run(script, HOME)
+    assert set(json.loads(found[""])) == {"__main__"}
+    assert found[""] == found["= 3 -> = 5"]
+    assert len({*found.values()}) == 3
+
+
 def test_scripts_differ_by_what_their_names_stand_for(tmp_path):
     script, table = tmp_path / "script.py", tmp_path / "coef.txt"
     script.write_text(

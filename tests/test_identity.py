@@ -6,6 +6,7 @@ import sys
 import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -460,6 +461,13 @@ def test_the_code_of_a_constants_class_counts(package):
     before = fingerprint(sweep, ())
     files.edit("models.py", "self.size**2", "self.size**3")
     assert differences(before, fingerprint(sweep, ())) == "the code of ident.models has changed"
+
+
+def test_the_class_of_an_array_does_not_make_its_library_the_projects(package):
+    files = package({"__init__.py": "", "main.py": "def f(points, table):\n    return {'y': table}\n"})
+    grid, variables = Grid({"x": Axis([1.0])}), {"y": Variable()}
+    sweep = Sweep("tables", files.load("main").f, grid, variables, {"table": np.arange(3.0)})
+    assert set(fingerprint(sweep, ())["sources"]) == {"ident.main", "numpy"}
 
 
 def test_versions_of_libraries_are_told_and_compared():

@@ -1,4 +1,5 @@
 """Fingerprint of a sweep: stored results are taken up only where it equals theirs.
 
-`code` reads which code a function reaches, `identity` adds the declaration, `provenance` records versions.
+`source` reads modules, `code` follows functions to what they reach, `identity` adds the declaration, `provenance`
+records versions.
 """

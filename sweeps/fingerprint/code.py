@@ -1,52 +1,41 @@
 """Fingerprint of the code behind functions: one digest for each module of the project that they reach.
 
-It sees, in the modules of the functions, given or carried along, the top-level statements that they reach by name,
-and those that act on import: bare calls, entries and attributes set, definitions with decorators or bases of the
-project, `import package.module`. A package's `__init__` counts likewise. Any other module of the project of which
-these take a name, within functions too, counts as a whole; it is followed on from that name. By value, with the
-code of their classes, count closures, defaults of nested functions, arguments of partials, compilers' options and
-called instances; and numbers, arrays and texts without a slash that a function's names, or these names in a module
-that it names, stand for, unless the function binds them.
+It sees, in the modules of the functions, given or carried along, and in a package's `__init__`, the top-level
+statements that they reach by name, and those that act on import, also in what is imported as `import
+package.module`: bare calls, entries and attributes set, definitions with decorators or bases of the project. Any
+other module of the project of which these take a name, within functions too, counts as a whole; it is followed on
+from that name. By value, with the code of their classes, count closures, defaults of nested functions, arguments
+of partials, compilers' options and called instances; and numbers, arrays and texts without a slash that a
+function's names, or these names in a module that it names, stand for, unless the function binds them.
 
-It does not see formatting, comments, docstrings, annotations outside classes, imports for type checkers, what a
-script does when it is started, the order of statements where none acts; libraries, whose versions `provenance`
-compares; what is found by a computed name; what a module sets in another, if it is only imported as
-`from package import module` and never named; what an assigned call changes elsewhere.
-
-No module is imported for it and nothing found in a file is executed.
+It does not see formatting, comments, docstrings, annotations outside classes, what a script does when it is
+started, except to the objects of names that are reached, the order of statements where none acts; libraries, whose
+versions `provenance` compares; what is found by a computed name; what a module sets in another, if it is only
+imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
+imported for it, and nothing in a file is executed.
 """
 
 from __future__ import annotations
-import __future__
 
-import ast
 import builtins
 import dataclasses
-import dis
-import importlib.util
+import inspect
 import os
 import sys
-import sysconfig
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import Enum
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from hashlib import blake2b
-from importlib.machinery import PathFinder
 from importlib.metadata import packages_distributions
-from pathlib import Path
-from types import CodeType, FunctionType, MethodType, ModuleType
+from types import CellType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 import numpy as np
 
-ENGINE = __name__.partition(".")[0]
-FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
-IMPORTS = (ast.Import, ast.ImportFrom)
-# Fields of a syntax tree that change nothing: whether a name is read or written shows in its place.
-UNTOLD = ("ctx", "kind", "returns", "type_comment", "type_params")
-# Instructions by which a module's names are bound.
-BINDS = ("STORE_NAME", "STORE_GLOBAL", "DELETE_NAME")
+from sweeps.fingerprint.source import Module, Statement, bound, find, is_installed, names, read, root
+
+ENGINE = root(__name__)
 # Attributes of a class that hold no code of it.
 ASIDE = ("__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__")
 PLAIN = (type(None), type(...), bool, int, float, complex, str, bytes, range)
@@ -70,17 +59,12 @@ def digests(*functions: Callable[..., Any]) -> dict[str, str]:
     ValueError
         For a function that carries along what cannot be compared with a stored value.
     """
-    homes = [_home(function) for function in functions]
-    # An instance of a library's class does not make the library the project's.
-    written = [
-        home for home, f in zip(homes, functions, strict=True) if isinstance(_innermost(f), (FunctionType, type))
-    ]
-    reach = _Reach({home.partition(".")[0] for home in written})
-    notes = [(home, reach.text(function)) for home, function in zip(homes, functions, strict=True)]
-    texts = reach.texts()
-    for home, note in notes + sorted(reach.notes):
-        texts.setdefault(home, []).append(note)
-    return {name: _digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
+    innermost = [_innermost(function) for function in functions]
+    # A library's class, or an instance of it, does not make the library the project's.
+    reach = _Reach({root(_home(each)) for each in innermost if isinstance(each, FunctionType)})
+    for function, inner in zip(functions, innermost, strict=True):
+        reach.notes.add((_home(inner), reach.text(function)))
+    return reach.digests()
 
 
 def differing(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str]:
@@ -88,254 +72,97 @@ def differing(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str
     return sorted(name for name in {*stored, *present} if stored.get(name) != present.get(name))
 
 
-def _dump(node: Any, in_class: bool = False) -> str:
-    """Syntax as text without what decides nothing, the same in every version of Python that knows it."""
-    if isinstance(node, list):
-        return f"[{','.join([_dump(each, in_class) for each in node if not _is_idle(each, in_class)])}]"
-    if not isinstance(node, ast.AST):
-        return repr(node)
-    if isinstance(node, ast.AnnAssign) and not in_class:  # a dataclass lives on annotations; nothing else does
-        node = ast.Assign([node.target], node.value or ast.Constant(None))
-    fields = ["arg"] if isinstance(node, ast.arg) else [name for name in node._fields if name not in UNTOLD]
-    inside = isinstance(node, ast.ClassDef) or (in_class and not isinstance(node, FUNCTIONS))
-    # What a later version adds is empty where an earlier one could be.
-    told = [(name, value) for name in fields if (value := getattr(node, name, None)) is not None and value != []]
-    return f"{type(node).__name__}({','.join([f'{name}={_dump(value, inside)}' for name, value in told])})"
-
-
-def _is_idle(node: Any, in_class: bool = False) -> bool:
-    declares = isinstance(node, ast.AnnAssign) and node.value is None and not in_class
-    document = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    return declares or document or isinstance(node, ast.Pass)
-
-
-def _sets(node: ast.AST) -> bool:
-    """Whether an entry or attribute is set or deleted here."""
-    return isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load)
-
-
-def _dotted(node: ast.AST) -> Iterator[str]:
-    """The names in a tree, each with the attributes taken from it."""
-    attributes = ""
-    while isinstance(node, ast.Attribute):
-        attributes, node = f".{node.attr}{attributes}", node.value
-    if isinstance(node, ast.Name):
-        yield node.id + attributes
-    else:
-        for child in ast.iter_child_nodes(node):
-            yield from _dotted(child)
-
-
-def _names(code: CodeType) -> set[str]:
-    """Names of the module that compiled code uses, its functions included; and those of attributes."""
-    return {*code.co_names}.union(*(_names(part) for part in code.co_consts if isinstance(part, CodeType)))
-
-
-class _Statement:
-    """A top-level statement of a module; of an import, one name."""
-
-    def __init__(self, node: Any, package: str) -> None:
-        self.node, self.package, self.is_import = node, package, isinstance(node, IMPORTS)
-
-    @cached_property
-    def text(self) -> str:
-        return _dump(self.node)
-
-    @cached_property
-    def code(self) -> CodeType:
-        # The compiler knows which names are a function's own; annotations stay texts.
-        flags = __future__.annotations.compiler_flag
-        tree = ast.Module([self.node], [])
-        code: CodeType = compile(tree, "", "exec", flags, dont_inherit=True, optimize=0)
-        return code
-
-    @cached_property
-    def binds(self) -> set[str]:
-        return {each.argval for each in dis.get_instructions(self.code) if each.opname in BINDS}
-
-    @cached_property
-    def uses(self) -> set[str]:
-        """Names of the module that it refers to, with the attributes taken: "module.function"."""
-        names = _names(self.code)
-        return {each for each in _dotted(self.node) if each.partition(".")[0] in names}
-
-    @cached_property
-    def acts(self) -> bool:
-        """Whether it calls something for its effect, or sets an entry or attribute, when it runs."""
-        outer = [self.node] if not isinstance(self.node, ast.ClassDef) else self.node.body
-        parts = [part for each in outer if not isinstance(each, FUNCTIONS) for part in ast.walk(each)]
-        return any(_sets(part) or (isinstance(part, ast.Expr) and not _is_idle(part)) for part in parts)
-
-    @cached_property
-    def imports(self) -> list[tuple[str, str]]:
-        """Modules imported at the top or within, each with the name taken from it; "" takes all."""
-        found = []
-        for node in (each for each in ast.walk(self.node) if isinstance(each, IMPORTS)):
-            for alias in node.names:
-                if isinstance(node, ast.Import):
-                    found += [(alias.name, "")] + [(alias.name.partition(".")[0], "")] * (alias.asname is None)
-                    continue
-                source = importlib.util.resolve_name("." * node.level + (node.module or ""), self.package)
-                found.append((source, alias.name.strip("*")))
-                if source == self.package:  # a submodule may be meant
-                    found.append((f"{source}.{alias.name}", ""))
-        return found
-
-
-class _Module:
-    """What a file says, cut into statements; a package without a file has none."""
-
-    def __init__(self, name: str, package: str, file: str, content: bytes) -> None:
-        self.name, self.file, self.is_package = name, file, name == package
-        self.statements: list[_Statement] = []
-        todo: list[Any] = ast.parse(content, file).body[::-1]
-        while todo:
-            node = todo.pop()
-            test = getattr(node, "test", None)
-            if isinstance(node, ast.If) and "TYPE_CHECKING" in (
-                getattr(test, "id", ""),
-                getattr(test, "attr", ""),
-            ):
-                todo += node.orelse[::-1]
-            elif isinstance(node, IMPORTS) and len(node.names) > 1:
-                fields = {name: getattr(node, name) for name in node._fields}
-                names = sorted(node.names, key=lambda each: each.asname or each.name)
-                parts = [type(node)(**fields | {"names": [each]}) for each in names]
-                todo += [ast.copy_location(part, node) for part in parts[::-1]]
-            elif not _is_idle(node):
-                self.statements.append(_Statement(node, package))
-
-    @cached_property
-    def binders(self) -> dict[str, list[_Statement]]:
-        """The statements that bind each name; those for "*" may bind any."""
-        found: dict[str, list[_Statement]] = {}
-        for each in self.statements:
-            is_star = each.is_import and each.node.names[0].name == "*"
-            for name in {"*"} if is_star else each.binds:
-                found.setdefault(name, []).append(each)
-        return found
-
-    def binding(self, name: str) -> list[_Statement]:
-        """The statements that bind a name or may do so."""
-        return self.binders.get(name) or self.binders.get("*", [])
-
-    def texts(self, taken: set[_Statement] | None = None) -> list[str]:
-        """The statements taken, in no order where none acts or binds a name again; or else all."""
-        if taken is None:
-            return [each.text for each in self.statements]
-        chosen = [each for each in self.statements if each in taken]
-        fixed = any(each.acts or any(len(self.binders[name]) > 1 for name in each.binds) for each in chosen)
-        # Tools sort imports anew.
-        free = {each: each.is_import or not fixed for each in chosen}
-        return sorted(each.text for each in chosen if free[each]) + [
-            each.text for each in chosen if not free[each]
-        ]
-
-
 class _Reach:
     """Goes from functions to all that they reach; packages in `own` are followed wherever they lie."""
 
     def __init__(self, own: set[str]) -> None:
         self.own = own | _siblings()
-        self.notes: set[tuple[str, str]] = set()  # what names stand for, by module
+        self.notes: set[tuple[str, str]] = set()  # values that count, by module
         self._homes: set[str] = set()  # modules of the functions, where only what is reached counts
-        self._modules: dict[str, _Module | None] = {}
-        self._taken: dict[str, set[_Statement]] = {}
+        self._modules: dict[str, Module | None] = {}
+        self._taken: dict[str, set[Statement]] = {}
         self._asked: set[tuple[str, str]] = set()
         self._todo: list[tuple[str, str]] = []
         self._seen: dict[int, Any] = {}  # keeps them alive: nothing else may take their id
 
-    def texts(self) -> dict[str, list[str]]:
-        """What is reached, by module."""
+    def digests(self) -> dict[str, str]:
+        """A digest of what is reached in each module."""
         while self._todo:
-            self._go(*self._todo.pop())
-        found = {}
-        for name, module in self._modules.items():
-            if module is not None and self._taken.get(name):
+            self._visit(*self._todo.pop())
+        texts: dict[str, list[str]] = {}
+        for name, taken in self._taken.items():
+            module = self._modules[name]
+            if module is not None and taken:
                 is_part = module.is_package or name in self._homes
-                found[name] = module.texts(self._taken[name] if is_part else None)
-        return found
+                texts[name] = module.texts(taken if is_part else set(module.statements))
+        for name, note in sorted(self.notes):
+            texts.setdefault(name, []).append(note)
+        return {name: _digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
 
-    def _ask(self, module: str, name: str = "") -> None:
+    def _ask(self, module: str, name: str) -> None:
+        """Follow a name of a module; all of them for "", only what acts on import for "."."""
         if (module, name) not in self._asked:
             self._asked.add((module, name))
             self._todo.append((module, name))
 
-    def library(self, name: str) -> bool:
+    def _library(self, name: str) -> bool:
         """Whether a module is another's."""
-        if name.partition(".")[0] in self.own:
-            return False
-        file, folders = _find(name)
-        return name in sys.builtin_module_names or _installed((file, *folders)[0])
+        spec = None if root(name) in self.own else find(name)
+        place = spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), ""))
+        return bool(place) and (place in ("built-in", "frozen") or is_installed(str(place)))
 
-    def _module(self, name: str) -> _Module | None:
+    def _module(self, name: str) -> Module | None:
         """The module of that name, unless it is a library's or has no source."""
         if name not in self._modules:
-            file, folders = _find(name)
-            is_source = file.endswith(".py") or bool(folders and not file)
-            self._modules[name] = (
-                _read(name, file, bool(folders)) if is_source and not self.library(name) else None
-            )
+            self._modules[name] = None if self._library(name) else read(name)
         return self._modules[name]
 
-    def _go(self, source: str, name: str) -> None:
-        """Take what is asked of a module: a name and on, all of it for "", only what acts for "."."""
+    def _visit(self, source: str, name: str) -> None:
         module, (head, _, rest) = self._module(source), name.partition(".")
         if module is None:
             return
+        chosen = module.binding(head) if head else [] if name else module.statements
+        if head and not chosen:
+            if self._module(f"{source}.{head}") is not None:
+                self._ask(f"{source}.{head}", rest)
+            elif not hasattr(builtins, head):  # for the module's `__getattr__`
+                chosen, rest = module.statements, ""
+        elif head not in module.binders:  # bound by a star
+            rest = name
+        if head and module.name == "__main__":  # of what a script does counts what changes the name's object
+            chosen = chosen + [each for each in module.statements if head in each.effects]
         if source not in self._taken:
             self._taken[source] = set()
             self._ask(source.rpartition(".")[0], ".")
-            acting = [each for each in module.statements if self._acts(module, each)]
-            self._take(module, acting, with_imports=True)
-        chosen = module.binding(head) if head else module.statements if not name else []
-        submodule, further = f"{source}.{head}", rest if head in module.binders else name  # by a star
-        if head and not chosen and self._module(submodule) is not None:
-            self._ask(submodule, rest)
-        elif head and not chosen and not hasattr(builtins, head):  # for the module's `__getattr__`
-            chosen, further = module.statements, ""
-        for target, inner in (each for statement in chosen if statement.is_import for each in statement.imports):
-            self._ask(target, ".".join(filter(None, (inner, further))))
-        self._take(module, chosen)
+            for each in [each.loads for each in module.statements if each.loads]:
+                self._ask(each, ".")
+            chosen = chosen + [each for each in module.statements if self._acts(module, each)]
+        for statement in chosen:
+            self._taken[source].add(statement)
+            for target, inner in statement.imports:
+                self._ask(target, ".".join(filter(None, (inner, rest if statement.is_import else ""))))
+            for use in statement.uses:
+                if module.binding(root(use)):
+                    self._ask(source, use)
 
-    def _take(self, module: _Module, chosen: list[_Statement], with_imports: bool = False) -> None:
-        for statement in set(chosen) - self._taken[module.name]:
-            self._taken[module.name].add(statement)
-            for target, inner in statement.imports if with_imports or not statement.is_import else ():
-                self._ask(target, inner)
-            for use in () if statement.is_import else statement.uses:
-                if module.binding(use.partition(".")[0]):
-                    self._ask(module.name, use)
-
-    def _acts(self, module: _Module, statement: _Statement) -> bool:
-        """Whether a statement may change more than the names that it binds."""
-        node = statement.node
-        if statement.is_import:
-            return isinstance(node, ast.Import) and not (node.names[0].asname or self.library(node.names[0].name))
-        heads = [*getattr(node, "decorator_list", ()), *getattr(node, "bases", ()), *getattr(node, "keywords", ())]
-        for each in (
-            each for head in heads for name in _dotted(head) for each in module.binding(name.partition(".")[0])
-        ):
-            if not each.is_import or not self.library(each.imports[0][0]):
+    def _acts(self, module: Module, statement: Statement) -> bool:
+        """Whether a statement may change more than the names that it binds, when its module is imported."""
+        for each in [each for name in statement.makers for each in module.binding(name)]:
+            if not each.is_import or not self._library(each.imports[0][0]):
                 return True
-        # What a script does of itself is to use its functions.
-        is_script = module.name == "__main__" or "__name__" in statement.uses
-        return statement.acts and not is_script
+        return bool(statement.effects) and module.name != "__main__"
 
     def text(self, value: Any) -> str:
         """A value in full, if it is plain or code, whose source is asked for."""
         kind = type(value)
-        if kind in PLAIN:
+        if kind in PLAIN or isinstance(value, np.dtype):
             return f"{kind.__name__} {value!r}"
-        if isinstance(value, np.dtype):
-            return repr(value)
         if isinstance(value, (np.ndarray, np.generic)):
             content = self.text(value.tolist()) if value.dtype.hasobject else _digest(value.tobytes())
             return f"{value.dtype.str}{value.shape} {content}"
-        if isinstance(value, (set, frozenset)):
-            value = sorted(map(self.text, value))
-        if isinstance(value, (list, tuple)):
-            return f"{self._class(kind)}({', '.join(map(self.text, value))})"
+        if isinstance(value, (list, tuple, dict, set, frozenset)):
+            parts = [self.text(each) for each in (value.items() if isinstance(value, dict) else value)]
+            return f"{self._class(kind)} {sorted(parts) if isinstance(value, (set, frozenset)) else parts}"
         if isinstance(value, ModuleType):
             self._ask(value.__name__, "")
             return value.__name__
@@ -343,36 +170,33 @@ class _Reach:
             return self._class(value)
         if isinstance(value, FunctionType):
             return self._function(value)
-        if _of_library(value):
+        if isinstance(value, CodeType):
+            return self._compiled(value)
+        if self._is_librarys(value):
             return f"{value.__module__}.{getattr(value, '__qualname__', value.__name__)}"
         if isinstance(value, MethodType):
             return f"{self.text(value.__self__)} {self.text(value.__func__)}"
-        if isinstance(value, dict):
-            value = [(key, value[key]) for key in value]
-            return f"{self._class(kind)} {self.text(value)}"
-        name, how, held = "", "", dict[str, Any]()
         if isinstance(value, Enum):
-            held = {"name": value.name}
-        elif dataclasses.is_dataclass(value):
-            held = {field.name: getattr(value, field.name, None) for field in dataclasses.fields(value)}
-        elif isinstance(value, partial):
-            how = f"function {getattr(value.func, '__qualname__', type(value.func).__qualname__)} is given"
-            held = {f"argument {place}": each for place, each in enumerate(value.args, 1)} | value.keywords
-            name = self.text(value.func)
-        elif _inner(value) is not None:
+            return f"{self._class(kind)} {value.name}"
+        if dataclasses.is_dataclass(value):
+            fields = [(field.name, getattr(value, field.name, None)) for field in dataclasses.fields(value)]
+            return f"{self._class(kind)} {self.text(fields)}"
+        if isinstance(value, partial):
+            name = getattr(value.func, "__qualname__", type(value.func).__qualname__)
+            given = {f"argument {place}": each for place, each in enumerate(value.args, 1)} | value.keywords
+            return f"partial {self.text(value.func)} {self._held(f'function {name} is given', given)}"
+        if _inner(value) is not None:
             # A compiler's options decide the last digits.
             options = vars(value).get("targetoptions")
-            return f"{self._if_told(options)} {self.text(_inner(value))}" if options else self.text(_inner(value))
-        elif not self.library(kind.__module__) or (callable(value) and hasattr(value, "__dict__")):
-            how = f"the {kind.__qualname__} that is called holds"
+            return (f"{self._if_told(options)} " if options else "") + self.text(_inner(value))
+        if not self._library(kind.__module__) or (callable(value) and hasattr(value, "__dict__")):
             state: Any = object.__getstate__(value)
-            for part in state if isinstance(state, tuple) else [state]:
-                held |= part or {}
-        else:
-            raise _IncomparableError(
-                f"a {kind.__qualname__} cannot be compared with a stored one; call it in a function"
-            )
-        return f"{self._class(kind)} {name} {self._held(how, held)}"
+            attributes, slots = state if isinstance(state, tuple) else (state, None)
+            held = (attributes or {}) | (slots or {})
+            return f"{self._class(kind)} {self._held(f'the {kind.__qualname__} that is called holds', held)}"
+        raise _IncomparableError(
+            f"a {kind.__qualname__} cannot be compared with a stored one; call it in a function"
+        )
 
     def _held(self, how: str, values: Mapping[str, Any]) -> str:
         found = []
@@ -380,8 +204,6 @@ class _Reach:
             try:
                 found.append(f"{name}={self.text(value)}")
             except _IncomparableError:
-                if not how:
-                    raise
                 raise ValueError(
                     f"{how} {name} = {value!r}, which cannot be compared with a stored one; pass it as a constant"
                 ) from None
@@ -391,71 +213,74 @@ class _Reach:
         """The text of a value if it has one; but instances do not count, though they may be called."""
         code = isinstance(value, (FunctionType, type)) or _inner(value) is not None
         with suppress(ValueError):
-            return self.text(value) if code or not callable(value) or _of_library(value) else ""
+            return self.text(value) if code or not callable(value) or self._is_librarys(value) else ""
         return ""
 
+    def _is_librarys(self, value: Any) -> bool:
+        """Whether a value is found by its name in a library."""
+        module = str(getattr(value, "__module__", None))
+        name = str(getattr(value, "__qualname__", getattr(value, "__name__", None)))
+        return getattr(sys.modules.get(module), name, None) is value and self._library(module)
+
     def _function(self, function: FunctionType) -> str:
-        code, name = function.__code__, function.__qualname__
-        home = str(function.__globals__.get("__name__") or "__main__")
-        if id(function) in self._seen or self.library(home):
+        code, home, name = function.__code__, _home(function), function.__qualname__
+        if id(function) in self._seen or self._library(home):
             return f"{home}.{name} {self.text(_inner(function))}"
         self._seen[id(function)] = function
         self._homes.add(home)
-        module, top = self._module(home), code.co_qualname.partition(".")[0]
+        module = self._module(home)
         has_source = module is not None and os.path.realpath(code.co_filename) == os.path.realpath(module.file)
-        self._note(home, function.__globals__, code)
+        self._note(function, has_source)
         if module is not None and has_source:
-            for each in {top} if top in module.binders else _names(code) & set(module.binders):
-                self._ask(home, each)
-            if "<" not in code.co_qualname:
+            if self._defined(home, code.co_qualname):
                 return f"{home}.{name}"
-        closed = {}
-        for variable, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
-            with suppress(ValueError):  # not filled yet
-                closed[variable] = cell.cell_contents
-        values = function.__defaults__ or ()
-        given = dict(zip(code.co_varnames[code.co_argcount - len(values) :], values, strict=False))
-        known = {} if has_source else function.__globals__
-        own = [self._compiled(code, function.__doc__, known), self._held(f"function {name} closes over", closed)]
-        own.append(self._held(f"function {name} has the default", given | (function.__kwdefaults__ or {})))
-        return f"{home}.{name} {' '.join(own)}"
+            if root(code.co_qualname) not in module.binders:
+                for each in names(code) & set(module.binders):
+                    self._ask(home, each)
+        cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
+        # An empty cell, of a name that is not bound yet, equals another.
+        closed = {variable: cell.cell_contents for variable, cell in cells if cell != CellType()}
+        parameters = inspect.signature(function, follow_wrapped=False).parameters.values()
+        given = {each.name: each.default for each in parameters if each.default is not each.empty}
+        held = self._held(f"function {name} closes over", closed)
+        held += self._held(f"function {name} has the default", given)
+        return f"{home}.{name} {self._compiled(code, function.__doc__)} {held}"
 
-    def _note(self, home: str, present: Mapping[str, Any], code: CodeType, *inside: str) -> None:
-        """Note the numbers, arrays and texts that the names in `code` stand for, in its module and those named."""
-        bound = {each.argval for each in dis.get_instructions(code) if each.opname in BINDS}
-        for name in _names(code) & set(present) - bound:
-            value, kind = present[name], type(present[name])
-            is_array = isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject
-            # Other texts may name a place on this machine.
-            if is_array or (kind in PLAIN and not (kind is str and {*value} & {"/", os.sep})):
-                self.notes.add((home, f"{name} is {self.text(value)}"))
-            elif kind is ModuleType and not inside and not self.library(value.__name__):
-                self._note(value.__name__, vars(value), code, name)
+    def _defined(self, home: str, qualname: str) -> bool:
+        """Ask for the top-level statement that defines something; whether its text says all of it."""
+        module = self._module(home)
+        if module is None or root(qualname) not in module.binders:
+            return False
+        self._ask(home, root(qualname))
+        return "<" not in qualname
 
-    def _compiled(self, code: CodeType, document: str | None, known: Mapping[str, Any]) -> str:
-        """Compiled code; what the names in it mean, where they are known and it can be told."""
-        own = [code.co_code.hex(), code.co_exceptiontable.hex()]
-        for constant in code.co_consts:
-            if isinstance(constant, CodeType):
-                own.append(self._compiled(constant, document, known))
-            elif constant is None or constant != document:
-                own.append(self.text(constant))
-        return " ".join(own + [f"{name}={self._if_told(known.get(name))}" for name in code.co_names])
+    def _note(self, function: FunctionType, has_source: bool) -> None:
+        """Note the numbers, arrays and texts that a function's names stand for; without a source all told."""
+        present, used = function.__globals__, names(function.__code__) - bound(function.__code__)
+        named = [present[name] for name in used & set(present) if isinstance(present[name], ModuleType)]
+        spaces = {each.__name__: vars(each) for each in named if not self._library(each.__name__)}
+        for home, space in [(_home(function), present), *spaces.items()]:
+            for name in sorted(used & set(space)):
+                value = space[name]
+                is_array = isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject
+                # Other texts may name a place on this machine.
+                is_plain = type(value) in PLAIN and not (isinstance(value, str) and {*value} & {"/", os.sep})
+                if is_array or is_plain:
+                    self.notes.add((home, f"{name} is {self.text(value)}"))
+                elif space is present and not has_source:
+                    self.notes.add((home, f"{name} is {self._if_told(value)}"))
+
+    def _compiled(self, code: CodeType, document: str | None = None) -> str:
+        constants = [self.text(each) for each in code.co_consts if each is None or each != document]
+        return " ".join([code.co_code.hex(), code.co_exceptiontable.hex(), *code.co_names, *constants])
 
     def _class(self, kind: type) -> str:
-        name, home, top = (
-            f"{kind.__module__}.{kind.__qualname__}",
-            kind.__module__,
-            kind.__qualname__.partition(".")[0],
-        )
-        if id(kind) in self._seen or self.library(home):
+        home, name = kind.__module__, f"{kind.__module__}.{kind.__qualname__}"
+        if id(kind) in self._seen or self._library(home):
             return name
         self._seen[id(kind)] = kind
-        module = self._module(home)
-        if module is not None and top in module.binders:
-            self._ask(home, top)
-            if "<" not in kind.__qualname__:
-                return name
+        if self._defined(home, kind.__qualname__):
+            return name
         members = {key: member for key, member in vars(kind).items() if key not in ASIDE}
         if dataclasses.is_dataclass(kind):
             members |= {f"{field.name} from": field.default_factory for field in dataclasses.fields(kind)}
@@ -482,20 +307,9 @@ def _innermost(function: Any) -> Any:
 
 
 def _home(function: Any) -> str:
-    """The module to whose digest a given function's values belong."""
-    function = _innermost(function)
-    # Where its globals are; `__module__` may be another's, copied or set.
+    """The module where a function's globals are; `__module__` may be another's, copied or set."""
     named = function.__globals__.get("__name__") if isinstance(function, FunctionType) else None
     return str(named or getattr(function, "__module__", None) or "__main__")
-
-
-def _of_library(function: Any) -> bool:
-    """Whether it is not written in Python and found by its name in a library."""
-    module = sys.modules.get(str(getattr(function, "__module__", None)))
-    name = str(getattr(function, "__qualname__", getattr(function, "__name__", None)))
-    file = getattr(module, "__file__", None) or ""
-    known = module is not None and (_installed(file) or module.__name__ in sys.builtin_module_names)
-    return known and getattr(module, name, None) is function
 
 
 def _digest(content: bytes) -> str:
@@ -503,45 +317,7 @@ def _digest(content: bytes) -> str:
 
 
 @cache
-def _installed(path: str) -> bool:
-    """Whether a path lies among the libraries or in Python itself."""
-    parts, place = Path(path).parts, Path(path)
-    return bool({"site-packages", "dist-packages"} & {*parts}) or any(
-        place.is_relative_to(sysconfig.get_path(kind)) for kind in ("stdlib", "platstdlib")
-    )
-
-
-@cache
 def _siblings() -> frozenset[str]:
     """The packages installed together with this one, if it is installed at all."""
-    owners = packages_distributions() if _installed(__file__) else {}
+    owners = packages_distributions() if is_installed(__file__) else {}
     return frozenset({ENGINE} | {top for top in owners if {*owners[top]} & {*owners.get(ENGINE, ())}})
-
-
-def _find(name: str) -> tuple[str, list[str]]:
-    """File of a module, or "", and the folders of its submodules; no package above it is imported for that."""
-    loaded, above = sys.modules.get(name), name.rpartition(".")[0]
-    if loaded is not None:
-        # Not as attributes, which a module's `__getattr__` may make up.
-        return vars(loaded).get("__file__") or "", list(vars(loaded).get("__path__") or ())
-    try:
-        spec = PathFinder.find_spec(name, _find(above)[1]) if above else importlib.util.find_spec(name)
-    except (ImportError, ValueError, KeyError):  # KeyError: of a folder in a package that is not imported
-        spec = None
-    if spec is None:
-        return "", []
-    return (spec.origin or "" if spec.has_location else ""), list(spec.submodule_search_locations or ())
-
-
-def _read(name: str, file: str, is_package: bool) -> _Module | None:
-    package = name if is_package else name.rpartition(".")[0]
-    if name == "__main__":
-        package = getattr(sys.modules[name], "__package__", None) or ""
-    try:
-        return _parse(name, package, file, Path(file).read_bytes() if file else b"")
-    except OSError:
-        return None
-
-
-# By content: the clock of files is coarse.
-_parse = cache(_Module)

@@ -19,8 +19,6 @@ from sweeps.plan.declaration import Declaration
 
 # Longer axes are summarised.
 LISTED = 20
-# Parts are compared in this order.
-LEADING = ("constants", "axes", "groups", "variables", "coords")
 ABSENT = object()
 
 
@@ -31,13 +29,6 @@ def configuration(sweep: Declaration, grid: Grid) -> str:
     """
     axes = {name: _summary(axis) for name, axis in grid.axes.items()}
     return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)})
-
-
-def computing(sweep: Declaration) -> list[Callable[..., Any]]:
-    """The functions and classes whose code decides the values: the sweep's own, and its constants' classes."""
-    functions = [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
-    classes = {each for each in _classes(sweep.constants) if each.__module__ != "builtins"}
-    return functions + sorted(classes, key=repr)
 
 
 def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
@@ -55,19 +46,22 @@ def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> d
         If the function depends on something that cannot be compared.
     """
     grid = sweep.grid
+    functions = [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
+    classes = sorted({each for each in _classes(sweep.constants) if each.__module__ != "builtins"}, key=repr)
+    # In the order in which differences are told.
     told = {
-        "name": sweep.name,
+        "constants": plain(sweep.constants),
         "axes": {
             name: {"units": axis.units, "text": axis.values.dtype.kind == "U"} for name, axis in grid.axes.items()
         },
         "groups": [list(group) for group in grid.groups],
-        "constants": plain(sweep.constants),
         "variables": {
             name: {"dtype": v.dtype, "dims": list(v.dims), "digits": v.digits, "scale": v.scale, "units": v.units}
             for name, v in sweep.variables.items()
         },
         "coords": {name: _digest(axis.values) for name, axis in sweep.coords.items()},
-        "sources": digests(*computing(sweep), *engine),
+        "name": sweep.name,
+        "sources": digests(*functions, *classes, *engine),
     }
     loaded: dict[str, Any] = json.loads(json.dumps(told))
     return loaded
@@ -89,15 +83,15 @@ def metadata_digest(sweep: Declaration) -> str:
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
     """What differs, in one line; "" if nothing does."""
     found = []
-    for part in (*LEADING, *sorted({*stored, *present} - {*LEADING, "sources"})):
-        for name, before, now in _changed(stored.get(part, ABSENT), present.get(part, ABSENT)):
-            what = name if part == "constants" else f"{part} {name}".rstrip()
+    for name, before, now in _changed(stored, present):
+        part, _, inner = name.partition(".")
+        if part != "sources":
+            what = inner if part == "constants" else f"{part} {inner}".rstrip()
             found.append(f"{what} = {_short(before)} there, {_short(now)} here")
     modules = differing(stored.get("sources", {}), present["sources"])
     if modules:
-        found.append(
-            f"the code of {', '.join(modules[:3])}{' and others' if len(modules) > 3 else ''} has changed"
-        )
+        others = " and others" if len(modules) > 3 else ""
+        found.append(f"the code of {', '.join(modules[:3])}{others} has changed")
     return "; ".join(found[:4])
 
 
@@ -106,7 +100,7 @@ def _changed(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, 
     if isinstance(before, Mapping) and isinstance(now, Mapping):
         for key in dict.fromkeys([*now, *before]):
             yield from _changed(before.get(key, ABSENT), now.get(key, ABSENT), f"{name}.{key}".lstrip("."))
-    elif (before is ABSENT) != (now is ABSENT) or (now is not ABSENT and not json_equal(before, now)):
+    elif before is ABSENT or now is ABSENT or not json_equal(before, now):
         yield name, before, now
 
 
@@ -136,9 +130,9 @@ def _classes(value: Any) -> Iterator[type]:
     yield type(value)
     if dataclasses.is_dataclass(value):
         value = [getattr(value, field.name) for field in dataclasses.fields(value)]
-    for each in (
-        value.values() if isinstance(value, Mapping) else value if isinstance(value, (list, tuple)) else ()
-    ):
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    for each in value if isinstance(value, (list, tuple)) else ():
         yield from _classes(each)
 
 

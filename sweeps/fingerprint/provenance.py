@@ -9,10 +9,12 @@ import platform
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
+
+from sweeps.fingerprint.code import differing
 
 # Compared whichever modules import them: they decide the last digits.
 ALWAYS = ("numpy", "scipy", "numba")
@@ -27,7 +29,7 @@ def versions(modules: Iterable[str]) -> dict[str, str]:
         Names of modules, as in the digests of a fingerprint; those not imported yet count for nothing.
     """
     held = [value for name in modules if name in sys.modules for value in vars(sys.modules[name]).values()]
-    names = (each.__name__ if isinstance(each, ModuleType) else getattr(each, "__module__", "") for each in held)
+    names = (getattr(each, "__name__" if isinstance(each, ModuleType) else "__module__", "") for each in held)
     tops = {name.partition(".")[0] for name in names if isinstance(name, str) and name} - sys.stdlib_module_names
     found = {name: _version(name) for name in sorted({*ALWAYS, *tops})}
     return {"python": platform.python_version()} | {name: each for name, each in found.items() if each}
@@ -35,9 +37,9 @@ def versions(modules: Iterable[str]) -> dict[str, str]:
 
 def versions_differing(stored: Mapping[str, str], present: Mapping[str, str]) -> str:
     """One line that says which versions differ, or which only one side has; "" if none does."""
-    names = [name for name in sorted({*stored, *present}) if stored.get(name) != present.get(name)]
     return "; ".join(
-        f"{name} {stored.get(name, 'none')} there, {present.get(name, 'none')} here" for name in names
+        f"{name} {stored.get(name, 'none')} there, {present.get(name, 'none')} here"
+        for name in differing(stored, present)
     )
 
 
@@ -62,17 +64,13 @@ def _checkout() -> str:
     # Only a checkout of this project counts, not a repository that happens to hold its installation.
     if not (home / ".git").exists():
         return ""
+    git = partial(subprocess.check_output, cwd=home, text=True, timeout=10, stderr=subprocess.DEVNULL)
     try:
-        commit = _git(home, "rev-parse", "--short=12", "HEAD")
+        commit = git(["git", "rev-parse", "--short=12", "HEAD"]).strip()
         # Results are kept in the checkout too; only changed code makes a difference.
-        return commit + ("-dirty" if _git(home, "status", "--porcelain", "--", "*.py") else "")
+        return commit + ("-dirty" if git(["git", "status", "--porcelain", "--", "*.py"]) else "")
     except (OSError, subprocess.SubprocessError):
         return ""
-
-
-def _git(home: Path, *arguments: str) -> str:
-    command = ["git", "-C", str(home), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
 
 
 def _built_from(local: str) -> str:

@@ -1,0 +1,191 @@
+"""Modules as their files say them: found without an import, cut into statements, without what decides nothing."""
+
+from __future__ import annotations
+import __future__
+
+import ast
+import copy
+import dis
+import importlib.util
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+IMPORTS = (ast.Import, ast.ImportFrom)
+# Fields of a syntax tree that change nothing: whether a name is read or written shows in its place.
+IGNORED = ("ctx", "kind", "returns", "type_comment", "type_params")
+# Instructions by which a module's names are bound.
+BINDS = ("STORE_NAME", "STORE_GLOBAL", "DELETE_NAME")
+STANDARD_LIBRARY = Path(os.__file__).parent
+
+
+class Statement:
+    """A top-level statement of a module; of an import, one name."""
+
+    def __init__(self, node: Any, package: str) -> None:
+        self.is_import = isinstance(node, IMPORTS)
+        self.text = _dump(node)
+        # The compiler knows which names are a function's own; annotations stay texts.
+        flags = __future__.annotations.compiler_flag
+        code = compile(ast.Module([node], []), "", "exec", flags, dont_inherit=True, optimize=0)
+        # A star may bind any name.
+        self.binds = bound(code) or ({"*"} if self.is_import else set())
+        used = names(code)
+        self.uses = {each for each in _dotted(node) if root(each) in used}
+        makers = [part for field in ("decorator_list", "bases", "keywords") for part in getattr(node, field, ())]
+        self.makers = {root(each) for part in makers for each in _dotted(part)}
+        # What a module does only as a script is to use its functions.
+        self.effects = set() if "__name__" in self.uses else {*_effects(node)}
+        # Modules imported by it or within, each with the name taken from it; "" takes all.
+        self.imports = [each for part in ast.walk(node) for each in _imports(part, package)]
+        self.loads = node.names[0].name if isinstance(node, ast.Import) else ""
+
+
+class Module:
+    """What a file says; a package without a file has no statements."""
+
+    def __init__(self, name: str, package: str, file: str, content: bytes) -> None:
+        self.name, self.file, self.is_package = name, file, name == package
+        self.statements: list[Statement] = []
+        for node in ast.parse(content, file).body:
+            if isinstance(node, IMPORTS):
+                for alias in sorted(node.names, key=lambda each: each.asname or each.name):
+                    part = copy.copy(node)
+                    part.names = [alias]
+                    self.statements.append(Statement(part, package))
+            elif not _is_idle(node):
+                self.statements.append(Statement(node, package))
+        self.binders: dict[str, list[Statement]] = {}
+        for statement in self.statements:
+            for each in statement.binds:
+                self.binders.setdefault(each, []).append(statement)
+
+    def binding(self, name: str) -> list[Statement]:
+        """The statements that bind a name or may do so."""
+        return self.binders.get(name) or self.binders.get("*", [])
+
+    def texts(self, taken: set[Statement]) -> list[str]:
+        """Texts of the statements taken: imports sorted, and the others where none acts or binds a name again."""
+        chosen = [each for each in self.statements if each in taken]
+        others = [each.text for each in chosen if not each.is_import]
+        if not any(each.effects or any(len(self.binders[name]) > 1 for name in each.binds) for each in chosen):
+            others.sort()
+        return sorted(each.text for each in chosen if each.is_import) + others
+
+
+def read(name: str) -> Module | None:
+    """The module of that name; None where there is no source."""
+    spec = find(name)
+    if spec is None:
+        return None
+    file = (spec.origin or "") if spec.has_location else ""
+    if file.endswith(".py") or (spec.submodule_search_locations and not file):
+        with suppress(OSError):
+            return _parsed(name, spec.parent or "", file, Path(file).read_bytes() if file else b"")
+    return None
+
+
+# By content: the clock of files is coarse.
+_parsed = cache(Module)
+
+
+def find(name: str) -> ModuleSpec | None:
+    """Where a module lies; no package above it is imported for that."""
+    loaded, above = sys.modules.get(name), name.rpartition(".")[0]
+    if loaded is not None:
+        file = vars(loaded).get("__file__")  # a script has no more than that
+        return loaded.__spec__ or (importlib.util.spec_from_file_location(name, file) if file else None)
+    with suppress(ImportError, ValueError, KeyError):  # KeyError: of a folder in a package that is not imported
+        if not above:
+            return importlib.util.find_spec(name)
+        parent = find(above)
+        return PathFinder.find_spec(name, list(parent.submodule_search_locations or ()) if parent else [])
+    return None
+
+
+@cache
+def is_installed(path: str) -> bool:
+    """Whether a path lies among the libraries or in Python itself."""
+    folders = Path(path).parents
+    return STANDARD_LIBRARY in folders or any(each.name in ("site-packages", "dist-packages") for each in folders)
+
+
+def root(dotted: str) -> str:
+    """The name before the first dot."""
+    return dotted.partition(".")[0]
+
+
+def bound(code: CodeType) -> set[str]:
+    """Names of the module that compiled code binds, its functions not included."""
+    return {each.argval for each in dis.get_instructions(code) if each.opname in BINDS}
+
+
+def names(code: CodeType) -> set[str]:
+    """Names of the module that compiled code uses, its functions included; and those of attributes."""
+    return {*code.co_names}.union(*(names(part) for part in code.co_consts if isinstance(part, CodeType)))
+
+
+def _dump(node: Any, in_class: bool = False) -> str:
+    """Syntax as text without what decides nothing, the same in every version of Python that knows it."""
+    if isinstance(node, list):
+        return f"[{','.join([_dump(each, in_class) for each in node if not _is_idle(each, in_class)])}]"
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    if isinstance(node, ast.AnnAssign) and not in_class:  # a dataclass lives on annotations; nothing else does
+        node = ast.Assign([node.target], node.value or ast.Constant(None))
+    fields = ["arg"] if isinstance(node, ast.arg) else [name for name in node._fields if name not in IGNORED]
+    inside = isinstance(node, ast.ClassDef) or (in_class and not isinstance(node, FUNCTIONS))
+    # What a later version adds is empty where an earlier one could be.
+    told = [(name, value) for name in fields if (value := getattr(node, name, None)) is not None and value != []]
+    return f"{type(node).__name__}({','.join([f'{name}={_dump(value, inside)}' for name, value in told])})"
+
+
+def _is_idle(node: Any, in_class: bool = False) -> bool:
+    declares = isinstance(node, ast.AnnAssign) and node.value is None and not in_class
+    document = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    return declares or document or isinstance(node, ast.Pass)
+
+
+def _effects(node: ast.AST) -> Iterator[str]:
+    """Names whose objects a statement changes in place when it runs; "" for what else it calls for its effect."""
+    if isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load):
+        yield from map(root, _dotted(node.value))
+    elif isinstance(node, ast.Expr) and not _is_idle(node):
+        method = node.value.func if isinstance(node.value, ast.Call) else None
+        yield from map(root, _dotted(method)) if isinstance(method, ast.Attribute) else ("",)
+    if not isinstance(node, FUNCTIONS):
+        for child in ast.iter_child_nodes(node):
+            yield from _effects(child)
+
+
+def _dotted(node: ast.AST) -> Iterator[str]:
+    """The names in a tree, each with the attributes taken from it."""
+    attributes = ""
+    while isinstance(node, ast.Attribute):
+        attributes, node = f".{node.attr}{attributes}", node.value
+    if isinstance(node, ast.Name):
+        yield node.id + attributes
+    else:
+        for child in ast.iter_child_nodes(node):
+            yield from _dotted(child)
+
+
+def _imports(node: ast.AST, package: str) -> Iterator[tuple[str, str]]:
+    if isinstance(node, ast.Import):
+        for alias in node.names:
+            yield alias.name, ""
+            if alias.asname is None:
+                yield root(alias.name), ""
+    elif isinstance(node, ast.ImportFrom):
+        source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+        for alias in node.names:
+            yield source, alias.name.strip("*")
+            if source == package:  # a submodule may be meant
+                yield f"{source}.{alias.name}", ""
