@@ -29,8 +29,8 @@ from sweeps.grid import (
 )
 from sweeps.plan.declaration import Declaration
 from sweeps.refine.lattice import Refinement, closure, finest_known, survey
-from sweeps.storage.manifest import LARGE, Manifest
-from sweeps.storage.merge import STATUS, attributes, gather
+from sweeps.storage.manifest import BESIDES, LARGE, Manifest
+from sweeps.storage.merge import attributes, gather
 from sweeps.storage.sources import Source
 
 Declared = TypeVar("Declared", bound=Declaration)
@@ -121,7 +121,7 @@ def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive | None) 
             own = dataset[name]
             dataset[name] = own.copy(data=np.where(shown, found.values, np.nan).astype(own.dtype))
         codes = np.where(known, status.values, np.where(shown, INTERPOLATED, PENDING)).astype(np.int8)
-        flags = attributes(replace(STATUS, flags=STATUS_FLAGS | INTERPOLATED_FLAG), "status")
+        flags = attributes(replace(BESIDES["status"], flags=STATUS_FLAGS | INTERPOLATED_FLAG), "status")
         dataset["status"] = status.copy(data=codes).assign_attrs(flags)
     return dataset if then is None else then(dataset)
 
