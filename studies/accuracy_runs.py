@@ -24,7 +24,8 @@ KEPT = 64
 BANDS = np.arange(24, 40)
 # Of the velocity of B whose spectrum is taken, Hz.
 SAMPLE_RATE = 25e3
-# After a run this long, with a skip in it, everything is compiled and every basis built, s; so often is a short run timed.
+# After a run this long, which has a skip, everything is compiled and every basis built, s; so often is a short
+# run timed.
 WARMING, TIMED = 10e-3, 3
 # Figures of each member, of `studies.transients.SUMMARY`.
 FIGURES = (
