@@ -40,16 +40,18 @@ SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py
 # Names of the folders of compiled kernels; seconds after which one of other sources is removed.
 PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
 _SETTINGS: Any = config
-_njit: Any = njit  # Its annotations lack some options.
 
 
 def _compiled(function: Function, **options: Any) -> Function:
-    compiled: Function = _njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    compiled: Any = njit(nogil=True, error_model="numpy", **options)(function)
     return compiled
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function that Python calls: it releases the lock, 1 / 0 is infinite, and no sum is reordered."""
+    """Compile a function that Python calls; it releases the lock, and 1 / 0 is infinite.
+
+    Operations keep the order in which they are written (no fast-math).
+    """
     compiled: Any = _compiled(function)
     # Without a folder that can be written to, every process compiles anew.
     if FOLDER is not None:
@@ -62,17 +64,15 @@ def kernel(function: Function) -> Function:
     return compiled
 
 
-# Only kernels call the rest; without entries for Python the compile takes an eighth less.
 # Compile a small function into its callers, where a call would cost more than its body ...
-_called = partial(_compiled, no_cpython_wrapper=True)
-inlined = partial(_called, forceinline=True)
+inlined = partial(_compiled, forceinline=True)
 # ... with products and sums that may be fused, in the order written ...
-contracted = partial(inlined, fastmath={"contract"})
+contracted = partial(_compiled, forceinline=True, fastmath={"contract"})
 # ... or with sums that may be added in any order, too: only these use vector registers. Their width decides the
 # last bits, which are the same on machines of one kind only, like those of eigenvectors.
-reordered = partial(inlined, fastmath={"reassoc", "contract", "nsz"})
+reordered = partial(_compiled, forceinline=True, fastmath={"reassoc", "contract", "nsz"})
 # The same as a call of its own, for what is called seldom and from many places.
-reordered_call = partial(_called, fastmath={"reassoc", "contract", "nsz"})
+reordered_call = partial(_compiled, fastmath={"reassoc", "contract", "nsz"})
 
 
 def cache_folder(homes: Iterable[Path]) -> Path | None:

@@ -54,11 +54,12 @@ def burst(
 def _fast_and_reference(scene: Scene, given: Mapping[str, Any], end: float, ramp: float) -> tuple[Track, Track]:
     step = given.get("step", model_of(scene, given).default_step)
     # With a cut-off that is given there is no other model for the onset.
-    common = {"cutoff": default_cutoff(scene.rig), **given, "ramp": ramp, "record": True}
-    fast = track_of(simulate(scene, end, "fast", step=step, sample_rate=1.0 / step, **common))
+    common = {"cutoff": default_cutoff(scene.rig), **given, "ramp": ramp, "record": True, "step": step}
+    fast = track_of(simulate(scene, end, "fast", sample_rate=1.0 / step, **common))
     if "termination" in given:
-        return fast, track_of(simulate(scene, end, "fast", step=step / FINEST, sample_times=fast.time, **common))
-    return fast, track_of(simulate(scene, end, "exact", step=step, sample_rate=1.0 / step, **common))
+        finest = {**common, "step": step / FINEST, "sample_times": fast.time}
+        return fast, track_of(simulate(scene, end, "fast", **finest))
+    return fast, track_of(simulate(scene, end, "exact", sample_rate=1.0 / step, **common))
 
 
 @lru_cache(maxsize=8)

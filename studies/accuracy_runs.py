@@ -24,8 +24,9 @@ KEPT = 64
 BANDS = np.arange(24, 40)
 # Of the velocity of B whose spectrum is taken, Hz.
 SAMPLE_RATE = 25e3
-# After a run this long everything is compiled and every basis built, s; so often is a short run timed.
-WARMING, TIMED = 1e-3, 3
+# After a run this long, which has a skip, everything is compiled and every basis built, s; so often is a short
+# run timed.
+WARMING, TIMED = 10e-3, 3
 # Figures of each member, of `studies.transients.SUMMARY`.
 FIGURES = (
     "stick_fraction",
@@ -114,7 +115,7 @@ def ensemble(
         options = {"method": SIMULATED[method], **given, **more}
         return [Job(scene, length, {**options, "ramp": ramp}) for ramp in ramps]
 
-    together(jobs(WARMING))
+    together(jobs(WARMING)[:1])
     recorded = jobs(duration, record=True, sample_rate=transients.OVERSAMPLING * SAMPLE_RATE)
     if method == FAST:
         runs, batch = timed(lambda: together(jobs(duration)))

@@ -14,6 +14,7 @@ from scipy import stats
 from fivcore import Beam, Rig, Scene, Transient, flutter_onsets, simulate, sliding_modes
 from fivcore.contact.reduced import TERMINATIONS, default_cutoff, full_model, reduced_model
 from studies import (
+    accuracy_burst,
     accuracy_elements,
     accuracy_errors,
     accuracy_events,
@@ -65,6 +66,22 @@ def test_in_finite_elements_the_published_scheme_moves_as_in_modes():
     assert found.first_slip_time == known.first_slip_time
     assert found.first_separation_time == known.first_separation_time < end
     assert accuracy_track.errors(found, known)["burst_velocity_error"] < 1e-6
+
+
+# One of each kind.
+OF_FAST = {option.kind: option for method, option in EVERY if method == asked.FAST}
+
+
+@pytest.mark.parametrize("kind", OF_FAST)
+def test_every_setting_of_fast_has_a_reference_for_the_first_burst(kind):
+    option = OF_FAST[kind]
+    scene = asked.meshed(QUICK, option)
+    found = accuracy_burst.burst(asked.FAST, option, scene, asked.arguments(asked.FAST, option, scene), RAMP, 4)
+    moves = kind == "contact"
+    assert set(found) == (
+        set() if moves else {name for name in VARIABLES if re.match("slip_.*error|burst_", name)}
+    )
+    assert all(0.0 < error < 5.0 for error in found.values())
 
 
 def test_assembled_beams_have_the_modes_of_the_bases():
