@@ -1,6 +1,6 @@
 """What the sweep engine costs, as the README quotes it: `python -m tests.benchmark_sweeps [PART ...]`.
 
-Parts: overhead, memory, size, client, cores, grid; by default all (a quarter of an hour on two cores). Whatever is
+Parts: overhead, memory, size, client, cores, recorded, grid; by default all (20 minutes on two cores). Whatever is
 compared is measured in turns in one run; figures are medians, ratios those of neighbours in time.
 """
 
@@ -22,6 +22,8 @@ from tests.benchmark_stability import machine
 
 # The transient sweep: so many scenes of so many simulated seconds.
 SCENES, SECONDS = 2400, 1.0
+# Recorded scenes.
+RECORDED = 200
 TURNS = 3
 
 
@@ -42,12 +44,12 @@ def trivial(count, wide):
     return Sweep("trivial", vector, grid, {"y": Variable(dims=("k",))}, coords={"k": Axis(np.arange(1000))})
 
 
-def scenes(count, record=()):
+def scenes(count, record=(), given=None):
     """A transient sweep of `count` different scenes."""
     from studies import registry
 
-    given = {"V": np.linspace(1e-3, 5e-3, count // 4), "theta": [3.0, 5.0, 7.0, 9.0], "mu": 0.2, "F": 9.0}
-    given["duration"] = SECONDS
+    given = given or {"V": np.linspace(1e-3, 5e-3, count // 4), "theta": [3.0, 5.0, 7.0, 9.0]}
+    given = given | {"mu": 0.2, "F": 9.0, "duration": SECONDS}
     rate = 50e3 if record else None
     return registry.load("scenes").sweep(given, record=record, sample_rate=rate)
 
@@ -267,6 +269,57 @@ def _engine(scheduler):
     print((d1 - d0) / (t1 - t0), whole)
 
 
+def recorded():
+    """Recorded scenes in one run on two threads, against two processes that run half of them each."""
+    rates = {"halves": [], "threads": []}
+    print(f"\n{RECORDED} recorded scenes of {SECONDS:g} s; scenes a second on two cores: computed, and in all")
+    for _ in range(TURNS):
+        rates["halves"].append(_halves())
+        rates["threads"].append(_rates(_apart("recorded_threads")))
+    for name, values in rates.items():
+        ratios = np.median(np.divide(values, rates["halves"]), axis=0)
+        print(f"{name:<8} {np.median(values, axis=0).round(1)}  {ratios.round(3)} of two halves")
+
+
+def _halves():
+    begun = [
+        subprocess.Popen(
+            [sys.executable, "-m", "tests.benchmark_sweeps", "_recorded_half", str(k)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for k in range(2)
+    ]
+    for half in begun:
+        assert half.stdout.readline() == "ready\n"
+    for half in begun:
+        half.stdin.write("go\n")
+        half.stdin.flush()
+    # Of the slower one.
+    return np.min([_rates(half.communicate()[0]) for half in begun], axis=0) * 2.0
+
+
+def _rates(told):
+    return [float(each) for each in told.split()[-2:]]
+
+
+def _recorded_run(half=None):
+    """Scenes a second until the last one was computed, and until the file was written."""
+    series = ("velocity_B", "normal_force", "slip_velocity")
+    with tempfile.TemporaryDirectory() as folder:
+        scenes(4, series).plan(Path(folder) / "first.nc").run("sync")  # what compiles
+        plan = scenes(RECORDED, series).plan(Path(folder) / "scenes.nc")
+        if half is not None:
+            given = {"V": np.linspace(1e-3, 5e-3, RECORDED // 4)[half::2], "theta": [3.0, 5.0, 7.0, 9.0]}
+            plan = scenes(RECORDED, series, given).plan(Path(folder) / "scenes.nc")
+            print("ready", flush=True)
+            sys.stdin.readline()
+        ends, begin = [], time.perf_counter()
+        plan.run("threads", 2 if half is None else 1, lambda snapshot: ends.append(time.perf_counter())).close()
+        print(plan.todo / (ends[-1] - begin), plan.todo / (time.perf_counter() - begin))
+
+
 def grid():
     """The 4-D grid whose V and F grow by the same ratio."""
     from studies import registry
@@ -284,7 +337,7 @@ def grid():
 
 
 def main():
-    parts = sys.argv[1:] or ["overhead", "memory", "size", "client", "cores", "grid"]
+    parts = sys.argv[1:] or ["overhead", "memory", "size", "client", "cores", "recorded", "grid"]
     if parts[0] == "_million":
         _measured("1 000 000 points, one scalar each", trivial(1_000_000, False))
     elif parts[0] == "_recorded":
@@ -295,13 +348,16 @@ def main():
         _sized(parts[0], int(parts[1]), parts[2])
     elif parts[0] == "_copy":
         _copy(int(parts[1]))
+    elif parts[0] == "_recorded_threads":
+        _recorded_run()
+    elif parts[0] == "_recorded_half":
+        _recorded_run(int(parts[1]))
     elif parts[0] in ("_threads", "_processes"):
         _engine(parts[0][1:])
     else:
         print(machine().removesuffix(", one core used"))
         for part in parts:
-            every = {"overhead": overhead, "memory": memory, "size": size, "client": client}
-            (every | {"cores": cores, "grid": grid})[part]()
+            globals()[part]()
 
 
 if __name__ == "__main__":
