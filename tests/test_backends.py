@@ -88,13 +88,13 @@ def test_functions_without_a_name_and_blas_on_one_thread(address, scheduler):
 
 def test_no_more_is_submitted_than_the_workers_need(address, monkeypatch):
     most, sizes = 0, []
-    submit = distributed.Client.submit
+    submit = distributed.Client.map
 
     def counted(self, function, *arguments, **options):
-        sizes.append(len(pickle.dumps(arguments)))
+        sizes.extend(len(pickle.dumps(each)) for each in zip(*arguments, strict=True))
         return submit(self, function, *arguments, **options)
 
-    monkeypatch.setattr(distributed.Client, "submit", counted)
+    monkeypatch.setattr(distributed.Client, "map", counted)
 
     def watch(snapshot):
         nonlocal most

@@ -53,17 +53,17 @@ def test_threads_of_workers_are_counted(inner, monkeypatch):
 def test_what_all_batches_share_travels_once(inner, monkeypatch):
     cut(monkeypatch)
     sizes, payloads = [], []
-    submit, register = distributed.Client.submit, distributed.Client.register_plugin
+    submit, register = distributed.Client.map, distributed.Client.register_plugin
 
     def submitted(self, function, *arguments, **options):
-        sizes.append(len(pickle.dumps(arguments)))
+        sizes.extend(len(pickle.dumps(each)) for each in zip(*arguments, strict=True))
         return submit(self, function, *arguments, **options)
 
     def registered(self, plugin, *arguments, **options):
         payloads.append(len(pickle.dumps(plugin)))
         return register(self, plugin, *arguments, **options)
 
-    monkeypatch.setattr(distributed.Client, "submit", submitted)
+    monkeypatch.setattr(distributed.Client, "map", submitted)
     monkeypatch.setattr(distributed.Client, "register_plugin", registered)
     data = naps(40, constants={"ballast": np.zeros(1_000_000)}).plan().run(inner)
     assert np.all(data["status"] == 1)

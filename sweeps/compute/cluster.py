@@ -279,28 +279,35 @@ class Cluster:
         """How many batches are computed at a time."""
         return max(sum(self._threads.values()), 1)
 
-    def room(self, window: int) -> int:
-        """How many batches may be handed out at a time, so many for each thread."""
+    def room(self, window: int, under_way: int) -> int:
+        """How many batches to hand out now, so that there are at most so many for each thread.
+
+        Where several may wait, half of them are handed out at a time: a message costs what a batch does.
+        """
         if time.monotonic() - self._counted > COUNTED:
             self.check()
-        return window * sum(count for worker, count in self._threads.items() if worker != self._free)
+        most = window * sum(count for worker, count in self._threads.items() if worker != self._free)
+        free = most - under_way
+        return free if window == 1 or 2 * free >= most else 0
 
     @_answering()
-    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> Future[Receipt | None]:
-        """Have a batch computed and kept as the part of that name; `alone`: on a worker that has nothing else."""
-        first, end = int(points[0]), int(points[0]) + len(points)
-        sent = range(first, end) if np.array_equal(points, np.arange(first, end)) else points
+    def submit(self, names: list[str], batches: list[NDArray[np.intp]], alone: bool = False) -> list[Future[Any]]:
+        """Have batches computed and kept as the parts of these names; `alone`: one that has a worker to itself."""
+        if not batches:
+            return []
         options: dict[str, Any] = {}
         if self._free:
             others = [worker for worker in self._threads if worker != self._free]
             options = {"workers": [self._free] if alone else others, "allow_other_workers": True}
         self._alone = self._alone or alone
-        future: Future[Receipt | None] = Future()
-        task = self.client.submit(_compute, self.run, name, sent, pure=False, **options)
-        task.add_done_callback(partial(self._resolve, future, alone))
-        return future
+        sent = [_compact(points) for points in batches]
+        tasks = self.client.map(_compute, [self.run] * len(names), names, sent, pure=False, **options)
+        futures: list[Future[Any]] = [Future() for _ in tasks]
+        for task, future in zip(tasks, futures, strict=True):
+            task.add_done_callback(partial(self._resolve, future, alone))
+        return futures
 
-    def _resolve(self, future: Future[Receipt | None], alone: bool, task: distributed.Future) -> None:
+    def _resolve(self, future: Future[Any], alone: bool, task: distributed.Future) -> None:
         """Give a future what has come of its batch; Dask calls this in a thread of its own."""
         if alone:
             self._free, self._alone = "", False
@@ -330,6 +337,12 @@ class Cluster:
             least = min(at_work, key=lambda worker: len(at_work[worker]), default="")
             self._free = least if last or len(at_work) > 1 else ""
         return bool(self._free) and not at_work[self._free]
+
+
+def _compact(points: NDArray[np.intp]) -> NDArray[np.intp] | range:
+    """Points as a message holds them at little cost."""
+    first, end = int(points[0]), int(points[0]) + len(points)
+    return range(first, end) if np.array_equal(points, np.arange(first, end)) else points
 
 
 def _importable(function: Any) -> bool:

@@ -17,8 +17,8 @@ from sweeps.errors import AbandonedError
 from sweeps.grid import Grid
 from sweeps.storage.parts import encode
 
-# Batches handed out for each thread: one to work on, one waiting.
-WINDOW = 2
+# Batches handed out for each thread at most: one to work on, one that waits, and two that are on their way.
+WINDOW = 4
 
 
 class Receipt(NamedTuple):
@@ -90,16 +90,17 @@ class Local:
     def check(self) -> None:
         """Threads are always there."""
 
-    def room(self, window: int) -> int:
-        """How many batches may be handed out at a time, so many for each worker."""
-        return self.workers * window
+    def room(self, window: int, under_way: int) -> int:
+        """How many batches to hand out now, so that there are at most so many for each worker."""
+        return self.workers * window - under_way
 
-    def submit(self, name: str, points: NDArray[np.intp], alone: bool = False) -> Future[Receipt]:
-        """Have a batch computed and kept as the part of that name."""
-        future = self._pool.submit(self._compute, name, points)
-        self._open.add(future)
-        future.add_done_callback(self._open.discard)
-        return future
+    def submit(self, names: list[str], batches: list[NDArray[np.intp]], alone: bool = False) -> list[Future[Any]]:
+        """Have batches computed and kept as the parts of these names."""
+        futures = [self._pool.submit(self._compute, *each) for each in zip(names, batches, strict=True)]
+        for future in futures:
+            self._open.add(future)
+            future.add_done_callback(self._open.discard)
+        return futures
 
     def halt(self) -> None:
         """Begin no more batches."""

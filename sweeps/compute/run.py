@@ -209,24 +209,29 @@ class _Run:
         queue = Queue(self.plan.manifest.grid, selection.due, self.plan.sweep.order_by)
         while (queue.left or self._suspects or self._under_way) and not self._stopped():
             if self._suspects and backend.isolate(last=not (queue.left or self._under_way)):
-                self._submit(backend, *self._suspects.pop())
-            while queue.left and len(self._under_way) < backend.room(window) and not self._stopped():
-                self._submit(backend, queue.take(self.sizes.next(queue.left, backend.workers)))
+                points, deaths = self._suspects.pop()
+                self._submit(backend, [points], deaths)
+            batches = list[NDArray[np.intp]]()
+            while queue.left and len(batches) < backend.room(window, len(self._under_way)):
+                batches.append(queue.take(self.sizes.next(queue.left, backend.workers)))
+            self._submit(backend, batches)
             self._take(backend)
         if self._under_way:
             backend.halt()
         while self._under_way:
             self._take(backend)
 
-    def _submit(self, backend: Backend, points: NDArray[np.intp], deaths: int | None = None) -> None:
-        """Hand out a batch; one at which a worker died, to a worker of its own."""
-        ends = self.plan.manifest.grid.points(points[[0, -1]])
-        spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
-        self.monitor.begin(int(points[0]), ", ".join(spans))
-        name = "" if self.folder is None else self.folder.next_name()
-        future = backend.submit(name, points, deaths is not None)
-        self._under_way[future] = name, points, deaths
-        future.add_done_callback(self._done.put)
+    def _submit(self, backend: Backend, batches: list[NDArray[np.intp]], deaths: int | None = None) -> None:
+        """Hand out batches; one at which a worker died so often, to a worker of its own."""
+        names = ["" if self.folder is None else self.folder.next_name() for _ in batches]
+        for points in batches:
+            ends = self.plan.manifest.grid.points(points[[0, -1]])
+            spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
+            self.monitor.begin(int(points[0]), ", ".join(spans))
+        futures = backend.submit(names, batches, deaths is not None)
+        for future, name, points in zip(futures, names, batches, strict=True):
+            self._under_way[future] = name, points, deaths
+            future.add_done_callback(self._done.put)
 
     def _take(self, backend: Backend) -> None:
         """Keep what has come of a batch; wait a moment where nothing has."""
