@@ -403,23 +403,6 @@ def test_one_edit_counts_whatever_else_is_edited_that_does_not(program, data):
     files.write(name, text)
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(order=st.permutations(range(5)))
-def test_the_order_of_statements_that_do_not_act_makes_no_difference(package, order):
-    parts = [
-        "A = 1",
-        "B = [A]",
-        "def g():\n    return A, B",
-        "class C:\n    size = 3",
-        "def f(p):\n    return g(), C, B",
-    ]
-    files = package({"__init__.py": "", "main.py": "\n\n\n".join(parts)})
-    f = files.load("main").f
-    before = digests(f)
-    files.write("main.py", "\n\n\n".join(parts[k] for k in order))
-    assert digests(f) == before
-
-
 @pytest.mark.parametrize(
     "main",
     [

@@ -1,17 +1,17 @@
 """Fingerprint of the code behind functions: one digest for each module of the project that they reach.
 
 It sees, in the modules of the functions, given or carried along, and in a package's `__init__`, the top-level
-statements that they reach by name, and those that act on import, also in what is imported as `import
-package.module`: bare calls, entries and attributes set, definitions with decorators or bases of the project. Any
-other module of the project of which these take a name, within functions too, counts as a whole; it is followed on
-from that name. By value, with the code of their classes, count closures, defaults of nested functions, arguments
-of partials, compilers' options and called instances; and numbers, arrays and texts without a slash that a
-function's names, or these names in a module that it names, stand for, unless the function binds them.
+statements that they reach by name, and those that act on import, also in what is imported as `import module`:
+calls, entries and attributes set, definitions with decorators or bases. Any other module of the project of which
+these take a name, within functions too, counts as a whole; it is followed on from that name. By value, with the
+code of their classes, count closures, defaults of nested functions, arguments of partials, compilers' options and
+called instances; and numbers, arrays and texts without a slash that a function's names, or these names in a
+module that it names, stand for, unless the function binds them.
 
 It does not see formatting, comments, docstrings, annotations outside classes, what a script does when it is
-started, except to the objects of names that are reached, the order of statements where none acts; libraries, whose
-versions `provenance` compares; what is found by a computed name; what a module sets in another, if it is only
-imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
+started, except to the objects of names that are reached; libraries, whose versions `provenance` compares; this
+engine, unless its functions are given; what is found by a computed name; what a module sets in another, if it is
+only imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
 imported for it, and nothing in a file is executed.
 """
 
@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.fingerprint.source import Module, Statement, bound, find, is_installed, names, read, root
+from sweeps.fingerprint.source import Module, Statement, bound, is_installed, is_library, names, read, root
 
 ENGINE = root(__name__)
 # Attributes of a class that hold no code of it.
@@ -61,7 +61,7 @@ def digests(*functions: Callable[..., Any]) -> dict[str, str]:
     """
     innermost = [_innermost(function) for function in functions]
     # A library's class, or an instance of it, does not make the library the project's.
-    reach = _Reach({root(_home(each)) for each in innermost if isinstance(each, FunctionType)})
+    reach = _Reach({_home(each) for each in innermost if isinstance(each, FunctionType)})
     for function, inner in zip(functions, innermost, strict=True):
         reach.notes.add((_home(inner), reach.text(function)))
     return reach.digests()
@@ -72,11 +72,16 @@ def differing(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str
     return sorted(name for name in {*stored, *present} if stored.get(name) != present.get(name))
 
 
-class _Reach:
-    """Goes from functions to all that they reach; packages in `own` are followed wherever they lie."""
+def digest(content: bytes) -> str:
+    """Short digest of bytes."""
+    return blake2b(content, digest_size=8).hexdigest()
 
-    def __init__(self, own: set[str]) -> None:
-        self.own = own | _siblings()
+
+class _Reach:
+    """Goes from functions to all that they reach; packages of the modules given are followed wherever they lie."""
+
+    def __init__(self, given: set[str]) -> None:
+        self.given, self.own = given, {root(name) for name in given} | _siblings()
         self.notes: set[tuple[str, str]] = set()  # values that count, by module
         self._homes: set[str] = set()  # modules of the functions, where only what is reached counts
         self._modules: dict[str, Module | None] = {}
@@ -97,19 +102,19 @@ class _Reach:
                 texts[name] = module.texts(taken if is_part else set(module.statements))
         for name, note in sorted(self.notes):
             texts.setdefault(name, []).append(note)
-        return {name: _digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
+        return {name: digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
 
-    def _ask(self, module: str, name: str) -> None:
-        """Follow a name of a module; all of them for "", only what acts on import for "."."""
-        if (module, name) not in self._asked:
-            self._asked.add((module, name))
-            self._todo.append((module, name))
+    def _ask(self, module: str, path: str) -> None:
+        """Follow a name of a module, with attributes; all names for "", what acts on import for any."""
+        if (module, path) not in self._asked:
+            self._asked.add((module, path))
+            self._todo.append((module, path))
 
     def _library(self, name: str) -> bool:
-        """Whether a module is another's."""
-        spec = None if root(name) in self.own else find(name)
-        place = spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), ""))
-        return bool(place) and (place in ("built-in", "frozen") or is_installed(str(place)))
+        """Whether a module is another's, or the engine's."""
+        if root(name) == ENGINE:
+            return name not in self.given
+        return root(name) not in self.own and is_library(name)
 
     def _module(self, name: str) -> Module | None:
         """The module of that name, unless it is a library's or has no source."""
@@ -117,40 +122,32 @@ class _Reach:
             self._modules[name] = None if self._library(name) else read(name)
         return self._modules[name]
 
-    def _visit(self, source: str, name: str) -> None:
-        module, (head, _, rest) = self._module(source), name.partition(".")
+    def _visit(self, source: str, path: str) -> None:
+        module, (head, _, rest) = self._module(source), path.partition(".")
         if module is None:
             return
-        chosen = module.binding(head) if head else [] if name else module.statements
-        if head and not chosen:
-            if self._module(f"{source}.{head}") is not None:
-                self._ask(f"{source}.{head}", rest)
-            elif not hasattr(builtins, head):  # for the module's `__getattr__`
-                chosen, rest = module.statements, ""
-        elif head not in module.binders:  # bound by a star
-            rest = name
-        if head and module.name == "__main__":  # of what a script does counts what changes the name's object
+        chosen = module.binding(head) if head else module.statements
+        if head and module.is_package and self._module(f"{source}.{head}") is not None:
+            self._ask(f"{source}.{head}", rest)
+        elif not chosen and not hasattr(builtins, head):  # for the module's `__getattr__`
+            chosen = module.statements
+        is_script = source == "__main__"
+        if head and is_script:  # of what a script does counts what changes the name's object
             chosen = chosen + [each for each in module.statements if head in each.effects]
         if source not in self._taken:
             self._taken[source] = set()
-            self._ask(source.rpartition(".")[0], ".")
-            for each in [each.loads for each in module.statements if each.loads]:
-                self._ask(each, ".")
-            chosen = chosen + [each for each in module.statements if self._acts(module, each)]
+            for loaded in (source.rpartition(".")[0], *(each.loads for each in module.statements)):
+                self._ask(loaded, "__name__")
+            acting = [each for each in module.statements if each.is_made or (each.effects and not is_script)]
+            chosen = chosen + acting
         for statement in chosen:
             self._taken[source].add(statement)
             for target, inner in statement.imports:
-                self._ask(target, ".".join(filter(None, (inner, rest if statement.is_import else ""))))
+                parts = (inner.replace("*", head), rest if statement.is_import else "")
+                self._ask(target, ".".join(filter(None, parts)))
             for use in statement.uses:
                 if module.binding(root(use)):
                     self._ask(source, use)
-
-    def _acts(self, module: Module, statement: Statement) -> bool:
-        """Whether a statement may change more than the names that it binds, when its module is imported."""
-        for each in [each for name in statement.makers for each in module.binding(name)]:
-            if not each.is_import or not self._library(each.imports[0][0]):
-                return True
-        return bool(statement.effects) and module.name != "__main__"
 
     def text(self, value: Any) -> str:
         """A value in full, if it is plain or code, whose source is asked for."""
@@ -158,7 +155,7 @@ class _Reach:
         if kind in PLAIN or isinstance(value, np.dtype):
             return f"{kind.__name__} {value!r}"
         if isinstance(value, (np.ndarray, np.generic)):
-            content = self.text(value.tolist()) if value.dtype.hasobject else _digest(value.tobytes())
+            content = self.text(value.tolist()) if value.dtype.hasobject else digest(value.tobytes())
             return f"{value.dtype.str}{value.shape} {content}"
         if isinstance(value, (list, tuple, dict, set, frozenset)):
             parts = [self.text(each) for each in (value.items() if isinstance(value, dict) else value)]
@@ -176,19 +173,18 @@ class _Reach:
             return f"{value.__module__}.{getattr(value, '__qualname__', value.__name__)}"
         if isinstance(value, MethodType):
             return f"{self.text(value.__self__)} {self.text(value.__func__)}"
-        if isinstance(value, Enum):
-            return f"{self._class(kind)} {value.name}"
-        if dataclasses.is_dataclass(value):
-            fields = [(field.name, getattr(value, field.name, None)) for field in dataclasses.fields(value)]
-            return f"{self._class(kind)} {self.text(fields)}"
         if isinstance(value, partial):
             name = getattr(value.func, "__qualname__", type(value.func).__qualname__)
             given = {f"argument {place}": each for place, each in enumerate(value.args, 1)} | value.keywords
             return f"partial {self.text(value.func)} {self._held(f'function {name} is given', given)}"
         if _inner(value) is not None:
             # A compiler's options decide the last digits.
-            options = vars(value).get("targetoptions")
-            return (f"{self._if_told(options)} " if options else "") + self.text(_inner(value))
+            return self._if_told(vars(value).get("targetoptions", ())) + self.text(_inner(value))
+        if isinstance(value, Enum):
+            return f"{self._class(kind)} {value.name}"
+        if dataclasses.is_dataclass(value):
+            fields = [(field.name, getattr(value, field.name, None)) for field in dataclasses.fields(value)]
+            return f"{self._class(kind)} {self.text(fields)}"
         if not self._library(kind.__module__) or (callable(value) and hasattr(value, "__dict__")):
             state: Any = object.__getstate__(value)
             attributes, slots = state if isinstance(state, tuple) else (state, None)
@@ -210,10 +206,9 @@ class _Reach:
         return ", ".join(found)
 
     def _if_told(self, value: Any) -> str:
-        """The text of a value if it has one; but instances do not count, though they may be called."""
-        code = isinstance(value, (FunctionType, type)) or _inner(value) is not None
+        """The text of a value if it has one."""
         with suppress(ValueError):
-            return self.text(value) if code or not callable(value) or self._is_librarys(value) else ""
+            return self.text(value)
         return ""
 
     def _is_librarys(self, value: Any) -> bool:
@@ -234,9 +229,8 @@ class _Reach:
         if module is not None and has_source:
             if self._defined(home, code.co_qualname):
                 return f"{home}.{name}"
-            if root(code.co_qualname) not in module.binders:
-                for each in names(code) & set(module.binders):
-                    self._ask(home, each)
+            for each in filter(module.binding, names(code)):
+                self._ask(home, each)
         cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
         # An empty cell, of a name that is not bound yet, equals another.
         closed = {variable: cell.cell_contents for variable, cell in cells if cell != CellType()}
@@ -249,7 +243,7 @@ class _Reach:
     def _defined(self, home: str, qualname: str) -> bool:
         """Ask for the top-level statement that defines something; whether its text says all of it."""
         module = self._module(home)
-        if module is None or root(qualname) not in module.binders:
+        if module is None or not module.binding(root(qualname)):
             return False
         self._ask(home, root(qualname))
         return "<" not in qualname
@@ -261,14 +255,8 @@ class _Reach:
         spaces = {each.__name__: vars(each) for each in named if not self._library(each.__name__)}
         for home, space in [(_home(function), present), *spaces.items()]:
             for name in sorted(used & set(space)):
-                value = space[name]
-                is_array = isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject
-                # Other texts may name a place on this machine.
-                is_plain = type(value) in PLAIN and not (isinstance(value, str) and {*value} & {"/", os.sep})
-                if is_array or is_plain:
-                    self.notes.add((home, f"{name} is {self.text(value)}"))
-                elif space is present and not has_source:
-                    self.notes.add((home, f"{name} is {self._if_told(value)}"))
+                if _is_number(space[name]) or (space is present and not has_source):
+                    self.notes.add((home, f"{name} is {self._if_told(space[name])}"))
 
     def _compiled(self, code: CodeType, document: str | None = None) -> str:
         constants = [self.text(each) for each in code.co_consts if each is None or each != document]
@@ -294,6 +282,13 @@ class _IncomparableError(ValueError):
     """A value has no text that would be the same in another process."""
 
 
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, an array or a text; texts with a slash may name a place on this machine."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return not value.dtype.hasobject
+    return type(value) in PLAIN and not (isinstance(value, str) and {*value} & {"/", os.sep})
+
+
 def _inner(function: Any) -> Any:
     """What a wrapper of whatever kind calls, or None."""
     if isinstance(function, (partial, MethodType)):
@@ -312,12 +307,8 @@ def _home(function: Any) -> str:
     return str(named or getattr(function, "__module__", None) or "__main__")
 
 
-def _digest(content: bytes) -> str:
-    return blake2b(content, digest_size=8).hexdigest()
-
-
 @cache
 def _siblings() -> frozenset[str]:
     """The packages installed together with this one, if it is installed at all."""
     owners = packages_distributions() if is_installed(__file__) else {}
-    return frozenset({ENGINE} | {top for top in owners if {*owners[top]} & {*owners.get(ENGINE, ())}})
+    return frozenset(top for top in owners if {*owners[top]} & {*owners.get(ENGINE, ())})

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.fingerprint.code import differing, digests
+from sweeps.fingerprint.code import differing, digest, digests
 from sweeps.grid import Axis, Grid
 from sweeps.plan.declaration import Declaration
 

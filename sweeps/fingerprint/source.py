@@ -4,7 +4,6 @@ from __future__ import annotations
 import __future__
 
 import ast
-import copy
 import dis
 import importlib.util
 import os
@@ -18,11 +17,8 @@ from types import CodeType
 from typing import Any
 
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
-IMPORTS = (ast.Import, ast.ImportFrom)
 # Fields of a syntax tree that change nothing: whether a name is read or written shows in its place.
 IGNORED = ("ctx", "kind", "returns", "type_comment", "type_params")
-# Instructions by which a module's names are bound.
-BINDS = ("STORE_NAME", "STORE_GLOBAL", "DELETE_NAME")
 STANDARD_LIBRARY = Path(os.__file__).parent
 
 
@@ -30,22 +26,21 @@ class Statement:
     """A top-level statement of a module; of an import, one name."""
 
     def __init__(self, node: Any, package: str) -> None:
-        self.is_import = isinstance(node, IMPORTS)
+        self.is_import = isinstance(node, (ast.Import, ast.ImportFrom))
         self.text = _dump(node)
         # The compiler knows which names are a function's own; annotations stay texts.
         flags = __future__.annotations.compiler_flag
         code = compile(ast.Module([node], []), "", "exec", flags, dont_inherit=True, optimize=0)
-        # A star may bind any name.
-        self.binds = bound(code) or ({"*"} if self.is_import else set())
         used = names(code)
         self.uses = {each for each in _dotted(node) if root(each) in used}
-        makers = [part for field in ("decorator_list", "bases", "keywords") for part in getattr(node, field, ())]
-        self.makers = {root(each) for part in makers for each in _dotted(part)}
+        # Decorators and base classes may note what they are given.
+        self.is_made = any(getattr(node, field, ()) for field in ("decorator_list", "bases", "keywords"))
         # What a module does only as a script is to use its functions.
         self.effects = set() if "__name__" in self.uses else {*_effects(node)}
-        # Modules imported by it or within, each with the name taken from it; "" takes all.
+        # Modules imported by it or within, each with the name taken from it: "" takes all, "*" any.
         self.imports = [each for part in ast.walk(node) for each in _imports(part, package)]
         self.loads = node.names[0].name if isinstance(node, ast.Import) else ""
+        self.binds = bound(code) | {inner for _, inner in self.imports if inner == "*"}
 
 
 class Module:
@@ -53,40 +48,29 @@ class Module:
 
     def __init__(self, name: str, package: str, file: str, content: bytes) -> None:
         self.name, self.file, self.is_package = name, file, name == package
-        self.statements: list[Statement] = []
-        for node in ast.parse(content, file).body:
-            if isinstance(node, IMPORTS):
-                for alias in sorted(node.names, key=lambda each: each.asname or each.name):
-                    part = copy.copy(node)
-                    part.names = [alias]
-                    self.statements.append(Statement(part, package))
-            elif not _is_idle(node):
-                self.statements.append(Statement(node, package))
+        parts = [part for node in ast.parse(content, file).body for part in _parts(node) if not _is_idle(part)]
+        self.statements = [Statement(part, package) for part in parts]
         self.binders: dict[str, list[Statement]] = {}
         for statement in self.statements:
             for each in statement.binds:
                 self.binders.setdefault(each, []).append(statement)
 
     def binding(self, name: str) -> list[Statement]:
-        """The statements that bind a name or may do so."""
+        """The statements that bind a name; where none does, the stars that may do so."""
         return self.binders.get(name) or self.binders.get("*", [])
 
     def texts(self, taken: set[Statement]) -> list[str]:
-        """Texts of the statements taken: imports sorted, and the others where none acts or binds a name again."""
+        """Texts of the statements taken; of imports the order makes no difference."""
         chosen = [each for each in self.statements if each in taken]
-        others = [each.text for each in chosen if not each.is_import]
-        if not any(each.effects or any(len(self.binders[name]) > 1 for name in each.binds) for each in chosen):
-            others.sort()
-        return sorted(each.text for each in chosen if each.is_import) + others
+        imports = sorted(each.text for each in chosen if each.is_import)
+        return imports + [each.text for each in chosen if not each.is_import]
 
 
 def read(name: str) -> Module | None:
     """The module of that name; None where there is no source."""
     spec = find(name)
-    if spec is None:
-        return None
-    file = (spec.origin or "") if spec.has_location else ""
-    if file.endswith(".py") or (spec.submodule_search_locations and not file):
+    file = (spec and spec.has_location and spec.origin) or ""
+    if spec is not None and (file.endswith(".py") or (spec.submodule_search_locations and not file)):
         with suppress(OSError):
             return _parsed(name, spec.parent or "", file, Path(file).read_bytes() if file else b"")
     return None
@@ -98,16 +82,21 @@ _parsed = cache(Module)
 
 def find(name: str) -> ModuleSpec | None:
     """Where a module lies; no package above it is imported for that."""
-    loaded, above = sys.modules.get(name), name.rpartition(".")[0]
-    if loaded is not None:
-        file = vars(loaded).get("__file__")  # a script has no more than that
-        return loaded.__spec__ or (importlib.util.spec_from_file_location(name, file) if file else None)
+    above, file = name.rpartition(".")[0], getattr(sys.modules.get(name), "__file__", None)
     with suppress(ImportError, ValueError, KeyError):  # KeyError: of a folder in a package that is not imported
         if not above:
             return importlib.util.find_spec(name)
         parent = find(above)
         return PathFinder.find_spec(name, list(parent.submodule_search_locations or ()) if parent else [])
-    return None
+    # A script has no more than a file.
+    return importlib.util.spec_from_file_location(name, file) if file else None
+
+
+def is_library(name: str) -> bool:
+    """Whether a module belongs to Python or was installed."""
+    spec = find(name)
+    place = (spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), ""))) or ""
+    return place in ("built-in", "frozen") or is_installed(place)
 
 
 @cache
@@ -124,12 +113,19 @@ def root(dotted: str) -> str:
 
 def bound(code: CodeType) -> set[str]:
     """Names of the module that compiled code binds, its functions not included."""
-    return {each.argval for each in dis.get_instructions(code) if each.opname in BINDS}
+    binds = ("STORE_NAME", "STORE_GLOBAL", "DELETE_NAME")
+    return {each.argval for each in dis.get_instructions(code) if each.opname in binds}
 
 
 def names(code: CodeType) -> set[str]:
     """Names of the module that compiled code uses, its functions included; and those of attributes."""
     return {*code.co_names}.union(*(names(part) for part in code.co_consts if isinstance(part, CodeType)))
+
+
+def _parts(node: Any) -> list[Any]:
+    """A statement; an import as one for each name."""
+    names = node.names if isinstance(node, (ast.Import, ast.ImportFrom)) else ()
+    return [ast.copy_location(type(node)(**vars(node) | {"names": [each]}), node) for each in names] or [node]
 
 
 def _dump(node: Any, in_class: bool = False) -> str:
@@ -186,6 +182,4 @@ def _imports(node: ast.AST, package: str) -> Iterator[tuple[str, str]]:
     elif isinstance(node, ast.ImportFrom):
         source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
         for alias in node.names:
-            yield source, alias.name.strip("*")
-            if source == package:  # a submodule may be meant
-                yield f"{source}.{alias.name}", ""
+            yield source, alias.name
