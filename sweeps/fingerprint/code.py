@@ -1,14 +1,12 @@
 """Fingerprint of the code behind functions: one digest for each module of the project that they reach.
 
-It sees, in the modules of the functions, given or carried along, and in a package's `__init__`, the top-level
-statements that they reach by name, and those that act on import, also in what is imported as `import module`:
-calls, entries and attributes set, definitions with decorators or bases. Any other module of the project of which
-these take a name, within functions too, counts as a whole; it is followed on from that name. By value, with the
-code of their classes, count closures, defaults of nested functions, arguments of partials, compilers' options and
-called instances; and numbers, arrays and texts without a slash that a function's names, or these names in a
-module that it names, stand for, unless the function binds them.
+It sees the top-level statements that functions reach by name in their own modules, and those that act on import:
+calls, entries and attributes set, definitions with decorators or bases. Another module of the project counts as a
+whole, a package's `__init__` as an own one; it is followed on from the names taken of it. By value, with the code
+of their classes, count closures, defaults of nested functions, arguments of partials, compilers' options, called
+instances; and numbers, arrays and texts that a function's names stand for, in its module and in those it names.
 
-It does not see formatting, comments, docstrings, annotations outside classes, what a script does when it is
+It does not see formatting, comments, docstrings, annotations outside classes; what a script does when it is
 started, except to the objects of names that are reached; libraries, whose versions `provenance` compares; this
 engine, unless its functions are given; what is found by a computed name; what a module sets in another, if it is
 only imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
@@ -22,6 +20,7 @@ import dataclasses
 import inspect
 import os
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import Enum
@@ -33,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.fingerprint.source import Module, Statement, bound, is_installed, is_library, names, read, root
+from sweeps.fingerprint.source import Module, Statement, bound, is_library, names, read, root
 
 ENGINE = root(__name__)
 # Attributes of a class that hold no code of it.
@@ -78,14 +77,14 @@ def digest(content: bytes) -> str:
 
 
 class _Reach:
-    """Goes from functions to all that they reach; packages of the modules given are followed wherever they lie."""
+    """Goes from functions to all that they reach; the packages of their homes are followed wherever they lie."""
 
-    def __init__(self, given: set[str]) -> None:
-        self.given, self.own = given, {root(name) for name in given} | _siblings()
+    def __init__(self, homes: set[str]) -> None:
+        self.homes = homes  # modules of the functions, where only what is reached counts
+        self.own = {root(name) for name in homes} | _siblings()
         self.notes: set[tuple[str, str]] = set()  # values that count, by module
-        self._homes: set[str] = set()  # modules of the functions, where only what is reached counts
         self._modules: dict[str, Module | None] = {}
-        self._taken: dict[str, set[Statement]] = {}
+        self._taken: dict[Module, set[Statement]] = {}
         self._asked: set[tuple[str, str]] = set()
         self._todo: list[tuple[str, str]] = []
         self._seen: dict[int, Any] = {}  # keeps them alive: nothing else may take their id
@@ -94,14 +93,15 @@ class _Reach:
         """A digest of what is reached in each module."""
         while self._todo:
             self._visit(*self._todo.pop())
-        texts: dict[str, list[str]] = {}
-        for name, taken in self._taken.items():
-            module = self._modules[name]
-            if module is not None and taken:
-                is_part = module.is_package or name in self._homes
-                texts[name] = module.texts(taken if is_part else set(module.statements))
+        texts: dict[str, list[str]] = defaultdict(list)
+        for module in [each for each in self._taken if self._taken[each]]:
+            counted = self._taken[module] if module.is_package or module.name in self.homes else module.statements
+            chosen = [each for each in module.statements if each in counted]
+            # Of imports the order makes no difference.
+            texts[module.name] = sorted(each.text for each in chosen if each.is_import)
+            texts[module.name] += [each.text for each in chosen if not each.is_import]
         for name, note in sorted(self.notes):
-            texts.setdefault(name, []).append(note)
+            texts[name].append(note)
         return {name: digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
 
     def _ask(self, module: str, path: str) -> None:
@@ -112,9 +112,7 @@ class _Reach:
 
     def _library(self, name: str) -> bool:
         """Whether a module is another's, or the engine's."""
-        if root(name) == ENGINE:
-            return name not in self.given
-        return root(name) not in self.own and is_library(name)
+        return name not in self.homes if root(name) == ENGINE else root(name) not in self.own and is_library(name)
 
     def _module(self, name: str) -> Module | None:
         """The module of that name, unless it is a library's or has no source."""
@@ -126,22 +124,21 @@ class _Reach:
         module, (head, _, rest) = self._module(source), path.partition(".")
         if module is None:
             return
-        chosen = module.binding(head) if head else module.statements
+        chosen = list(module.binding(head) if head else module.statements)
         if head and module.is_package and self._module(f"{source}.{head}") is not None:
             self._ask(f"{source}.{head}", rest)
         elif not chosen and not hasattr(builtins, head):  # for the module's `__getattr__`
-            chosen = module.statements
-        is_script = source == "__main__"
-        if head and is_script:  # of what a script does counts what changes the name's object
-            chosen = chosen + [each for each in module.statements if head in each.effects]
-        if source not in self._taken:
-            self._taken[source] = set()
+            chosen += module.statements
+        if head and source == "__main__":  # of what a script does counts what changes the name's object
+            chosen += [each for each in module.statements if head in each.effects]
+        if module not in self._taken:
+            self._taken[module] = set()
             for loaded in (source.rpartition(".")[0], *(each.loads for each in module.statements)):
                 self._ask(loaded, "__name__")
-            acting = [each for each in module.statements if each.is_made or (each.effects and not is_script)]
-            chosen = chosen + acting
+            acts = source != "__main__"
+            chosen += [each for each in module.statements if each.is_made or (acts and each.effects)]
         for statement in chosen:
-            self._taken[source].add(statement)
+            self._taken[module].add(statement)
             for target, inner in statement.imports:
                 parts = (inner.replace("*", head), rest if statement.is_import else "")
                 self._ask(target, ".".join(filter(None, parts)))
@@ -179,7 +176,8 @@ class _Reach:
             return f"partial {self.text(value.func)} {self._held(f'function {name} is given', given)}"
         if _inner(value) is not None:
             # A compiler's options decide the last digits.
-            return self._if_told(vars(value).get("targetoptions", ())) + self.text(_inner(value))
+            options = vars(value).get("targetoptions")
+            return (f"{self._if_told(options)} " if options else "") + self.text(_inner(value))
         if isinstance(value, Enum):
             return f"{self._class(kind)} {value.name}"
         if dataclasses.is_dataclass(value):
@@ -190,9 +188,7 @@ class _Reach:
             attributes, slots = state if isinstance(state, tuple) else (state, None)
             held = (attributes or {}) | (slots or {})
             return f"{self._class(kind)} {self._held(f'the {kind.__qualname__} that is called holds', held)}"
-        raise _IncomparableError(
-            f"a {kind.__qualname__} cannot be compared with a stored one; call it in a function"
-        )
+        raise _IncomparableError(f"a {kind.__qualname__} cannot be compared; call it in a function")
 
     def _held(self, how: str, values: Mapping[str, Any]) -> str:
         found = []
@@ -222,7 +218,7 @@ class _Reach:
         if id(function) in self._seen or self._library(home):
             return f"{home}.{name} {self.text(_inner(function))}"
         self._seen[id(function)] = function
-        self._homes.add(home)
+        self.homes.add(home)
         module = self._module(home)
         has_source = module is not None and os.path.realpath(code.co_filename) == os.path.realpath(module.file)
         self._note(function, has_source)
@@ -270,8 +266,8 @@ class _Reach:
         if self._defined(home, kind.__qualname__):
             return name
         members = {key: member for key, member in vars(kind).items() if key not in ASIDE}
-        if dataclasses.is_dataclass(kind):
-            members |= {f"{field.name} from": field.default_factory for field in dataclasses.fields(kind)}
+        fields = getattr(kind, "__dataclass_fields__", {})
+        members |= {f"{key} from": field.default_factory for key, field in fields.items()}
         for key, member in sorted(members.items()):
             parts = (member, *(getattr(member, part, None) for part in ("fget", "fset", "__func__")))
             name += " ".join([key, *map(self._if_told, parts)])
@@ -310,5 +306,5 @@ def _home(function: Any) -> str:
 @cache
 def _siblings() -> frozenset[str]:
     """The packages installed together with this one, if it is installed at all."""
-    owners = packages_distributions() if is_installed(__file__) else {}
+    owners = packages_distributions() if is_library(ENGINE) else {}
     return frozenset(top for top in owners if {*owners[top]} & {*owners.get(ENGINE, ())})

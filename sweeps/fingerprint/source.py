@@ -17,6 +17,7 @@ from types import CodeType
 from typing import Any
 
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+IMPORTS = (ast.Import, ast.ImportFrom)
 # Fields of a syntax tree that change nothing: whether a name is read or written shows in its place.
 IGNORED = ("ctx", "kind", "returns", "type_comment", "type_params")
 STANDARD_LIBRARY = Path(os.__file__).parent
@@ -26,7 +27,7 @@ class Statement:
     """A top-level statement of a module; of an import, one name."""
 
     def __init__(self, node: Any, package: str) -> None:
-        self.is_import = isinstance(node, (ast.Import, ast.ImportFrom))
+        self.is_import = isinstance(node, IMPORTS)
         self.text = _dump(node)
         # The compiler knows which names are a function's own; annotations stay texts.
         flags = __future__.annotations.compiler_flag
@@ -48,22 +49,17 @@ class Module:
 
     def __init__(self, name: str, package: str, file: str, content: bytes) -> None:
         self.name, self.file, self.is_package = name, file, name == package
-        parts = [part for node in ast.parse(content, file).body for part in _parts(node) if not _is_idle(part)]
-        self.statements = [Statement(part, package) for part in parts]
-        self.binders: dict[str, list[Statement]] = {}
-        for statement in self.statements:
-            for each in statement.binds:
-                self.binders.setdefault(each, []).append(statement)
+        self.statements: list[Statement] = []
+        for node in ast.parse(content, file).body:
+            aliases = node.names if isinstance(node, IMPORTS) else ()
+            parts = [type(node)(**{**vars(node), "names": [alias]}) for alias in aliases] or [node]
+            self.statements += [Statement(part, package) for part in parts if not _is_idle(part)]
+        bound_here = {each for statement in self.statements for each in statement.binds}
+        self.binders = {name: [each for each in self.statements if name in each.binds] for name in bound_here}
 
     def binding(self, name: str) -> list[Statement]:
         """The statements that bind a name; where none does, the stars that may do so."""
         return self.binders.get(name) or self.binders.get("*", [])
-
-    def texts(self, taken: set[Statement]) -> list[str]:
-        """Texts of the statements taken; of imports the order makes no difference."""
-        chosen = [each for each in self.statements if each in taken]
-        imports = sorted(each.text for each in chosen if each.is_import)
-        return imports + [each.text for each in chosen if not each.is_import]
 
 
 def read(name: str) -> Module | None:
@@ -95,15 +91,9 @@ def find(name: str) -> ModuleSpec | None:
 def is_library(name: str) -> bool:
     """Whether a module belongs to Python or was installed."""
     spec = find(name)
-    place = (spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), ""))) or ""
-    return place in ("built-in", "frozen") or is_installed(place)
-
-
-@cache
-def is_installed(path: str) -> bool:
-    """Whether a path lies among the libraries or in Python itself."""
-    folders = Path(path).parents
-    return STANDARD_LIBRARY in folders or any(each.name in ("site-packages", "dist-packages") for each in folders)
+    place = Path((spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), ""))) or "")
+    among = {"site-packages", "dist-packages"} & {*place.parts}
+    return bool(among) or place.name in ("built-in", "frozen") or STANDARD_LIBRARY in place.parents
 
 
 def root(dotted: str) -> str:
@@ -120,12 +110,6 @@ def bound(code: CodeType) -> set[str]:
 def names(code: CodeType) -> set[str]:
     """Names of the module that compiled code uses, its functions included; and those of attributes."""
     return {*code.co_names}.union(*(names(part) for part in code.co_consts if isinstance(part, CodeType)))
-
-
-def _parts(node: Any) -> list[Any]:
-    """A statement; an import as one for each name."""
-    names = node.names if isinstance(node, (ast.Import, ast.ImportFrom)) else ()
-    return [ast.copy_location(type(node)(**vars(node) | {"names": [each]}), node) for each in names] or [node]
 
 
 def _dump(node: Any, in_class: bool = False) -> str:
@@ -151,14 +135,15 @@ def _is_idle(node: Any, in_class: bool = False) -> bool:
 
 def _effects(node: ast.AST) -> Iterator[str]:
     """Names whose objects a statement changes in place when it runs; "" for what else it calls for its effect."""
+    if isinstance(node, FUNCTIONS) or _is_idle(node):
+        return
     if isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load):
         yield from map(root, _dotted(node.value))
-    elif isinstance(node, ast.Expr) and not _is_idle(node):
-        method = node.value.func if isinstance(node.value, ast.Call) else None
+    elif isinstance(node, ast.Expr):
+        method = getattr(node.value, "func", None)
         yield from map(root, _dotted(method)) if isinstance(method, ast.Attribute) else ("",)
-    if not isinstance(node, FUNCTIONS):
-        for child in ast.iter_child_nodes(node):
-            yield from _effects(child)
+    for child in ast.iter_child_nodes(node):
+        yield from _effects(child)
 
 
 def _dotted(node: ast.AST) -> Iterator[str]:
@@ -176,10 +161,7 @@ def _dotted(node: ast.AST) -> Iterator[str]:
 def _imports(node: ast.AST, package: str) -> Iterator[tuple[str, str]]:
     if isinstance(node, ast.Import):
         for alias in node.names:
-            yield alias.name, ""
-            if alias.asname is None:
-                yield root(alias.name), ""
+            yield from ((name, "") for name in {alias.name, alias.name if alias.asname else root(alias.name)})
     elif isinstance(node, ast.ImportFrom):
         source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-        for alias in node.names:
-            yield source, alias.name
+        yield from ((source, alias.name) for alias in node.names)
