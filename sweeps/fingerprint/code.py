@@ -36,7 +36,8 @@ from sweeps.fingerprint.source import Module, Statement, bound, is_library, name
 
 ENGINE = root(__name__)
 # Attributes of a class that hold no code of it.
-ASIDE = ("__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__")
+ASIDE = {"__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__"}
+REFUSED = "cannot be compared with a stored one"
 PLAIN = (type(None), type(...), bool, int, float, complex, str, bytes, range)
 
 
@@ -166,8 +167,8 @@ class _Reach:
             return self._function(value)
         if isinstance(value, CodeType):
             return self._compiled(value)
-        if self._is_librarys(value):
-            return f"{value.__module__}.{getattr(value, '__qualname__', value.__name__)}"
+        if name := self._name_in_library(value):
+            return name
         if isinstance(value, MethodType):
             return f"{self.text(value.__self__)} {self.text(value.__func__)}"
         if isinstance(value, partial):
@@ -188,7 +189,7 @@ class _Reach:
             attributes, slots = state if isinstance(state, tuple) else (state, None)
             held = (attributes or {}) | (slots or {})
             return f"{self._class(kind)} {self._held(f'the {kind.__qualname__} that is called holds', held)}"
-        raise _IncomparableError(f"a {kind.__qualname__} cannot be compared; call it in a function")
+        raise _IncomparableError(f"a {kind.__qualname__} {REFUSED}; call it in a function")
 
     def _held(self, how: str, values: Mapping[str, Any]) -> str:
         found = []
@@ -196,9 +197,7 @@ class _Reach:
             try:
                 found.append(f"{name}={self.text(value)}")
             except _IncomparableError:
-                raise ValueError(
-                    f"{how} {name} = {value!r}, which cannot be compared with a stored one; pass it as a constant"
-                ) from None
+                raise ValueError(f"{how} {name} = {value!r}, which {REFUSED}; pass it as a constant") from None
         return ", ".join(found)
 
     def _if_told(self, value: Any) -> str:
@@ -207,11 +206,12 @@ class _Reach:
             return self.text(value)
         return ""
 
-    def _is_librarys(self, value: Any) -> bool:
-        """Whether a value is found by its name in a library."""
+    def _name_in_library(self, value: Any) -> str:
+        """The name under which a library holds a value; "" if none does."""
         module = str(getattr(value, "__module__", None))
         name = str(getattr(value, "__qualname__", getattr(value, "__name__", None)))
-        return getattr(sys.modules.get(module), name, None) is value and self._library(module)
+        is_there = getattr(sys.modules.get(module), name, None) is value
+        return f"{module}.{name}" if is_there and self._library(module) else ""
 
     def _function(self, function: FunctionType) -> str:
         code, home, name = function.__code__, _home(function), function.__qualname__
@@ -265,11 +265,10 @@ class _Reach:
         self._seen[id(kind)] = kind
         if self._defined(home, kind.__qualname__):
             return name
-        members = {key: member for key, member in vars(kind).items() if key not in ASIDE}
         fields = getattr(kind, "__dataclass_fields__", {})
-        members |= {f"{key} from": field.default_factory for key, field in fields.items()}
-        for key, member in sorted(members.items()):
-            parts = (member, *(getattr(member, part, None) for part in ("fget", "fset", "__func__")))
+        members = {**vars(kind), **{f"{key} from": field.default_factory for key, field in fields.items()}}
+        for key in sorted(members.keys() - ASIDE):
+            parts = (members[key], *(getattr(members[key], part, None) for part in ("fget", "fset", "__func__")))
             name += " ".join([key, *map(self._if_told, parts)])
         return name + " ".join(map(self._class, kind.__bases__))
 

@@ -78,14 +78,16 @@ _parsed = cache(Module)
 
 def find(name: str) -> ModuleSpec | None:
     """Where a module lies; no package above it is imported for that."""
-    above, file = name.rpartition(".")[0], getattr(sys.modules.get(name), "__file__", None)
+    loaded, above = sys.modules.get(name), name.rpartition(".")[0]
+    if loaded is not None:
+        file = vars(loaded).get("__file__")  # a script has no more than that
+        return loaded.__spec__ or (importlib.util.spec_from_file_location(name, file) if file else None)
     with suppress(ImportError, ValueError, KeyError):  # KeyError: of a folder in a package that is not imported
         if not above:
             return importlib.util.find_spec(name)
         parent = find(above)
         return PathFinder.find_spec(name, list(parent.submodule_search_locations or ()) if parent else [])
-    # A script has no more than a file.
-    return importlib.util.spec_from_file_location(name, file) if file else None
+    return None
 
 
 def is_library(name: str) -> bool:
