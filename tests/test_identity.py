@@ -415,6 +415,8 @@ def test_one_edit_counts_whatever_else_is_edited_that_does_not(program, data):
         "from ident.star import *\ndef f(p):\n    return sum(p)\n",
         "def f(p, K=None):\n    import ident.star as other\n    return other.sum(p)\n",
         "try:\n    from ident.star import sum as s\nfinally:\n    pass\ndef f(p):\n    return s\n",
+        "try:\n    from ident.star import *\nfinally:\n    pass\ndef f(p):\n    return sum(p)\n",
+        "T = []\n@T.append\ndef g(p):\n    return K\nK = 1\ndef f(p):\n    return T[0](p)\n",
     ],
 )
 def test_ways_to_reach_a_constant(package, main):
