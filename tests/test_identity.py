@@ -325,7 +325,8 @@ def test_the_project_itself(tmp_path):
         "studies.transients",
         "studies.fig7",
     } <= set(before)
-    assert not {"studies.figures", "studies.registry", "matplotlib", "sweeps.plan.plan"} & set(before)
+    assert not {"studies.figures", "studies.registry", "matplotlib"} & set(before)
+    assert not [name for name in before if name.startswith("sweeps")]
     assert changed == [
         [],
         [],
@@ -403,23 +404,6 @@ def test_one_edit_counts_whatever_else_is_edited_that_does_not(program, data):
     files.write(name, text)
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(order=st.permutations(range(5)))
-def test_the_order_of_statements_that_do_not_act_makes_no_difference(package, order):
-    parts = [
-        "A = 1",
-        "B = [A]",
-        "def g():\n    return A, B",
-        "class C:\n    size = 3",
-        "def f(p):\n    return g(), C, B",
-    ]
-    files = package({"__init__.py": "", "main.py": "\n\n\n".join(parts)})
-    f = files.load("main").f
-    before = digests(f)
-    files.write("main.py", "\n\n\n".join(parts[k] for k in order))
-    assert digests(f) == before
-
-
 @pytest.mark.parametrize(
     "main",
     [
@@ -431,6 +415,8 @@ def test_the_order_of_statements_that_do_not_act_makes_no_difference(package, or
         "from ident.star import *\ndef f(p):\n    return sum(p)\n",
         "def f(p, K=None):\n    import ident.star as other\n    return other.sum(p)\n",
         "try:\n    from ident.star import sum as s\nfinally:\n    pass\ndef f(p):\n    return s\n",
+        "try:\n    from ident.star import *\nfinally:\n    pass\ndef f(p):\n    return sum(p)\n",
+        "T = []\n@T.append\ndef g(p):\n    return K\nK = 1\ndef f(p):\n    return T[0](p)\n",
     ],
 )
 def test_ways_to_reach_a_constant(package, main):

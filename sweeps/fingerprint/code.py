@@ -1,17 +1,15 @@
 """Fingerprint of the code behind functions: one digest for each module of the project that they reach.
 
-It sees, in the modules of the functions, given or carried along, and in a package's `__init__`, the top-level
-statements that they reach by name, and those that act on import, also in what is imported as `import
-package.module`: bare calls, entries and attributes set, definitions with decorators or bases of the project. Any
-other module of the project of which these take a name, within functions too, counts as a whole; it is followed on
-from that name. By value, with the code of their classes, count closures, defaults of nested functions, arguments
-of partials, compilers' options and called instances; and numbers, arrays and texts without a slash that a
-function's names, or these names in a module that it names, stand for, unless the function binds them.
+It sees the top-level statements that functions reach by name in their own modules, and those that act on import:
+calls, entries and attributes set, definitions with decorators or bases. Another module of the project counts as a
+whole, a package's `__init__` as an own one; it is followed on from the names taken of it. By value, with the code
+of their classes, count closures, defaults of nested functions, arguments of partials, compilers' options, called
+instances; and numbers, arrays and texts that a function's names stand for, in its module and in those it names.
 
-It does not see formatting, comments, docstrings, annotations outside classes, what a script does when it is
-started, except to the objects of names that are reached, the order of statements where none acts; libraries, whose
-versions `provenance` compares; what is found by a computed name; what a module sets in another, if it is only
-imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
+It does not see formatting, comments, docstrings, annotations outside classes; what a script does when it is
+started, except to the objects of names that are reached; libraries, whose versions `provenance` compares; this
+engine, unless its functions are given; what is found by a computed name; what a module sets in another, if it is
+only imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
 imported for it, and nothing in a file is executed.
 """
 
@@ -22,6 +20,7 @@ import dataclasses
 import inspect
 import os
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import Enum
@@ -33,11 +32,12 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.fingerprint.source import Module, Statement, bound, find, is_installed, names, read, root
+from sweeps.fingerprint.source import Module, Statement, bound, is_library, names, read, root
 
 ENGINE = root(__name__)
 # Attributes of a class that hold no code of it.
-ASIDE = ("__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__")
+ASIDE = {"__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__"}
+REFUSED = "cannot be compared with a stored one"
 PLAIN = (type(None), type(...), bool, int, float, complex, str, bytes, range)
 
 
@@ -61,7 +61,7 @@ def digests(*functions: Callable[..., Any]) -> dict[str, str]:
     """
     innermost = [_innermost(function) for function in functions]
     # A library's class, or an instance of it, does not make the library the project's.
-    reach = _Reach({root(_home(each)) for each in innermost if isinstance(each, FunctionType)})
+    reach = _Reach({_home(each) for each in innermost if isinstance(each, FunctionType)})
     for function, inner in zip(functions, innermost, strict=True):
         reach.notes.add((_home(inner), reach.text(function)))
     return reach.digests()
@@ -72,15 +72,20 @@ def differing(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str
     return sorted(name for name in {*stored, *present} if stored.get(name) != present.get(name))
 
 
-class _Reach:
-    """Goes from functions to all that they reach; packages in `own` are followed wherever they lie."""
+def digest(content: bytes) -> str:
+    """Short digest of bytes."""
+    return blake2b(content, digest_size=8).hexdigest()
 
-    def __init__(self, own: set[str]) -> None:
-        self.own = own | _siblings()
+
+class _Reach:
+    """Goes from functions to all that they reach; the packages of their homes are followed wherever they lie."""
+
+    def __init__(self, homes: set[str]) -> None:
+        self.homes = homes  # modules of the functions, where only what is reached counts
+        self.own = {root(name) for name in homes} | _siblings()
         self.notes: set[tuple[str, str]] = set()  # values that count, by module
-        self._homes: set[str] = set()  # modules of the functions, where only what is reached counts
         self._modules: dict[str, Module | None] = {}
-        self._taken: dict[str, set[Statement]] = {}
+        self._taken: dict[Module, set[Statement]] = {}
         self._asked: set[tuple[str, str]] = set()
         self._todo: list[tuple[str, str]] = []
         self._seen: dict[int, Any] = {}  # keeps them alive: nothing else may take their id
@@ -89,27 +94,26 @@ class _Reach:
         """A digest of what is reached in each module."""
         while self._todo:
             self._visit(*self._todo.pop())
-        texts: dict[str, list[str]] = {}
-        for name, taken in self._taken.items():
-            module = self._modules[name]
-            if module is not None and taken:
-                is_part = module.is_package or name in self._homes
-                texts[name] = module.texts(taken if is_part else set(module.statements))
+        texts: dict[str, list[str]] = defaultdict(list)
+        for module in [each for each in self._taken if self._taken[each]]:
+            counted = self._taken[module] if module.is_package or module.name in self.homes else module.statements
+            chosen = [each for each in module.statements if each in counted]
+            # Of imports the order makes no difference.
+            texts[module.name] = sorted(each.text for each in chosen if each.is_import)
+            texts[module.name] += [each.text for each in chosen if not each.is_import]
         for name, note in sorted(self.notes):
-            texts.setdefault(name, []).append(note)
-        return {name: _digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
+            texts[name].append(note)
+        return {name: digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
 
-    def _ask(self, module: str, name: str) -> None:
-        """Follow a name of a module; all of them for "", only what acts on import for "."."""
-        if (module, name) not in self._asked:
-            self._asked.add((module, name))
-            self._todo.append((module, name))
+    def _ask(self, module: str, path: str) -> None:
+        """Follow a name of a module, with attributes; all names for "", what acts on import for any."""
+        if (module, path) not in self._asked:
+            self._asked.add((module, path))
+            self._todo.append((module, path))
 
     def _library(self, name: str) -> bool:
-        """Whether a module is another's."""
-        spec = None if root(name) in self.own else find(name)
-        place = spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), ""))
-        return bool(place) and (place in ("built-in", "frozen") or is_installed(str(place)))
+        """Whether a module is another's, or the engine's."""
+        return name not in self.homes if root(name) == ENGINE else root(name) not in self.own and is_library(name)
 
     def _module(self, name: str) -> Module | None:
         """The module of that name, unless it is a library's or has no source."""
@@ -117,40 +121,31 @@ class _Reach:
             self._modules[name] = None if self._library(name) else read(name)
         return self._modules[name]
 
-    def _visit(self, source: str, name: str) -> None:
-        module, (head, _, rest) = self._module(source), name.partition(".")
+    def _visit(self, source: str, path: str) -> None:
+        module, (head, _, rest) = self._module(source), path.partition(".")
         if module is None:
             return
-        chosen = module.binding(head) if head else [] if name else module.statements
-        if head and not chosen:
-            if self._module(f"{source}.{head}") is not None:
-                self._ask(f"{source}.{head}", rest)
-            elif not hasattr(builtins, head):  # for the module's `__getattr__`
-                chosen, rest = module.statements, ""
-        elif head not in module.binders:  # bound by a star
-            rest = name
-        if head and module.name == "__main__":  # of what a script does counts what changes the name's object
-            chosen = chosen + [each for each in module.statements if head in each.effects]
-        if source not in self._taken:
-            self._taken[source] = set()
-            self._ask(source.rpartition(".")[0], ".")
-            for each in [each.loads for each in module.statements if each.loads]:
-                self._ask(each, ".")
-            chosen = chosen + [each for each in module.statements if self._acts(module, each)]
+        chosen = list(module.binding(head) if head else module.statements)
+        if head and module.is_package and self._module(f"{source}.{head}") is not None:
+            self._ask(f"{source}.{head}", rest)
+        elif not chosen and not hasattr(builtins, head):  # for the module's `__getattr__`
+            chosen += module.statements
+        if head and source == "__main__":  # of what a script does counts what changes the name's object
+            chosen += [each for each in module.statements if head in each.effects]
+        if module not in self._taken:
+            self._taken[module] = set()
+            for loaded in (source.rpartition(".")[0], *(each.loads for each in module.statements)):
+                self._ask(loaded, "__name__")
+            acts = source != "__main__"
+            chosen += [each for each in module.statements if each.is_made or (acts and each.effects)]
         for statement in chosen:
-            self._taken[source].add(statement)
+            self._taken[module].add(statement)
             for target, inner in statement.imports:
-                self._ask(target, ".".join(filter(None, (inner, rest if statement.is_import else ""))))
+                parts = (inner.replace("*", head), rest if statement.is_import else "")
+                self._ask(target, ".".join(filter(None, parts)))
             for use in statement.uses:
                 if module.binding(root(use)):
                     self._ask(source, use)
-
-    def _acts(self, module: Module, statement: Statement) -> bool:
-        """Whether a statement may change more than the names that it binds, when its module is imported."""
-        for each in [each for name in statement.makers for each in module.binding(name)]:
-            if not each.is_import or not self._library(each.imports[0][0]):
-                return True
-        return bool(statement.effects) and module.name != "__main__"
 
     def text(self, value: Any) -> str:
         """A value in full, if it is plain or code, whose source is asked for."""
@@ -158,7 +153,7 @@ class _Reach:
         if kind in PLAIN or isinstance(value, np.dtype):
             return f"{kind.__name__} {value!r}"
         if isinstance(value, (np.ndarray, np.generic)):
-            content = self.text(value.tolist()) if value.dtype.hasobject else _digest(value.tobytes())
+            content = self.text(value.tolist()) if value.dtype.hasobject else digest(value.tobytes())
             return f"{value.dtype.str}{value.shape} {content}"
         if isinstance(value, (list, tuple, dict, set, frozenset)):
             parts = [self.text(each) for each in (value.items() if isinstance(value, dict) else value)]
@@ -172,15 +167,10 @@ class _Reach:
             return self._function(value)
         if isinstance(value, CodeType):
             return self._compiled(value)
-        if self._is_librarys(value):
-            return f"{value.__module__}.{getattr(value, '__qualname__', value.__name__)}"
+        if name := self._name_in_library(value):
+            return name
         if isinstance(value, MethodType):
             return f"{self.text(value.__self__)} {self.text(value.__func__)}"
-        if isinstance(value, Enum):
-            return f"{self._class(kind)} {value.name}"
-        if dataclasses.is_dataclass(value):
-            fields = [(field.name, getattr(value, field.name, None)) for field in dataclasses.fields(value)]
-            return f"{self._class(kind)} {self.text(fields)}"
         if isinstance(value, partial):
             name = getattr(value.func, "__qualname__", type(value.func).__qualname__)
             given = {f"argument {place}": each for place, each in enumerate(value.args, 1)} | value.keywords
@@ -189,14 +179,17 @@ class _Reach:
             # A compiler's options decide the last digits.
             options = vars(value).get("targetoptions")
             return (f"{self._if_told(options)} " if options else "") + self.text(_inner(value))
+        if isinstance(value, Enum):
+            return f"{self._class(kind)} {value.name}"
+        if dataclasses.is_dataclass(value):
+            fields = [(field.name, getattr(value, field.name, None)) for field in dataclasses.fields(value)]
+            return f"{self._class(kind)} {self.text(fields)}"
         if not self._library(kind.__module__) or (callable(value) and hasattr(value, "__dict__")):
             state: Any = object.__getstate__(value)
             attributes, slots = state if isinstance(state, tuple) else (state, None)
             held = (attributes or {}) | (slots or {})
             return f"{self._class(kind)} {self._held(f'the {kind.__qualname__} that is called holds', held)}"
-        raise _IncomparableError(
-            f"a {kind.__qualname__} cannot be compared with a stored one; call it in a function"
-        )
+        raise _IncomparableError(f"a {kind.__qualname__} {REFUSED}; call it in a function")
 
     def _held(self, how: str, values: Mapping[str, Any]) -> str:
         found = []
@@ -204,39 +197,36 @@ class _Reach:
             try:
                 found.append(f"{name}={self.text(value)}")
             except _IncomparableError:
-                raise ValueError(
-                    f"{how} {name} = {value!r}, which cannot be compared with a stored one; pass it as a constant"
-                ) from None
+                raise ValueError(f"{how} {name} = {value!r}, which {REFUSED}; pass it as a constant") from None
         return ", ".join(found)
 
     def _if_told(self, value: Any) -> str:
-        """The text of a value if it has one; but instances do not count, though they may be called."""
-        code = isinstance(value, (FunctionType, type)) or _inner(value) is not None
+        """The text of a value if it has one."""
         with suppress(ValueError):
-            return self.text(value) if code or not callable(value) or self._is_librarys(value) else ""
+            return self.text(value)
         return ""
 
-    def _is_librarys(self, value: Any) -> bool:
-        """Whether a value is found by its name in a library."""
+    def _name_in_library(self, value: Any) -> str:
+        """The name under which a library holds a value; "" if none does."""
         module = str(getattr(value, "__module__", None))
         name = str(getattr(value, "__qualname__", getattr(value, "__name__", None)))
-        return getattr(sys.modules.get(module), name, None) is value and self._library(module)
+        is_there = getattr(sys.modules.get(module), name, None) is value
+        return f"{module}.{name}" if is_there and self._library(module) else ""
 
     def _function(self, function: FunctionType) -> str:
         code, home, name = function.__code__, _home(function), function.__qualname__
         if id(function) in self._seen or self._library(home):
             return f"{home}.{name} {self.text(_inner(function))}"
         self._seen[id(function)] = function
-        self._homes.add(home)
+        self.homes.add(home)
         module = self._module(home)
         has_source = module is not None and os.path.realpath(code.co_filename) == os.path.realpath(module.file)
         self._note(function, has_source)
         if module is not None and has_source:
             if self._defined(home, code.co_qualname):
                 return f"{home}.{name}"
-            if root(code.co_qualname) not in module.binders:
-                for each in names(code) & set(module.binders):
-                    self._ask(home, each)
+            for each in filter(module.binding, names(code)):
+                self._ask(home, each)
         cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
         # An empty cell, of a name that is not bound yet, equals another.
         closed = {variable: cell.cell_contents for variable, cell in cells if cell != CellType()}
@@ -249,7 +239,7 @@ class _Reach:
     def _defined(self, home: str, qualname: str) -> bool:
         """Ask for the top-level statement that defines something; whether its text says all of it."""
         module = self._module(home)
-        if module is None or root(qualname) not in module.binders:
+        if module is None or not module.binding(root(qualname)):
             return False
         self._ask(home, root(qualname))
         return "<" not in qualname
@@ -261,14 +251,8 @@ class _Reach:
         spaces = {each.__name__: vars(each) for each in named if not self._library(each.__name__)}
         for home, space in [(_home(function), present), *spaces.items()]:
             for name in sorted(used & set(space)):
-                value = space[name]
-                is_array = isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject
-                # Other texts may name a place on this machine.
-                is_plain = type(value) in PLAIN and not (isinstance(value, str) and {*value} & {"/", os.sep})
-                if is_array or is_plain:
-                    self.notes.add((home, f"{name} is {self.text(value)}"))
-                elif space is present and not has_source:
-                    self.notes.add((home, f"{name} is {self._if_told(value)}"))
+                if _is_number(space[name]) or (space is present and not has_source):
+                    self.notes.add((home, f"{name} is {self._if_told(space[name])}"))
 
     def _compiled(self, code: CodeType, document: str | None = None) -> str:
         constants = [self.text(each) for each in code.co_consts if each is None or each != document]
@@ -281,17 +265,23 @@ class _Reach:
         self._seen[id(kind)] = kind
         if self._defined(home, kind.__qualname__):
             return name
-        members = {key: member for key, member in vars(kind).items() if key not in ASIDE}
-        if dataclasses.is_dataclass(kind):
-            members |= {f"{field.name} from": field.default_factory for field in dataclasses.fields(kind)}
-        for key, member in sorted(members.items()):
-            parts = (member, *(getattr(member, part, None) for part in ("fget", "fset", "__func__")))
+        fields = getattr(kind, "__dataclass_fields__", {})
+        members = {**vars(kind), **{f"{key} from": field.default_factory for key, field in fields.items()}}
+        for key in sorted(members.keys() - ASIDE):
+            parts = (members[key], *(getattr(members[key], part, None) for part in ("fget", "fset", "__func__")))
             name += " ".join([key, *map(self._if_told, parts)])
         return name + " ".join(map(self._class, kind.__bases__))
 
 
 class _IncomparableError(ValueError):
     """A value has no text that would be the same in another process."""
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, an array or a text; texts with a slash may name a place on this machine."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return not value.dtype.hasobject
+    return type(value) in PLAIN and not (isinstance(value, str) and {*value} & {"/", os.sep})
 
 
 def _inner(function: Any) -> Any:
@@ -312,12 +302,8 @@ def _home(function: Any) -> str:
     return str(named or getattr(function, "__module__", None) or "__main__")
 
 
-def _digest(content: bytes) -> str:
-    return blake2b(content, digest_size=8).hexdigest()
-
-
 @cache
 def _siblings() -> frozenset[str]:
     """The packages installed together with this one, if it is installed at all."""
-    owners = packages_distributions() if is_installed(__file__) else {}
-    return frozenset({ENGINE} | {top for top in owners if {*owners[top]} & {*owners.get(ENGINE, ())}})
+    owners = packages_distributions() if is_library(ENGINE) else {}
+    return frozenset(top for top in owners if {*owners[top]} & {*owners.get(ENGINE, ())})

@@ -8,12 +8,11 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Iterator, Mapping
-from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
-from sweeps.fingerprint.code import differing, digests
+from sweeps.fingerprint.code import differing, digest, digests
 from sweeps.grid import Axis, Grid
 from sweeps.plan.declaration import Declaration
 
@@ -31,39 +30,38 @@ def configuration(sweep: Declaration, grid: Grid) -> str:
     return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)})
 
 
-def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
-    """What stored results are compared by; JSON can hold it.
+def _summary(axis: Axis) -> Any:
+    values = axis.values.tolist()
+    return values if len(values) <= LISTED else {"first": values[0], "last": values[-1], "count": len(values)}
 
-    Parameters
-    ----------
-    sweep : Declaration
-    engine : tuple of callable
-        What the engine itself does to a value.
+
+def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
+    """What stored results are compared by, as JSON holds it; `engine` is what the engine does to a value.
 
     Raises
     ------
     ValueError
         If the function depends on something that cannot be compared.
     """
-    grid = sweep.grid
-    functions = [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
-    classes = sorted({each for each in _classes(sweep.constants) if each.__module__ != "builtins"}, key=repr)
+    axes, classes = sweep.grid.axes.items(), set[type]()
+    functions = [each for each in (sweep.function, sweep.key, sweep.scale, *engine) if each is not None]
     # In the order in which differences are told.
-    told = {
-        "constants": plain(sweep.constants),
-        "axes": {
-            name: {"units": axis.units, "text": axis.values.dtype.kind == "U"} for name, axis in grid.axes.items()
-        },
-        "groups": [list(group) for group in grid.groups],
+    parts = {
+        "constants": plain(sweep.constants, classes),
+        "axes": {name: {"units": axis.units, "text": axis.values.dtype.kind == "U"} for name, axis in axes},
+        "groups": sweep.grid.groups,
         "variables": {
-            name: {"dtype": v.dtype, "dims": list(v.dims), "digits": v.digits, "scale": v.scale, "units": v.units}
+            name: {"dtype": v.dtype, "dims": v.dims, "digits": v.digits, "scale": v.scale, "units": v.units}
             for name, v in sweep.variables.items()
         },
-        "coords": {name: _digest(axis.values) for name, axis in sweep.coords.items()},
+        "coords": {
+            name: f"{len(axis.values)} values {digest(axis.values.dtype.str.encode() + axis.values.tobytes())}"
+            for name, axis in sweep.coords.items()
+        },
         "name": sweep.name,
-        "sources": digests(*functions, *classes, *engine),
+        "sources": digests(*functions, *sorted(classes, key=repr)),
     }
-    loaded: dict[str, Any] = json.loads(json.dumps(told))
+    loaded: dict[str, Any] = json.loads(json.dumps(parts))
     return loaded
 
 
@@ -77,7 +75,7 @@ def metadata_digest(sweep: Declaration) -> str:
         "flags": {name: list(v.flags.items()) for name, v in sweep.variables.items() if v.flags},
         "code": [{} if f is None else digests(f) for f in (sweep.derive, sweep.grid.skip)],
     }
-    return blake2b(json.dumps(shown).encode(), digest_size=8).hexdigest()
+    return digest(json.dumps(shown).encode())
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
@@ -114,42 +112,22 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _digest(values: np.ndarray) -> str:
-    """Of the values of a coordinate, with its length."""
-    content = str(values.dtype).encode() + np.ascontiguousarray(values).tobytes()
-    return f"{len(values)} values {blake2b(content, digest_size=6).hexdigest()}"
-
-
-def _summary(axis: Axis) -> Any:
-    values = axis.values.tolist()
-    return values if len(values) <= LISTED else {"first": values[0], "last": values[-1], "count": len(values)}
-
-
-def _classes(value: Any) -> Iterator[type]:
-    """The classes of a constant and of what it holds."""
-    yield type(value)
-    if dataclasses.is_dataclass(value):
-        value = [getattr(value, field.name) for field in dataclasses.fields(value)]
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    for each in value if isinstance(value, (list, tuple)) else ():
-        yield from _classes(each)
-
-
-def plain(value: Any) -> Any:
-    """A constant as JSON can hold it.
+def plain(value: Any, classes: set[type] | None = None) -> Any:
+    """A constant as JSON can hold it; the classes of what it holds are added to `classes`.
 
     Raises
     ------
     ValueError
         If it is nothing of the kind.
     """
+    if classes is not None and type(value).__module__ != "builtins":
+        classes.add(type(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
+        return {str(key): plain(each, classes) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(each) for each in value]
+        return [plain(each, classes) for each in value]
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if value is None or isinstance(value, (bool, int, float, str)):

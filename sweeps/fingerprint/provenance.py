@@ -7,31 +7,23 @@ from __future__ import annotations
 
 import platform
 import subprocess
-import sys
 from collections.abc import Iterable, Mapping
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from types import ModuleType
 
 from sweeps.fingerprint.code import differing
+from sweeps.fingerprint.source import read, root
 
 # Compared whichever modules import them: they decide the last digits.
-ALWAYS = ("numpy", "scipy", "numba")
+ALWAYS = {"numpy", "scipy", "numba"}
 
 
 def versions(modules: Iterable[str]) -> dict[str, str]:
-    """Versions of Python, NumPy, SciPy, Numba and of the packages whose names the `modules` hold.
-
-    Parameters
-    ----------
-    modules : iterable of str
-        Names of modules, as in the digests of a fingerprint; those not imported yet count for nothing.
-    """
-    held = [value for name in modules if name in sys.modules for value in vars(sys.modules[name]).values()]
-    names = (getattr(each, "__name__" if isinstance(each, ModuleType) else "__module__", "") for each in held)
-    tops = {name.partition(".")[0] for name in names if isinstance(name, str) and name} - sys.stdlib_module_names
-    found = {name: _version(name) for name in sorted({*ALWAYS, *tops})}
+    """Versions of Python, NumPy, SciPy, Numba and of the packages that the `modules` of a fingerprint import."""
+    statements = [each for module in map(read, modules) if module is not None for each in module.statements]
+    tops = {root(source) for statement in statements for source, _ in statement.imports}
+    found = {name: _version(name) for name in sorted(ALWAYS | tops)}
     return {"python": platform.python_version()} | {name: each for name, each in found.items() if each}
 
 
@@ -47,7 +39,7 @@ def versions_differing(stored: Mapping[str, str], present: Mapping[str, str]) ->
 def _version(name: str) -> str:
     try:
         return version(name)
-    except PackageNotFoundError:
+    except (PackageNotFoundError, ValueError):  # ValueError: of the empty name, `from . import`
         return ""
 
 

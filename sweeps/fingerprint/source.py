@@ -4,7 +4,6 @@ from __future__ import annotations
 import __future__
 
 import ast
-import copy
 import dis
 import importlib.util
 import os
@@ -21,8 +20,6 @@ FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 IMPORTS = (ast.Import, ast.ImportFrom)
 # Fields of a syntax tree that change nothing: whether a name is read or written shows in its place.
 IGNORED = ("ctx", "kind", "returns", "type_comment", "type_params")
-# Instructions by which a module's names are bound.
-BINDS = ("STORE_NAME", "STORE_GLOBAL", "DELETE_NAME")
 STANDARD_LIBRARY = Path(os.__file__).parent
 
 
@@ -35,17 +32,16 @@ class Statement:
         # The compiler knows which names are a function's own; annotations stay texts.
         flags = __future__.annotations.compiler_flag
         code = compile(ast.Module([node], []), "", "exec", flags, dont_inherit=True, optimize=0)
-        # A star may bind any name.
-        self.binds = bound(code) or ({"*"} if self.is_import else set())
         used = names(code)
         self.uses = {each for each in _dotted(node) if root(each) in used}
-        makers = [part for field in ("decorator_list", "bases", "keywords") for part in getattr(node, field, ())]
-        self.makers = {root(each) for part in makers for each in _dotted(part)}
+        # Decorators and base classes may note what they are given.
+        self.is_made = any(getattr(node, field, ()) for field in ("decorator_list", "bases", "keywords"))
         # What a module does only as a script is to use its functions.
         self.effects = set() if "__name__" in self.uses else {*_effects(node)}
-        # Modules imported by it or within, each with the name taken from it; "" takes all.
+        # Modules imported by it or within, each with the name taken from it: "" takes all, "*" any.
         self.imports = [each for part in ast.walk(node) for each in _imports(part, package)]
         self.loads = node.names[0].name if isinstance(node, ast.Import) else ""
+        self.binds = bound(code) | {inner for _, inner in self.imports if inner == "*"}
 
 
 class Module:
@@ -55,38 +51,22 @@ class Module:
         self.name, self.file, self.is_package = name, file, name == package
         self.statements: list[Statement] = []
         for node in ast.parse(content, file).body:
-            if isinstance(node, IMPORTS):
-                for alias in sorted(node.names, key=lambda each: each.asname or each.name):
-                    part = copy.copy(node)
-                    part.names = [alias]
-                    self.statements.append(Statement(part, package))
-            elif not _is_idle(node):
-                self.statements.append(Statement(node, package))
-        self.binders: dict[str, list[Statement]] = {}
-        for statement in self.statements:
-            for each in statement.binds:
-                self.binders.setdefault(each, []).append(statement)
+            aliases = node.names if isinstance(node, IMPORTS) else ()
+            parts = [type(node)(**{**vars(node), "names": [alias]}) for alias in aliases] or [node]
+            self.statements += [Statement(part, package) for part in parts if not _is_idle(part)]
+        bound_here = {each for statement in self.statements for each in statement.binds}
+        self.binders = {name: [each for each in self.statements if name in each.binds] for name in bound_here}
 
     def binding(self, name: str) -> list[Statement]:
-        """The statements that bind a name or may do so."""
+        """The statements that bind a name; where none does, the stars that may do so."""
         return self.binders.get(name) or self.binders.get("*", [])
-
-    def texts(self, taken: set[Statement]) -> list[str]:
-        """Texts of the statements taken: imports sorted, and the others where none acts or binds a name again."""
-        chosen = [each for each in self.statements if each in taken]
-        others = [each.text for each in chosen if not each.is_import]
-        if not any(each.effects or any(len(self.binders[name]) > 1 for name in each.binds) for each in chosen):
-            others.sort()
-        return sorted(each.text for each in chosen if each.is_import) + others
 
 
 def read(name: str) -> Module | None:
     """The module of that name; None where there is no source."""
     spec = find(name)
-    if spec is None:
-        return None
-    file = (spec.origin or "") if spec.has_location else ""
-    if file.endswith(".py") or (spec.submodule_search_locations and not file):
+    file = (spec and spec.has_location and spec.origin) or ""
+    if spec is not None and (file.endswith(".py") or (spec.submodule_search_locations and not file)):
         with suppress(OSError):
             return _parsed(name, spec.parent or "", file, Path(file).read_bytes() if file else b"")
     return None
@@ -110,11 +90,12 @@ def find(name: str) -> ModuleSpec | None:
     return None
 
 
-@cache
-def is_installed(path: str) -> bool:
-    """Whether a path lies among the libraries or in Python itself."""
-    folders = Path(path).parents
-    return STANDARD_LIBRARY in folders or any(each.name in ("site-packages", "dist-packages") for each in folders)
+def is_library(name: str) -> bool:
+    """Whether a module belongs to Python or was installed."""
+    spec = find(name)
+    place = Path((spec and (spec.origin or next(iter(spec.submodule_search_locations or ()), ""))) or "")
+    among = {"site-packages", "dist-packages"} & {*place.parts}
+    return bool(among) or place.name in ("built-in", "frozen") or STANDARD_LIBRARY in place.parents
 
 
 def root(dotted: str) -> str:
@@ -124,7 +105,8 @@ def root(dotted: str) -> str:
 
 def bound(code: CodeType) -> set[str]:
     """Names of the module that compiled code binds, its functions not included."""
-    return {each.argval for each in dis.get_instructions(code) if each.opname in BINDS}
+    binds = ("STORE_NAME", "STORE_GLOBAL", "DELETE_NAME")
+    return {each.argval for each in dis.get_instructions(code) if each.opname in binds}
 
 
 def names(code: CodeType) -> set[str]:
@@ -155,14 +137,15 @@ def _is_idle(node: Any, in_class: bool = False) -> bool:
 
 def _effects(node: ast.AST) -> Iterator[str]:
     """Names whose objects a statement changes in place when it runs; "" for what else it calls for its effect."""
+    if isinstance(node, FUNCTIONS) or _is_idle(node):
+        return
     if isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load):
         yield from map(root, _dotted(node.value))
-    elif isinstance(node, ast.Expr) and not _is_idle(node):
-        method = node.value.func if isinstance(node.value, ast.Call) else None
+    elif isinstance(node, ast.Expr):
+        method = getattr(node.value, "func", None)
         yield from map(root, _dotted(method)) if isinstance(method, ast.Attribute) else ("",)
-    if not isinstance(node, FUNCTIONS):
-        for child in ast.iter_child_nodes(node):
-            yield from _effects(child)
+    for child in ast.iter_child_nodes(node):
+        yield from _effects(child)
 
 
 def _dotted(node: ast.AST) -> Iterator[str]:
@@ -180,12 +163,7 @@ def _dotted(node: ast.AST) -> Iterator[str]:
 def _imports(node: ast.AST, package: str) -> Iterator[tuple[str, str]]:
     if isinstance(node, ast.Import):
         for alias in node.names:
-            yield alias.name, ""
-            if alias.asname is None:
-                yield root(alias.name), ""
+            yield from ((name, "") for name in {alias.name, alias.name if alias.asname else root(alias.name)})
     elif isinstance(node, ast.ImportFrom):
         source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-        for alias in node.names:
-            yield source, alias.name.strip("*")
-            if source == package:  # a submodule may be meant
-                yield f"{source}.{alias.name}", ""
+        yield from ((source, alias.name) for alias in node.names)
