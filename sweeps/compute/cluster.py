@@ -270,9 +270,8 @@ class Cluster:
         """
         self._threads: dict[str, int] = self.client.nthreads()
         self._counted = time.monotonic()
-        if self._threads:
-            self._seen = self._counted
-        elif self._counted - self._seen > BEREFT:
+        self._seen = self._counted if self._threads else self._seen
+        if self._counted - self._seen > BEREFT:
             raise SchedulerError("the cluster has no workers left; what was finished is kept")
 
     @property

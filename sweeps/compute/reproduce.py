@@ -7,14 +7,16 @@ import dataclasses
 import inspect
 import math
 import pkgutil
+import reprlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-# Longest text of a value that cannot be written and is only described.
-DESCRIBED = 80
+# Describes, in so many letters, a value that cannot be written, even one whose own description raises.
+DESCRIBED = reprlib.Repr()
+DESCRIBED.maxother = 80
 # Types of arrays (one letter each, as NumPy has them) whose entries Python's own numbers and texts hold.
 WRITABLE = f"?{np.typecodes['AllInteger']}efdU"
 
@@ -105,7 +107,7 @@ class _Line:
             return repr(kind(_Text(self.value(item, name)) for item in value))
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self._dataclass(value, name)
-        return self.reference(value) or self.remark(name, _described(value))
+        return self.reference(value) or self.remark(name, DESCRIBED.repr(value))
 
     def _array(self, value: np.ndarray | np.generic, name: str) -> str:
         """An array or a scalar, with its type and shape where its entries do not tell them."""
@@ -136,11 +138,3 @@ class _Line:
         while name in taken or self._imported.setdefault(name, (module, own)) != (module, own):
             name += "_"
         return name
-
-
-def _described(value: Any) -> str:
-    try:
-        text = repr(value)
-    except Exception:  # noqa: BLE001 - a repr that fails must not hide the error that is being told
-        text = f"a {type(value).__qualname__}"
-    return text if len(text) <= DESCRIBED else f"{text[: DESCRIBED - 3]}..."
