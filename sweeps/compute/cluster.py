@@ -212,10 +212,7 @@ class _Payload(distributed.WorkerPlugin):
     @cached_property
     def folder(self) -> PartFolder | None:
         """The folder of the parts, where the worker sees it."""
-        with suppress(OSError):
-            if self.probe is not None and self.probe.read_text() == self.name:
-                return PartFolder(self.probe.parent)
-        return None
+        return None if self.probe is None or not os.path.exists(self.probe) else PartFolder(self.probe.parent)
 
 
 def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Receipt | None:

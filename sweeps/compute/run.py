@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.local import WINDOW, Job, Local, Receipt, WorkerDied
-from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
+from sweeps.errors import AbandonedError, SchedulerError, StoreError, SweepStoppedError, reason
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.plan.planning import ROW_BYTES, select
@@ -168,6 +168,10 @@ class _Run:
             try:
                 if self.plan.todo:
                     self._passes(scheduler, workers)
+            except KeyboardInterrupt:
+                if any(future.running() for future in self._under_way):
+                    raise AbandonedError from None
+                raise
             finally:
                 # Threads that were given up come too late from now on.
                 if self.folder is not None:
