@@ -169,10 +169,10 @@ class Grid:
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "groups", tuple(dict.fromkeys(group_of.values())))
         for group in self.groups:
-            order, new = _ranked(self._columns(group))
-            if not new.all():
-                again = order[~new].min()
-                twice = tuple(column[again].item() for column in self._columns(group))
+            first = first_equal(self._columns(group))
+            again = np.flatnonzero(first < np.arange(len(first)))
+            if len(again):
+                twice = tuple(column[again[0]].item() for column in self._columns(group))
                 raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
 
     @property
@@ -294,20 +294,15 @@ class Embedding:
 
 def first_equal(columns: Columns) -> NDArray[np.intp]:
     """For each row the first that equals it."""
-    order, new = _ranked(columns)
-    first = np.empty_like(order)
-    first[order] = order[new][np.cumsum(new) - 1]
-    return first
-
-
-def _ranked(columns: Columns) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """The order that sorts rows, equal ones as they stand; and which of them differ from the one before."""
+    # Equal rows stay in their order, so that the first of them is the first that differs from the one before.
     order = np.lexsort(columns)
     new = np.arange(len(order)) == 0
     for column in columns:
         ranked = column[order]
         new[1:] |= ranked[1:] != ranked[:-1]
-    return order, new
+    first = np.empty_like(order)
+    first[order] = order[new][np.cumsum(new) - 1]
+    return first
 
 
 def _find(columns: Columns, requested: Columns) -> NDArray[np.intp]:

@@ -85,11 +85,10 @@ class Task:
             self._fill(result, points, 0, len(result))
         return result
 
-    def failed(self, points: Points, problem: Exception) -> BatchResult:
-        """The result of points at which nothing could be computed."""
-        result = self._missing(points)
-        for row in range(len(result)):
-            self._fail(result, points, row, problem)
+    def failed(self, point: Points, problem: Exception) -> BatchResult:
+        """The result of a point at which nothing could be computed."""
+        result = self._missing(point)
+        self._fail(result, point, 0, problem)
         return result
 
     def _missing(self, points: Points) -> BatchResult:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import logging
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -32,6 +31,7 @@ from distributed.utils import silence_logging_cmgr
 from numpy.typing import NDArray
 
 from sweeps.compute.local import Job, Receipt, WorkerDied
+from sweeps.compute.reproduce import importable
 from sweeps.errors import SchedulerError
 from sweeps.fingerprint.code import digests
 from sweeps.storage.parts import PartFolder
@@ -58,20 +58,38 @@ CONFIGURATION = {
 
 
 @contextmanager
-def connected(address: str | None, workers: int) -> Iterator[distributed.Client]:
-    """A Dask client: of the scheduler at an address, or of a new cluster of processes on this machine.
+def cluster(address: str | None, workers: int, job: Job, parts: Path | None) -> Iterator[Cluster]:
+    """The workers of the scheduler at an address, or new processes on this machine, ready for a job's batches.
 
     Raises
     ------
     SchedulerError
-        If no scheduler answers, it has no workers, or no processes can be started.
+        If no scheduler answers, it has no workers, no processes can be started, or they cannot compute this.
     """
+    payload = _Payload(job, parts)
     # What Dask says of lost connections and killed workers is said in one line by whoever meets it.
     with (
         silence_logging_cmgr(logging.CRITICAL),
         _own(workers) if address is None else _theirs(address) as client,
     ):
-        yield client
+        found = Cluster(client, payload.name)
+        try:
+            if payload.probe is not None:
+                with suppress(OSError):
+                    payload.probe.write_text(payload.name)
+            try:
+                with _answering():
+                    client.register_plugin(payload)
+                    client.subscribe_topic(payload.name, found.hear)
+            except Exception as problem:  # noqa: BLE001 - whatever it is that workers lack
+                raise _in_our_words(problem) from None
+            yield found
+        finally:
+            with suppress(Exception):
+                client.unsubscribe_topic(payload.name)
+                client.unregister_worker_plugin(payload.name)
+            if payload.probe is not None:
+                payload.probe.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -163,11 +181,13 @@ def _in_our_words(problem: BaseException) -> BaseException:
 class _Payload(distributed.WorkerPlugin):
     """What every batch of a run needs, at a worker."""
 
-    idempotent = True
+    # Whether to begin no more batches.
+    halted = False
 
-    def __init__(self, run: str, job: Job, parts: Path | None) -> None:
+    def __init__(self, job: Job, parts: Path | None) -> None:
+        self.name = f"sweeps-{uuid4().hex}"
         # By this file workers find out whether they see the folder of the parts.
-        self.name, self.probe = run, None if parts is None else parts / f".{run}.probe.tmp"
+        self.probe = None if parts is None else parts / f".{self.name}.probe.tmp"
         try:
             # Unpacked when a batch needs it: a worker that cannot would refuse the plug-in, and not say why.
             self.content = cloudpickle.dumps(job)
@@ -175,11 +195,11 @@ class _Payload(distributed.WorkerPlugin):
             raise SchedulerError(
                 f"the function of sweep {job.task.name} cannot be sent to other processes: {problem}"
             ) from None
-        self.expected = digests(job.task.function) if _importable(job.task.function) else None
-
-    def setup(self, worker: distributed.Worker) -> None:
-        """Join a worker."""
-        self.worker, self.halted = worker, False
+        function: Any = job.task.function
+        while isinstance(function, partial):
+            function = function.func
+        # Workers import the function by its name; others are sent to them with their code.
+        self.expected = digests(job.task.function) if importable(function) is function else None
 
     @cached_property
     def job(self) -> Job:
@@ -192,10 +212,7 @@ class _Payload(distributed.WorkerPlugin):
     @cached_property
     def folder(self) -> PartFolder | None:
         """The folder of the parts, where the worker sees it."""
-        with suppress(OSError):
-            if self.probe is not None and self.probe.read_text() == self.name:
-                return PartFolder(self.probe.parent)
-        return None
+        return None if self.probe is None or not os.path.exists(self.probe) else PartFolder(self.probe.parent)
 
 
 def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> Receipt | None:
@@ -223,11 +240,10 @@ def _halt(run: str, dask_worker: distributed.Worker) -> None:
 
 
 class Cluster:
-    """Workers of a Dask cluster, which may see the folder of the parts."""
+    """Workers of a Dask cluster, which have the payload of a run."""
 
-    def __init__(self, client: distributed.Client, job: Job, parts: Path | None) -> None:
-        self.client, self.run = client, f"sweeps-{uuid4().hex}"
-        self._payload = _Payload(self.run, job, parts)
+    def __init__(self, client: distributed.Client, run: str) -> None:
+        self.client, self.run = client, run
         # Receipts that came as events, by the keys of Dask's futures.
         self._receipts: dict[Any, Receipt] = {}
         # The worker that is kept free, and whether a batch is alone there.
@@ -235,28 +251,10 @@ class Cluster:
         self._seen = time.monotonic()
         self.check()
 
-    def __enter__(self) -> Cluster:
-        with suppress(OSError):
-            if self._payload.probe is not None:
-                self._payload.probe.write_text(self.run)
-        try:
-            with _answering():
-                self.client.register_plugin(self._payload)
-                self.client.subscribe_topic(self.run, self._hear)
-        except Exception as problem:  # noqa: BLE001 - whatever it is that workers lack
-            raise _in_our_words(problem) from None
-        return self
-
-    def _hear(self, event: tuple[float, Any]) -> None:
+    def hear(self, event: tuple[float, Any]) -> None:
+        """Keep a receipt that came as an event."""
         key, receipt = event[1]
         self._receipts[key] = Receipt(*receipt)
-
-    def __exit__(self, *problem: Any) -> None:
-        with suppress(Exception):
-            self.client.unsubscribe_topic(self.run)
-            self.client.unregister_worker_plugin(self.run)
-        if self._payload.probe is not None:
-            self._payload.probe.unlink(missing_ok=True)
 
     @_answering()
     def check(self) -> None:
@@ -269,9 +267,8 @@ class Cluster:
         """
         self._threads: dict[str, int] = self.client.nthreads()
         self._counted = time.monotonic()
-        if self._threads:
-            self._seen = self._counted
-        elif self._counted - self._seen > BEREFT:
+        self._seen = self._counted if self._threads else self._seen
+        if self._counted - self._seen > BEREFT:
             raise SchedulerError("the cluster has no workers left; what was finished is kept")
 
     @property
@@ -343,13 +340,3 @@ def _compact(points: NDArray[np.intp]) -> NDArray[np.intp] | range:
     """Points as a message holds them at little cost."""
     first, end = int(points[0]), int(points[0]) + len(points)
     return range(first, end) if np.array_equal(points, np.arange(first, end)) else points
-
-
-def _importable(function: Any) -> bool:
-    """Whether a worker imports the function by its name; others are sent to it with their code."""
-    while isinstance(function, partial):
-        function = function.func
-    module = sys.modules.get(getattr(function, "__module__", None) or "__main__")
-    if module is None or module.__name__ == "__main__":
-        return False
-    return getattr(module, getattr(function, "__qualname__", ""), None) is function

@@ -13,7 +13,6 @@ from dask.local import SynchronousExecutor
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Task
-from sweeps.errors import AbandonedError
 from sweeps.grid import Grid
 from sweeps.storage.parts import encode
 
@@ -72,7 +71,6 @@ class Local:
     def __init__(self, compute: Callable[[str, NDArray[np.intp]], Receipt], workers: int | None) -> None:
         self._compute, self.workers = compute, workers or 1
         self._pool: Executor = SynchronousExecutor() if workers is None else ThreadPoolExecutor(workers)
-        self._open: set[Future[Receipt]] = set()
 
     def __enter__(self) -> Local:
         return self
@@ -80,12 +78,7 @@ class Local:
     def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
         """Let threads finish what they have begun, for they cannot be ended; after an interrupt give them up."""
         abandoned = kind is not None and issubclass(kind, KeyboardInterrupt)
-        try:
-            self._pool.shutdown(wait=not abandoned, cancel_futures=True)
-        except KeyboardInterrupt:
-            abandoned = True
-        if abandoned and any(future.running() for future in self._open):
-            raise AbandonedError from None
+        self._pool.shutdown(wait=not abandoned, cancel_futures=True)
 
     def check(self) -> None:
         """Threads are always there."""
@@ -96,16 +89,11 @@ class Local:
 
     def submit(self, names: list[str], batches: list[NDArray[np.intp]], alone: bool = False) -> list[Future[Any]]:
         """Have batches computed and kept as the parts of these names."""
-        futures = [self._pool.submit(self._compute, *each) for each in zip(names, batches, strict=True)]
-        for future in futures:
-            self._open.add(future)
-            future.add_done_callback(self._open.discard)
-        return futures
+        return [self._pool.submit(self._compute, *each) for each in zip(names, batches, strict=True)]
 
     def halt(self) -> None:
         """Begin no more batches."""
-        for future in list(self._open):
-            future.cancel()
+        self._pool.shutdown(wait=False, cancel_futures=True)
 
     def isolate(self, last: bool) -> bool:
         """Nothing dies here without the whole process."""

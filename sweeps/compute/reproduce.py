@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import builtins
 import dataclasses
-import enum
+import inspect
 import math
-import sys
+import pkgutil
+import reprlib
 from collections.abc import Callable, Mapping
 from functools import partial
-from keyword import iskeyword
 from typing import Any
 
 import numpy as np
 
-# Longest text of a value that cannot be written and is only described.
-DESCRIBED = 80
+# Describes, in so many letters, a value that cannot be written, even one whose own description raises.
+DESCRIBED = reprlib.Repr()
+DESCRIBED.maxother = 80
+# Types of arrays (one letter each, as NumPy has them) whose entries Python's own numbers and texts hold.
+WRITABLE = f"?{np.typecodes['AllInteger']}efdU"
 
 
 def one_liner(function: Callable[..., Any], point: Mapping[str, Any], constants: Mapping[str, Any]) -> str:
@@ -28,8 +31,8 @@ def one_liner(function: Callable[..., Any], point: Mapping[str, Any], constants:
     point : mapping of str to scalar
         The point's value on each axis.
     constants : mapping
-        Numbers, texts, arrays, dataclasses, containers of them. Anything else stands there by its name, with a
-        remark.
+        Numbers, texts, arrays, dataclasses, lists, tuples and dicts of them. Anything else stands there by its
+        name, with a remark.
     """
     places: list[Any] = []
     while isinstance(function, partial):
@@ -37,17 +40,21 @@ def one_liner(function: Callable[..., Any], point: Mapping[str, Any], constants:
         constants = {**function.keywords, **constants}
         function = function.func
     line = _Line()
-    called = line.reference(function)
-    if called is None:
-        name = getattr(function, "__qualname__", type(function).__qualname__)
-        called = line.remark("function", f"{name} of {getattr(function, '__module__', None)}")
+    name = getattr(function, "__qualname__", type(function).__qualname__)
+    called = line.reference(function) or line.remark("function", f"{name} of {function.__module__}")
     arguments = [line.value(value, f"argument_{k}") for k, value in enumerate(places, 1)]
-    arguments.append(repr({name: _Text(line.array(np.asarray([value]), name)) for name, value in point.items()}))
-    odd = {name: value for name, value in constants.items() if not name.isidentifier() or iskeyword(name)}
-    arguments += [f"{name}={line.value(value, name)}" for name, value in constants.items() if name not in odd]
-    if odd:
-        arguments.append(f"**{line.value(odd, 'constants')}")
+    arguments.append(line.value({name: np.asarray([value]) for name, value in point.items()}, "points"))
+    arguments += [f"{name}={line.value(value, name)}" for name, value in constants.items()]
     return line.finished(f"{called}({', '.join(arguments)})")
+
+
+def importable(target: Any) -> Any:
+    """What an import of a function or class by its own name gives, which may be another; None if nothing."""
+    module, name = getattr(target, "__module__", None), getattr(target, "__qualname__", None)
+    try:
+        return None if module == "__main__" else pkgutil.resolve_name(f"{module}:{name}")
+    except (ImportError, AttributeError, ValueError):
+        return None
 
 
 class _Text(str):
@@ -60,15 +67,15 @@ class _Line:
     """A line in the making: expressions for values, the imports that these need, and remarks."""
 
     def __init__(self) -> None:
-        self._imported: dict[str, str] = {}  # what a name stands for here
+        self._imported: dict[str, tuple[str, str]] = {}  # module and name of what a name stands for here
         self._remarks: dict[str, str] = {}
 
     def finished(self, call: str) -> str:
         """Imports, call and remarks."""
-        imports = []
-        for name, full in self._imported.items():
-            module, _, original = full.rpartition(".")
-            imports.append(f"from {module} import {original}{'' if original == name else f' as {name}'}")
+        imports = [
+            f"from {module} import {own}{'' if own == name else f' as {name}'}"
+            for name, (module, own) in self._imported.items()
+        ]
         remarks = "; ".join(f"{name}: {text}" for name, text in self._remarks.items())
         return "; ".join([*sorted(imports), call]) + (f"  # {remarks}" if remarks else "")
 
@@ -79,102 +86,55 @@ class _Line:
 
     def reference(self, target: Any) -> str | None:
         """A function or class by a name that is imported; None if there is no such name."""
-        target = _unwrapped(target)
-        module = getattr(target, "__module__", None)
-        path = getattr(target, "__qualname__", None) or getattr(target, "__name__", None)
-        found: Any = sys.modules.get(str(module))
-        if not isinstance(path, str) or found is None or module == "__main__":
-            return None
-        for part in path.split("."):
-            found = getattr(found, part, None)
         # Equality, for the method of a class is made anew each time.
-        if found is None or _unwrapped(found) != target:
+        if not callable(target) or inspect.unwrap(importable(target)) != inspect.unwrap(target):
             return None
-        first, dot, rest = path.partition(".")
-        return f"{first if module == 'builtins' else self._import(f'{module}.{first}')}{dot}{rest}"
+        first, dot, rest = target.__qualname__.partition(".")
+        return f"{self._import(target.__module__, first)}{dot}{rest}"
 
     def value(self, value: Any, name: str) -> str:
         """An expression for a value; `name` is what it is called if there is none."""
         kind = type(value)
-        if value is None or value is ... or kind in (bool, int, str, bytes, range):
+        if kind is float and not math.isfinite(value):
+            return f"float('{value}')"
+        if value is None or kind in (bool, int, float, str):
             return repr(value)
-        if kind is float:
-            return repr(value) if math.isfinite(value) else f"float('{value}')"
-        if kind is complex:
-            return f"complex({self.value(value.real, name)}, {self.value(value.imag, name)})"
-        if kind is np.ndarray:
-            return self.array(value, name)
-        if isinstance(value, np.generic) and _plain(value.dtype):
-            # `numpy.bool` would hide Python's own.
-            called = "bool_" if value.dtype.kind == "b" else kind.__name__
-            return f"{self._import(f'numpy.{called}')}({self.value(value.item(), name)})"
-        if isinstance(value, enum.Enum):
-            owner = self.reference(kind)
-            return self.remark(name, repr(value)) if owner is None else f"{owner}[{value.name!r}]"
+        if isinstance(value, (np.ndarray, np.generic)) and value.dtype.char in WRITABLE:
+            return self._array(value, name)
         if kind is dict:
             return repr({_Text(self.value(k, name)): _Text(self.value(v, name)) for k, v in value.items()})
-        if kind in (list, tuple, set, frozenset):
+        if kind in (list, tuple):
             return repr(kind(_Text(self.value(item, name)) for item in value))
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self._dataclass(value, name)
-        known = self.reference(value) if callable(value) else None
-        return self.remark(name, _described(value)) if known is None else known
+        return self.reference(value) or self.remark(name, DESCRIBED.repr(value))
 
-    def array(self, value: np.ndarray, name: str) -> str:
-        """An array, with its type and shape where its entries do not tell them."""
-        if not _plain(value.dtype):
-            return self.remark(name, _described(value))
+    def _array(self, value: np.ndarray | np.generic, name: str) -> str:
+        """An array or a scalar, with its type and shape where its entries do not tell them."""
         entries = value.tolist()
         plain = np.array(entries)
         dtype = "" if plain.dtype == value.dtype else f", dtype={value.dtype.str!r}"
-        text = f"{self._import('numpy.array')}({self.value(entries, name)}{dtype})"
+        text = f"{self._import('numpy', 'array')}({self.value(entries, name)}{dtype})"
+        if isinstance(value, np.generic):
+            return f"{text}[()]"
         return text if plain.shape == value.shape else f"{text}.reshape({value.shape!r})"
 
     def _dataclass(self, value: Any, name: str) -> str:
         """A dataclass by those of its fields that differ from their defaults."""
-        called = self.reference(type(value))
-        if called is None:
-            called = self.remark(type(value).__name__, f"of {type(value).__module__}")
-        given = []
+        kind, given = type(value), []
         for field in dataclasses.fields(value):
-            held, default = getattr(value, field.name), field.default
-            if field.default_factory is not dataclasses.MISSING:
-                default = field.default_factory()
+            held = getattr(value, field.name)
+            default = field.default_factory() if callable(field.default_factory) else field.default
             # Texts are compared, for arrays have no one answer and NaN does not equal itself.
-            same = default is not dataclasses.MISSING and _Line().value(held, "") == _Line().value(default, "")
-            if field.init and not same:
+            if field.init and _Line().value(held, "held") != _Line().value(default, "default"):
                 given.append(f"{field.name}={self.value(held, field.name)}")
+        called = self.reference(kind) or self.remark(kind.__name__, f"of {kind.__module__}")
         return f"{called}({', '.join(given)})"
 
-    def _import(self, full: str) -> str:
+    def _import(self, module: str, own: str) -> str:
         """The name under which something is imported: its own, unless that is taken."""
-        own = name = full.rpartition(".")[2]
-        count = 1
-        while hasattr(builtins, name) or name == "function" or self._imported.get(name, full) != full:
-            count += 1
-            name = f"{own}_{count}"
-        self._imported[name] = full
+        name = own
+        taken = {*vars(builtins), "function"}
+        while name in taken or self._imported.setdefault(name, (module, own)) != (module, own):
+            name += "_"
         return name
-
-
-def _plain(dtype: np.dtype[Any]) -> bool:
-    """Whether Python's own numbers and texts hold every value of a type."""
-    return dtype.kind in "biuSU" or (dtype.kind in "fc" and dtype.itemsize <= (8 if dtype.kind == "f" else 16))
-
-
-def _described(value: Any) -> str:
-    try:
-        text = repr(value)
-    except Exception:  # noqa: BLE001 - a repr that fails must not hide the error that is being told
-        text = f"a {type(value).__qualname__}"
-    return text if len(text) <= DESCRIBED else f"{text[: DESCRIBED - 3]}..."
-
-
-def _unwrapped(function: Any) -> Any:
-    """The function within a compiled or decorated one."""
-    while not isinstance(function, type):
-        inner = getattr(function, "py_func", None) or getattr(function, "__wrapped__", None)
-        if inner is None:
-            break
-        function = inner
-    return function

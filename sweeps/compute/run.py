@@ -7,7 +7,7 @@ import signal
 import threading
 from collections.abc import Collection, Iterator
 from concurrent.futures import CancelledError, Future
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Union
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.local import WINDOW, Job, Local, Receipt, WorkerDied
-from sweeps.errors import SchedulerError, StoreError, SweepStoppedError, reason
+from sweeps.errors import AbandonedError, SchedulerError, StoreError, SweepStoppedError, reason
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.plan.planning import ROW_BYTES, select
@@ -168,6 +168,10 @@ class _Run:
             try:
                 if self.plan.todo:
                     self._passes(scheduler, workers)
+            except KeyboardInterrupt:
+                if any(future.running() for future in self._under_way):
+                    raise AbandonedError from None
+                raise
             finally:
                 # Threads that were given up come too late from now on.
                 if self.folder is not None:
@@ -186,8 +190,7 @@ class _Run:
         # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
         window = 1 if self.fail_fast or scheduler == "sync" else WINDOW
         # Held for all batches here, for it takes a few milliseconds.
-        with ExitStack() as stack, one_blas_thread():
-            backend = self._backend(stack, scheduler, min(workers or CPU_COUNT, most))
+        with one_blas_thread(), self._backend(scheduler, min(workers or CPU_COUNT, most)) as backend:
             while selection.todo:
                 self._loop(selection, backend, window)
                 if plan.sweep.refinement is None or self._stopped():
@@ -195,14 +198,14 @@ class _Run:
                 selection = select(plan.sweep, plan.manifest, plan.embedding, plan.requested, self.sources)
                 self.monitor.todo += selection.todo
 
-    def _backend(self, stack: ExitStack, scheduler: str, workers: int) -> Backend:
+    def _backend(self, scheduler: str, workers: int) -> AbstractContextManager[Backend]:
         if scheduler in ("threads", "sync"):
-            return stack.enter_context(Local(self._compute, workers if scheduler == "threads" else None))
+            return Local(self._compute, workers if scheduler == "threads" else None)
         # Imported here: it takes long, and few runs need it.
-        from sweeps.compute.cluster import Cluster, connected
+        from sweeps.compute.cluster import cluster
 
-        client = stack.enter_context(connected(None if scheduler == "processes" else scheduler, workers))
-        return stack.enter_context(Cluster(client, self.job, None if self.store is None else self.store.parts))
+        parts = None if self.store is None else self.store.parts
+        return cluster(None if scheduler == "processes" else scheduler, workers, self.job, parts)
 
     def _loop(self, selection: Selection, backend: Backend, window: int) -> None:
         """Hand out batches as long as there are any, and take what comes of them."""
@@ -211,8 +214,8 @@ class _Run:
             if self._suspects and backend.isolate(last=not (queue.left or self._under_way)):
                 points, deaths = self._suspects.pop()
                 self._submit(backend, [points], deaths)
-            batches = list[NDArray[np.intp]]()
-            while queue.left and len(batches) < backend.room(window, len(self._under_way)):
+            batches, room = list[NDArray[np.intp]](), backend.room(window, len(self._under_way))
+            while queue.left and len(batches) < room:
                 batches.append(queue.take(self.sizes.next(queue.left, backend.workers)))
             self._submit(backend, batches)
             self._take(backend)
@@ -241,13 +244,13 @@ class _Run:
             backend.check()
             return
         name, points, deaths = self._under_way.pop(future)
-        receipt: Receipt | None = None  # of a batch that was taken back before it was begun
+        receipt: Receipt | None
         try:
             receipt = future.result()
             if receipt is not None:
                 self.sizes.finished(receipt.rows, receipt.seconds)
         except CancelledError:
-            pass
+            receipt = None  # it was taken back before it was begun
         except WorkerDied:
             receipt = self._suspected(points, deaths)
         if receipt is None:

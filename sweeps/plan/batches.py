@@ -83,11 +83,9 @@ class Queue:
 
     def take(self, count: int) -> NDArray[np.intp]:
         """The next so many points, or as many as there are."""
-        found, ready = [self._ready], len(self._ready)
-        while ready < min(count, self.left):
-            found.append(next(self._blocks))
-            ready += len(found[-1])
-        taken, self._ready = np.split(np.concatenate(found), [count])
+        while len(self._ready) < min(count, self.left):
+            self._ready = np.concatenate([self._ready, next(self._blocks)])
+        taken, self._ready = np.split(self._ready, [count])
         self.left -= len(taken)
         return taken
 

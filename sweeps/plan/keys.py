@@ -72,9 +72,7 @@ def factors(sweep: Declaration, grid: Grid, live: NDArray[np.bool_]) -> dict[str
                 )
             if not np.all(np.isfinite(values)):
                 raise ValueError(f"Sweep {sweep.name}: scale gave {name!r} with a factor that is not finite")
-            if name not in found:
-                found[name] = np.zeros(grid.size)
-            found[name][index] = values
+            found.setdefault(name, np.zeros(grid.size))[index] = values
     return found
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,6 +85,7 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         and present.attributes.get("presentation") == attributes["presentation"]
     )
     shapes = {name: manifest.shape(name) for name in sweep.variables}
+    stored = [json.loads(each.get("libraries", "{}")) for each in (present.attributes, attributes)]
     return PlanData(
         **vars(selection),
         sweep=sweep,
@@ -99,7 +100,7 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         sources=tuple(present.sources),
         stamp=stamp,
         whole=whole,
-        versions=_versions(present.attributes, attributes),
+        versions=versions_differing(*stored) if all(stored) else "",
     )
 
 
@@ -109,12 +110,6 @@ def _continued(before: Manifest, manifest: Manifest) -> Manifest:
     if manifest.grid.embed(before.grid).identical:
         return replace(manifest, fresh=before.fresh, token=before.token, earlier=before.earlier)
     return replace(manifest, fresh=before.fresh, earlier={**before.earlier, before.token: before.grid})
-
-
-def _versions(before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Which libraries have other versions than those that made what is at hand."""
-    stored = json.loads(before.get("libraries", "{}"))
-    return versions_differing(stored, json.loads(now["libraries"])) if stored else ""
 
 
 def _bytes(manifest: Manifest) -> int:

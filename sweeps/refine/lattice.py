@@ -28,11 +28,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations, product, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 Values = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -107,8 +108,9 @@ def survey(values: Values, known: Flags, levels: int, rule: Refinement) -> Surve
         with np.errstate(invalid="ignore"):  # infinite values have differences that are none
             surprises = _predict(found[part], codes[part], known[part], rule)
         if not asked.any():
-            wanted = (codes[part] == UNSURE) | _at_changes(codes[part]) | _spread(surprises, ABOUT)
-            asked[part] = (wanted | (_errors(found[part]) > most)) & ~known[part]
+            about = maximum_filter(surprises, 2 * ABOUT + 1)
+            wanted = (codes[part] == UNSURE) | _at_changes(codes[part]) | about | (_errors(found[part]) > most)
+            asked[part] = wanted & ~known[part]
     return Survey(found, asked)
 
 
@@ -143,22 +145,16 @@ def closure(values: Values, known: Flags, levels: int, rule: Refinement, copies:
 
 def finest_known(known: Flags) -> int | None:
     """The number of halvings after which a lattice that is known throughout becomes this one; None if none is."""
-    spans = [length - 1 for length in known.shape]
-    for level in range(max(spans, default=0).bit_length() + 1):
-        if any(span % 2**level for span in spans):
-            break
-        if known[coarse(level, known.ndim)].all():
-            return level
-    return None
+    spans = np.array(known.shape) - 1
+    levels = takewhile(lambda level: not np.any(spans % 2**level), range(max(known.shape).bit_length()))
+    return next((level for level in levels if known[coarse(level, known.ndim)].all()), None)
 
 
 def classes(values: Values, rule: Refinement) -> Codes:
     """The class of each value."""
-    finite = np.isfinite(values)
-    codes = np.select([values == np.inf, values == -np.inf], [ABOVE, BELOW], NOTHING)
-    some = values[finite]
-    codes[finite] = some if rule.whole else np.digitize(some, rule.thresholds, right=True)
-    return codes
+    finite = np.nan_to_num(values, posinf=0.0, neginf=0.0)
+    codes = finite.astype(np.int64) if rule.whole else np.digitize(finite, rule.thresholds, right=True)
+    return np.select([np.isfinite(values), values == np.inf, values == -np.inf], [codes, ABOVE, BELOW], NOTHING)
 
 
 def _predict(values: Values, codes: Codes, known: Flags, rule: Refinement) -> Flags:
@@ -211,18 +207,6 @@ def _at_changes(codes: Codes) -> Flags:
         change = (here != next_) & (here != UNSURE) & (next_ != UNSURE)
         marks[:-1] |= change
         marks[1:] |= change
-    return found
-
-
-def _spread(flags: Flags, steps: int) -> Flags:
-    """What is flagged, and all points up to so many steps away along each axis."""
-    found = flags.copy()
-    for axis in range(flags.ndim):
-        lines = np.moveaxis(found, axis, 0)
-        before = lines.copy()
-        for step in range(1, steps + 1):
-            lines[step:] |= before[:-step]
-            lines[:-step] |= before[step:]
     return found
 
 
