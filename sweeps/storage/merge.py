@@ -82,7 +82,7 @@ class Gathered:
         Of the variables asked for; `wall_time` may be one. Or variables of a file instead, that were filled.
     status : ndarray of int8
     errors : dict of int to str
-        Of the points that failed.
+        Of the points that failed, cut to what a file has room for.
     failures : dict of int to Failure
         Of the computations that failed, by the point that is now computed for all of their copies.
     """
@@ -168,11 +168,17 @@ def _take_reasons(
     at = np.flatnonzero(np.isin(rows, list(failures)))
     slots = manifest.representatives(points[at])
     for point, slot, row in zip(points[at].tolist(), slots.tolist(), rows[at].tolist(), strict=True):
-        found.errors[point] = failures[row].error
+        found.errors[point] = _fitting(manifest, failures[row].error)
         if failures[row].reproduce:
             found.failures[slot] = failures[row]
     if len(found.failures) > 2 * MOST_TRACEBACKS:
         found.failures = {slot: found.failures[slot] for slot in sorted(found.failures)[:MOST_TRACEBACKS]}
+
+
+def _fitting(manifest: Manifest, text: str) -> str:
+    """An error text cut to what a file has room for: every point has room for the longest."""
+    letters = max(LEAST_LETTERS, LETTERS // manifest.grid.size)
+    return text if len(text) <= letters else f"{text[: letters - 3]}..."
 
 
 def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
@@ -181,7 +187,11 @@ def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
     axes = [((grid.dim_of(name),), name, axis) for name, axis in grid.axes.items()]
     axes += [((name,), name, axis) for name, axis in manifest.coords.items()]
     arrays = {name: found.values[name] for name in manifest.variables} | {"status": found.status}
-    arrays["error"] = found.values["error"] if "error" in found.values else _errors(manifest, found)
+    if "error" in found.values:
+        arrays["error"] = found.values["error"]
+    else:
+        arrays["error"] = np.full(grid.size, "", dtype=object)
+        arrays["error"][list(found.errors)] = list(found.errors.values())
     arrays["wall_time"] = found.values["wall_time"]
     data: dict[str, Any] = {}
     for name, values in arrays.items():
@@ -196,20 +206,6 @@ def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
         data[name] = ((*grid.dims, *described.dims), shaped, attributes(described, name), encoding)
     data |= _failure_table(grid, found)
     return xr.Dataset(data, {name: (dims, axis.values, attributes(axis, name)) for dims, name, axis in axes})
-
-
-def _errors(manifest: Manifest, found: Gathered) -> NDArray[Any]:
-    """Why points failed, cut to what a file has room for; empty elsewhere."""
-    errors = np.full(manifest.grid.size, "", dtype=object)
-    for point, text in found.errors.items():
-        errors[point] = fitting(manifest, text)
-    return errors
-
-
-def fitting(manifest: Manifest, text: str) -> str:
-    """An error text cut to what a file has room for: every point has room for the longest."""
-    letters = max(LEAST_LETTERS, LETTERS // manifest.grid.size)
-    return text if len(text) <= letters else f"{text[: letters - 3]}..."
 
 
 def _failure_table(grid: Grid, found: Gathered) -> dict[str, Any]:

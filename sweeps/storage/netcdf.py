@@ -25,7 +25,7 @@ from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED
 from sweeps.storage.existing import sources_of
 from sweeps.storage.manifest import Manifest
-from sweeps.storage.merge import Gathered, dataset, fill, fitting, gather
+from sweeps.storage.merge import Gathered, dataset, fill, gather
 from sweeps.storage.replacing import replacing
 from sweeps.storage.sources import COMPUTED, NETCDF, DamagedError, Source
 from sweeps.storage.store import Store
@@ -126,7 +126,7 @@ def _compose(
 
 def _stand_ins(manifest: Manifest, large: Sequence[str], found: Gathered) -> dict[str, Any]:
     """Arrays of the type and shape of large variables that take no memory, and of which nothing is written."""
-    widest = max([1, *(len(fitting(manifest, text).encode()) for text in found.errors.values())])
+    widest = max([1, *(len(text.encode()) for text in found.errors.values())])
     arrays = {}
     for name in large:
         kind = f"S{widest}" if name == "error" else manifest.described(name).dtype
@@ -144,7 +144,7 @@ def _write_large(
         if "error" in data:
             # What is not written is empty.
             for point, text in found.errors.items():
-                letters = np.array([fitting(manifest, text).encode()], dtype=data["error"].dtype).view("S1")
+                letters = np.array([text.encode()], dtype=data["error"].dtype).view("S1")
                 file["error"][tuple(np.unravel_index(point, manifest.grid.shape))] = letters
         _fill({name: file[name] for name in map(str, data.data_vars) if name != "error"}, manifest, sources)
 
