@@ -257,12 +257,14 @@ def _encoding(data: xr.Dataset, manifest: Manifest, large: Collection[Any] = ())
             chosen |= _packing(own is None or own.digits is not None or np.dtype(own.dtype).kind == "i")
         elif variable.ndim and not plain:
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
-        # What is derived may have another shape.
-        if name in large or (own and variable.shape == (*manifest.grid.shape, *manifest.shape(str(name)))):
-            inner, row = manifest.shape(str(name)), manifest.row_bytes(str(name))
-            if text:
-                inner, row = (variable.dtype.itemsize,), variable.dtype.itemsize
-            chosen["chunksizes"] = chunk(manifest.grid.shape, inner, row)
+        points = manifest.grid.shape
+        if name in large and text:
+            chosen["chunksizes"] = chunk(points, (variable.dtype.itemsize,), variable.dtype.itemsize)
+        elif name in (*manifest.variables, "status", "wall_time") and not text:
+            inner = manifest.shape(str(name))
+            # What is derived may have another shape.
+            if variable.shape == (*points, *inner):
+                chosen["chunksizes"] = chunk(points, inner, manifest.row_bytes(str(name)))
         if text:
             chosen["dtype"] = "S1"
         if name in data.coords or variable.dtype.kind in "iu":
