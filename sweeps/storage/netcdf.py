@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import json
+import math
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -12,7 +13,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import dask.array
 import netCDF4
 import numpy as np
 import xarray as xr
@@ -24,7 +24,7 @@ from sweeps.errors import StoreError, reason
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED
 from sweeps.storage.existing import sources_of
-from sweeps.storage.manifest import Manifest
+from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.merge import Gathered, dataset, fill, gather
 from sweeps.storage.replacing import replacing
 from sweeps.storage.sources import COMPUTED, NETCDF, DamagedError, Source
@@ -125,13 +125,23 @@ def _compose(
 
 
 def _stand_ins(manifest: Manifest, large: Sequence[str], found: Gathered) -> dict[str, Any]:
-    """Arrays of the type and shape of large variables that take no memory, and of which nothing is written."""
+    """Arrays of the type and shape of large variables."""
     widest = max([1, *(len(text.encode()) for text in found.errors.values())])
     arrays = {}
     for name in large:
         kind = f"S{widest}" if name == "error" else manifest.described(name).dtype
-        arrays[name] = dask.array.zeros((manifest.grid.size, *manifest.shape(name)), dtype=kind, chunks=-1)
+        arrays[name] = _stand_in((manifest.grid.size, *manifest.shape(name)), kind)
     return arrays
+
+
+def _stand_in(shape: tuple[int, ...], kind: str) -> Any:
+    """Zeros; where there are many they take no memory, and are not written."""
+    if math.prod(shape) * np.dtype(kind).itemsize <= LARGE:
+        return np.zeros(shape, kind)
+    # Imported here: it takes a second, and few files need it.
+    from dask.array import zeros
+
+    return zeros(shape, dtype=kind, chunks=-1)
 
 
 def _write_large(
@@ -193,7 +203,7 @@ def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]
     for name, variable in manifest.variables.items():
         if variable.scale:
             bits, inner = f"u{np.dtype(variable.dtype).itemsize}", manifest.shape(name)
-            lacking = dask.array.zeros((len(slots), *inner), dtype=bits, chunks=-1)
+            lacking = _stand_in((len(slots), *inner), bits)
             kept[f"factor_{name}"] = "computation", manifest.factors[variable.scale][slots]
             kept[f"residual_{name}"] = ("computation", *variable.dims), lacking, {"digits": variable.digits or 0}
             chunksizes = chunk((len(slots),), inner, manifest.row_bytes(name))
