@@ -282,7 +282,7 @@ def test_nobody_writes_into_the_file_of_the_lock(tmp_path):
     with lock.locked(store):
         assert store.lock.read_bytes() == b""
         assert lock.is_locked(store)
-        assert f"process {os.getpid()} on " in lock.holder(store)
+        assert f"process {os.getpid()} on " in str(lock.taken(store))
     assert os.listdir(tmp_path) == []
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 from collections.abc import Collection, Iterator
@@ -95,11 +94,7 @@ def _prepare(plan: PlanData, store: Store, known: Collection[str]) -> None:
         for name in store.folder.names():
             if name not in known:
                 (store.parts / name).unlink()
-        temporary = store.manifest.with_name(".manifest.tmp")
-        plan.manifest.save(temporary)
-        with open(temporary, "rb") as written:
-            os.fsync(written.fileno())
-        os.replace(temporary, store.manifest)
+        plan.manifest.save(store.manifest)
     except (OSError, RuntimeError) as problem:
         raise StoreError(_unwritten(store, problem)) from problem
 

@@ -6,7 +6,6 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +18,6 @@ from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.sources import (
     COMPUTED,
     NETCDF,
-    ComputedSource,
     FileSource,
     PartSource,
     Source,
@@ -60,7 +58,7 @@ def existing(store: Store, name: str, identity: dict[str, Any]) -> Existing | No
         if manifest.fresh and store.file.exists():
             raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
         raise
-    return Existing(manifest.grid, _sources(store, manifest), manifest.attributes, manifest)
+    return Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
 
 
 def check_replaceable(store: Store, name: str) -> None:
@@ -76,23 +74,18 @@ def check_replaceable(store: Store, name: str) -> None:
     _unfinished(store, name)
 
 
-def sources_of(store: Store, manifest: Manifest) -> list[Source]:
-    """All sources of a manifest's points, for a reader who has no sweep; the parts, where the file is unusable."""
-    with suppress(StoreError):
-        return _sources(store, manifest)
-    return _parts(store)
-
-
-def _sources(store: Store, manifest: Manifest) -> list[Source]:
-    if manifest.fresh or not store.file.exists():
-        return _parts(store)
-    identity = json.loads(manifest.attributes["identity"])
-    return _finished(store.file, manifest.name, identity).sources + _parts(store)
-
-
-def _parts(store: Store) -> list[Source]:
+def sources_of(store: Store, manifest: Manifest, strict: bool = False) -> list[Source]:
+    """All sources of a manifest's points; without a file that is unusable, unless that is an error (`strict`)."""
     folder = store.folder
-    return [PartSource(folder, name) for name in folder.names()]
+    parts: list[Source] = [PartSource(folder, name) for name in folder.names()]
+    if not manifest.fresh and store.file.exists():
+        try:
+            identity = json.loads(manifest.attributes["identity"])
+            return _finished(store.file, manifest.name, identity).sources + parts
+        except StoreError:
+            if strict:
+                raise
+    return parts
 
 
 def _unfinished(store: Store, name: str) -> Manifest | None:
@@ -115,18 +108,13 @@ def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
     _check_same(path, attributes, identity)
     stored = json.loads(attributes["identity"])
     with opened(path) as file:
-        grid = Grid(
-            {axis: Axis(plain(file[axis])) for axis in stored["axes"]},
-            [tuple(group) for group in stored["groups"] if len(group) > 1],
-        )
+        grid = Grid({axis: Axis(plain(file[axis])) for axis in stored["axes"]}, stored["groups"])
         present = [file[each] for each in stored["variables"] if each in file.variables]
         row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)
         computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
-    most = max(LARGE // row, 1)
-    sources: list[Source] = [ComputedSource(path, grid, slice(k, k + most)) for k in range(0, computations, most)]
-    return Existing(
-        grid, sources or [FileSource(path, grid, each) for each in blocks(grid.shape, most)], attributes
-    )
+    computed = computations > 0
+    cuts = blocks((computations,) if computed else grid.shape, max(LARGE // row, 1))
+    return Existing(grid, [FileSource(path, grid, cut, computed) for cut in cuts], attributes)
 
 
 def _owned(path: Path, name: str) -> dict[str, Any]:

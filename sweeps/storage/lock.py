@@ -88,13 +88,8 @@ def is_locked(store: Store) -> bool:
 
 
 def taken(store: Store) -> LockedError:
-    """The refusal of a store that a run is writing."""
-    return LockedError(f"{store.file} is being written by {holder(store)}; wait for it, or choose another folder")
-
-
-def holder(store: Store) -> str:
-    """The run that holds the store, as a reader would name it."""
-    state = read_state(store.progress)
-    if "pid" not in state:
-        return "another run"
-    return f"process {state['pid']} on {state['host']}, begun {state.get('started', 'just now')}"
+    """The refusal of a store that a run is writing; it names the run."""
+    state, run = read_state(store.progress), "another run"
+    if "pid" in state:
+        run = f"process {state['pid']} on {state['host']}, begun {state.get('started', 'just now')}"
+    return LockedError(f"{store.file} is being written by {run}; wait for it, or choose another folder")

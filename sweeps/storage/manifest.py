@@ -5,7 +5,7 @@ It is kept beside the parts, so that whoever reads a sweep that is still running
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +15,10 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps.compute.values import residual, scaled
 from sweeps.grid import STATUS_FLAGS, Axis, Embedding, Grid, Variable
 from sweeps.storage.packed import Packed, pack
+from sweeps.storage.replacing import replacing
 
 # What every file has besides its sweep's variables.
 BESIDES = {
@@ -53,6 +55,8 @@ class Manifest:
         Grids of earlier manifests of the same store, by their tokens; parts may be of these.
     copied : bool
         Whether a point gets the result of its representative, or only representatives have any.
+    scaling : callable
+        What makes of values, factors and digits what is written.
     """
 
     name: str
@@ -67,6 +71,7 @@ class Manifest:
     token: str = field(default_factory=lambda: uuid4().hex[:12])
     earlier: Mapping[str, Grid] = field(default_factory=dict)
     copied: bool = True
+    scaling: Callable[[NDArray[Any], NDArray[np.float64], int | None], NDArray[Any]] = scaled
 
     def located(self, token: str, points: NDArray[np.intp]) -> NDArray[np.intp] | None:
         """Points of the grid of this or an earlier manifest as points of this grid; None if there is none."""
@@ -101,18 +106,19 @@ class Manifest:
         order = np.argsort(own, kind="stable")
         return order, own[order]
 
-    def unscaled(self) -> Manifest:
-        """The computations themselves: without copies and factors."""
-        return replace(self, copied=False, factors={})
+    def computations(self) -> Manifest:
+        """The computations themselves: without copies, and of the scaled variables what their products lack."""
+        return replace(self, copied=False, scaling=residual)
 
     def described(self, name: str) -> Variable:
         """One of the variables, or of those that every file has besides."""
         return self.variables.get(name) or BESIDES[name]
 
-    def factor(self, name: str, points: NDArray[np.intp]) -> NDArray[np.float64] | None:
-        """What a variable is multiplied by at some points; None for nothing."""
-        factors = self.factors.get(self.described(name).scale)
-        return None if factors is None else factors[points]
+    def at_points(self, name: str, values: NDArray[Any], points: NDArray[np.intp]) -> NDArray[Any]:
+        """Results of computations as those of some points: times the factor of each."""
+        described = self.described(name)
+        factors = self.factors.get(described.scale)
+        return values if factors is None else self.scaling(values, factors[points], described.digits)
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of a variable at one point."""
@@ -125,7 +131,7 @@ class Manifest:
     def large(self) -> list[str]:
         """Variables that are never in memory together; where one number a point is too much, what else has one."""
         large = [n for n in (*self.variables, "wall_time") if self.row_bytes(n) * self.grid.size > LARGE]
-        return [*large, "status", "error"] if "wall_time" in large else large
+        return [*large, "error"] if "wall_time" in large else large
 
     def save(self, path: Path) -> None:
         """Write the manifest."""
@@ -147,7 +153,8 @@ class Manifest:
         arrays |= {f"factor {name}": values for name, values in self.factors.items()}
         if self.representative is not None:
             arrays["representative"] = self.representative
-        path.write_bytes(pack(about, arrays, ["representative"]))
+        with replacing(path) as temporary:
+            temporary.write_bytes(pack(about, arrays, ["representative"]))
 
     @classmethod
     def load(cls, path: Path) -> Manifest:
@@ -164,7 +171,7 @@ class Manifest:
             grids = {}
             for token, groups in about["groups"].items():
                 axes = {n: Axis(arrays[f"axis {n} {token}"], *each) for n, each in about["axes"].items()}
-                grids[token] = Grid(axes, [tuple(group) for group in groups if len(group) > 1])
+                grids[token] = Grid(axes, groups)
             for each in about["variables"].values():
                 each["flags"] = each["flags"] and {int(code): word for code, word in each["flags"].items()}
             return cls(

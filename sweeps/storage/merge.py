@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Failure
-from sweeps.compute.values import scaled
 from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Axis, Grid, Variable
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.sources import NETCDF, DamagedError, Source, runs
@@ -22,8 +21,6 @@ LETTERS, LEAST_LETTERS = 30_000_000, 60
 MOST_TRACEBACKS = 1000
 
 Indices = NDArray[np.intp]
-# Makes of a variable's name, its values and their points what is written.
-Convert = Callable[[str, NDArray[Any], Indices], NDArray[Any]]
 
 
 class Choice:
@@ -82,15 +79,15 @@ class Gathered:
     Attributes
     ----------
     values : dict of str to ndarray
-        Of the variables asked for; `wall_time` may be one.
+        Of the variables asked for; `wall_time` may be one. Or variables of a file instead, that were filled.
     status : ndarray of int8
     errors : dict of int to str
-        Of the points that failed.
+        Of the points that failed, cut to what a file has room for.
     failures : dict of int to Failure
         Of the computations that failed, by the point that is now computed for all of their copies.
     """
 
-    values: dict[str, NDArray[Any]]
+    values: dict[str, Any]
     status: NDArray[np.int8]
     errors: dict[int, str] = field(default_factory=dict)
     failures: dict[int, Failure] = field(default_factory=dict)
@@ -99,27 +96,63 @@ class Gathered:
 def gather(
     manifest: Manifest, sources: Sequence[Source], names: Collection[str], reasons: bool = True
 ) -> Gathered:
-    """Read some variables of all points, with or without why points failed.
+    """Read some variables of all points into memory, with or without why points failed; see `fill`."""
+    values = {}
+    for name in names:
+        described, shape = manifest.described(name), (manifest.grid.size, *manifest.shape(name))
+        values[name] = np.full(shape, described.missing, described.dtype)
+    return fill(manifest, sources, values, reasons=reasons)
+
+
+def fill(
+    manifest: Manifest,
+    sources: Sequence[Source],
+    targets: dict[str, Any],
+    slots: Indices | None = None,
+    reasons: bool = False,
+) -> Gathered:
+    """Fill arrays or variables of an open netCDF file, a source at a time.
+
+    Parameters
+    ----------
+    manifest : Manifest
+    sources : sequence of Source
+    targets : dict of str to (ndarray or netCDF4.Variable)
+        An array has one row a point, a variable of a file the grid's dimensions first. Where there are `slots`,
+        these are the rows of both.
+    slots : ndarray of int, optional
+        Ascending points, all that have a result.
+    reasons : bool
+        Whether to read why points failed.
 
     Raises
     ------
     DamagedError, StoreError
         If a source is damaged.
     """
-    choice, values = Choice(manifest), {}
-    for name in names:
-        described, shape = manifest.described(name), (manifest.grid.size, *manifest.shape(name))
-        values[name] = np.full(shape, described.missing, described.dtype)
-    found = Gathered(values, choice.status)
+    shape = manifest.grid.shape if slots is None else (len(slots),)
+    choice = Choice(manifest)
+    found = Gathered(targets, choice.status)
     for source in sources:
         points, rows, computed = choice.take(source)
-        result = source.read([name for name in names if name != "wall_time"], reasons)
-        for name, array in values.items():
+        if not len(points):
+            continue
+        result = source.read([name for name in targets if name != "wall_time"], reasons)
+        places = points if slots is None else np.searchsorted(slots, points)
+        for name, target in targets.items():
             if name == "wall_time":
                 # A copy costs nothing.
-                array[points] = np.where(computed, result.wall_time[rows], 0.0)
+                target[places] = np.where(computed, result.wall_time[rows], 0.0)
+            elif isinstance(target, np.ndarray):
+                target[places] = manifest.at_points(name, result.values[name][rows], points)
             else:
-                array[points] = _at_points(manifest, name, result.values[name][rows], points)
+                order = np.argsort(places, kind="stable")
+                for begin, end in runs(places[order], shape[-1]):
+                    run = order[begin:end]
+                    *outer, last = np.unravel_index(places[run[0]], shape)
+                    values = manifest.at_points(name, result.values[name][rows[run]], points[run])
+                    with NETCDF:
+                        target[(*outer, slice(last, last + end - begin))] = values
         if reasons and (result.failures or found.errors):
             _take_reasons(manifest, found, result.failures, points, rows)
     return found
@@ -135,75 +168,31 @@ def _take_reasons(
     at = np.flatnonzero(np.isin(rows, list(failures)))
     slots = manifest.representatives(points[at])
     for point, slot, row in zip(points[at].tolist(), slots.tolist(), rows[at].tolist(), strict=True):
-        found.errors[point] = failures[row].error
+        found.errors[point] = _fitting(manifest, failures[row].error)
         if failures[row].reproduce:
             found.failures[slot] = failures[row]
     if len(found.failures) > 2 * MOST_TRACEBACKS:
         found.failures = {slot: found.failures[slot] for slot in sorted(found.failures)[:MOST_TRACEBACKS]}
 
 
-def _at_points(manifest: Manifest, name: str, values: NDArray[Any], points: Indices) -> NDArray[Any]:
-    """Results of computations as those of points."""
-    factor = manifest.factor(name, points)
-    return values if factor is None else scaled(values, factor, manifest.described(name).digits)
-
-
-def stream(
-    manifest: Manifest,
-    sources: Sequence[Source],
-    variables: Mapping[str, Any],
-    slots: Indices | None = None,
-    convert: Convert | None = None,
-) -> None:
-    """Write variables into an open netCDF file, a source at a time.
-
-    Parameters
-    ----------
-    manifest : Manifest
-    sources : sequence of Source
-    variables : mapping of str to netCDF4.Variable
-        With the grid's dimensions first, or with one dimension for the `slots`.
-    slots : ndarray of int, optional
-        Ascending points, all that have a result, which are the rows of the variables.
-    convert : callable, optional
-        What becomes of values on their way.
-
-    Raises
-    ------
-    DamagedError, StoreError
-        If a source is damaged.
-    """
-    shape = manifest.grid.shape if slots is None else (len(slots),)
-    choice = Choice(manifest)
-    for source in sources:
-        points, rows, _ = choice.take(source)
-        if not len(points):
-            continue
-        result = source.read(list(variables), False)
-        order = np.argsort(points, kind="stable")
-        points, rows = points[order], rows[order]
-        places = points if slots is None else np.searchsorted(slots, points)
-        for begin, end in runs(places, shape[-1]):
-            *outer, last = np.unravel_index(places[begin], shape)
-            region, run = (*outer, slice(last, last + end - begin)), points[begin:end]
-            for name, variable in variables.items():
-                values = _at_points(manifest, name, result.values[name][rows[begin:end]], run)
-                if convert is not None:
-                    values = convert(name, values, run)
-                with NETCDF:
-                    variable[region] = values
+def _fitting(manifest: Manifest, text: str) -> str:
+    """An error text cut to what a file has room for: every point has room for the longest."""
+    letters = max(LEAST_LETTERS, LETTERS // manifest.grid.size)
+    return text if len(text) <= letters else f"{text[: letters - 3]}..."
 
 
 def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
-    """What was gathered, with the attributes CF asks for; with `wall_time` come `status` and `error`."""
-    grid, arrays = manifest.grid, dict(found.values)
+    """What was gathered, with the attributes CF asks for, and of each point its status and why it failed."""
+    grid = manifest.grid
     axes = [((grid.dim_of(name),), name, axis) for name, axis in grid.axes.items()]
     axes += [((name,), name, axis) for name, axis in manifest.coords.items()]
-    if "wall_time" in arrays:
-        error = np.full(grid.size, "", dtype=object)
-        for point, text in found.errors.items():
-            error[point] = fitting(manifest, text)
-        arrays |= {"status": found.status, "error": error, "wall_time": arrays.pop("wall_time")}
+    arrays = {name: found.values[name] for name in manifest.variables} | {"status": found.status}
+    if "error" in found.values:
+        arrays["error"] = found.values["error"]
+    else:
+        arrays["error"] = np.full(grid.size, "", dtype=object)
+        arrays["error"][list(found.errors)] = list(found.errors.values())
+    arrays["wall_time"] = found.values["wall_time"]
     data: dict[str, Any] = {}
     for name, values in arrays.items():
         described, encoding = manifest.described(name), {}
@@ -217,12 +206,6 @@ def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
         data[name] = ((*grid.dims, *described.dims), shaped, attributes(described, name), encoding)
     data |= _failure_table(grid, found)
     return xr.Dataset(data, {name: (dims, axis.values, attributes(axis, name)) for dims, name, axis in axes})
-
-
-def fitting(manifest: Manifest, text: str) -> str:
-    """An error text cut to what a file has room for: every point has room for the longest."""
-    letters = max(LEAST_LETTERS, LETTERS // manifest.grid.size)
-    return text if len(text) <= letters else f"{text[: letters - 3]}..."
 
 
 def _failure_table(grid: Grid, found: Gathered) -> dict[str, Any]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import atexit
 import json
+import math
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,15 +17,16 @@ import netCDF4
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from xarray.backends import NetCDF4DataStore
 
-from sweeps.compute.values import residual
+from sweeps.compute.batch import Failure
 from sweeps.errors import StoreError, reason
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED
 from sweeps.storage.existing import sources_of
-from sweeps.storage.manifest import Manifest
-from sweeps.storage.merge import Convert, Gathered, attributes, dataset, fitting, gather, stream
-from sweeps.storage.parts import flush_folder
+from sweeps.storage.manifest import LARGE, Manifest
+from sweeps.storage.merge import Gathered, dataset, fill, gather
+from sweeps.storage.replacing import replacing
 from sweeps.storage.sources import COMPUTED, NETCDF, DamagedError, Source
 from sweeps.storage.store import Store
 
@@ -70,22 +72,14 @@ def write(store: Store, manifest: Manifest, sources: Sequence[Source], derive: D
     StoreError
         If it cannot be written; an older one is left as it was.
     """
-    temporary = store.parts / f".{store.file.name}.tmp"
     try:
-        underived = _compose(temporary, manifest, sources, derive, _history(store, manifest))
-        with open(temporary, "rb") as written:
-            os.fsync(written.fileno())
-        os.replace(temporary, store.file)
-        # The parts are removed next.
-        flush_folder(store.file.parent)
+        with replacing(store.file, aside=store.parts) as temporary:
+            underived = _compose(temporary, manifest, sources, derive, _history(store, manifest))
     except StoreError:
         raise
     except (OSError, RuntimeError) as problem:
         kept = "all points are kept, and the same run writes it again"
         raise StoreError(f"{store.file} could not be written: {reason(problem)}; {kept}") from problem
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
     if underived is not None:
         raise underived
 
@@ -108,10 +102,11 @@ def _compose(
     """
     large, problem = manifest.large(), None
     found = gather(manifest, sources, [each for each in (*manifest.variables, "wall_time") if each not in large])
+    found.values |= _stand_ins(manifest, large, found)
     data = dataset(manifest, found)
     with ExitStack() as stack:
         if large:
-            _write_large(path, manifest, sources, found)
+            _write_large(path, manifest, sources, data[large], found)
             data = data.assign(stack.enter_context(xr.open_dataset(path, engine="netcdf4", cache=False))[large])
         try:
             data = attach(manifest, data, derive, before)
@@ -129,31 +124,55 @@ def _compose(
     return problem
 
 
-def _write_large(path: Path, manifest: Manifest, sources: Sequence[Source], found: Gathered) -> None:
-    """Write the large variables into a new file."""
-    grid, made = manifest.grid, {}
-    points = dict(zip(grid.dims, grid.shape, strict=True))
-    aside = " ".join(axis for axis in grid.axes if axis not in grid.dims)
-    texts = {point: fitting(manifest, text).encode() for point, text in found.errors.items()}
-    width = max(map(len, texts.values()), default=1)
-    with NETCDF, netCDF4.Dataset(path, "w") as file:
-        for name in manifest.large():
-            described, inner, more = manifest.described(name), _inner(manifest, name), {}
-            kind = np.dtype(described.dtype)
-            missing = None if name in ("status", "error") else np.array(described.missing, kind)[()]
-            if name == "error":
-                # What is not written is empty.
-                kind, inner, more = np.dtype("S1"), {f"string{width}": width}, {"_Encoding": "utf-8"}
-            shrinks = described.digits is not None or kind.kind in "iS" or name == "wall_time"
-            made[name] = _create(file, name, kind, points, inner, shrinks, missing)
-            made[name].setncatts(attributes(described, name) | more | ({"coordinates": aside} if aside else {}))
-        if "status" in made:
-            made.pop("status")[...] = found.status.reshape(grid.shape)
-            error = made.pop("error")
-            for point in sorted(texts):
-                letters = np.array([texts[point]], dtype=f"S{width}").view("S1")
-                error[tuple(np.unravel_index(point, grid.shape))] = letters
-        _fill(made, manifest, sources)
+def _stand_ins(manifest: Manifest, large: Sequence[str], found: Gathered) -> dict[str, Any]:
+    """Arrays of the type and shape of large variables."""
+    widest = max([1, *(len(text.encode()) for text in found.errors.values())])
+    arrays = {}
+    for name in large:
+        kind = f"S{widest}" if name == "error" else manifest.described(name).dtype
+        arrays[name] = _stand_in((manifest.grid.size, *manifest.shape(name)), kind)
+    return arrays
+
+
+def _stand_in(shape: tuple[int, ...], kind: str) -> Any:
+    """Zeros; where there are many they take no memory, and are not written."""
+    if math.prod(shape) * np.dtype(kind).itemsize <= LARGE:
+        return np.zeros(shape, kind)
+    # Imported here: it takes a second, and few files need it.
+    from dask.array import zeros
+
+    return zeros(shape, dtype=kind, chunks=-1)
+
+
+def _write_large(
+    path: Path, manifest: Manifest, sources: Sequence[Source], data: xr.Dataset, found: Gathered
+) -> None:
+    """Write the large variables, which stand-ins describe, into a new file."""
+    if "error" in data:
+        data["error"].attrs["_Encoding"] = "utf-8"
+    with _created(path, data, _encoding(data, manifest, data.data_vars)) as file:
+        if "error" in data:
+            # What is not written is empty.
+            for point, text in found.errors.items():
+                letters = np.array([text.encode()], dtype=data["error"].dtype).view("S1")
+                file["error"][tuple(np.unravel_index(point, manifest.grid.shape))] = letters
+        _fill({name: file[name] for name in map(str, data.data_vars) if name != "error"}, manifest, sources)
+
+
+@contextmanager
+def _created(
+    path: Path, data: xr.Dataset, encoding: Mapping[str, Any], group: str | None = None
+) -> Iterator[netCDF4.Dataset]:
+    """A new file, or a new group of one, with everything of a dataset but the values of its stand-ins."""
+    with NETCDF:
+        store = NetCDF4DataStore.open(  # type: ignore[no-untyped-call]
+            path, mode="a" if group else "w", group=group
+        )
+        with closing(store):
+            data.dump_to_store(store, encoding=encoding)
+            store.ds.set_auto_maskandscale(False)
+            store.ds.set_auto_chartostring(False)
+            yield store.ds
 
 
 def _describe(path: Path, attributes_of: Mapping[str, Mapping[str, Any]]) -> None:
@@ -170,92 +189,45 @@ def _keep_computations(path: Path, manifest: Manifest, sources: Sequence[Source]
 
     Of the scaled variables the file has products already: only what these lack is kept.
     """
-    plain = manifest.unscaled()
-    scaled = {name: variable for name, variable in manifest.variables.items() if variable.scale}
-    found = gather(plain, sources, ["wall_time"])
+    computations = manifest.computations()
+    found = gather(computations, sources, ["wall_time"])
     slots = np.flatnonzero((found.status == DONE) | (found.status == FAILED))
     if not len(slots):
         return
     columns: dict[str, Any] = {"status": found.status[slots], "wall_time": found.values["wall_time"][slots]}
-    columns |= {f"factor_{name}": manifest.factors[variable.scale][slots] for name, variable in scaled.items()}
     if found.errors:
-        reasons = [found.failures.get(slot, (found.errors.get(slot, ""), "", "")) for slot in slots.tolist()]
-        texts = np.array(reasons, dtype=object)
-        columns |= {"error": texts[:, 0], "traceback": texts[:, 1], "reproduce": texts[:, 2]}
-    kept = xr.Dataset({name: ("computation", each) for name, each in columns.items()})
-    kept = kept.assign_coords(computation=slots)
-
-    def lacking(name: str, values: NDArray[Any], points: NDArray[np.intp]) -> NDArray[Any]:
-        factor = manifest.factors[scaled[name].scale][points]
-        return residual(values, factor, scaled[name].digits)
-
-    with NETCDF:
-        encoding = _encoding(kept, manifest)
-        kept.to_netcdf(path, mode="a", group=COMPUTED, engine="netcdf4", encoding=encoding)
-    with NETCDF, netCDF4.Dataset(path, "a") as file:
-        made, axis = {}, {"computation": len(slots)}
-        for name, variable in scaled.items():
-            bits, inner = f"u{np.dtype(variable.dtype).itemsize}", _inner(manifest, name)
-            made[name] = _create(file[COMPUTED], f"residual_{name}", bits, axis, inner, True)
-            made[name].digits = variable.digits or 0
-        _fill(made, plain, sources, slots, lacking)
-
-
-def _inner(manifest: Manifest, name: str) -> dict[str, int]:
-    """Dimensions of a variable at one point."""
-    return dict(zip(manifest.described(name).dims, manifest.shape(name), strict=True))
-
-
-def _create(
-    group: Any,
-    name: str,
-    kind: Any,
-    points: Mapping[str, int],
-    inner: Mapping[str, int],
-    shrinks: bool,
-    missing: Any = None,
-) -> Any:
-    """A variable of an open file or group, the points' dimensions first; its values are written as they are."""
-    for dim, length in {**points, **inner}.items():
-        if dim not in group.dimensions:
-            group.createDimension(dim, length)
-    row = int(np.dtype(kind).itemsize * np.prod([*inner.values()], dtype=np.int64))
-    made = group.createVariable(
-        name,
-        kind,
-        (*points, *inner),
-        fill_value=missing,
-        chunksizes=chunk(tuple(points.values()), tuple(inner.values()), row),
-        zlib=shrinks,
-        complevel=1,
-        shuffle=shrinks,
-        fletcher32=True,
-    )
-    made.set_auto_maskandscale(False)
-    return made
+        reasons = [found.failures.get(slot, Failure(found.errors.get(slot, ""))) for slot in slots.tolist()]
+        columns |= zip(Failure._fields, np.array(reasons, dtype=object).T, strict=True)
+    kept = xr.Dataset({name: ("computation", each) for name, each in columns.items()}, {"computation": slots})
+    encoding, scaled = {}, []
+    for name, variable in manifest.variables.items():
+        if variable.scale:
+            bits, inner = f"u{np.dtype(variable.dtype).itemsize}", manifest.shape(name)
+            lacking = _stand_in((len(slots), *inner), bits)
+            kept[f"factor_{name}"] = "computation", manifest.factors[variable.scale][slots]
+            kept[f"residual_{name}"] = ("computation", *variable.dims), lacking, {"digits": variable.digits or 0}
+            chunksizes = chunk((len(slots),), inner, manifest.row_bytes(name))
+            encoding[f"residual_{name}"] = _packing(True) | {"chunksizes": chunksizes}
+            scaled.append(name)
+    with _created(path, kept, _encoding(kept, manifest) | encoding, COMPUTED) as group:
+        _fill({name: group[f"residual_{name}"] for name in scaled}, computations, sources, slots)
 
 
 def _fill(
-    made: Mapping[str, Any],
-    manifest: Manifest,
-    sources: Sequence[Source],
-    slots: NDArray[np.intp] | None = None,
-    convert: Convert | None = None,
+    made: Mapping[Any, Any], manifest: Manifest, sources: Sequence[Source], slots: NDArray[np.intp] | None = None
 ) -> None:
-    """Write variables of an open file: what memory can hold at once, the rest as it is read; see `stream`."""
+    """Fill variables of an open file: in memory what it can hold at once, the rest as it is read."""
     large = manifest.large()
     wide = {name: each for name, each in made.items() if name in large and manifest.row_bytes(name) > NARROW}
     alone = [[name] for name in made if name in large and name not in wide]
     for names in filter(None, [[name for name in made if name not in large], *alone]):
-        for name, values in gather(manifest, sources, names, reasons=False).values.items():
-            rows = values if slots is None else values[slots]
-            if convert is not None and slots is not None:
-                rows = convert(name, rows, slots)
-            made[name][...] = rows.reshape(made[name].shape)
+        arrays = {name: made[name][...].reshape(-1, *manifest.shape(name)) for name in names}
+        for name, values in fill(manifest, sources, arrays, slots).values.items():
+            made[name][...] = values.reshape(made[name].shape)
     for variable in wide.values():
         variable.set_var_chunk_cache(max(CACHE_BYTES // len(wide), MOST_CHUNK_BYTES))
     if wide:
-        stream(manifest, sources, wide, slots, convert)
+        fill(manifest, sources, wide, slots)
 
 
 def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int]:
@@ -277,19 +249,32 @@ def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int
     return [*lengths, *inner]
 
 
-def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]:
+def _packing(shrinks: bool) -> dict[str, Any]:
+    """How a large variable is kept."""
+    return {"zlib": shrinks, "complevel": 1, "shuffle": shrinks, "fletcher32": True}
+
+
+def _encoding(data: xr.Dataset, manifest: Manifest, large: Collection[Any] = ()) -> dict[str, dict[str, Any]]:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in data.variables.items():
         chosen = encoding.setdefault(str(name), {})
-        text = variable.dtype.kind in "OUT"
+        own = manifest.variables.get(str(name))
+        text = variable.dtype.kind in "OUTS"
         # Small coordinates are read by the smallest of readers; long ones would outweigh the data.
         plain = name in data.coords and (text or variable.size < 10_000)
-        if variable.ndim and not plain:
+        if name in large:
+            # Full-precision floats hardly shrink.
+            chosen |= _packing(own is None or own.digits is not None or np.dtype(own.dtype).kind == "i")
+        elif variable.ndim and not plain:
             chosen |= {"zlib": True, "complevel": 4, "fletcher32": True}
-        inner = manifest.shape(str(name)) if name in manifest.variables else None
-        # What is derived may have another shape.
-        if inner is not None and variable.shape == (*manifest.grid.shape, *inner):
-            chosen["chunksizes"] = chunk(manifest.grid.shape, inner, manifest.row_bytes(str(name)))
+        points = manifest.grid.shape
+        if name in large and text:
+            chosen["chunksizes"] = chunk(points, (variable.dtype.itemsize,), variable.dtype.itemsize)
+        elif name in (*manifest.variables, "status", "wall_time") and not text:
+            inner = manifest.shape(str(name))
+            # What is derived may have another shape.
+            if variable.shape == (*points, *inner):
+                chosen["chunksizes"] = chunk(points, inner, manifest.row_bytes(str(name)))
         if text:
             chosen["dtype"] = "S1"
         if name in data.coords or variable.dtype.kind in "iu":

@@ -107,11 +107,9 @@ class Packed:
                 if zlib.crc32(blob) != check:
                     raise ValueError(f"{name} in {self.path} is damaged")
                 dtype = np.dtype(kind)
-                if how == CONSTANT:
-                    found[name] = np.full(shape, np.frombuffer(blob, dtype)[0], dtype)
-                    continue
                 if how == DEFLATED:
                     letters = np.frombuffer(zlib.decompress(blob), np.uint8).reshape(dtype.itemsize, -1)
                     blob = letters.T.tobytes()
-                found[name] = np.frombuffer(blob, dtype).reshape(shape)
+                values = np.frombuffer(blob, dtype)
+                found[name] = np.full(shape, values[0], dtype) if how == CONSTANT else values.reshape(shape)
         return found

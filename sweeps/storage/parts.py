@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from sweeps.compute.batch import BatchResult, Failure
 from sweeps.grid import Variable
 from sweeps.storage.packed import Packed, pack
+from sweeps.storage.replacing import replacing
 
 NAME = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
 
@@ -101,22 +102,15 @@ class PartFolder:
         return f"{self._last:06d}-{self._run}.part"
 
     def put(self, name: str, content: bytes) -> None:
-        """Write a part: temporary name, flush, rename; nothing once the folder is closed."""
-        temporary = self.path / f".{name}.{os.getpid()}.tmp"
-        if self._closed:
-            return
-        try:
-            with open(temporary, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            with self._lock:
-                if not self._closed:
-                    os.replace(temporary, self.path / name)
-            flush_folder(self.path)
-        finally:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
+        """Write a part; nothing once the folder is closed."""
+        if not self._closed:
+            with replacing(self.path / name, rename=self._rename) as temporary:
+                temporary.write_bytes(content)
+
+    def _rename(self, temporary: Path, path: Path) -> None:
+        with self._lock:
+            if not self._closed:
+                os.replace(temporary, path)
 
     def close(self) -> None:
         """Take no more parts: the store is given back, and threads that still compute come too late."""
@@ -152,13 +146,3 @@ class PartFolder:
 
 def _number(name: str) -> int:
     return int(name.partition("-")[0])
-
-
-def flush_folder(path: Path) -> None:
-    """Make a new name in a folder last, power cut or not; where folders cannot be flushed, the system does it."""
-    with suppress(OSError):
-        folder = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)

@@ -6,6 +6,7 @@ Each source tells first which points it holds, at little cost (`held`), and give
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -103,39 +104,31 @@ class ResultSource:
 
 
 @dataclass(frozen=True, eq=False)
-class _File:
-    """A finished file and its grid; if it is damaged, a StoreError."""
+class FileSource:
+    """Some rows of a finished file; if it is damaged, a StoreError.
+
+    Without factors its rows are the points, and `block` runs along their first dimensions. With factors they are
+    the computations (`computed`), of which it keeps what the scaled values of the points lack.
+    """
 
     path: Path
     grid: Grid
+    block: tuple[slice, ...] = ()
+    computed: bool = False
 
     @property
     def name(self) -> str:
         """The file."""
         return str(self.path)
 
-
-@dataclass(frozen=True, eq=False)
-class FileSource(_File):
-    """The points of a finished file without factors, or those of a block along the first dimensions."""
-
-    block: tuple[slice, ...] = ()
-
-    def _first(self) -> int:
-        """The block's first point; the others follow, for it is one of `blocks`."""
-        begin = [each.start for each in self.block] + [0] * (len(self.grid.shape) - len(self.block))
-        return int(np.ravel_multi_index(begin, self.grid.shape))
-
-    def _rows(self, file: Any, name: str) -> NDArray[Any]:
-        values = np.asarray(file[name][(*self.block, ...)])
-        return values.reshape(-1, *file[name].shape[len(self.grid.shape) :])
-
     def held(self, manifest: Manifest) -> Held:
         """The points of the manifest's grid that get something."""
         with opened(self.path) as file:
-            status, spent = (self._rows(file, name).ravel() for name in ("status", "wall_time"))
-        rows = np.flatnonzero((status == DONE) | (status == FAILED))
-        points = manifest.grid.embed(self.grid)(self._first() + rows)
+            status, spent = (self._rows(file, name) for name in ("status", "wall_time"))
+            rows = np.flatnonzero((status == DONE) | (status == FAILED))
+            points = manifest.grid.embed(self.grid)(self._points(file)[rows])
+        if self.computed:
+            return _of_computations(manifest, points, status == FAILED, float(spent.sum()))
         rows, points = rows[points >= 0], points[points >= 0]
         # Copies have cost nothing.
         computed, seconds = spent[rows] > 0.0, float(np.nansum(spent[rows]))
@@ -149,70 +142,59 @@ class FileSource(_File):
         return Held(points, rows, status[rows] == FAILED, computed, seconds)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
-        """The block's points with the values of some variables."""
+        """Its rows with the values of some variables."""
         with opened(self.path) as file:
-            values = {name: self._rows(file, name) for name in variables}
+            values = {name: self._values(file, name) for name in variables}
             failures = self._failures(file) if reasons else {}
-            return BatchResult(values, self._rows(file, "wall_time").ravel(), failures)
+            return BatchResult(values, self._rows(file, "wall_time"), failures)
 
-    def _failures(self, file: Any) -> dict[int, Failure]:
-        rows = np.flatnonzero(self._rows(file, "status").ravel() == FAILED)
-        if not len(rows):
-            return {}
-        errors = as_texts(self._rows(file, "error")[rows])
-        failures = {row: Failure(text) for row, text in zip(rows.tolist(), errors.tolist(), strict=True)}
-        if "failure" in file.dimensions:
-            points = self.grid.at([plain(file[f"failure_{name}"]) for name in self.grid.axes])
-            texts = zip(*(plain(file[name]).tolist() for name in ("traceback", "reproduce")), strict=True)
-            for row, about in zip((points - self._first()).tolist(), texts, strict=True):
-                if row in failures:
-                    failures[row] = Failure(failures[row].error, *about)
-        return failures
+    def _rows(self, file: Any, name: str) -> NDArray[Any]:
+        variable = file[COMPUTED][name] if self.computed else file[name]
+        dims = 1 if self.computed else len(self.grid.shape)
+        return np.asarray(variable[(*self.block, ...)]).reshape(-1, *variable.shape[dims:])
 
+    def _points(self, file: Any) -> NDArray[np.intp]:
+        """The points of the file's grid in which the rows are."""
+        if self.computed:
+            return self._rows(file, "computation")
+        lengths = [each.stop - each.start for each in self.block]
+        begin = [each.start for each in self.block] + [0] * (len(self.grid.shape) - len(self.block))
+        count = math.prod(lengths) * math.prod(self.grid.shape[len(self.block) :])
+        return int(np.ravel_multi_index(begin, self.grid.shape)) + np.arange(count)
 
-@dataclass(frozen=True, eq=False)
-class ComputedSource(_File):
-    """Some computations of a finished file with factors: its points, and what these lack to be as computed."""
-
-    block: slice
-
-    def held(self, manifest: Manifest) -> Held:
-        """The points of the manifest's grid that get something."""
-        with opened(self.path) as file:
-            points, status, spent = self._columns(file, "computation", "status", "wall_time")
-        points = manifest.grid.embed(self.grid)(points)
-        return _of_computations(manifest, points, status == FAILED, float(spent.sum()))
-
-    def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
-        """Some of them with the values of some variables."""
-        with opened(self.path) as file:
-            points, status, spent = self._columns(file, "computation", "status", "wall_time")
-            values = {name: self._values(file, name, points) for name in variables}
-            failures = {}
-            if reasons and "error" in file[COMPUTED].variables:
-                rows = np.flatnonzero(status == FAILED)
-                columns = self._columns(file, "error", "traceback", "reproduce")
-                texts = zip(*(as_texts(each[rows]).tolist() for each in columns), strict=True)
-                failures = {row: Failure(*each) for row, each in zip(rows.tolist(), texts, strict=True)}
-            return BatchResult(values, spent, failures)
-
-    def _columns(self, file: Any, *names: str) -> list[NDArray[Any]]:
-        return [file[COMPUTED][name][self.block] for name in names]
-
-    def _values(self, file: Any, name: str, points: NDArray[np.intp]) -> NDArray[Any]:
-        """A variable at the points themselves, as it was before it was scaled."""
-        shape, rows = self.grid.shape, []
+    def _values(self, file: Any, name: str) -> NDArray[Any]:
+        """A variable as it was before it was scaled."""
+        if not self.computed:
+            return self._rows(file, name)
+        shape, points, rows = self.grid.shape, self._points(file), []
         for begin, end in runs(points, shape[-1]):
             *outer, last = np.unravel_index(points[begin], shape)
             rows.append(np.asarray(file[name][(*outer, slice(last, last + end - begin))]))
         values = np.concatenate(rows)
         if f"residual_{name}" not in file[COMPUTED].variables:
             return values
-        factor, residual = self._columns(file, f"factor_{name}", f"residual_{name}")
-        return unscaled(values, factor, int(file[COMPUTED][f"residual_{name}"].digits) or None, residual)
+        factor, lacking = (self._rows(file, f"{what}_{name}") for what in ("factor", "residual"))
+        return unscaled(values, factor, int(file[COMPUTED][f"residual_{name}"].digits) or None, lacking)
+
+    def _failures(self, file: Any) -> dict[int, Failure]:
+        rows = np.flatnonzero(self._rows(file, "status") == FAILED)
+        if not len(rows):
+            return {}
+        if self.computed:
+            columns = [as_texts(self._rows(file, name)[rows]).tolist() for name in Failure._fields]
+            return {row: Failure(*texts) for row, *texts in zip(rows.tolist(), *columns, strict=True)}
+        errors = as_texts(self._rows(file, "error")[rows])
+        failures = {row: Failure(text) for row, text in zip(rows.tolist(), errors.tolist(), strict=True)}
+        if "failure" in file.dimensions:
+            points = self.grid.at([plain(file[f"failure_{name}"]) for name in self.grid.axes])
+            texts = zip(*(plain(file[name]).tolist() for name in ("traceback", "reproduce")), strict=True)
+            for row, about in zip((points - self._points(file)[0]).tolist(), texts, strict=True):
+                if row in failures:
+                    failures[row] = Failure(failures[row].error, *about)
+        return failures
 
 
-Source = PartSource | ResultSource | FileSource | ComputedSource
+Source = PartSource | ResultSource | FileSource
 
 
 def blocks(shape: tuple[int, ...], most: int) -> list[tuple[slice, ...]]:

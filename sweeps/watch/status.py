@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.errors import StoreError
-from sweeps.grid import DONE, FAILED, INTERPOLATED, PENDING, SKIPPED
+from sweeps.grid import INTERPOLATED_FLAG, STATUS_FLAGS
 from sweeps.storage.existing import sources_of
 from sweeps.storage.lock import is_locked, taken
 from sweeps.storage.manifest import Manifest
@@ -65,9 +65,9 @@ def status(path: str | Path) -> Status:
         # There is none, or the run has finished meanwhile.
         codes = open_results(path)["status"].values
         state = "running" if running else "complete"
-    every = (DONE, FAILED, PENDING, SKIPPED, INTERPOLATED)
-    done, failed, pending, skipped, interpolated = (int(np.count_nonzero(codes == code)) for code in every)
-    return Status(str(path), state, codes.size, done, failed, pending, skipped, interpolated, run)
+    words = STATUS_FLAGS | INTERPOLATED_FLAG
+    counts = {word: int(np.count_nonzero(codes == code)) for code, word in words.items()}
+    return Status(file=str(path), state=state, points=codes.size, run=run, **counts)
 
 
 def check_free(path: str | Path) -> None:
