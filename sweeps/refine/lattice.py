@@ -33,7 +33,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 Values = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -99,6 +98,9 @@ def survey(values: Values, known: Flags, levels: int, rule: Refinement) -> Surve
         Halvings between the coarse lattice, which must be known, and this one; those of the rule do not count.
     rule : Refinement
     """
+    # Imported here: it takes long, and few commands refine.
+    from scipy.ndimage import maximum_filter
+
     found = np.where(known, values, np.nan)
     codes = np.where(known, classes(found, rule), UNSURE)
     asked = np.zeros(known.shape, dtype=bool)

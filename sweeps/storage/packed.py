@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 MAGIC = b"sweeps-1"
 HEAD = struct.Struct("<8sII")
-# A file up to this size is checked as a whole when it is opened.
-CHECKED_AT_ONCE = 1 << 16
+# So much is read when a file is opened; one that is no longer is checked as a whole.
+READ_AT_ONCE = 1 << 16
 RAW, CONSTANT, DEFLATED = "raw", "constant", "deflated"
 
 
@@ -79,37 +79,42 @@ class Packed:
     def __init__(self, path: Path) -> None:
         self.path = path
         with open(path, "rb") as file:
-            head = file.read(HEAD.size)
-            if len(head) < HEAD.size or not head.startswith(MAGIC):
-                raise ValueError(f"{path} is no file of ours")
-            _, length, check = HEAD.unpack(head)
-            header = file.read(length)
+            self._begin = file.read(READ_AT_ONCE)
             size = os.fstat(file.fileno()).st_size
+        if len(self._begin) < HEAD.size or not self._begin.startswith(MAGIC):
+            raise ValueError(f"{path} is no file of ours")
+        _, length, check = HEAD.unpack_from(self._begin)
+        self._start = HEAD.size + length
+        header = self._bytes(HEAD.size, length)
         if zlib.crc32(header) != check:
             raise ValueError(f"the header of {path} is damaged")
         found = json.loads(header)
         self.about: dict[str, Any] = found["about"]
         self._arrays: dict[str, Any] = found["arrays"]
-        self.names, self._start = list(self._arrays), HEAD.size + length
+        self.names = list(self._arrays)
         if size != self._start + sum(entry[4] for entry in self._arrays.values()):
             raise ValueError(f"{path} has lost its end")
-        if size <= CHECKED_AT_ONCE:
+        if size <= READ_AT_ONCE:
             self.read(self.names)
+
+    def _bytes(self, begin: int, length: int) -> bytes:
+        if begin + length <= len(self._begin):
+            return self._begin[begin : begin + length]
+        with open(self.path, "rb") as file:
+            file.seek(begin)
+            return file.read(length)
 
     def read(self, names: Collection[str]) -> dict[str, NDArray[Any]]:
         """Some of the arrays, by name."""
         found = {}
-        with open(self.path, "rb") as file:
-            for name in names:
-                kind, shape, how, offset, length, check = self._arrays[name]
-                file.seek(self._start + offset)
-                blob = file.read(length)
-                if zlib.crc32(blob) != check:
-                    raise ValueError(f"{name} in {self.path} is damaged")
-                dtype = np.dtype(kind)
-                if how == DEFLATED:
-                    letters = np.frombuffer(zlib.decompress(blob), np.uint8).reshape(dtype.itemsize, -1)
-                    blob = letters.T.tobytes()
-                values = np.frombuffer(blob, dtype)
-                found[name] = np.full(shape, values[0], dtype) if how == CONSTANT else values.reshape(shape)
+        for name in names:
+            kind, shape, how, offset, length, check = self._arrays[name]
+            blob, dtype = self._bytes(self._start + offset, length), np.dtype(kind)
+            if zlib.crc32(blob) != check:
+                raise ValueError(f"{name} in {self.path} is damaged")
+            if how == DEFLATED:
+                letters = np.frombuffer(zlib.decompress(blob), np.uint8).reshape(dtype.itemsize, -1)
+                blob = letters.T.tobytes()
+            values = np.frombuffer(blob, dtype)
+            found[name] = np.full(shape, values[0], dtype) if how == CONSTANT else values.reshape(shape)
         return found
