@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from math import isnan
 from typing import TYPE_CHECKING, NoReturn
 
 import click
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from studies.runner import Finished
-    from sweeps import Status
-    from sweeps.plan import Plan
+    from sweeps import Plan, Status
 
 # So many failed points are listed.
 LISTED = 20
@@ -28,11 +28,14 @@ def carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: 
     """Show a plan, ask where it takes long, execute it, and tell what came of it."""
     from sweeps import AbandonedError, SchedulerError
 
+    asking = not yes and sys.stdin.isatty()
+    if asking and isnan(planned.seconds):
+        planned = planned.timed()
     if not quiet:
         click.echo(repr(planned), err=True)
-    # Where no probe tells how long it takes, it may take long.
+    # Where no point tells how long it takes, it may take long.
     large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
-    if large and not yes and sys.stdin.isatty() and not click.confirm("Go ahead?", err=True):
+    if large and asking and not click.confirm("Go ahead?", err=True):
         click.echo("fiv: nothing was done", err=True)
         sys.exit(INTERRUPTED)
     try:
@@ -86,7 +89,7 @@ def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
 
 def status_text(found: Status) -> str:
     """A status as lines."""
-    from sweeps.plan import duration
+    from sweeps import duration
 
     rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
     rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]

@@ -16,20 +16,22 @@ from studies.program import command
 
 if TYPE_CHECKING:
     from studies.runner import Finished
-    from sweeps.plan import Plan
+    from sweeps import Plan
 
 
 @command("plan", "Dry run: what a run would compute and cost.")
 @click.argument("study", shell_complete=completion.STUDY)
 @what_options
-def show_plan(study: str, quiet: bool, verbose: bool, **what: Any) -> None:
-    """Dry run: what a run would compute, store and cost. Nothing is written.
+@click.option("--time", "timed", is_flag=True, help="Compute a few points now, to tell how long all would take.")
+def show_plan(study: str, timed: bool, quiet: bool, verbose: bool, **what: Any) -> None:
+    """Dry run: what a run would compute, store and cost. Nothing is written, and without --time nothing computed.
 
     \b
     fiv plan fig5 --set mu=0:0.5:2001
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
-    click.echo(repr(_planned(study, verbose, **what)))
+    planned = _planned(study, verbose, **what)
+    click.echo(repr(planned.timed() if timed else planned))
 
 
 @command("run", "Compute a study, store it, draw it, tell its numbers.")
@@ -103,7 +105,6 @@ def draw_map(
     from studies import maps, runner
     from studies.progress import progress
     from sweeps import check_free
-    from sweeps.refine import passes
 
     with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)
@@ -111,11 +112,11 @@ def draw_map(
         sweep = maps.sweep_of(plane, quantity, maps.fixed_of(fixed), halvings, tolerance)
         file = maps.file_of(plane, quantity, out)
         check_free(file)
-        plans = passes(sweep, file, fresh=fresh, retry_failed=retry_failed)
-        planned = next(plans)
+        planned = sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
 
     def execute() -> Finished:
-        return maps.execute(planned, plans, backend, lambda todo: progress(todo, quiet), fail_fast)
+        with progress(planned.todo, quiet) as told:
+            return maps.execute(planned, backend, told, fail_fast)
 
     carry_out(planned, execute, yes, quiet, verbose)
 

@@ -25,14 +25,14 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
     fiv list fig5
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry
-    from sweeps.plan import duration
+    from sweeps import duration
 
     with InputErrors(verbose):
         studies = [registry.load(name) for name in ((study,) if study else registry.NAMES)]
     for one in studies:
         click.echo(f"{one.name:<10} {one.title}")
         if not quiet:
-            plan = one.sweep({}).plan()
+            plan = one.sweep({}).plan().timed()
             click.echo(f"{'':<10} {one.question}")
             click.echo(f"{'':<10} {plan.points} points, about {duration(plan.seconds)} on one core")
         if study:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,7 @@ SERIES = {
     "slip_displacement": Variable(
         "m", "displacement of P1's surface relative to P2's since the window began", ("elapsed",), "float32"
     ),
-    "state": Variable("1", "state of the contact", ("elapsed",), "int8"),
+    "state": Variable("1", "state of the contact", ("elapsed",), "int8", flags=dict(enumerate(transients.STATES))),
 }
 OVERVIEW = {
     "largest_normal_force": Variable("N", "largest normal force in the interval", ("interval",), "float32"),
@@ -144,8 +143,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
             "interval": intervals(shown["overview"]),
         },
         title="Forces and motion at the contact (Figs. 8 to 10)",
-        derive=partial(transients.with_flags, regime=transients.REGIMES, state=transients.STATES),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

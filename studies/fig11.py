@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -88,8 +87,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
             "frequency": transients.frequencies(sample_rate),
         },
         title="Velocity of B at two inclinations (Fig. 11)",
-        derive=partial(transients.with_flags, regime=transients.REGIMES),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

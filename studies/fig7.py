@@ -31,7 +31,9 @@ SPECTRA = {
 VARIABLES = (
     {
         "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32", digits=3),
-        "long_stick": Variable("1", "whether within a long stick", ("elapsed",), "int8"),
+        "long_stick": Variable(
+            "1", "whether within a long stick", ("elapsed",), "int8", flags={0: "no", 1: "yes"}
+        ),
     }
     | {name: Variable("m2 s-1", text, ("frequency",), "float32") for name, text in SPECTRA.items()}
     | transients.SUMMARY
@@ -65,16 +67,12 @@ def histories(
 
 
 def finish(dataset: xr.Dataset, *, rig: Rig, theta: float) -> xr.Dataset:
-    """Add what the flags mean and the modes of the glued rig, which ring while it sticks."""
+    """Add the modes of the glued rig, which ring while it sticks."""
     # Each element has three freedoms, one of P1 is held at A and two are glued.
     count = min(8, 3 * (rig.p1.elements + rig.p2.elements) - 1)
     frequency = glued_frequencies(rig, theta, count)
     about = {"units": "Hz", "long_name": "natural frequency of the rig glued at its contact"}
-    return transients.with_flags(
-        dataset.assign(glued_frequency=("glued_mode", frequency, about)),
-        regime=transients.REGIMES,
-        long_stick=("no", "yes"),
-    )
+    return dataset.assign(glued_frequency=("glued_mode", frequency, about))
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
@@ -96,7 +94,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Velocity of B at several speeds (Fig. 7)",
         derive=partial(finish, rig=rig, theta=theta),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +19,18 @@ from studies.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.runs import BATCH_MULTIPLE, check_jobs
 from studies.study import Study, constants, rig_of, suggest
 from studies.tables import Part
-from sweeps import Axis, Grid, Plan, Refinement, Sweep, open_results, refined
-from sweeps.batch import INTERPOLATED_MEANING, STATUS_MEANINGS
-from sweeps.monitor import Progress
-from sweeps.refine import one_backend
+from sweeps import (
+    INTERPOLATED_FLAG,
+    STATUS_FLAGS,
+    Axis,
+    Grid,
+    Plan,
+    Progress,
+    Refinement,
+    Sweep,
+    open_results,
+    refined,
+)
 
 NAME = "map"
 # Largest error of interpolation of a refined map, in units of the range of its values.
@@ -94,10 +100,9 @@ def sweep_of(
         key=known.alike,
         scale=quantities.load if scaled else None,
         # Bases are made anew for each of their values.
-        together=tuple(name for name in axes if name not in ("V", "mu", "F")),
+        order_by=tuple(name for name in axes if name not in ("V", "mu", "F")),
         title=f"{known.variable.long_name[0].upper()}{known.variable.long_name[1:]}, over {plane.x} and {plane.y}",
-        derive=partial(transients.with_flags, regime=transients.REGIMES) if quantity == "regime" else None,
-        at_once=BATCH_MULTIPLE if known.find is quantities.motion else 1,
+        batch_multiple=BATCH_MULTIPLE if known.find is quantities.motion else 1,
     )
     return refined(sweep, Refinement(quantity, halvings, limit, known.thresholds))
 
@@ -129,31 +134,25 @@ def fixed_of(texts: Sequence[str]) -> dict[str, float]:
 
 def execute(
     plan: Plan,
-    further: Iterable[Plan],
     backend: tuple[str, int | None],
-    progress: Callable[[int], AbstractContextManager[Progress | None]],
+    progress: Progress | None = None,
     fail_fast: bool = False,
 ) -> runner.Finished:
-    """Run a map's plan and those that follow from what it finds; draw what the file holds then.
+    """Run a map's plan, then draw what its file holds.
 
     Parameters
     ----------
     plan : Plan
-    further : iterable of Plan
-        The rest of `sweeps.refine.passes`.
     backend : tuple
         Scheduler and workers.
-    progress : callable
-        Given the number of computations to do, a context that gives what is told of each run.
+    progress : callable, optional
+        As for `Plan.run`.
     fail_fast : bool
         Stop at the first point that fails.
     """
     assert plan.store is not None
-    with one_backend(plan, *backend) as kept:
-        for each in chain([plan], further):
-            with progress(each.todo) as told:
-                dataset = each.run(*kept, told, fail_fast=fail_fast)
-    whole = dataset if plan.points == plan.layout.grid.size else open_results(plan.store)
+    dataset = plan.run(*backend, progress, fail_fast=fail_fast)
+    whole = dataset if plan.points == plan.manifest.grid.size else open_results(plan.store)
     return runner.Finished(STUDY, dataset, plan.store, runner.plot(STUDY, whole, plan.store))
 
 
@@ -242,7 +241,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         lines.append(f"over {planes.label(name)} from {ends[0]:g} to {ends[1]:g} ({dataset.sizes[name]})")
     counts = [
         f"{count} {word} ({100.0 * count / status.size:.3g} %)"
-        for code, word in enumerate((*STATUS_MEANINGS.split(), INTERPOLATED_MEANING))
+        for code, word in enumerate((STATUS_FLAGS | INTERPOLATED_FLAG).values())
         if (count := int(np.count_nonzero(status == code)))
     ]
     lines += ["", f"{status.size} points: {', '.join(counts)}."]

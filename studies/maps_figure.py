@@ -19,7 +19,7 @@ from scipy.ndimage import distance_transform_edt
 from studies import figures, paper, planes
 from studies.quantities import AXES, GROWTH, QUANTITIES, RIG
 from studies.study import constants
-from sweeps.batch import DONE, FAILED, INTERPOLATED, PENDING
+from sweeps import DONE, FAILED, INTERPOLATED, PENDING
 
 # Units and factors for a reader.
 UNITS = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "s-1": ("1/s", 1.0), "1": ("", 1.0)}

@@ -10,9 +10,7 @@ from contextlib import contextmanager
 
 import click
 
-from sweeps import Snapshot
-from sweeps.monitor import Progress
-from sweeps.plan import duration
+from sweeps import Progress, Snapshot, duration
 
 # Between two plain lines, s.
 INTERVAL = 5.0
@@ -78,6 +76,11 @@ def _bar(todo: int) -> Iterator[Progress]:
             rate = f"{snapshot.rate:.3g}/s" if snapshot.rate > 0.0 else ""
             now = snapshot.now[0] if snapshot.now else ""
             told = [STOPPING] if snapshot.stopping else [failed, rate, left, now]
-            bar.update(task, completed=snapshot.done, description="  ".join(word for word in told if word))
+            bar.update(
+                task,
+                total=snapshot.todo,
+                completed=snapshot.done,
+                description="  ".join(word for word in told if word),
+            )
 
         yield tell

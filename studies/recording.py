@@ -7,13 +7,11 @@ contact's spikes of microseconds are met or missed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from fivcore import Scene, Transient, checks
 from studies import transients
@@ -39,7 +37,9 @@ SERIES = {
     "slip_velocity": Variable(
         "m s-1", "velocity of P1's surface relative to P2's, sampled", _ELAPSED, "float32", DIGITS
     ),
-    "state": Variable("1", "state of the contact, sampled", _ELAPSED, "int8"),
+    "state": Variable(
+        "1", "state of the contact, sampled", _ELAPSED, "int8", flags=dict(enumerate(transients.STATES))
+    ),
 }
 # What multiplies the series of a canonical scene (`studies.scenes`).
 FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "along", "slip_velocity": "along"}
@@ -133,16 +133,5 @@ def _added(sweep: Sweep, names: tuple[str, ...]) -> Sweep:
     more = variables(names)
     if sweep.scale is not None:
         more = {name: replace(each, scale=FACTORS.get(name, "")) for name, each in more.items()}
-    derive = partial(_with_states, derive=sweep.derive) if "state" in names else sweep.derive
-    return replace(
-        sweep,
-        variables={**sweep.variables, **more},
-        constants={**sweep.constants, "record": names},
-        derive=derive,
-    )
-
-
-def _with_states(dataset: xr.Dataset, *, derive: Callable[[xr.Dataset], xr.Dataset] | None) -> xr.Dataset:
-    """Say what the states are, after what the study derives itself."""
-    dataset = dataset if derive is None else derive(dataset)
-    return transients.with_flags(dataset, state=transients.STATES)
+    constants = {**sweep.constants, "record": names}
+    return replace(sweep, variables={**sweep.variables, **more}, constants=constants)

@@ -52,12 +52,16 @@ def _spread(name: str) -> Variable:
 
 VARIABLES = (
     {
-        "regime": Variable("1", "regime that most members are in", (), "int8"),
+        "regime": Variable(
+            "1", "regime that most members are in", (), "int8", flags=dict(enumerate(transients.REGIMES))
+        ),
         "regime_certainty": _plain(
             "1", "probability that more than half of all runs of the scene are in this regime"
         ),
         "regime_share": _plain("1", "share of the members in a regime", "kind"),
-        "member_regime": Variable("1", "regime of each member", ("member",), "int8"),
+        "member_regime": Variable(
+            "1", "regime of each member", ("member",), "int8", flags=dict(enumerate(transients.REGIMES))
+        ),
     }
     | {name: _variable(name) for name in FIGURES}
     | {f"{name}_std": _spread(name) for name in SPREAD}
@@ -199,10 +203,10 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
             "member": Axis(np.arange(1, fixed["members"] + 1), "1", "member of the ensemble"),
         },
         # P1's modes and the contact law's matrices are made anew for each theta.
-        together=("theta",),
+        order_by=("theta",),
         title="Regimes of vibration over speed and friction",
         derive=partial(with_verdicts, rig=rig),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

@@ -44,7 +44,7 @@ def with_verdicts(dataset: xr.Dataset, *, rig: Rig) -> xr.Dataset:
         onset_frequency=("theta", onset[1], {"units": "Hz", "long_name": f"frequency at the {about}"}),
         verdict=codes,
     )
-    return transients.with_flags(whole, regime=REGIMES, member_regime=REGIMES, verdict=VERDICTS)
+    return transients.with_flags(whole, verdict=VERDICTS)
 
 
 def verdicts(dataset: xr.Dataset) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ from studies import maps, registry, runner
 from studies.markup import Markup, code, tag
 from studies.report_parts import command, table
 from studies.report_section import Result, section
-from sweeps.plan import duration
+from sweeps import duration
 
 SCRIPTS = ("report.js", "report_table.js", "report_map.js")
 HEADS = ("study", "points", "failed", "time of computing", "computed")

@@ -14,8 +14,7 @@ import xarray as xr
 from studies import maps, registry, spec
 from studies.quantities import AXES, QUANTITIES
 from studies.study import BEAM_NUMBERS, RIG_NUMBERS, Study, constants
-from sweeps import Sweep
-from sweeps.identity import json_equal, plain
+from sweeps import Sweep, json_equal, plain
 
 # A list of more values than this is no command that anybody types.
 MOST_VALUES = 60

@@ -17,10 +17,9 @@ from studies.report_again import again
 from studies.report_parts import command, table, told
 from studies.report_points import Points, points_of
 from studies.study import Study
-from sweeps.batch import INTERPOLATED_MEANING, STATUS_MEANINGS
-from sweeps.plan import duration
+from sweeps import INTERPOLATED_FLAG, STATUS_FLAGS, duration
 
-STATUS = (*STATUS_MEANINGS.split(), INTERPOLATED_MEANING)
+STATUS = tuple((STATUS_FLAGS | INTERPOLATED_FLAG).values())
 FAILED = STATUS.index("failed")
 STATES = {"running": "still going on", "interrupted": "interrupted"}
 # Failures that are listed.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.columns import TEXT, Column
-from sweeps.finished import blocks
+from sweeps import blocks
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import sweeps
 from studies import registry
-from studies.flags import with_words
-from sweeps.execute import check_backend
+from sweeps import check_backend
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
     from studies.study import Study
-    from sweeps.monitor import Progress
+    from sweeps import Progress
 
 
 # What a figure may be written as, and what keeps its date out of it: the same result is the same file.
@@ -137,7 +136,7 @@ def execute(
     study = registry.load(planned.sweep.name) if study is None else study
     assert planned.store is not None
     dataset = planned.run(scheduler, workers, progress, fail_fast=fail_fast)
-    whole = dataset if planned.points == planned.layout.grid.size else sweeps.open_results(planned.store)
+    whole = dataset if planned.points == planned.manifest.grid.size else sweeps.open_results(planned.store)
     return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
 
 
@@ -151,8 +150,8 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
             raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}") from None
         if dataset.attrs.get("sweep") != name:
             raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
-        return with_words(dataset)
-    return with_words(sweeps.open_results(file))
+        return dataset
+    return sweeps.open_results(file)
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -123,10 +122,9 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         key=key,
         scale=scale,
         # The modes of P1 and the contact law's matrices are made anew for each theta.
-        together=("theta",),
+        order_by=("theta",),
         title="Motion of scenes over V, theta, mu and F",
-        derive=partial(transients.with_flags, regime=transients.REGIMES),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

@@ -172,7 +172,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         fixed,
         title="Stability of steady sliding over inclination and friction",
         derive=partial(with_curves, **fixed),
-        together=("theta",),
+        order_by=("theta",),
     )
 
 

@@ -24,8 +24,14 @@ from studies.study import Study
 from sweeps import Axis, Grid, Sweep, Variable
 
 VARIABLES = {
-    "came": Variable("1", "what came", (), "int8"),
-    "passed": Variable("1", "whether what came is what was expected, and every check passed", (), "int8"),
+    "came": Variable("1", "what came", (), "int8", flags=dict(enumerate(CAME[:-1]))),
+    "passed": Variable(
+        "1",
+        "whether what came is what was expected, and every check passed",
+        (),
+        "int8",
+        flags={0: "no", 1: "yes"},
+    ),
     "value": Variable("1", "what each check found", ("check",)),
     "bound": Variable("1", "what it may be", ("check",)),
 }
@@ -107,7 +113,7 @@ def labelled(dataset: xr.Dataset) -> xr.Dataset:
         margin = np.where((bound == 0.0) & (value == 0.0), 0.0, value / bound)
     about = {"units": "1", "long_name": "what each check found in units of what it may be; above 1 it fails"}
     dataset["margin"] = (dataset["value"].dims, margin, about)
-    return transients.with_flags(dataset, came=CAME[:-1], expected=EXPECTATIONS, passed=("no", "yes"))
+    return transients.with_flags(dataset, expected=EXPECTATIONS)
 
 
 def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -25,7 +26,7 @@ KEPT = ("regime", "dominant_frequency", *AVERAGED)
 
 def _of(name: str, whose: str, dims: tuple[str, ...]) -> Variable:
     summary = transients.SUMMARY[name]
-    return Variable(summary.units, f"{summary.long_name}, {whose}", dims, summary.dtype)
+    return replace(summary, long_name=f"{summary.long_name}, {whose}", dims=dims)
 
 
 VARIABLES = (
@@ -37,7 +38,7 @@ VARIABLES = (
     | fig11.STABILITY
     | {
         "duration": Variable("s", "simulated time of each member"),
-        "regime": Variable("1", "regime of most members", (), "int8"),
+        "regime": Variable("1", "regime of most members", (), "int8", flags=dict(enumerate(transients.REGIMES))),
         "regime_share": Variable("1", "share of the members in the regime of most"),
         "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating members", ()),
     }
@@ -125,7 +126,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         },
         title="Stability and motion over the inclination (Table 6)",
         derive=partial(beside, rig=rig, mu=settings["mu"], V=settings["V"]),
-        at_once=BATCH_MULTIPLE,
+        batch_multiple=BATCH_MULTIPLE,
     )
 
 

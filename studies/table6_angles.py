@@ -60,9 +60,7 @@ def beside(dataset: xr.Dataset, *, rig: Rig, mu: float, V: float) -> xr.Dataset:
     said = stated(theta if papers else np.full(len(theta), np.nan))
     for name, (dims, units, long_name) in STATEMENTS.items():
         dataset[f"{name}_paper"] = (dims, said[name], {"units": units, "long_name": long_name})
-    regimes = dict.fromkeys(("regime", "member_regime"), transients.REGIMES)
-    ends = dict.fromkeys(("window_open_from", "window_open_to"), ENDS)
-    return transients.with_flags(dataset, **regimes, **ends, stated_paper=STATED)
+    return transients.with_flags(dataset, window_open_from=ENDS, window_open_to=ENDS, stated_paper=STATED)
 
 
 def windows(rig: Rig, mu: float, V: float, low: float, high: float) -> tuple[dict[str, NDArray[Any]], str]:

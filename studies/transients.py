@@ -39,7 +39,7 @@ STATES = ("separation", "stick", "slip")
 REGIMES = ("undecided", "stuck", "steady sliding", "intermittent", "periodic", "irregular")
 
 SUMMARY = {
-    "regime": Variable("1", "regime of the motion", (), "int8"),
+    "regime": Variable("1", "regime of the motion", (), "int8", flags=dict(enumerate(REGIMES))),
     "stick_fraction": Variable("1", "share of the time in stick"),
     "slip_fraction": Variable("1", "share of the time in slip"),
     "separation_fraction": Variable("1", "share of the time in separation"),
@@ -230,7 +230,7 @@ def line_near(frequency: Array, power: Array, target: float, within: float = 0.0
 
 
 def with_flags(dataset: xr.Dataset, **meanings: Sequence[str]) -> xr.Dataset:
-    """Say what the whole numbers of a variable stand for."""
+    """Say what the whole numbers of derived variables stand for; a computed one has them as its `flags`."""
     for name, words in meanings.items():
         attributes = dataset[name].attrs
         attributes.pop("units", None)

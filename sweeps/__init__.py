@@ -3,21 +3,44 @@
 It knows no physics. A sweep is declared, planned, executed and stored; each step reads only the one before.
 """
 
+from sweeps.compute.run import check_backend
 from sweeps.errors import AbandonedError, LockedError, SchedulerError, StoreError, SweepStoppedError
-from sweeps.final import open_results
-from sweeps.grid import Axis, Grid, Variable
-from sweeps.monitor import Snapshot
-from sweeps.plan import Plan
-from sweeps.refine import Refinement, refine, refined
-from sweeps.status import Status, check_free, status
-from sweeps.sweep import Sweep
+from sweeps.fingerprint.identity import json_equal, plain
+from sweeps.grid import (
+    DONE,
+    FAILED,
+    INTERPOLATED,
+    INTERPOLATED_FLAG,
+    PENDING,
+    SKIPPED,
+    STATUS_FLAGS,
+    Axis,
+    Grid,
+    Variable,
+)
+from sweeps.plan.plan import duration
+from sweeps.refine.lattice import Refinement
+from sweeps.refine.refine import refined
+from sweeps.storage.netcdf import open_results
+from sweeps.storage.sources import blocks
+from sweeps.sweep import Plan, Sweep
+from sweeps.watch.monitor import Progress, Snapshot
+from sweeps.watch.status import Status, check_free, status
 
 __all__ = [
+    "DONE",
+    "FAILED",
+    "INTERPOLATED",
+    "INTERPOLATED_FLAG",
+    "PENDING",
+    "SKIPPED",
+    "STATUS_FLAGS",
     "AbandonedError",
     "Axis",
     "Grid",
     "LockedError",
     "Plan",
+    "Progress",
     "Refinement",
     "SchedulerError",
     "Snapshot",
@@ -26,9 +49,13 @@ __all__ = [
     "Sweep",
     "SweepStoppedError",
     "Variable",
+    "blocks",
+    "check_backend",
     "check_free",
+    "duration",
+    "json_equal",
     "open_results",
-    "refine",
+    "plain",
     "refined",
     "status",
 ]

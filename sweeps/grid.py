@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Points = dict[str, NDArray[Any]]
+# One array a column, one entry a row.
+Columns = list[NDArray[Any]]
+# Points that are made at a time, where they are only looked at.
+BLOCK = 1 << 18
+
+# What has become of a point.
+PENDING, DONE, FAILED, SKIPPED, INTERPOLATED = range(5)
+STATUS_FLAGS = {PENDING: "pending", DONE: "done", FAILED: "failed", SKIPPED: "skipped"}
+# Points of a refined sweep only.
+INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
 DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
 # What a sweep's file holds besides axes and results; names that begin with `failure_` are its own as well.
@@ -71,6 +80,8 @@ class Variable:
         compressed. Default: all.
     scale : str
         The factor of the sweep's `scale` by which a copy's value is multiplied; "" for none.
+    flags : mapping of int to str, optional
+        What each value of a whole number means; the file has them as CF flags, blanks replaced by underscores.
     """
 
     units: str = "1"
@@ -79,6 +90,7 @@ class Variable:
     dtype: str = "float64"
     digits: int | None = None
     scale: str = ""
+    flags: Mapping[int, str] | None = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         if self.dtype not in DTYPES:
@@ -95,6 +107,16 @@ class Variable:
         digits = self.digits
         if digits is not None and not (type(digits) is int and 1 <= digits <= 15):
             raise ValueError(f"Variable: digits = {digits!r}: it must be a whole number from 1 to 15")
+        flags = self.flags
+        if flags is not None and not (
+            whole
+            and flags
+            and all(isinstance(code, (int, np.integer)) and code > self.missing for code in flags)
+            and all(isinstance(word, str) and word for word in flags.values())
+        ):
+            raise ValueError(
+                f"Variable: flags = {flags!r}: they must be texts by whole numbers, with a dtype of those"
+            )
 
     @property
     def missing(self) -> float:
@@ -114,47 +136,49 @@ class Grid:
         One group of axes of equal length, or several groups.
     skip : callable, optional
         `skip(points)` tells, as a boolean array, which points need not be computed.
+
+    Attributes
+    ----------
+    groups : tuple of tuple of str
+        The axes that vary together, one group a dimension.
     """
 
     axes: Mapping[str, Axis]
     zipped: Sequence[Any] = ()
     skip: Callable[[Points], Any] | None = None
-    _groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
+    groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         axes = dict(self.axes)
         if not axes:
             raise ValueError("Grid: axes = {}: there must be at least one axis")
         check_names("Grid: axes", axes, Axis)
-        object.__setattr__(self, "axes", axes)
-        zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else list(self.zipped)
-        groups: list[tuple[str, ...]] = []
-        taken: set[str] = set()
-        for group in zipped:
-            for name in group:
-                if name not in axes or name in taken:
-                    raise ValueError(
-                        f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
-                    )
-                taken.add(name)
+        zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else self.zipped
+        named = [name for group in zipped for name in group]
+        for name in named:
+            if name not in axes or named.count(name) > 1:
+                raise ValueError(
+                    f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
+                )
+        group_of = {name: (name,) for name in axes}
+        for group in map(tuple, zipped):
             lengths = {name: len(axes[name]) for name in group}
             if len(set(lengths.values())) > 1:
                 raise ValueError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
-        for name in axes:
-            together = next((tuple(g) for g in zipped if name in g), (name,))
-            if together not in groups:
-                groups.append(together)
-        for group in groups:
-            rows = self.rows(group)
-            if len(set(rows)) < len(rows):
-                twice = next(row for row in rows if rows.count(row) > 1)
+            group_of |= dict.fromkeys(group, group)
+        object.__setattr__(self, "axes", axes)
+        object.__setattr__(self, "groups", tuple(dict.fromkeys(group_of.values())))
+        for group in self.groups:
+            first = first_equal(self._columns(group))
+            again = np.flatnonzero(first < np.arange(len(first)))
+            if len(again):
+                twice = tuple(column[again[0]].item() for column in self._columns(group))
                 raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
-        object.__setattr__(self, "_groups", tuple(groups))
 
     @property
     def dims(self) -> tuple[str, ...]:
         """One dimension a group, named after its first axis."""
-        return tuple(group[0] for group in self._groups)
+        return tuple(group[0] for group in self.groups)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -168,76 +192,135 @@ class Grid:
 
     def dim_of(self, name: str) -> str:
         """The dimension along which the axis `name` runs."""
-        return next(group[0] for group in self._groups if name in group)
+        return next(group[0] for group in self.groups if name in group)
 
-    @property
-    def groups(self) -> tuple[tuple[str, ...], ...]:
-        """The axes that vary together, one group a dimension."""
-        return self._groups
+    def blocks(self) -> Iterator[NDArray[np.intp]]:
+        """The numbers of all points, some at a time."""
+        for begin in range(0, self.size, BLOCK):
+            yield np.arange(begin, min(begin + BLOCK, self.size))
 
     def points(self, index: NDArray[np.intp] | None = None) -> Points:
         """The points at `index`, one entry each; by default all, in C order of the dimensions."""
         chosen = np.arange(self.size) if index is None else index
-        place = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
-        return {name: axis.values[place[self.dim_of(name)]] for name, axis in self.axes.items()}
+        places = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
+        return {name: axis.values[places[self.dim_of(name)]] for name, axis in self.axes.items()}
 
-    def skipped(self, points: Points) -> NDArray[np.bool_]:
-        """Which of `points` need not be computed."""
-        count = len(next(iter(points.values())))
-        if self.skip is None:
-            return np.zeros(count, dtype=bool)
-        flags = np.asarray(self.skip(points), dtype=bool)
-        if flags.shape != (count,):
-            raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be ({count},)")
-        return flags
+    def at(self, values: Columns) -> NDArray[np.intp]:
+        """The point with each row of the axes' values; -1 where there is none."""
+        points = dict(zip(self.axes, values, strict=True))
+        along = [_find(self._columns(group), [points[name] for name in group]) for group in self.groups]
+        return _flat(along, self.shape)
 
-    def rows(self, group: tuple[str, ...], part: slice = slice(None)) -> list[tuple[Any, ...]]:
-        """The values along one dimension, as plain tuples."""
-        return list(zip(*(self.axes[name].values[part].tolist() for name in group), strict=True))
+    def live(self) -> NDArray[np.bool_]:
+        """Whether each point is one that `skip` does not leave out."""
+        live = np.ones(self.size, dtype=bool)
+        if self.skip is not None:
+            for index in self.blocks():
+                flags = np.asarray(self.skip(self.points(index)), dtype=bool)
+                if flags.shape != index.shape:
+                    raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be {index.shape}")
+                live[index] = ~flags
+        return live
+
+    def embed(self, other: Grid) -> Embedding:
+        """Where the points of `other`, a grid of the same axes, lie in this one."""
+        places: list[NDArray[np.intp] | slice] = []
+        for group in self.groups:
+            own, asked = self._columns(group), other._columns(group)
+            places.append(slice(None) if all(map(np.array_equal, own, asked)) else _find(own, asked))
+        return Embedding(other.shape, self.shape, tuple(places))
 
     def grown(self, other: Grid) -> Grid:
-        """The grid with the values of `other`, one of the same axes, added to it.
+        """The values of this grid and of `other`, one of the same axes, with all else that `other` says of them.
 
         Where both are sorted the sum is; otherwise what is new comes last.
         """
-        axes = dict(self.axes)
-        for group in self._groups:
-            own, new = self.rows(group), other.rows(group)
-            present = set(own)
-            rows = own + [row for row in new if row not in present]
-            if len(rows) == len(own):
-                continue
-            for backwards in (False, True):
-                if all(each == sorted(each, reverse=backwards) for each in (own, new)):
-                    rows.sort(reverse=backwards)
-                    break
-            for name, values in zip(group, zip(*rows, strict=True), strict=True):
-                axis = self.axes[name]
-                axes[name] = Axis(
-                    np.array(values, dtype=_common(axis, other.axes[name])), axis.units, axis.long_name
-                )
-        zipped = [group for group in self._groups if len(group) > 1]
-        return Grid(axes, zipped, self.skip)
+        if self.embed(other).identical:
+            return other
+        axes = dict(other.axes)
+        for group in self.groups:
+            own, asked = self._columns(group), other._columns(group)
+            new = _find(own, asked) < 0
+            every = [np.concatenate([column, more[new]]) for column, more in zip(own, asked, strict=True)]
+            step = next((step for step in (1, -1) if _sorted(own, step) and _sorted(asked, step)), None)
+            if step is not None:
+                order = np.lexsort(every[::-1])[::step]
+                every = [values[order] for values in every]
+            for name, values in zip(group, every, strict=True):
+                # A file has no flags, and may have whole numbers.
+                same = values.astype(axes[name].values.dtype)
+                axes[name] = replace(axes[name], values=same if np.array_equal(same, values) else values)
+        return replace(other, axes=axes)
 
-    @cached_property
-    def _places(self) -> list[dict[tuple[Any, ...], int]]:
-        """Where the values along each dimension stand."""
-        return [{row: n for n, row in enumerate(self.rows(group))} for group in self._groups]
-
-    def place(self, other: Grid, block: tuple[slice, ...] = ()) -> NDArray[np.intp]:
-        """Where each point of `other`, or of a block of it, lies in this grid, by value; -1 where it does not."""
-        flat, inside = np.zeros((), dtype=np.intp), np.ones((), dtype=bool)
-        parts = [*block, *[slice(None)] * (len(self._groups) - len(block))]
-        for group, part, known in zip(self._groups, parts, self._places, strict=True):
-            along = np.array([known.get(row, -1) for row in other.rows(group, part)], dtype=np.intp)
-            flat = flat[..., None] * len(known) + along
-            inside = inside[..., None] & (along >= 0)
-        return np.where(inside, flat, -1).ravel()
+    def _columns(self, group: Sequence[str]) -> Columns:
+        return [self.axes[name].values for name in group]
 
 
-def _common(one: Axis, other: Axis) -> np.dtype[Any]:
-    """A type that holds the values of both; texts grow as long as they must."""
-    return np.promote_types(one.values.dtype, other.values.dtype)
+@dataclass(frozen=True, eq=False)
+class Embedding:
+    """Where the points of one grid lie in another, by value.
+
+    Attributes
+    ----------
+    inner, outer : tuple of int
+        Shapes of the two.
+    places : tuple of (ndarray of int or slice)
+        Along each dimension where the values of the inner grid stand in the outer one, -1 where they do not; a
+        slice of all where both have the same values.
+    """
+
+    inner: tuple[int, ...]
+    outer: tuple[int, ...]
+    places: tuple[NDArray[np.intp] | slice, ...]
+
+    @property
+    def identical(self) -> bool:
+        """Whether the two are one grid."""
+        return all(isinstance(place, slice) for place in self.places)
+
+    @property
+    def index(self) -> tuple[NDArray[np.intp], ...]:
+        """What picks the points of the inner grid from an array of the outer one's shape that holds all of it."""
+        return np.ix_(*(np.arange(n)[place] for n, place in zip(self.outer, self.places, strict=True)))
+
+    def __call__(self, points: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The outer grid's point of each of the inner one's; -1 where there is none."""
+        if self.identical:
+            return points
+        index = np.unravel_index(points, self.inner)
+        along = [k if isinstance(place, slice) else place[k] for k, place in zip(index, self.places, strict=True)]
+        return _flat(along, self.outer)
+
+
+def first_equal(columns: Columns) -> NDArray[np.intp]:
+    """For each row the first that equals it."""
+    # Equal rows stay in their order, so that the first of them is the first that differs from the one before.
+    order = np.lexsort(columns)
+    new = np.arange(len(order)) == 0
+    for column in columns:
+        ranked = column[order]
+        new[1:] |= ranked[1:] != ranked[:-1]
+    first = np.empty_like(order)
+    first[order] = order[new][np.cumsum(new) - 1]
+    return first
+
+
+def _find(columns: Columns, requested: Columns) -> NDArray[np.intp]:
+    """For each of the rows requested the first that equals it; -1 where none does."""
+    count = len(columns[0])
+    first = first_equal([np.concatenate(pair) for pair in zip(columns, requested, strict=True)])[count:]
+    return np.where(first < count, first, -1)
+
+
+def _sorted(columns: Columns, step: int) -> bool:
+    """Whether rows, all different, ascend with a step of 1, or descend with one of -1."""
+    return np.array_equal(np.lexsort(columns[::-1])[::step], np.arange(len(columns[0])))
+
+
+def _flat(along: Sequence[NDArray[np.intp]], shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Points by their places along each dimension; -1 where one of these is."""
+    flat = np.ravel_multi_index(along, shape, mode="clip")
+    return np.where(np.logical_and.reduce([place >= 0 for place in along]), flat, -1)
 
 
 def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:

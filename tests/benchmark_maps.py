@@ -9,6 +9,7 @@ otherwise here and there: the last lines compare the full grid with one of other
 
 import argparse
 import tempfile
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def rows(quantity, data, tolerance):
         limit = None if QUANTITIES[quantity].whole else tolerance
         refinement = Refinement(quantity, levels, limit, QUANTITIES[quantity].thresholds)
         values, computed, passes = explored(
-            data[quantity].values, levels, refinement.rule(QUANTITIES[quantity].whole)
+            data[quantity].values, levels, replace(refinement, whole=QUANTITIES[quantity].whole)
         )
         found = values > 0.0 if quantity == "growth_rate" else values
         start = 2 ** (6 - levels) + 1

@@ -1,11 +1,13 @@
 """What the sweep engine costs, as the README quotes it: `python -m tests.benchmark_sweeps [PART ...]`.
 
-Parts: overhead, memory, cores, grid; by default all (a quarter of an hour on two cores). Whatever is compared is
-measured in turns in one run; figures are medians, ratios those of neighbours in time.
+Parts: overhead, memory, size, client, cores, recorded, grid; by default all (20 minutes on two cores). Whatever is
+compared is measured in turns in one run; figures are medians, ratios those of neighbours in time.
 """
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -20,6 +22,8 @@ from tests.benchmark_stability import machine
 
 # The transient sweep: so many scenes of so many simulated seconds.
 SCENES, SECONDS = 2400, 1.0
+# Recorded scenes.
+RECORDED = 200
 TURNS = 3
 
 
@@ -40,12 +44,12 @@ def trivial(count, wide):
     return Sweep("trivial", vector, grid, {"y": Variable(dims=("k",))}, coords={"k": Axis(np.arange(1000))})
 
 
-def scenes(count, record=()):
+def scenes(count, record=(), given=None):
     """A transient sweep of `count` different scenes."""
     from studies import registry
 
-    given = {"V": np.linspace(1e-3, 5e-3, count // 4), "theta": [3.0, 5.0, 7.0, 9.0], "mu": 0.2, "F": 9.0}
-    given["duration"] = SECONDS
+    given = given or {"V": np.linspace(1e-3, 5e-3, count // 4), "theta": [3.0, 5.0, 7.0, 9.0]}
+    given = given | {"mu": 0.2, "F": 9.0, "duration": SECONDS}
     rate = 50e3 if record else None
     return registry.load("scenes").sweep(given, record=record, sample_rate=rate)
 
@@ -58,9 +62,9 @@ def _apart(part):
 
 def overhead():
     """Microseconds a point of a function that does nothing, planned, run through Dask's threads, stored."""
-    print(f"\n{'points':>9}  {'result':<16} {'us a point':>10}  {'batches':>7}  {'all cached':>10}")
+    print(f"\n{'points':>9}  {'result':<16} {'us a point':>10}  {'all cached':>10}")
     for count, wide in ((10_000, False), (100_000, False), (10_000, True), (100_000, True)):
-        spent, resumed, batches = [], [], 0
+        spent, resumed = [], []
         # The first round pays for imports.
         for turn in range(6 if count == 10_000 else 4):
             with tempfile.TemporaryDirectory() as folder:
@@ -75,9 +79,8 @@ def overhead():
                 if turn:
                     spent.append((middle - begin) / count * 1e6)
                     resumed.append((time.perf_counter() - middle) / count * 1e6)
-                batches = len(plan.batches)
         what = "vector of 1000" if wide else "scalar"
-        print(f"{count:>9}  {what:<16} {median(spent):>10.1f}  {batches:>7}  {median(resumed):>10.1f}")
+        print(f"{count:>9}  {what:<16} {median(spent):>10.1f}  {median(resumed):>10.1f}")
 
 
 def memory():
@@ -129,6 +132,74 @@ def _peak():
         if line.startswith("VmHWM:"):
             return int(line.split()[1]) / 1024
     raise OSError("this system does not tell the most memory that a program has held")
+
+
+def plane(points):
+    return {"y": 2.0 * points["x"] + points["z"]}
+
+
+def size(counts=(10**7, 10**8)):
+    """Many points of a cheap function: a run that is killed half-way, and taken up by another process."""
+    for count in counts:
+        with tempfile.TemporaryDirectory() as folder:
+            print(f"\n{count} points, a scalar each")
+            for way in ("_killed", "_resumed"):
+                command = [sys.executable, "-m", "tests.benchmark_sweeps", way, str(count), folder]
+                print(subprocess.run(command, capture_output=True, text=True).stdout, end="", flush=True)
+
+
+def _sized(way, count, folder):
+    from sweeps import Axis, Grid, Sweep, Variable, open_results
+
+    axis, store = Axis(np.arange(float(round(count**0.5)))), Path(folder) / "plane.nc"
+    sweep = Sweep("plane", plane, Grid({"x": axis, "z": axis}), {"y": Variable()})
+    begin = time.perf_counter()
+    plan = sweep.plan(store)
+    print(f"planned in {time.perf_counter() - begin:.2f} s, {plan.todo} to do, peak {_peak():.0f} MB", flush=True)
+
+    def kill(snapshot):
+        if way == "_killed" and snapshot.done > count // 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    begin = time.perf_counter()
+    plan.run(progress=kill)
+    spent, begin = time.perf_counter() - begin, time.perf_counter()
+    data = open_results(store)
+    opened = time.perf_counter() - begin
+    assert not data["y"].variable._in_memory
+    print(f"run in {spent:.1f} s, opened in {1e3 * opened:.0f} ms, peak {_peak():.0f} MB, ", end="")
+    print(f"file {store.stat().st_size / 1e6:.0f} MB")
+
+
+CLUSTER = """
+import time, distributed
+if __name__ == "__main__":
+    print(distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None).scheduler_address, flush=True)
+    time.sleep(1000)
+"""
+
+
+def client():
+    """Processor time that a batch costs whoever hands it out, on a cluster of two processes."""
+    from sweeps.plan import batches
+
+    batches.BATCH_BYTES = 24.0
+    spent = []
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "cluster.py"
+        program.write_text(CLUSTER)
+        command = [sys.executable, str(program)]
+        cluster = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        try:
+            address = cluster.stdout.readline().strip()
+            for count in (100, 200, 1200):
+                plan = trivial(count, False).plan(Path(folder) / f"{count}.nc")
+                begin = time.process_time()
+                plan.run(address)
+                spent.append(time.process_time() - begin)
+        finally:
+            os.killpg(cluster.pid, signal.SIGKILL)
+    print(f"\n{spent[2] - spent[1]:.2f} ms a batch")
 
 
 def cores():
@@ -186,17 +257,67 @@ def _engine(scheduler):
     ends = []
     with tempfile.TemporaryDirectory() as folder:
         plan = scenes(SCENES).plan(Path(folder) / "scenes.nc")
-        probed = sum(len(table) for table in plan.probes)
         begin = time.perf_counter()
         plan.run(scheduler, 2, lambda snapshot: ends.append((time.perf_counter(), snapshot.done)))
-        whole = (SCENES - probed) / (time.perf_counter() - begin)
+        whole = SCENES / (time.perf_counter() - begin)
     if scheduler == "threads":
         print(whole, whole)
         return
     # From the first batch that ended to the last: the cluster has started then.
-    first = next(k for k, (_, done) in enumerate(ends) if done > probed)
+    first = next(k for k, (_, done) in enumerate(ends) if done)
     (t0, d0), (t1, d1) = ends[first], ends[-1]
     print((d1 - d0) / (t1 - t0), whole)
+
+
+def recorded():
+    """Recorded scenes in one run on two threads, against two processes that run half of them each."""
+    rates = {"halves": [], "threads": []}
+    print(f"\n{RECORDED} recorded scenes of {SECONDS:g} s; scenes a second on two cores: computed, and in all")
+    for _ in range(TURNS):
+        rates["halves"].append(_halves())
+        rates["threads"].append(_rates(_apart("recorded_threads")))
+    for name, values in rates.items():
+        ratios = np.median(np.divide(values, rates["halves"]), axis=0)
+        print(f"{name:<8} {np.median(values, axis=0).round(1)}  {ratios.round(3)} of two halves")
+
+
+def _halves():
+    begun = [
+        subprocess.Popen(
+            [sys.executable, "-m", "tests.benchmark_sweeps", "_recorded_half", str(k)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for k in range(2)
+    ]
+    for half in begun:
+        assert half.stdout.readline() == "ready\n"
+    for half in begun:
+        half.stdin.write("go\n")
+        half.stdin.flush()
+    # Of the slower one.
+    return np.min([_rates(half.communicate()[0]) for half in begun], axis=0) * 2.0
+
+
+def _rates(told):
+    return [float(each) for each in told.split()[-2:]]
+
+
+def _recorded_run(half=None):
+    """Scenes a second until the last one was computed, and until the file was written."""
+    series = ("velocity_B", "normal_force", "slip_velocity")
+    with tempfile.TemporaryDirectory() as folder:
+        scenes(4, series).plan(Path(folder) / "first.nc").run("sync")  # what compiles
+        plan = scenes(RECORDED, series).plan(Path(folder) / "scenes.nc")
+        if half is not None:
+            given = {"V": np.linspace(1e-3, 5e-3, RECORDED // 4)[half::2], "theta": [3.0, 5.0, 7.0, 9.0]}
+            plan = scenes(RECORDED, series, given).plan(Path(folder) / "scenes.nc")
+            print("ready", flush=True)
+            sys.stdin.readline()
+        ends, begin = [], time.perf_counter()
+        plan.run("threads", 2 if half is None else 1, lambda snapshot: ends.append(time.perf_counter())).close()
+        print(plan.todo / (ends[-1] - begin), plan.todo / (time.perf_counter() - begin))
 
 
 def grid():
@@ -216,21 +337,27 @@ def grid():
 
 
 def main():
-    parts = sys.argv[1:] or ["overhead", "memory", "cores", "grid"]
+    parts = sys.argv[1:] or ["overhead", "memory", "size", "client", "cores", "recorded", "grid"]
     if parts[0] == "_million":
         _measured("1 000 000 points, one scalar each", trivial(1_000_000, False))
     elif parts[0] == "_recorded":
         _measured(
             "1000 scenes of 1 s, 3 series at 50 kHz", scenes(1000, ("velocity_B", "normal_force", "slip_velocity"))
         )
+    elif parts[0] in ("_killed", "_resumed"):
+        _sized(parts[0], int(parts[1]), parts[2])
     elif parts[0] == "_copy":
         _copy(int(parts[1]))
+    elif parts[0] == "_recorded_threads":
+        _recorded_run()
+    elif parts[0] == "_recorded_half":
+        _recorded_run(int(parts[1]))
     elif parts[0] in ("_threads", "_processes"):
         _engine(parts[0][1:])
     else:
         print(machine().removesuffix(", one core used"))
         for part in parts:
-            {"overhead": overhead, "memory": memory, "cores": cores, "grid": grid}[part]()
+            globals()[part]()
 
 
 if __name__ == "__main__":

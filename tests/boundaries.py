@@ -3,7 +3,12 @@
 import numpy as np
 from scipy.ndimage import distance_transform_cdt
 
-from sweeps import lattice
+from sweeps.refine import lattice
+
+
+def refine(sweep, store, *backend, **options):
+    """The refined sweep, planned and run."""
+    return sweep.plan(store, **options).run(*backend)
 
 
 def explored(truth, levels, rule, copies=None):

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from sweeps import planning
+from sweeps.plan import batches
 from tests.identity_parts import FILES, Package
 from tests.waves import BROKEN, LOG
 
@@ -22,5 +22,4 @@ def small_pieces(monkeypatch):
     """Batches of a point or two, nothing logged yet, nothing broken."""
     LOG.clear()
     BROKEN["points"] = set()
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
+    monkeypatch.setattr(batches, "BATCH_BYTES", 1.0)

@@ -131,6 +131,131 @@ NAMED = {
         """,
 }
 
+# A program of several modules, in which every marked line is reached by what `compute` runs.
+PROGRAM = {
+    "__init__.py": "from ident.core import exported\n",
+    "core.py": """
+        from ident.settings import *
+
+        def exported(x):
+            return x * FACTOR  # edit: FACTOR -> FACTOR + 1
+        """,
+    "settings.py": "FACTOR = 2.0  # edit: 2.0 -> 2.5\n",
+    "late.py": "def arrive(x):\n    return x + 6  # edit: 6 -> 7\n",
+    "plugins.py": """
+        from ident.registry import TABLE, register
+
+        @register("square")  # edit: square -> cube
+        def square(x):
+            return x**2  # edit: **2 -> **3
+        """,
+    "registry.py": """
+        TABLE = {"plain": 1.0}  # edit: 1.0 -> 1.5
+
+        def register(name):
+            def keep(function):
+                TABLE[name] = function  # edit: = function -> = (function, 1)
+                return function
+            return keep
+        """,
+    "models.py": """
+        import dataclasses
+
+        class Base:
+            unit = 1.0  # edit: 1.0 -> 3.0
+
+            def scaled(self):
+                return self.unit * 2  # edit: * 2 -> * 4
+
+        class Other(Base):
+            pass
+
+        @dataclasses.dataclass(frozen=True)  # edit: frozen=True -> frozen=False
+        class Model(Base):  # edit: (Base) -> (Other)
+            weight: float = 3.0  # edit: 3.0 -> 4.0
+
+            @property
+            def heavy(self):
+                return self.weight > 2  # edit: > 2 -> > 5
+
+            def __getattr__(self, name):
+                return 5  # edit: 5 -> 8
+        """,
+    "lazy.py": """
+        def __getattr__(name):
+            return 9  # edit: 9 -> 10
+        """,
+    "main.py": """
+        import functools
+
+        import ident
+        import ident.plugins
+        import ident.settings as chosen
+        import numba
+        from ident import lazy, registry
+        from ident.models import Model
+
+        LIMITS = {"low": 0.0}  # edit: 0.0 -> 0.1
+        LIMITS["high"] = 9.0  # edit: 9.0 -> 8.0
+        LIMITS.update(middle=4.0)  # edit: 4.0 -> 4.5
+        DEFAULT = 1.5  # edit: 1.5 -> 1.6
+        SHAPE = (1, 2) if DEFAULT else (2, 1)  # edit: (2, 1) -> (3, 1)
+        CHOICES = {"up": lambda x: x + 1, "down": lambda x: x - 1}  # edit: x - 1 -> x - 2
+
+        def doubled(function):
+            @functools.wraps(function)
+            def inner(points):
+                return 2 * function(points)  # edit: 2 * -> 3 *
+            return inner
+
+        def tripled(function):
+            return function
+
+        @numba.njit(error_model="numpy")  # edit: numpy -> python
+        def kernel(x):
+            return x + 3  # edit: x + 3 -> x + 4
+
+        def maker(step=0.5):  # edit: 0.5 -> 0.6
+            def inner(x):
+                return x / step  # edit: x / -> x *
+            return inner
+
+        HELD = maker()  # edit: maker() -> maker(2.0)
+        GIVEN = functools.partial(pow, 2)  # edit: (pow, 2) -> (pow, 3)
+
+        @doubled  # edit: doubled -> tripled
+        def compute(points, start=DEFAULT):  # edit: start=DEFAULT -> start=2.0
+            from ident.late import arrive
+
+            model = Model()
+            total = ident.exported(start) + chosen.FACTOR + lazy.anything + arrive(kernel(model.scaled()))
+            total += model.heavy + model.other + LIMITS["low"] + SHAPE[0] + HELD(1.0) + GIVEN(2)
+            return CHOICES["up"](total) + registry.TABLE["plain"]  # edit: up -> down
+        """,
+}
+# What may stand anywhere between two statements at the top of a module and changes nothing.
+HARMLESS = (
+    "# a remark\n",
+    '"""A text."""\n',
+    "\n\n\n",
+    "UNUSED = 1\n",
+    "def unused():\n    return DEFAULT\n",
+    "class Unused:\n    size = 1\n",
+    "import json\n",
+    "unused: int\n",
+)
+
+
+def edits(program=PROGRAM):
+    """Every edit marked in the program: file, line, the line as edited."""
+    for name, text in program.items():
+        for line in text.splitlines():
+            before, marked, edit = line.partition("  # edit: ")
+            if marked:
+                old, _, new = edit.partition(" -> ")
+                assert before.count(old) == 1, line
+                yield name, line, before.replace(old, new)
+
 
 class Package:
     """Files of a package called `ident`, which may be changed."""

@@ -1,10 +1,7 @@
 """Small results for tests of the report page: tables, a line, a plane, failures and maps."""
 
-from contextlib import nullcontext
-
 from studies import maps, runner
 from studies.spec import evenly
-from sweeps.refine import passes
 
 SHORT = {"members": 2.0, "least": 0.5, "load_ups": 1.0, "most": 1.0}
 
@@ -20,11 +17,5 @@ def made(folder):
         plane = maps.plane_of(x, y, halvings)
         sweep = maps.sweep_of(plane, "growth_rate", {}, halvings)
         file = maps.file_of(plane, "growth_rate", folder)
-        plans = passes(sweep, file)
-        maps.execute(next(plans), plans, ("sync", None), untold)
+        maps.execute(sweep.plan(file), ("sync", None))
     return folder
-
-
-def untold(todo):
-    """Progress that is told to nobody."""
-    return nullcontext()

@@ -24,20 +24,18 @@ from sweeps import (
     Sweep,
     SweepStoppedError,
     Variable,
-    cluster,
-    planning,
 )
-from sweeps.store import Store
+from sweeps.compute import cluster
+from sweeps.plan import batches
+from sweeps.storage.store import Store
 
 HOME = Path(__file__).resolve().parents[1]
 MEGABYTE = 1 << 20
 
 
-def cut(batches=60, patch=None):
-    """Let plans have so many batches, or one a point, however short they are; until a `patch` is undone."""
-    wanted = {"LEAST_BATCHES": batches, "SHORTEST": 1e-9, "PROBE_SIZES": (1, 1)}
-    for name, value in wanted.items():
-        (setattr if patch is None else patch.setattr)(planning, name, value)
+def cut(patch=None):
+    """Let every batch be of one point, however short it is; until a `patch` is undone."""
+    (setattr if patch is None else patch.setattr)(batches, "BATCH_BYTES", 1.0)
 
 
 def powers(points, log, pause, long, parent, deadly):
@@ -106,7 +104,7 @@ def wait_for(process, word):
 def main(told):
     """Plan and run; one line for each thing that happens."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    cut(told.get("batches", 60))
+    cut()
     if "file_size" in told:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (told["file_size"], resource.RLIM_INFINITY))

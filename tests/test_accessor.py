@@ -16,7 +16,7 @@ import studies.accessor  # registers `.fiv`
 from fivcore import Rig, Scene, simulate
 from studies import maps, registry
 from studies.query import query
-from sweeps import refine
+from tests.boundaries import refine
 
 RESULTS = Path(__file__).parents[1] / "results"
 # What a short run has figures of.

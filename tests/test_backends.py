@@ -16,8 +16,9 @@ import pytest
 import xarray as xr
 from threadpoolctl import threadpool_info
 
-from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, cluster, open_results
-from sweeps.cluster import WINDOW
+from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, open_results
+from sweeps.compute import cluster
+from sweeps.compute.local import WINDOW
 from tests.sweep_programs import HOME, cut, make, start, wait_for
 from tests.test_crashes import COMPARED, end
 
@@ -26,7 +27,7 @@ QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"da
 
 @pytest.fixture(autouse=True)
 def _many_batches(monkeypatch):
-    cut(12, monkeypatch)
+    cut(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -87,33 +88,36 @@ def test_functions_without_a_name_and_blas_on_one_thread(address, scheduler):
 
 def test_no_more_is_submitted_than_the_workers_need(address, monkeypatch):
     most, sizes = 0, []
-    submit = distributed.Client.submit
+    submit = distributed.Client.map
 
     def counted(self, function, *arguments, **options):
-        sizes.append(len(pickle.dumps(arguments)))
+        sizes.extend(len(pickle.dumps(each)) for each in zip(*arguments, strict=True))
         return submit(self, function, *arguments, **options)
 
-    monkeypatch.setattr(distributed.Client, "submit", counted)
+    monkeypatch.setattr(distributed.Client, "map", counted)
 
     def watch(snapshot):
         nonlocal most
         most = max(most, len(snapshot.now))
 
-    monkeypatch.setattr("sweeps.monitor.SHOWN", 1000)
+    monkeypatch.setattr("sweeps.watch.monitor.SHOWN", 1000)
     make(points=40).plan().run(address, None, watch)
     assert WINDOW < most <= WINDOW * 2
 
     # What is sent for a batch does not grow with the grid.
-    monkeypatch.setattr("sweeps.planning.BATCH_BYTES", 48.0 * 5)
-    plan = make(points=100).plan()
-    size = len(plan.batches[0])
+    monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 48.0 * 5)
     sizes.clear()
-    plan.run(address)
+    make(points=100).plan().run(address)
     small, count = max(sizes), len(sizes)
-    big = make(points=1_000_000).plan()
-    object.__setattr__(big, "batches", tuple(batch[:size] for batch in big.batches[:count]))
     sizes.clear()
-    big.run(address)
+
+    def enough(snapshot):
+        if len(sizes) >= count:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        make(points=1_000_000).plan().run(address, None, enough)
+    assert len(sizes) >= count
     assert max(sizes) <= small + 64
 
 
@@ -180,7 +184,7 @@ import only_here
 from tests.sweep_programs import cut
 from tests.test_backends import simple
 from sweeps import SchedulerError
-cut(8)
+cut()
 try:
     simple(only_here.f).plan().run({address!r})
 except SchedulerError as problem:
@@ -189,6 +193,23 @@ except SchedulerError as problem:
     told = subprocess.run([sys.executable, "-c", code], cwd=HOME, capture_output=True, text=True)
     assert told.stdout == "the workers cannot compute this: ModuleNotFoundError: No module named 'only_here'\n"
     assert told.stderr == ""
+
+
+def test_workers_that_lack_the_engine():
+    cluster = f"distributed.LocalCluster(n_workers=1, processes=False, protocol='tcp://', **{QUIET})"
+    code = f"import sys; sys.modules['sweeps'] = None; import distributed; cluster = {cluster}; "
+    code += "print(cluster.scheduler_address, flush=True); sys.stdin.read()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    where = process.stdout.readline().strip()
+    with pytest.raises(SchedulerError, match=r"^the workers cannot compute this: .*ModuleNotFoundError"):
+        make(points=4).plan().run(where)
+    process.communicate()
 
 
 def test_a_function_that_cannot_be_sent():
@@ -291,7 +312,7 @@ def test_within_a_thread_and_within_a_worker(address):
     thread.join()
 
     def nested(scheduler):
-        cut(12)
+        cut()
         try:
             return values(make(points=24).plan().run(scheduler, 2))
         except SchedulerError as problem:
@@ -307,7 +328,7 @@ def test_within_a_thread_and_within_a_worker(address):
 
 
 def test_rows_of_a_megabyte_need_little_memory(tmp_path):
-    process = start(store=tmp_path / "rows.nc", points=300, rows=True, batches=40)
+    process = start(store=tmp_path / "rows.nc", points=300, rows=True)
     peak = int(wait_for(process, "peak").split()[1])
     end(process)
     assert open_results(tmp_path / "rows.nc")["row"].shape == (300, 1 << 17)

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
-from sweeps.batch import MOST_LETTERS, Work, rounded
+from sweeps.compute.batch import MOST_LETTERS, Task
+from sweeps.compute.values import rounded
 
 CALLS: list[int] = []
 RAISED: list[Exception] = []
@@ -211,9 +212,9 @@ def test_a_wrong_return_is_named(given, said):
     def function(points):
         return given if given is None else {"y": points["x"]} | given
 
-    work = Work("batches", function, {}, {"y": Variable()}, {"y": ()})
+    task = Task("batches", function, {}, {"y": Variable()}, {"y": ()})
     with pytest.raises((TypeError, ValueError), match=re.escape(said)) as caught:
-        work._call({"x": np.arange(2.0)})
+        task._call({"x": np.arange(2.0)})
     assert "\n" not in str(caught.value)
 
 

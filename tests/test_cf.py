@@ -15,8 +15,9 @@ import xarray as xr
 from compliance_checker.runner import CheckSuite
 
 from studies import maps, registry
-from sweeps import Axis, Grid, Sweep, Variable, refine
+from sweeps import Axis, Grid, Sweep, Variable
 from tests import trials
+from tests.boundaries import refine
 
 RESULTS = Path(__file__).parents[1] / "results"
 KEPT = sorted(RESULTS.glob("*/*.nc"))
@@ -167,7 +168,7 @@ def test_ncdump_reads_every_file(fresh):
 
 def test_a_large_file_passes_too(suite, tmp_path, monkeypatch):
     """One whose variables are streamed from shard to file."""
-    monkeypatch.setattr("sweeps.layout.LARGE", 1000)
+    monkeypatch.setattr("sweeps.storage.manifest.LARGE", 1000)
 
     def series(points):
         return {"y": points["x"][:, None] * np.arange(100.0)}

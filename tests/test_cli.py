@@ -117,7 +117,7 @@ def picky(points, **constants):
         raise ArithmeticError('not this one')
     return whole(points, **constants)
 def slow(points, **constants):
-    time.sleep(0.4)
+    time.sleep(0.4 * len(points['mu']))
     return whole(points, **constants)
 f.modes = {function}
 studies.progress.INTERVAL = 0.5
@@ -182,7 +182,7 @@ def begun(folder, *arguments):
     )
     until = time.monotonic() + 60.0
     parts = folder / "results" / "fig5" / "fig5.parts"
-    while len(list(parts.glob("0*.nc"))) < 4:
+    while len(list(parts.glob("0*.part"))) < 4:
         assert running.poll() is None
         assert time.monotonic() < until
         time.sleep(0.02)
@@ -249,7 +249,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path):
     environment["DASK_SCHEDULER_ADDRESS"] = "tcp://127.0.0.1:9"
     # Less patient than it is.
     impatient = (
-        "import sys\nimport sweeps.cluster\nfrom studies.cli import main\nsweeps.cluster.PATIENCE = 2.0\n"
+        "import sys\nfrom sweeps.compute import cluster\nfrom studies.cli import main\ncluster.PATIENCE = 2.0\n"
         "sys.argv = ['fiv', 'run', 'fig5', '--set', 'mu=0:0.5:401', '-q']\nmain()"
     )
     run = [sys.executable, "-c", impatient]

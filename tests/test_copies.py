@@ -6,7 +6,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sweeps import Axis, Grid, Sweep, Variable, open_results, planning
+from sweeps import Axis, Grid, Sweep, Variable, open_results
+from sweeps.plan import batches
 
 # What was computed, and which computations fail; not part of a sweep's identity, as arguments would be.
 LOG: list[tuple] = []
@@ -19,8 +20,7 @@ STEP = Axis([1, 2, 3])
 def _in_small_pieces(monkeypatch):
     LOG.clear()
     BROKEN["keys"] = set()
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
-    monkeypatch.setattr(planning, "PROBE_SECONDS", 0.0)
+    monkeypatch.setattr(batches, "BATCH_BYTES", 400.0)
 
 
 def key(points):
@@ -171,6 +171,15 @@ def test_an_old_copy_may_become_what_is_computed(tmp_path, scaled):
 
 
 @pytest.mark.parametrize("scaled", [True, False])
+def test_copies_do_not_make_what_is_to_come_look_cheap(tmp_path, scaled):
+    sweep(scaled=scaled).plan(tmp_path / "o.nc").run()
+    planned = sweep(V=(0, 9), scaled=scaled).plan(tmp_path / "o.nc")
+    # Each computation has told that it took a second.
+    assert planned.todo == 3 * 4
+    assert planned.seconds == pytest.approx(planned.todo)
+
+
+@pytest.mark.parametrize("scaled", [True, False])
 def test_an_interrupted_run_goes_on(tmp_path, scaled):
     path = tmp_path / "o.nc"
     asked = sweep(scaled=scaled)
@@ -237,7 +246,7 @@ def test_a_failure_is_one_however_many_points_it_has(tmp_path, scaled):
 @settings(max_examples=15, deadline=None)
 def test_bits_do_not_depend_on_what_was_there_before(tmp_path_factory, before, scaled, together, skipping):
     path = tmp_path_factory.mktemp("copies") / "o.nc"
-    options = {"scaled": scaled, "together": together}
+    options = {"scaled": scaled, "order_by": together}
     LOG.clear()
     for v, nv, f, nf in before:
         sweep(V=(v, nv), F=(f, nf), mu=(0.5,), **options).plan(path).run()

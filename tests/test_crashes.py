@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import lock, open_results
-from sweeps.store import Store
+from sweeps import open_results
+from sweeps.storage import lock
+from sweeps.storage.store import Store
 from tests.sweep_programs import cut, make, start, wait_for
 
 COMPARED = ["square", "powers", "status", "error"]
@@ -20,7 +21,7 @@ COMPARED = ["square", "powers", "status", "error"]
 
 @pytest.fixture(autouse=True)
 def _many_batches(monkeypatch):
-    cut(8, monkeypatch)
+    cut(monkeypatch)
 
 
 def end(process):
@@ -32,8 +33,9 @@ def end(process):
 
 def finished_points(store):
     """What is in the shards, and need not be computed again."""
-    tables = [store.shards.read(name) for name in store.shards.names()]
-    return {x for table in tables if table is not None for x in table.points["x"].tolist()}
+    held = [store.folder.contents(name) for name in store.folder.names()]
+    # The points of `make` are the numbers from nought on.
+    return {float(x) for contents in held if contents is not None for x in contents.points}
 
 
 def check(path, points=60):
@@ -158,7 +160,7 @@ def test_the_first_interrupt_lets_batches_finish(tmp_path, scheduler, group):
     # All that was begun is kept.
     assert finished_points(store) == set(begun)
     assert not lock.is_locked(store)
-    assert sorted(p.name for p in store.parts.iterdir()) == [*store.shards.names(), "layout.nc", "progress.json"]
+    assert sorted(p.name for p in store.parts.iterdir()) == [*store.folder.names(), "manifest", "progress.json"]
     make(points=30, log=log, pause=0.1).plan(path).run(workers=8)
     log.unlink()
     check(path, 30)

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from sweeps import LockedError, StoreError, lock, open_results
-from sweeps.shards import ShardFolder
-from sweeps.store import Store
+from sweeps import LockedError, StoreError, open_results
+from sweeps.storage import lock
+from sweeps.storage.parts import PartFolder
+from sweeps.storage.store import Store
 from tests.sweep_programs import cut, make, start, wait_for
 from tests.test_crashes import check, end, finished_points
 
@@ -24,7 +25,7 @@ KEPT = r"could not be written: .*; (what was finished is kept, and the same run 
 
 @pytest.fixture(autouse=True)
 def _many_batches(monkeypatch):
-    cut(8, monkeypatch)
+    cut(monkeypatch)
 
 
 @pytest.fixture
@@ -32,7 +33,7 @@ def half(tmp_path, monkeypatch):
     """A store of twenty points that was interrupted in the middle."""
     path = tmp_path / "powers.nc"
     with monkeypatch.context() as patch:
-        patch.setattr(ShardFolder, "put", stops_after(4))
+        patch.setattr(PartFolder, "put", stops_after(4))
         with pytest.raises(StoreError):
             make(points=20).plan(path).run("sync")
     assert 0 < len(finished_points(Store(path))) < 20
@@ -40,14 +41,14 @@ def half(tmp_path, monkeypatch):
 
 
 def stops_after(count, problem=OSError(28, "No space left on device")):  # noqa: B008
-    """`ShardFolder.put` on a disk that is full after so many."""
-    original, done = ShardFolder.put, []
+    """`PartFolder.put` on a disk that is full after so many."""
+    original, done = PartFolder.put, []
 
-    def put(self, content):
+    def put(self, name, content):
         done.append(1)
         if len(done) > count:
             raise problem
-        original(self, content)
+        original(self, name, content)
 
     return put
 
@@ -57,11 +58,11 @@ def stops_after(count, problem=OSError(28, "No space left on device")):  # noqa:
 def test_a_disk_full_of_shards(tmp_path, monkeypatch, scheduler, problem):
     path = tmp_path / "powers.nc"
     with monkeypatch.context() as patch:
-        patch.setattr(ShardFolder, "put", stops_after(3, problem))
+        patch.setattr(PartFolder, "put", stops_after(3, problem))
         with pytest.raises(StoreError, match=KEPT) as caught:
             make(points=20).plan(path).run(scheduler, 2)
     assert "\n" not in str(caught.value)
-    assert len(Store(path).shards.names()) == 3
+    assert len(Store(path).folder.names()) == 3
     assert not lock.is_locked(Store(path))
     plan = make(points=20).plan(path)
     assert plan.cached > 0
@@ -94,7 +95,7 @@ def test_a_disk_full_at_the_end(tmp_path, monkeypatch, problem):
 @pytest.mark.parametrize("size", [100, 12_000, 18_000])
 def test_files_that_may_not_grow(tmp_path, size):
     path = tmp_path / "powers.nc"
-    process = start(store=path, points=20, batches=8, file_size=size)
+    process = start(store=path, points=20, file_size=size)
     told = wait_for(process, "StoreError")
     assert process.wait(10) == 3
     assert re.search(KEPT, told)
@@ -178,8 +179,8 @@ DAMAGES = {
 
 @pytest.mark.parametrize("how", DAMAGES)
 def test_a_damaged_shard_is_computed_again(half, how):
-    name = half.shards.names()[1]
-    lost = set(half.shards.read(name).points["x"].tolist())
+    name = half.folder.names()[1]
+    lost = set(half.folder.contents(name).points.tolist())
     whole = finished_points(half)
     DAMAGES[how](half.parts / name)
     plan = make(points=20).plan(half.file)
@@ -191,7 +192,7 @@ def test_a_damaged_shard_is_computed_again(half, how):
 
 
 def test_a_shard_that_has_gone_is_computed_again(half):
-    (half.parts / half.shards.names()[0]).unlink()
+    (half.parts / half.folder.names()[0]).unlink()
     plan = make(points=20).plan(half.file)
     assert plan.cached == len(finished_points(half))
     plan.run()
@@ -199,7 +200,7 @@ def test_a_shard_that_has_gone_is_computed_again(half):
 
 
 def test_a_shard_that_goes_bad_during_the_run_is_not_passed_over(half):
-    name, plan = half.shards.names()[0], make(points=20).plan(half.file)
+    name, plan = half.folder.names()[0], make(points=20).plan(half.file)
 
     def spoil(snapshot):
         DAMAGES["cut"](half.parts / name)
@@ -211,25 +212,30 @@ def test_a_shard_that_goes_bad_during_the_run_is_not_passed_over(half):
 
 
 def test_rubbish_among_the_shards(half):
-    # The check sum of nothing is 0, so the first of these fits its name.
-    for name in ("000900-00000000.nc", "12-abc.nc", "000901-zz.nc", "notes.txt", ".000902-00000000.nc.tmp"):
+    for name in (
+        "000900-00000000.part",
+        "12-abc.part",
+        "000901-zz.part",
+        "notes.txt",
+        ".000902-00000000.part.tmp",
+    ):
         (half.parts / name).write_bytes(b"")
-    (half.parts / "000903-00000000.nc").mkdir()
+    (half.parts / "000903-00000000.part").mkdir()
     plan = make(points=20).plan(half.file)
-    assert plan.damaged == ("000900-00000000.nc",)
+    assert plan.damaged == ("000900-00000000.part",)
     plan.run()
     check(half.file, 20)
 
 
 @pytest.mark.parametrize("how", DAMAGES)
 def test_a_damaged_layout_costs_its_shards(half, how):
-    DAMAGES[how](half.layout)
+    DAMAGES[how](half.manifest)
     make(points=20).plan(half.file).run()
     check(half.file, 20)
 
 
 def test_shards_of_another_sweep_are_never_taken(half, tmp_path):
-    half.layout.unlink()
+    half.manifest.unlink()
     changed = make(
         lambda points, **constants: {"square": -points["x"], "powers": points["x"][:, None] * [1, 2, 3]}, 20
     )

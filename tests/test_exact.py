@@ -370,12 +370,12 @@ class Landing(ExactRun):
 
     landings: list
 
-    def _decide(self, t, y, was, landed=False):
+    def _decide(self, t, y, was, touchdown=False):
         n = len(self.model.stiffness)
         closing = self.model.shapes @ y[n : 2 * n] - [0.0, self._clamp_velocity(t)]
         before = float(self.record["impact"][0])
-        super()._decide(t, y, was, landed)
-        if landed:
+        super()._decide(t, y, was, touchdown)
+        if touchdown:
             self.landings.append((t, closing, float(self.record["impact"][0]) - before))
 
 

@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from sweeps.sources import differing, sources
+from sweeps.fingerprint.code import differing, digests
 from tests import waves
 from tests.identity_parts import FILES, HOME, NAMED, Caller, Colour, Inner, Outer, maker, run
 
@@ -47,31 +47,31 @@ VALUES = [
 
 
 def test_a_closure_counts_with_its_values():
-    digests = [tuple(sources(maker(value)).items()) for value in VALUES]
-    assert len(set(digests)) == len(VALUES)
-    assert digests == [tuple(sources(maker(value)).items()) for value in VALUES]
-    copies = [sources(maker(value)) for value in ([1, 2], {"a": 1}, Inner(2.0), np.arange(3), {2, 1})]
-    assert copies == [sources(maker(value)) for value in ([1, 2], {"a": 1}, Inner(2.0), np.arange(3), {1, 2})]
+    found = [tuple(digests(maker(value)).items()) for value in VALUES]
+    assert len(set(found)) == len(VALUES)
+    assert found == [tuple(digests(maker(value)).items()) for value in VALUES]
+    copies = [digests(maker(value)) for value in ([1, 2], {"a": 1}, Inner(2.0), np.arange(3), {2, 1})]
+    assert copies == [digests(maker(value)) for value in ([1, 2], {"a": 1}, Inner(2.0), np.arange(3), {1, 2})]
 
 
 @pytest.mark.parametrize("value", [threading.Lock(), object(), [object()], iter([1]), Outer(values=(object(),))])
 def test_what_cannot_be_compared_is_refused(value):
     said = "held = .*, which cannot be compared with a stored one; pass it as a constant"
     with pytest.raises(ValueError, match=rf"^function maker.<locals>.inner closes over {said}"):
-        sources(maker(value))
+        digests(maker(value))
     with pytest.raises(ValueError, match=rf"^function maker is given {said}"):
-        sources(functools.partial(maker, held=value))
+        digests(functools.partial(maker, held=value))
     with pytest.raises(ValueError, match=r"has the default held = .*, which cannot"):
-        sources(lambda points, held=value: held)
+        digests(lambda points, held=value: held)
 
 
 def test_a_closure_leads_to_its_function(package):
     files = package({"__init__.py": "", "main.py": "def f(p):\n    return 1\n"})
     f = files.load("main").f
-    before = sources(maker(f))
+    before = digests(maker(f))
     assert "ident.main" in before
     files.edit("main.py", "return 1", "return 2")
-    assert "ident.main" in differing(before, sources(maker(f)))
+    assert "ident.main" in differing(before, digests(maker(f)))
 
 
 def test_a_function_that_calls_itself_within_another():
@@ -81,25 +81,25 @@ def test_a_function_that_calls_itself_within_another():
 
         return again
 
-    assert sources(outer()) == sources(outer())
+    assert digests(outer()) == digests(outer())
 
 
 def test_lambdas_of_one_line_are_told_apart():
     one, two, three = lambda p: p + 1, lambda p: p + 2, lambda p, k=3: p + k
-    assert len({sources(f)[__name__] for f in (one, two, three, lambda p: p - 1)}) == 4
-    assert sources(one) == sources(lambda p: p + 1)
-    assert len({sources(lambda p, k=k: p + k)[__name__] for k in (1, 2, 1)}) == 2
+    assert len({digests(f)[__name__] for f in (one, two, three, lambda p: p - 1)}) == 4
+    assert digests(one) == digests(lambda p: p + 1)
+    assert len({digests(lambda p, k=k: p + k)[__name__] for k in (1, 2, 1)}) == 2
 
 
 def test_a_partial_is_its_function_with_what_is_given():
     def of(*places, **named):
-        return sources(functools.partial(same_everywhere, *places, **named))
+        return digests(functools.partial(same_everywhere, *places, **named))
 
     assert of(a=1, b=2) == of(b=2, a=1)
     assert of(a=1) != of(a=2)
     assert of(1) != of(2)
     assert of(Inner()) == of(Inner())
-    assert of(a=1) == sources(functools.partial(functools.partial(same_everywhere), a=1))
+    assert of(a=1) == digests(functools.partial(functools.partial(same_everywhere), a=1))
 
 
 def test_wrapped_functions_lead_to_both(package):
@@ -116,12 +116,12 @@ def test_wrapped_functions_lead_to_both(package):
     files = package(FILES | {"wrap.py": text})
     helper = files.load("core").helper
     function, cached = files.load("wrap").wrapped(helper), functools.lru_cache(helper)
-    before = sources(function), sources(cached), sources(helper)
+    before = digests(function), digests(cached), digests(helper)
     assert set(before[0]) == {"ident.core", "ident.wrap"}
     assert before[1] == before[2]
     files.edit("core.py", "x + 1", "x + 2")
     files.edit("wrap.py", "3 * f(p)", "4 * f(p)")
-    assert differing(before[0], sources(function)) == ["ident.core", "ident.wrap"]
+    assert differing(before[0], digests(function)) == ["ident.core", "ident.wrap"]
 
 
 def test_compiled_functions_are_their_python_with_the_compilers_options(package):
@@ -129,27 +129,27 @@ def test_compiled_functions_are_their_python_with_the_compilers_options(package)
 
     files = package()
     helper = files.load("core").helper
-    before = sources(njit(helper))
+    before = digests(njit(helper))
     assert set(before) == {"ident.core"}
-    assert before == sources(njit(helper)) != sources(njit(fastmath={"nsz", "contract"})(helper))
+    assert before == digests(njit(helper)) != digests(njit(fastmath={"nsz", "contract"})(helper))
     files.edit("core.py", "x + 1", "x + 2")
-    assert sources(njit(helper)) != before
+    assert digests(njit(helper)) != before
 
 
 def test_methods_and_instances_count_with_their_state():
-    assert sources(Caller(1)) == sources(Caller(1)) != sources(Caller(2))
-    assert sources(Caller(1).method) == sources(Caller(1).method) != sources(Caller(2).method)
-    assert sources(Caller.of_class) == sources(Caller.of_class) != sources(Caller.method)
+    assert digests(Caller(1)) == digests(Caller(1)) != digests(Caller(2))
+    assert digests(Caller(1).method) == digests(Caller(1).method) != digests(Caller(2).method)
+    assert digests(Caller.of_class) == digests(Caller.of_class) != digests(Caller.method)
     with pytest.raises(ValueError, match=r"the Caller that is called holds held = .*cannot be compared"):
-        sources(Caller(threading.Lock()))
+        digests(Caller(threading.Lock()))
     with pytest.raises(ValueError, match="cannot be compared"):
-        sources([].append)
+        digests([].append)
 
 
 def test_a_librarys_function_is_known_by_its_name():
-    assert sources(np.sin) != sources(np.cos)
-    assert set(sources(np.sin)) == {"numpy"}
-    assert set(sources(functools.partial(math.pow, 2.0))) == {"math"}
+    assert digests(np.sin) != digests(np.cos)
+    assert set(digests(np.sin)) == {"numpy"}
+    assert set(digests(functools.partial(math.pow, 2.0))) == {"math"}
 
 
 # What names of modules stand for.
@@ -172,25 +172,25 @@ def test_a_librarys_function_is_known_by_its_name():
 def test_numbers_and_arrays_of_modules_count(package, module, name, value, counts):
     files = package(NAMED)
     f = files.load("main").f
-    before = sources(f)
+    before = digests(f)
     setattr(files.load(module), name, value)
-    assert differing(before, sources(f)) == [f"ident.{module}"] * counts
+    assert differing(before, digests(f)) == [f"ident.{module}"] * counts
 
 
 def test_what_running_changes_does_not_count(package):
     files = package(NAMED)
     files.edit("main.py", "settings.SAID", "settings.keep(points)")
     f = files.load("main").f
-    before = sources(f)
+    before = digests(f)
     f(1.0)
-    assert sources(f) == before
+    assert digests(f) == before
     assert files.load("settings").LAST == 1
 
 
 def test_the_log_of_a_sweep_is_not_its_identity():
-    before = sources(waves.wave)
+    before = digests(waves.wave)
     waves.LOG.append((1.0,))
-    assert sources(waves.wave) == before
+    assert digests(waves.wave) == before
     waves.LOG.pop()
 
 
@@ -216,7 +216,7 @@ def f(points):
 def bare(text):
     names = {"__name__": "__main__"}
     exec(text, names)
-    return sources(names["f"])
+    return digests(names["f"])
 
 
 def test_code_without_a_source_counts_as_it_was_compiled():
@@ -245,28 +245,28 @@ def test_every_process_finds_the_same(package):
     code = BARE + textwrap.dedent("""
         import json, sys
         import ident.main
-        from sweeps.sources import sources
+        from sweeps.fingerprint.code import digests
         def maker(held):
             return lambda points: held
-        print(json.dumps([sources(f), sources(ident.main.compute), sources(maker({"x", "y", "z"}))]))
+        print(json.dumps([digests(f), digests(ident.main.compute), digests(maker({"x", "y", "z"}))]))
         """)
     printed = {run(code, files.folder.parent, HOME, PYTHONHASHSEED=seed) for seed in ("1", "2")}
     assert len(printed) == 1
     first, second, third = json.loads(printed.pop())
     assert set(first) == set(third) == {"__main__"}
-    assert second == sources(files.load("main").compute)
+    assert second == digests(files.load("main").compute)
 
 
 def test_a_script_is_read_from_its_file(tmp_path):
     text = """
         import json
-        from sweeps.sources import sources
+        from sweeps.fingerprint.code import digests
         FACTOR = 2
         def f(points):
             return FACTOR
         g = lambda points: 1
         if __name__ == "__main__":
-            print(json.dumps(sources(f, g)))
+            print(json.dumps(digests(f, g)))
         """
     script = tmp_path / "script.py"
     found = []
@@ -277,20 +277,43 @@ def test_a_script_is_read_from_its_file(tmp_path):
     assert found[0] == found[1] != found[2]
 
 
+def test_what_a_script_changes_in_place_counts_where_it_is_used(tmp_path):
+    text = """
+        import json
+        from sweeps.fingerprint.code import digests
+        TABLE = {}
+        OTHER = {}
+        TABLE["a"] = 1
+        TABLE.update(b=2)
+        OTHER["a"] = 3
+        def f(points):
+            return TABLE
+        print(json.dumps(digests(f)))
+        """
+    script, found = tmp_path / "script.py", {}
+    for edit in ("", "= 1 -> = 5", "b=2 -> b=5", "= 3 -> = 5"):
+        old, _, new = edit.partition(" -> ")
+        script.write_text(textwrap.dedent(text).replace(old, new) if old else textwrap.dedent(text))
+        found[edit] = run(script, HOME)
+    assert set(json.loads(found[""])) == {"__main__"}
+    assert found[""] == found["= 3 -> = 5"]
+    assert len({*found.values()}) == 3
+
+
 def test_scripts_differ_by_what_their_names_stand_for(tmp_path):
     script, table = tmp_path / "script.py", tmp_path / "coef.txt"
     script.write_text(
         textwrap.dedent("""
             import json, os, time
             import numpy as np
-            from sweeps.sources import sources
+            from sweeps.fingerprint.code import digests
             start = time.time()
             K = float(os.environ["K"])
             T = np.loadtxt("coef.txt")
             def f(p):
                 start = p["x"]
                 return {"y": start * K + T}
-            print(json.dumps(sources(f)))
+            print(json.dumps(digests(f)))
             """)
     )
     table.write_text("1 2\n")
@@ -315,8 +338,8 @@ def test_an_installed_project_is_known_by_its_distribution(tmp_path):
         (place / name).write_text(text)
     code = """
         import json, three, one, sweeps
-        from sweeps.sources import sources
-        print(json.dumps([sweeps.__file__, sorted(sources(lambda points: one.f(points))), sorted(sources(one.f))]))
+        from sweeps.fingerprint.code import digests
+        print(json.dumps([sweeps.__file__, sorted(digests(lambda points: one.f(points))), sorted(digests(one.f))]))
         """
     file, _, found = json.loads(run(code, place))
     assert "site-packages" in file

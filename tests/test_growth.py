@@ -11,7 +11,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sweeps import Axis, Grid, open_results, planning
+from sweeps import Axis, Grid, open_results
+from sweeps.plan import batches
 from tests.waves import BROKEN, LOG, NAMES, VARIABLES, number, product, sweep, wave
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
@@ -28,16 +29,17 @@ def test_bits_do_not_depend_on_how_a_sweep_runs(data):
     run = data.draw(st.sampled_from([("sync", None), *(("threads", n) for n in (1, 2, 3, 4))]))
     sizes = {
         "BATCH_SECONDS": data.draw(st.sampled_from([1.0, 1e-5, 1e-9])),
-        "LEAST_BATCHES": data.draw(st.sampled_from([1, 3, 16])),
-        "PROBE_SECONDS": data.draw(st.sampled_from([0.0, 0.15])),
+        "BATCH_BYTES": data.draw(st.sampled_from([1.0, 200.0, 12e6])),
+        "SHORTEST": data.draw(st.sampled_from([0.05, 1e-9])),
+        "GROWTH": data.draw(st.sampled_from([2, 8, 1000])),
     }
     pieces = data.draw(st.lists(st.integers(1, shape[0]), max_size=2))
-    with tempfile.TemporaryDirectory() as folder, mock.patch.multiple(planning, **sizes):
+    with tempfile.TemporaryDirectory() as folder, mock.patch.multiple(batches, **sizes):
         store = Path(folder) / "waves.nc" if pieces or data.draw(st.booleans()) else None
         for count in pieces:
             part = grid | {"x": data.draw(st.permutations(grid["x"].tolist()))[:count]}
-            sweep(part, together=together, key=key).plan(store).run(*run)
-        found = sweep(grid, together=together, key=key).plan(store).run(*run)
+            sweep(part, order_by=together, key=key).plan(store).run(*run)
+        found = sweep(grid, order_by=together, key=key).plan(store).run(*run)
     points = {
         name: mesh.ravel() for name, mesh in zip(grid, np.meshgrid(*grid.values(), indexing="ij"), strict=True)
     }

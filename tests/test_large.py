@@ -23,7 +23,11 @@ def small_memory(monkeypatch):
     """All variables but those of a few bytes a point are large; blocks of a file hold a few points."""
 
     def small_memory(yes):
-        for name in ("layout", "store", "stream", "final", "planning", "finished"):
+        for name in (
+            "storage.manifest",
+            "storage.netcdf",
+            "storage.existing",
+        ):
             module = importlib.import_module(f"sweeps.{name}")
             for limit, value in (
                 ("LARGE", 150 if yes else 1 << 40),
@@ -86,7 +90,7 @@ COPIED = {
 PLAIN_COPIES = {"function": unit, "key": COPIED["key"]}
 CASES = {
     "plain": {},
-    "another order": {"together": ("c", "b")},
+    "another order": {"order_by": ("c", "b")},
     "copies": PLAIN_COPIES,
     "copies with factors": COPIED,
     "zipped": {"grid": Grid({name: Axis([1.0, 2.0, 3.0]) for name in "abc"}, zipped=("a", "c"))},

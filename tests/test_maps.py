@@ -12,9 +12,8 @@ from fivcore.rig import P2
 from studies import ensembles, figures, maps, planes, regimes, transients
 from studies.quantities import AXES, QUANTITIES, RUN
 from studies.runs import run_all
-from sweeps import refine
 from tests import test_messages
-from tests.boundaries import distances
+from tests.boundaries import distances, refine
 from tests.test_cli import written
 
 # Runs `fiv` in an empty folder.

@@ -37,6 +37,23 @@ def test_plan_writes_nothing(tmp_path, here):
     assert written(tmp_path) == []
 
 
+def test_plan_computes_nothing_unless_it_is_asked_for_the_time(tmp_path, here, monkeypatch):
+    from studies import fig5
+
+    calls, whole = [], fig5.modes
+
+    def counted(points, **constants):
+        calls.append(len(points["mu"]))
+        return whole(points, **constants)
+
+    monkeypatch.setattr(fig5, "modes", counted)
+    assert "time to expect  unknown: no earlier run tells" in here("plan", "fig5").stdout
+    assert calls == []
+    assert "on one core" in here("plan", "fig5", "--time").stdout
+    assert calls
+    assert written(tmp_path) == []
+
+
 def test_list_shows_every_study(here):
     done = here("list")
     assert done.returncode == 0

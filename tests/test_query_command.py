@@ -217,7 +217,7 @@ def test_what_is_half_done_has_words_for_its_codes(tmp_path, here):
 
 
 def test_a_damaged_file_is_one_line(tmp_path, here, monkeypatch):
-    monkeypatch.setattr("sweeps.final.READ_AT_ONCE", 100)
+    monkeypatch.setattr("sweeps.storage.netcdf.READ_AT_ONCE", 100)
     shutil.copy(f"{HOME}/results/stability/stability.nc", tmp_path / "damaged.nc")
     with open(tmp_path / "damaged.nc", "r+b") as file:
         # The head is whole; of the first chunk of a variable after it some bytes are not.

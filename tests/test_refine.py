@@ -1,6 +1,5 @@
 """Refinement: what it finds, what it can miss, what it costs; and a refined sweep that is killed, grown, read."""
 
-from importlib import import_module
 from itertools import pairwise
 
 import numpy as np
@@ -10,13 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, label
 
-from sweeps import Axis, Grid, Refinement, Sweep, Variable, lattice, open_results, refine, refined, status
-from sweeps.lattice import Rule
-from tests.boundaries import distances, explored
+from sweeps import Axis, Grid, Refinement, Sweep, Variable, open_results, refined, status
+from sweeps.refine import lattice
+from sweeps.refine import refine as engine
+from tests.boundaries import distances, explored, refine
 from tests.waves import BROKEN, LOG, interrupted
 
-# `sweeps.refine` is the function.
-engine = import_module("sweeps.refine")
+
+def Rule(thresholds=(), tolerance=None, whole=False):
+    """What is worth computing of a lattice that belongs to no sweep."""
+    return Refinement("", 0, tolerance, thresholds, whole=whole)
+
+
 CLASSES = Rule(whole=True)
 
 
@@ -246,36 +250,39 @@ def test_killed_anywhere_it_goes_on(tmp_path, small_pieces):
     stops = 0
     for kept in (3, 9, 5, 30, 1, 8, 2, 40):
         plan = hills().plan(path)
-        if not plan.todo:
-            break
-        if kept < plan.todo:
-            interrupted(plan, kept)
-            stops += 1
-            told = status(path)
-            assert (told.state, told.interpolated) == ("interrupted", 0)
-        else:
-            # Between two passes: the file has what was found so far, and what is asked for next is pending.
-            data = plan.run("sync")
-            assert np.all(np.isnan(data["kind"].values[data["status"] == 0]))
+        if kept >= total - plan.cached:
+            continue
+        # Within a pass, or a pass or two further on.
+        interrupted(plan, kept)
+        stops += 1
+        told = status(path)
+        assert (told.state, told.interpolated) == ("interrupted", 0)
+        data = open_results(path)
+        assert np.all(np.isnan(data["kind"].values[data["status"] == 0]))
     assert stops > 3
     data = refine(hills(), path, "sync")
-    # A probe that was made for a plan whose run was killed at once is all that may be done again.
-    assert len(set(LOG)) == total
+    assert len(LOG) == len(set(LOG)) == total
     xr.testing.assert_equal(data[["kind", "height", "status"]], whole[["kind", "height", "status"]])
 
 
 def test_between_passes_the_next_points_are_pending(tmp_path):
     path = tmp_path / "hills.nc"
-    plans = engine.passes(hills(65, 3), path)
     counts = []
-    for plan in plans:
-        plan.run("sync")
+
+    def look(snapshot):
         told = status(path)
-        counts.append((told.done, told.pending))
-        assert told.done + told.pending + told.interpolated == told.points
-    assert len(counts) > 4
-    assert all(then[0] == now[0] + now[1] for now, then in pairwise(counts))
-    assert counts[-1][1] == 0
+        assert (told.done, told.interpolated) == (snapshot.done, 0)
+        assert told.done + told.pending == told.points
+        counts.append((snapshot.done, snapshot.todo))
+
+    hills(65, 3).plan(path).run("sync", progress=look)
+    # At the end of a pass all is done that was asked for, and what was found asks for more.
+    passes = [done for (done, todo), (_, later) in pairwise(counts) if later > todo]
+    assert len(passes) > 3
+    assert all((done, done) in counts for done in passes)
+    told = status(path)
+    assert told.done + told.interpolated == told.points
+    assert told.done == counts[-1][0] == counts[-1][1]
 
 
 def test_a_finer_map_takes_up_the_coarser_one(tmp_path):
@@ -364,19 +371,21 @@ def test_skipped_points_are_left_out(tmp_path):
 
 
 def test_more_points_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("sweeps.layout.LARGE", 1000)
+    monkeypatch.setattr("sweeps.storage.manifest.LARGE", 1000)
     monkeypatch.setattr(engine, "LARGE", 1000)
     with pytest.raises(ValueError, match="289 points of height are too many to refine; it must be at most 125"):
         hills().plan(tmp_path / "hills.nc")
 
 
-def test_in_memory_a_plan_is_its_first_pass():
-    plan = hills().plan()
+def test_a_plan_is_its_first_pass_and_a_run_in_memory_goes_through_all(tmp_path):
+    plan = hills().plan().timed()
     assert (plan.points, plan.wanted, plan.todo) == (289, 25, 25)
     assert "refined         to 25 points (8.65 %) so far; what" in repr(plan)
     assert plan.most_seconds == pytest.approx(plan.seconds / 25 * 289)
     data = plan.run("sync")
-    assert np.count_nonzero(data["status"] == 1) == 25
+    assert np.count_nonzero(data["status"] == 1) > 25
+    names = ["kind", "height", "status"]
+    xr.testing.assert_equal(data[names], refine(hills(), tmp_path / "hills.nc", "sync")[names])
 
 
 @pytest.mark.parametrize(

@@ -134,13 +134,15 @@ def test_damaged_values_are_noticed(tmp_path):
     """Check sums of the chunks: wrong values are never passed on."""
     path = tmp_path / "waves.nc"
     rng = np.random.default_rng(1)
-    random = Sweep("waves", lambda p: {"y": noise[p["x"]]}, Grid({"x": Axis(np.arange(4000))}), {"y": Variable()})
-    noise = rng.random(5000)
+    random = Sweep(
+        "waves", lambda p: {"y": noise[p["x"]]}, Grid({"x": Axis(np.arange(40_000))}), {"y": Variable()}
+    )
+    noise = rng.random(50_000)
     random.plan(path).run()
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF  # noise does not shrink, so this is in the midst of it
     path.write_bytes(content)
-    for planned in (random, dataclasses.replace(random, grid=Grid({"x": Axis(np.arange(4001))}))):
+    for planned in (random, dataclasses.replace(random, grid=Grid({"x": Axis(np.arange(40_001))}))):
         with pytest.raises(StoreError, match=r"waves.nc.* damaged"):
             planned.plan(path).run()
         assert path.read_bytes() == content

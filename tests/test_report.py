@@ -342,9 +342,9 @@ def test_what_cannot_be_is_said_in_one_line(folder, tmp_path, fiv, line, code, s
 
 
 def test_an_interrupted_run_is_shown_as_far_as_it_is(tmp_path, monkeypatch):
-    from sweeps import planning
+    from sweeps.plan import batches
 
-    monkeypatch.setattr(planning, "SHORTEST", 1e-9)
+    monkeypatch.setattr(batches, "BATCH_BYTES", 1.0)
     plan = runner.plan("fig5", {"mu": np.linspace(0.0, 0.5, 21)}, tmp_path)
     with pytest.raises(KeyboardInterrupt):
         plan.run("sync", progress=_interrupt)

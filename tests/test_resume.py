@@ -16,7 +16,7 @@ def test_what_is_complete_is_not_touched(tmp_path):
     before, marks = path.read_bytes(), path.stat()
     LOG.clear()
     planned = sweep().plan(path)
-    assert (planned.todo, planned.cached, planned.probes) == (0, 6, ())
+    assert (planned.todo, planned.cached) == (0, 6)
     xr.testing.assert_identical(planned.run(), first)
     assert LOG == []
     assert path.read_bytes() == before
@@ -136,7 +136,7 @@ def test_what_others_left_behind_is_not_taken_up(tmp_path):
     """Shards whose layout is gone or unreadable, and those of a sweep of another name."""
     path = tmp_path / "waves.nc"
     interrupted(sweep().plan(path), 4)
-    layout = path.with_name("waves.parts") / "layout.nc"
+    layout = path.with_name("waves.parts") / "manifest"
     other = Sweep("others", wave, sweep().grid, VARIABLES, coords={"power": POWERS})
     for fresh in (False, True):
         with pytest.raises(StoreError, match="holds the results of waves; the results of others need another"):

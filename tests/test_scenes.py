@@ -152,21 +152,19 @@ def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
 
 
 def test_the_line_that_reproduces_a_failure_raises_it_again():
-    from sweeps.batch import FAILED, Work
+    from sweeps.compute.batch import Task
 
     sweep = scenes.STUDY.sweep(SHORT | {"mu": [0.2, 5.0], "theta": -40.0, "V": -1e-3, "F": 9.0})
-    work = Work(sweep.name, sweep.function, sweep.constants, sweep.variables, dict.fromkeys(sweep.variables, ()))
-    table = work.table(sweep.grid.points(), [sweep.grid.points()["mu"]])
-    assert list(table.status == FAILED) == [False, True]
-    assert table.reproduce[0] == ""
+    task = Task(sweep.name, sweep.function, sweep.constants, sweep.variables, dict.fromkeys(sweep.variables, ()))
+    result = task.compute(sweep.grid.points())
+    assert list(result.failures) == [1]
+    line = result.failures[1].reproduce
     with pytest.raises(ContactError, match="mu = 5"):
-        exec(table.reproduce[1], {})
+        exec(line, {})
     # Of a point that does not fail the same line gives the figures.
     found = {}
-    exec(
-        table.reproduce[1].replace("motions({", "found = motions({").replace("array([5.0])", "array([0.2])"), found
-    )
-    assert found["found"]["velocity_rms"] == table.values["velocity_rms"][0]
+    exec(line.replace("motions({", "found = motions({").replace("array([5.0])", "array([0.2])"), found)
+    assert found["found"]["velocity_rms"] == result.values["velocity_rms"][0]
 
 
 @pytest.mark.parametrize("V", [6e-3, -6e-3])

@@ -365,7 +365,7 @@ def test_nothing_in_a_file_name_is_taken_for_a_study(tmp_path):
 
 
 def test_the_source_attribute_names_version_and_commit():
-    from sweeps import provenance
+    from sweeps.fingerprint import provenance
 
     assert re.fullmatch(r"fiv \S+ \(commit \w+(-dirty)?\)", provenance.source())
     assert provenance._built_from("g1a2b3c4") == "1a2b3c4"

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results
-from sweeps.planning import make_batches
+from sweeps.plan import batches
+from sweeps.plan.batches import BatchSizes, Queue
 
 X = Axis([0.5, 1.0, 2.0], "m", "length")
 Y = Axis([3, 4], "s", "time")
@@ -98,12 +99,21 @@ def test_values_do_not_depend_on_how_a_sweep_runs(nx, ny, scheduler, workers):
     np.testing.assert_array_equal(data["area"].values.ravel(), expected["area"])
 
 
+def size_of_batch(left, seconds, workers=2, **limits):
+    """How many points a batch holds once as many as one likes have taken `seconds` each."""
+    sizes = BatchSizes(**limits)
+    sizes.finished(1 << 40, seconds * (1 << 40))
+    return sizes.next(left, workers)
+
+
 @given(st.integers(1, 5000), st.floats(0.0, 10.0, exclude_min=True))
 @settings(max_examples=50, deadline=None)
 def test_batches_hold_every_point_once(points, seconds):
-    batches = make_batches(np.arange(points), seconds)
-    np.testing.assert_array_equal(np.concatenate(batches), np.arange(points))
-    sizes = np.array([len(batch) for batch in batches])
+    queue, cut = Queue(Grid({"x": Axis(np.arange(points))}), np.ones(points, dtype=bool)), []
+    while queue.left:
+        cut.append(queue.take(size_of_batch(queue.left, seconds)))
+    np.testing.assert_array_equal(np.concatenate(cut), np.arange(points))
+    sizes = np.array([len(batch) for batch in cut])
     assert sizes.max() == 1 or sizes.max() * seconds <= 1.0
     # Towards the end they are no longer than what the other workers have left to do, or a quarter of a second.
     assert np.all(np.diff(sizes) <= 0)
@@ -111,21 +121,20 @@ def test_batches_hold_every_point_once(points, seconds):
     assert np.all((sizes <= left / 8 + 1) | (sizes == 1) | (sizes * seconds <= 0.25))
 
 
-def test_threads_are_really_used():
-    barrier = threading.Barrier(2, timeout=20.0)
-    main = threading.main_thread()
+def test_threads_are_really_used(monkeypatch):
+    barrier, met = threading.Barrier(2, timeout=20.0), []
 
     def meet(points):
-        if threading.current_thread() is main:
-            time.sleep(0.1)
-        else:
-            barrier.wait()
+        barrier.wait()
+        met.append(len(points["x"]))
         return {"one": np.ones(len(points["x"]))}
 
-    # Two probes and 16 batches of 2; two workers can only finish these if they work at the same time.
+    # 34 batches of a point each; two workers can only finish these if they work at the same time.
+    monkeypatch.setattr(batches, "BATCH_BYTES", 1.0)
     plan = Sweep("meeting", meet, Grid({"x": Axis(np.arange(34.0))}), {"one": Variable()}).plan()
-    assert len(plan.batches) == 16
+    assert met == []
     assert np.all(plan.run(workers=2)["status"] == 1)
+    assert met == [1] * 34
 
 
 def test_a_failing_point_is_kept_apart_with_its_reason():
@@ -217,7 +226,7 @@ def test_progress_hears_of_every_point():
 def test_the_plan_is_frozen_and_its_repr_is_the_report(tmp_path):
     plan = sweep(slowly).plan(tmp_path / "areas.nc")
     text = repr(plan)
-    expected = "to do           6 in 4 batches, 2 done as probes"
+    expected = "to do           6"
     for part in ("areas", "x 3 x y 2", "points          6", "distinct        6", expected):
         assert part in text
     with pytest.raises(AttributeError):
@@ -225,13 +234,14 @@ def test_the_plan_is_frozen_and_its_repr_is_the_report(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_probe_survives_a_function_that_fails():
+def test_timing_survives_a_function_that_fails():
     def broken(points):
         raise RuntimeError("no")
 
     plan = Sweep("broken", broken, Grid({"x": X}), {"y": Variable()}).plan()
-    assert np.isnan(plan.seconds)
-    assert "unknown" in repr(plan)
+    for each in (plan, plan.timed()):
+        assert np.isnan(each.seconds)
+        assert "unknown" in repr(each)
     assert np.all(plan.run()["status"] == 2)
 
 

@@ -27,7 +27,7 @@ class Family(NamedTuple):
     # R with R R^T = stiffness^-1.
     flexibility_root: Array
     # Base excitation, (n,), kg: the mass matrix times a unit translation of the whole beam.
-    carried: Array
+    base_inertia: Array
 
 
 @lru_cache(maxsize=16)

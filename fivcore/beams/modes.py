@@ -73,16 +73,16 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
 
     The motion is that of the support, Y along y, and relative to it that of a cantilever clamped at A, v. Without
-    contact m_total Y + carried^T v = 0, so the elastic modes are those of the cantilever with the mass matrix
-    M - carried carried^T / m_total. theta enters only here.
+    contact m_total Y + inertia^T v = 0, so the elastic modes are those of the cantilever with the mass matrix
+    M - inertia inertia^T / m_total. theta enters only here.
     """
     along, across = axial(beam), bending(beam)
     na, total = beam.elements, beam.mass + head_mass
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     # The beam's own axes, from A down to C and across it, in terms of x and y.
     axis, transverse = np.array([-sine, -cosine]), np.array([cosine, -sine])
-    carried = np.concatenate([along.carried * axis[1], across.carried * transverse[1]])
-    mass = block_diag(along.mass, across.mass) - np.outer(carried, carried) / total
+    inertia = np.concatenate([along.base_inertia * axis[1], across.base_inertia * transverse[1]])
+    mass = block_diag(along.mass, across.mass) - np.outer(inertia, inertia) / total
     stiffness = block_diag(along.stiffness, across.stiffness)
     root = block_diag(along.flexibility_root, across.flexibility_root)
     values, relative = natural_modes(stiffness, mass, root)
@@ -90,7 +90,7 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     shapes[:, 1, 0] = 1.0 / np.sqrt(total)
     shapes[1:, 0, 1:] = axis[0] * u + transverse[0] * w
     shapes[1:, 1, 1:] = axis[1] * u + transverse[1] * w
-    shapes[:, 1, 1:] -= carried @ relative / total
+    shapes[:, 1, 1:] -= inertia @ relative / total
     shapes[1:, 2, 1:] = relative[na + 1 :: 2]
     s = np.linspace(beam.length, 0.0, beam.elements + 1)
     tip = _clean(shapes[-1, 1]), _clean(shapes[-1, 0])

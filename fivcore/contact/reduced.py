@@ -146,7 +146,7 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
     inertia, point_b, load = np.zeros((3, len(stiffness)))
-    inertia[n1:] = -axial(rig.p2).carried @ lower.shapes[1:, 0]
+    inertia[n1:] = -axial(rig.p2).base_inertia @ lower.shapes[1:, 0]
     # B lies between two nodes, where the displacement is linear.
     distance = np.arange(rig.p1.elements + 1) - (1.0 - rig.point_b) * rig.p1.elements
     point_b[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]

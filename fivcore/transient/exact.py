@@ -161,7 +161,7 @@ class ExactRun(SteppedRun):
         if event == BOUNDARY:
             self._enter(t, which, y)
         elif event == HELD or which == SEPARATION:
-            self._decide(t, y, which, landed=event != HELD)
+            self._decide(t, y, which, touchdown=event != HELD)
         elif event == 0:
             self._enter(t, SEPARATION, y, (2, 0, 0))
         elif which == STICK:
@@ -169,11 +169,11 @@ class ExactRun(SteppedRun):
         else:
             self._enter(t, STICK, y, (0, 1, 0) if which == SLIP_UP else (0, 0, 1))
 
-    def _decide(self, t: float, y: Array, was: int, landed: bool = False) -> None:
-        """Enter the regime that the state alone demands (`fivcore.contact.law`); `landed`: the gap has closed."""
+    def _decide(self, t: float, y: Array, was: int, touchdown: bool = False) -> None:
+        """Enter the regime that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
         K, C, mu, n = self.model.K, self.model.C, self.scene.mu, len(self.model.stiffness)
         g_N = self.model.normal @ y[:n]
-        if was == SEPARATION and g_N + y[-2] > 0.0 and not landed:
+        if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
             self._enter(t, SEPARATION, y)
             return
         # The force that sticking needs.

@@ -24,7 +24,7 @@ from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
-from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
+from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
@@ -223,7 +223,7 @@ class FastRun:
             if now >= self._until:
                 last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
                 if motion is not None:
-                    last = min(now + max(int(STRETCH / (abs(motion.speed) * self.step)), 1), self.steps)
+                    last = min(now + max(int(SEGMENT_LENGTH / (abs(motion.speed) * self.step)), 1), self.steps)
                 self._until = min(last, ramp_ends) if now < ramp_ends else last
                 if motion is not None:
                     self._follow(motion, now, self._until)

@@ -1,7 +1,7 @@
 """A contact point D that moves along P2 while P2 slides under P1's tip (`contact_motion`).
 
 D moves by X(t) towards P2's clamp or away from it. The gap shapes follow it in every step, linearly within a
-segment of length `STRETCH`; the residual flexibility and the static equilibrium follow once a segment. The gap's
+segment of `SEGMENT_LENGTH`; the residual flexibility and the static equilibrium follow once a segment. The gap's
 rate gains the rate of this motion times the slope of P2's deflection. The motion is not homogeneous in (V, F), for
 the distance that D moves depends on V itself.
 """
@@ -18,7 +18,7 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.transient.normalised import Normalised, displacement
 
 # Length of a segment along P2, m.
-STRETCH = 5e-6
+SEGMENT_LENGTH = 5e-6
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array, inlined, kernel
-from fivcore.transient.moving_contact import STRETCH, ContactMotion, moved_model
+from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
@@ -78,7 +78,7 @@ class PaperRun(SteppedRun):
             raise not_unique(scene.mu, critical)
         direction, ramp, speed = options.contact_motion, options.ramp, scene.speed_per_load
         self._motion = ContactMotion(scene, ramp, direction) if direction else None
-        length = STRETCH / (abs(self._motion.speed) * dt) if self._motion else round(SEGMENT / dt)
+        length = SEGMENT_LENGTH / (abs(self._motion.speed) * dt) if self._motion else round(SEGMENT / dt)
         super().__init__(scene, options, dt, length, SCENE)
         self._slide = np.zeros((2, 0))
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)

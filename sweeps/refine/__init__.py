@@ -1,0 +1,1 @@
+"""Which points of a lattice are worth computing."""

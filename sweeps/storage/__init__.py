@@ -1,0 +1,1 @@
+"""Files of a sweep: parts while it runs, one netCDF file at its end."""

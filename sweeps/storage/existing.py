@@ -1,0 +1,143 @@
+"""What a store holds already: a finished file, the parts of a run that was not finished, or both."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import netCDF4
+
+from sweeps.errors import StoreError
+from sweeps.fingerprint.identity import differences
+from sweeps.grid import Axis, Grid
+from sweeps.storage.manifest import LARGE, Manifest
+from sweeps.storage.sources import (
+    COMPUTED,
+    NETCDF,
+    FileSource,
+    PartSource,
+    Source,
+    blocks,
+    opened,
+    plain,
+)
+from sweeps.storage.store import Store
+
+
+class Existing(NamedTuple):
+    """What a store holds already.
+
+    `attributes` is what it says of its sweep: `configuration`, `identity`, `presentation` and `libraries`.
+    `manifest` is that of a run that was not finished; None: everything is in the finished file.
+    """
+
+    grid: Grid
+    sources: list[Source]
+    attributes: Mapping[str, str]
+    manifest: Manifest | None = None
+
+
+def existing(store: Store, name: str, identity: dict[str, Any]) -> Existing | None:
+    """What can be resumed; None where there is nothing.
+
+    Raises
+    ------
+    StoreError
+        If what is there belongs to something else; the message says what differs.
+    """
+    manifest = _unfinished(store, name)
+    if manifest is None:
+        return _finished(store.file, name, identity) if store.file.exists() else None
+    try:
+        _check_same(store.parts, manifest.attributes, identity)
+    except StoreError as problem:
+        if manifest.fresh and store.file.exists():
+            raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
+        raise
+    return Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
+
+
+def check_replaceable(store: Store, name: str) -> None:
+    """Refuse to start over where that would destroy the results of anything but the sweep `name`.
+
+    Raises
+    ------
+    StoreError
+        If there is something else.
+    """
+    if store.file.exists():
+        _owned(store.file, name)
+    _unfinished(store, name)
+
+
+def sources_of(store: Store, manifest: Manifest, strict: bool = False) -> list[Source]:
+    """All sources of a manifest's points; without a file that is unusable, unless that is an error (`strict`)."""
+    folder = store.folder
+    parts: list[Source] = [PartSource(folder, name) for name in folder.names()]
+    if not manifest.fresh and store.file.exists():
+        try:
+            identity = json.loads(manifest.attributes["identity"])
+            return _finished(store.file, manifest.name, identity).sources + parts
+        except StoreError:
+            if strict:
+                raise
+    return parts
+
+
+def _unfinished(store: Store, name: str) -> Manifest | None:
+    """The manifest of a run that was not finished; None where there is none."""
+    try:
+        manifest = Manifest.load(store.manifest)
+    except ValueError:
+        # A manifest that cannot be read was never finished: a run was killed at its very beginning.
+        return None
+    if manifest.name != name:
+        raise StoreError(
+            f"{store.parts} holds the results of {manifest.name}; the results of {name} need another folder"
+        )
+    return manifest
+
+
+def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
+    """A finished file, in blocks that memory can hold."""
+    attributes = _owned(path, name)
+    _check_same(path, attributes, identity)
+    stored = json.loads(attributes["identity"])
+    with opened(path) as file:
+        grid = Grid({axis: Axis(plain(file[axis])) for axis in stored["axes"]}, stored["groups"])
+        present = [file[each] for each in stored["variables"] if each in file.variables]
+        row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)
+        computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
+    computed = computations > 0
+    cuts = blocks((computations,) if computed else grid.shape, max(LARGE // row, 1))
+    return Existing(grid, [FileSource(path, grid, cut, computed) for cut in cuts], attributes)
+
+
+def _owned(path: Path, name: str) -> dict[str, Any]:
+    """The attributes of a finished file of the sweep `name`; anything else is never overwritten."""
+    if not os.access(path, os.R_OK):
+        raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
+    try:
+        with NETCDF, netCDF4.Dataset(path) as file:
+            attributes: dict[str, Any] = dict(vars(file))
+    except (OSError, RuntimeError):
+        raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
+    owner = attributes.get("sweep")
+    if owner != name:
+        whose = f"holds the results of {owner}" if owner else "was not made by a sweep"
+        raise StoreError(f"{path} {whose}; the results of {name} need another folder")
+    return attributes
+
+
+def _check_same(path: Path, attributes: Mapping[str, Any], identity: dict[str, Any]) -> None:
+    otherwise = "start over with fresh (--fresh), or choose another folder (--out)"
+    try:
+        different = differences(json.loads(attributes["identity"]), identity)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise StoreError(f"{path} does not say what made it; {otherwise}") from None
+    if different:
+        raise StoreError(f"{path} holds something else: {different}; {otherwise}")

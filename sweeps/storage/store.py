@@ -1,0 +1,65 @@
+"""Where a sweep is kept: one CF netCDF file, and beside it, until it is whole, a folder of parts.
+
+STUDY.nc            the result; replaced as a whole, never written into
+STUDY.parts/        while a run goes on, or after it was interrupted:
+    manifest            what the result will look like
+    000001-….part       what has come of a batch
+    progress.json       how far the run is, and whose it is
+.STUDY.nc.lock      held by the run
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from sweeps.errors import StoreError
+from sweeps.storage.parts import PartFolder
+
+
+class Store:
+    """The files of one sweep; nothing is touched before it is asked for."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.file = Path(os.path.abspath(Path(path).expanduser()))
+        self.parts = self.file.with_name(f"{self.file.stem}.parts")
+        self.lock = self.file.with_name(f".{self.file.name}.lock")
+        self.manifest = self.parts / "manifest"
+        self.progress = self.parts / "progress.json"
+
+    @property
+    def folder(self) -> PartFolder:
+        """The parts."""
+        return PartFolder(self.parts)
+
+    def stamp(self) -> tuple[Any, ...]:
+        """Changes whenever another run has been here."""
+        marks: list[Any] = list(self.folder.names())
+        for path in (self.file, self.manifest):
+            with suppress(OSError):
+                about = path.stat()
+                marks += [about.st_ino, about.st_mtime_ns, about.st_size]
+        return tuple(marks)
+
+    def check_place(self, name: str) -> None:
+        """Refuse, before anything is computed, a place where the results of `name` cannot go."""
+        path = self.file
+        try:
+            if path.is_dir():
+                raise StoreError(f"{path} is a folder; the results of {name} need a file there")
+            folder = next(each for each in path.parents if each.is_symlink() or each.exists())
+            if not folder.exists():
+                raise StoreError(f"{folder} is a link to nothing; choose another folder")
+            if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+                raise StoreError(f"{folder} cannot be written to; choose another folder")
+        except OSError as problem:
+            raise StoreError(f"{path} cannot be used: {problem.strerror}; choose another folder") from None
+
+    def clear(self) -> None:
+        """Remove the parts."""
+        # The manifest goes first: without it the folder is nothing.
+        self.manifest.unlink(missing_ok=True)
+        shutil.rmtree(self.parts, ignore_errors=True)
