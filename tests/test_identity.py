@@ -417,6 +417,34 @@ def test_one_edit_counts_whatever_else_is_edited_that_does_not(program, data):
         "try:\n    from ident.star import sum as s\nfinally:\n    pass\ndef f(p):\n    return s\n",
         "try:\n    from ident.star import *\nfinally:\n    pass\ndef f(p):\n    return sum(p)\n",
         "T = []\n@T.append\ndef g(p):\n    return K\nK = 1\ndef f(p):\n    return T[0](p)\n",
+        (
+            "T = []\nif T is not None:\n    @T.append\n    def g():\n        return K\nK = 1\ndef f(p):\n"
+            "    return T[0]()\n"
+        ),
+        (
+            "import contextlib\nT = []\ndef fill():\n    T.append(lambda: K)\n"
+            "    return contextlib.nullcontext()\nwith fill():\n    K = 1\ndef f(p):\n    return T[0]()\n"
+        ),
+        "T = []\ndef fill(name):\n    T.append(lambda: K)\nfill(__name__)\nK = 1\ndef f(p):\n    return T[0]()\n",
+        "T = U = []\nU += [lambda: K]\nK = 1\ndef f(p):\n    return T[0]()\n",
+        "class C:\n    global g\n    def g():\n        return K\nK = 1\ndef f(p):\n    return g()\n",
+        (
+            "def sum(p):\n    return 0\ntry:\n    from ident.star import *\nfinally:\n    pass\ndef f(p):\n"
+            "    return sum(p)\n"
+        ),
+        (
+            "import functools\nclass C:\n    def __init__(self, g):\n"
+            "        functools.update_wrapper(self, g)\n        self.k = K\n    def __call__(self, p):\n"
+            "        return self.k\nK = 1\nf = C(print)\n"
+        ),
+        "T = []\nK = 1\nfor k in (K, 0):\n    def f(p, k=k):\n        return k\n    T.append(f)\nf = T[0]\n",
+        "K = 1\nf = eval(f'lambda p{K}: 0')\n",
+        "exec('def f(p):\\n    from ident.star import sum\\n    return sum(p)\\n')\n",
+        (
+            "class C:\n    def __init__(self):\n        self.me, self.k = self, K\n"
+            "    def __call__(self, p):\n        return self.k\nK = 1\nf = C()\n"
+        ),
+        "try:\n    from ...none import g\nexcept ImportError:\n    K = 1\ndef f(p):\n    return K\n",
     ],
 )
 def test_ways_to_reach_a_constant(package, main):

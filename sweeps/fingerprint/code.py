@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.fingerprint.source import Module, Statement, bound, is_library, names, read, root
+from sweeps.fingerprint.source import Module, Statement, bound, imported, is_library, names, read, root
 
 ENGINE = root(__name__)
 # Attributes of a class that hold no code of it.
@@ -88,6 +88,7 @@ class _Reach:
         self._taken: dict[Module, set[Statement]] = {}
         self._asked: set[tuple[str, str]] = set()
         self._todo: list[tuple[str, str]] = []
+        self._open: list[int] = []
         self._seen: dict[int, Any] = {}  # keeps them alive: nothing else may take their id
 
     def digests(self) -> dict[str, str]:
@@ -98,9 +99,10 @@ class _Reach:
         for module in [each for each in self._taken if self._taken[each]]:
             counted = self._taken[module] if module.is_package or module.name in self.homes else module.statements
             chosen = [each for each in module.statements if each in counted]
-            # Of imports the order makes no difference.
-            texts[module.name] = sorted(each.text for each in chosen if each.is_import)
-            texts[module.name] += [each.text for each in chosen if not each.is_import]
+            # Of imports the order makes no difference, unless something else may bind their names.
+            free = [each for each in chosen if each.is_import and module.binds_alone(each)]
+            texts[module.name] = sorted(each.text for each in free)
+            texts[module.name] += [each.text for each in chosen if each not in free]
         for name, note in sorted(self.notes):
             texts[name].append(note)
         return {name: digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
@@ -134,13 +136,15 @@ class _Reach:
             chosen += [each for each in module.statements if head in each.effects]
         if module not in self._taken:
             self._taken[module] = set()
-            for loaded in (source.rpartition(".")[0], *(each.loads for each in module.statements)):
+            for loaded in {source.rpartition(".")[0]}.union(*(each.loads for each in module.statements)):
                 self._ask(loaded, "__name__")
             acts = source != "__main__"
             chosen += [each for each in module.statements if each.is_made or (acts and each.effects)]
         for statement in chosen:
             self._taken[module].add(statement)
             for target, inner in statement.imports:
+                if inner == "*" and (starred := self._module(target)) and "__all__" in starred.binders:
+                    self._ask(target, "__all__")
                 parts = (inner.replace("*", head), rest if statement.is_import else "")
                 self._ask(target, ".".join(filter(None, parts)))
             for use in statement.uses:
@@ -149,6 +153,15 @@ class _Reach:
 
     def text(self, value: Any) -> str:
         """A value in full, if it is plain or code, whose source is asked for."""
+        if id(value) in self._open:  # it holds itself
+            return f"again {len(self._open) - self._open.index(id(value))}"
+        self._open.append(id(value))
+        try:
+            return self._text(value)
+        finally:
+            self._open.pop()
+
+    def _text(self, value: Any) -> str:
         kind = type(value)
         if kind in PLAIN or isinstance(value, np.dtype):
             return f"{kind.__name__} {value!r}"
@@ -175,10 +188,11 @@ class _Reach:
             name = getattr(value.func, "__qualname__", type(value.func).__qualname__)
             given = {f"argument {place}": each for place, each in enumerate(value.args, 1)} | value.keywords
             return f"partial {self.text(value.func)} {self._held(f'function {name} is given', given)}"
-        if _inner(value) is not None:
+        if _inner(value) is not None and self._library(kind.__module__):
             # A compiler's options decide the last digits.
             options = vars(value).get("targetoptions")
-            return (f"{self._if_told(options)} " if options else "") + self.text(_inner(value))
+            types = "" if getattr(value, "_can_compile", True) else f"{value.signatures} "
+            return (f"{self._if_told(options)} " if options else "") + types + self.text(_inner(value))
         if isinstance(value, Enum):
             return f"{self._class(kind)} {value.name}"
         if dataclasses.is_dataclass(value):
@@ -187,7 +201,7 @@ class _Reach:
         if not self._library(kind.__module__) or (callable(value) and hasattr(value, "__dict__")):
             state: Any = object.__getstate__(value)
             attributes, slots = state if isinstance(state, tuple) else (state, None)
-            held = (attributes or {}) | (slots or {})
+            held = {key: each for key, each in ((attributes or {}) | (slots or {})).items() if key not in ASIDE}
             return f"{self._class(kind)} {self._held(f'the {kind.__qualname__} that is called holds', held)}"
         raise _IncomparableError(f"a {kind.__qualname__} {REFUSED}; call it in a function")
 
@@ -222,6 +236,9 @@ class _Reach:
         module = self._module(home)
         has_source = module is not None and os.path.realpath(code.co_filename) == os.path.realpath(module.file)
         self._note(function, has_source)
+        self._ask(home, "__name__")
+        for each in () if has_source else imported(code):
+            self._ask(each, "")
         if module is not None and has_source:
             if self._defined(home, code.co_qualname):
                 return f"{home}.{name}"
@@ -242,7 +259,8 @@ class _Reach:
         if module is None or not module.binding(root(qualname)):
             return False
         self._ask(home, root(qualname))
-        return "<" not in qualname
+        found = module.binding(root(qualname))
+        return "<" not in qualname and len(found) == 1 and found[0].is_definition
 
     def _note(self, function: FunctionType, has_source: bool) -> None:
         """Note the numbers, arrays and texts that a function's names stand for; without a source all told."""
@@ -256,7 +274,8 @@ class _Reach:
 
     def _compiled(self, code: CodeType, document: str | None = None) -> str:
         constants = [self.text(each) for each in code.co_consts if each is None or each != document]
-        return " ".join([code.co_code.hex(), code.co_exceptiontable.hex(), *code.co_names, *constants])
+        taken = f"{inspect.getargs(code)} {code.co_posonlyargcount} {code.co_kwonlyargcount}"
+        return " ".join([taken, code.co_code.hex(), code.co_exceptiontable.hex(), *code.co_names, *constants])
 
     def _class(self, kind: type) -> str:
         home, name = kind.__module__, f"{kind.__module__}.{kind.__qualname__}"

@@ -13,13 +13,15 @@ from contextlib import suppress
 from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from types import CodeType
+from types import CodeType, ModuleType
 from typing import Any
 
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+DEFINITIONS = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 IMPORTS = (ast.Import, ast.ImportFrom)
 # Fields of a syntax tree that change nothing: whether a name is read or written shows in its place.
 IGNORED = ("ctx", "kind", "returns", "type_comment", "type_params")
+SCRIPT = "__name__ == '__main__'"
 STANDARD_LIBRARY = Path(os.__file__).parent
 
 
@@ -35,12 +37,20 @@ class Statement:
         used = names(code)
         self.uses = {each for each in _dotted(node) if root(each) in used}
         # Decorators and base classes may note what they are given.
-        self.is_made = any(getattr(node, field, ()) for field in ("decorator_list", "bases", "keywords"))
+        run = [*_run(node)]
+        made = [part for part in run if isinstance(part, DEFINITIONS)]
+        self.is_made = any(
+            getattr(part, each, ()) for part in made for each in ("decorator_list", "bases", "keywords")
+        )
+        self.is_definition = isinstance(node, DEFINITIONS)
         # What a module does only as a script is to use its functions.
-        self.effects = set() if "__name__" in self.uses else {*_effects(node)}
+        is_script = isinstance(node, ast.If) and ast.unparse(node.test) == SCRIPT and not node.orelse
+        self.effects = set() if is_script else {*_effects(node)}
         # Modules imported by it or within, each with the name taken from it: "" takes all, "*" any.
         self.imports = [each for part in ast.walk(node) for each in _imports(part, package)]
-        self.loads = node.names[0].name if isinstance(node, ast.Import) else ""
+        if isinstance(node, ast.Import) and not node.names[0].asname:
+            self.imports = [(root(node.names[0].name), "")]
+        self.loads = {alias.name for part in run if isinstance(part, ast.Import) for alias in part.names}
         self.binds = bound(code) | {inner for _, inner in self.imports if inner == "*"}
 
 
@@ -58,8 +68,14 @@ class Module:
         self.binders = {name: [each for each in self.statements if name in each.binds] for name in bound_here}
 
     def binding(self, name: str) -> list[Statement]:
-        """The statements that bind a name; where none does, the stars that may do so."""
-        return self.binders.get(name) or self.binders.get("*", [])
+        """The statements that bind a name, and the stars that may do so after the first of them."""
+        own = self.binders.get(name, [])
+        after = self.statements.index(own[0]) if own else -1
+        return own + [each for each in self.binders.get("*", []) if self.statements.index(each) > after]
+
+    def binds_alone(self, statement: Statement) -> bool:
+        """Whether no other statement may bind a name that this one binds."""
+        return all(name != "*" and len(self.binding(name)) == 1 for name in statement.binds)
 
 
 def read(name: str) -> Module | None:
@@ -67,7 +83,7 @@ def read(name: str) -> Module | None:
     spec = find(name)
     file = (spec and spec.has_location and spec.origin) or ""
     if spec is not None and (file.endswith(".py") or (spec.submodule_search_locations and not file)):
-        with suppress(OSError):
+        with suppress(OSError, SyntaxError):
             return _parsed(name, spec.parent or "", file, Path(file).read_bytes() if file else b"")
     return None
 
@@ -79,7 +95,7 @@ _parsed = cache(Module)
 def find(name: str) -> ModuleSpec | None:
     """Where a module lies; no package above it is imported for that."""
     loaded, above = sys.modules.get(name), name.rpartition(".")[0]
-    if loaded is not None:
+    if isinstance(loaded, ModuleType):
         file = vars(loaded).get("__file__")  # a script has no more than that
         return loaded.__spec__ or (importlib.util.spec_from_file_location(name, file) if file else None)
     with suppress(ImportError, ValueError, KeyError):  # KeyError: of a folder in a package that is not imported
@@ -103,15 +119,22 @@ def root(dotted: str) -> str:
     return dotted.partition(".")[0]
 
 
-def bound(code: CodeType) -> set[str]:
+def bound(code: CodeType, at_top: int = 4) -> set[str]:
     """Names of the module that compiled code binds, its functions not included."""
-    binds = ("STORE_NAME", "STORE_GLOBAL", "DELETE_NAME")
-    return {each.argval for each in dis.get_instructions(code) if each.opname in binds}
+    binds = ("STORE_GLOBAL", "DELETE_GLOBAL", "STORE_NAME", "DELETE_NAME")
+    here = {each.argval for each in dis.get_instructions(code) if each.opname in binds[:at_top]}
+    return here.union(*(bound(part, 2) for part in code.co_consts if isinstance(part, CodeType)))
 
 
 def names(code: CodeType) -> set[str]:
     """Names of the module that compiled code uses, its functions included; and those of attributes."""
     return {*code.co_names}.union(*(names(part) for part in code.co_consts if isinstance(part, CodeType)))
+
+
+def imported(code: CodeType) -> set[str]:
+    """Modules that compiled code imports, its functions included."""
+    here = {each.argval for each in dis.get_instructions(code) if each.opname == "IMPORT_NAME"}
+    return here.union(*(imported(part) for part in code.co_consts if isinstance(part, CodeType)))
 
 
 def _dump(node: Any, in_class: bool = False) -> str:
@@ -141,11 +164,22 @@ def _effects(node: ast.AST) -> Iterator[str]:
         return
     if isinstance(node, (ast.Attribute, ast.Subscript)) and not isinstance(node.ctx, ast.Load):
         yield from map(root, _dotted(node.value))
-    elif isinstance(node, ast.Expr):
-        method = getattr(node.value, "func", None)
-        yield from map(root, _dotted(method)) if isinstance(method, ast.Attribute) else ("",)
+    elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
+        yield node.target.id
+    elif isinstance(node, ast.Call):
+        yield from map(root, _dotted(node.func)) if isinstance(node.func, ast.Attribute) else ("",)
+    elif isinstance(node, ast.Expr) and not isinstance(node.value, ast.Call):
+        yield ""
     for child in ast.iter_child_nodes(node):
-        yield from _effects(child)
+        if not (isinstance(node, (ast.Assign, ast.AnnAssign)) and child is node.value):
+            yield from _effects(child)
+
+
+def _run(node: ast.AST) -> Iterator[ast.AST]:
+    """The parts of a statement that run when its module is imported, what is within functions not included."""
+    yield node
+    for child in () if isinstance(node, FUNCTIONS) else ast.iter_child_nodes(node):
+        yield from _run(child)
 
 
 def _dotted(node: ast.AST) -> Iterator[str]:
@@ -165,5 +199,6 @@ def _imports(node: ast.AST, package: str) -> Iterator[tuple[str, str]]:
         for alias in node.names:
             yield from ((name, "") for name in {alias.name, alias.name if alias.asname else root(alias.name)})
     elif isinstance(node, ast.ImportFrom):
-        source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-        yield from ((source, alias.name) for alias in node.names)
+        with suppress(ImportError):  # of a script, which may try both
+            source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            yield from ((source, alias.name) for alias in node.names)
