@@ -117,6 +117,8 @@ class Variable:
             raise ValueError(
                 f"Variable: flags = {flags!r}: they must be texts by whole numbers, with a dtype of those"
             )
+        if flags is not None:
+            object.__setattr__(self, "flags", {int(code): word for code, word in flags.items()})
 
     @property
     def missing(self) -> float:

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sweeps import Axis, Grid, LockedError, StoreError, Sweep, Variable, open_results, status
+from sweeps import Axis, Grid, LockedError, Refinement, StoreError, Sweep, Variable, open_results, refined, status
 from sweeps.compute.batch import BatchResult, Failure
 from sweeps.compute.values import residual, scaled, unscaled
 from sweeps.storage import lock
 from sweeps.storage.netcdf import CHUNK_BYTES, chunk
-from sweeps.storage.packed import HEAD, Packed, pack
+from sweeps.storage.packed import HEAD, READ_AT_ONCE, Packed, pack
 from sweeps.storage.parts import PartFolder, encode
 from sweeps.storage.store import Store
 from tests import waves
@@ -345,7 +347,7 @@ def test_a_disk_without_locks_is_refused(tmp_path, monkeypatch):
 
 
 def test_flags_of_a_variable_are_those_of_cf(tmp_path):
-    flags = {0: "not asked", 1: "done", 7: "lost"}
+    flags = {np.int64(0): "not asked", 1: "done", 7: "lost"}
     variable = Variable("1", "state", dtype="int8", flags=flags)
     grid = Grid({"x": Axis([0, 1, 7])})
     sweep = Sweep("flagged", lambda p: {"s": p["x"]}, grid, {"s": variable})
@@ -363,3 +365,103 @@ def test_flags_of_a_variable_are_those_of_cf(tmp_path):
             Variable(dtype="int8", flags=wrong)
     with pytest.raises(ValueError, match="with a dtype of those"):
         Variable(flags={0: "nought"})
+
+
+def test_a_plan_that_had_nothing_to_do_is_refused_when_the_file_has_grown(tmp_path):
+    def sweep(*values):
+        grid, coords = Grid({"x": Axis(values)}), {"k": Axis(range(100_000))}
+        return Sweep("rows", series, grid, {"y": Variable(dims=("k",))}, coords=coords)
+
+    path = tmp_path / "rows.nc"
+    sweep(1.0, 2.0, 3.0).plan(path).run("sync")
+    old = sweep(2.0, 3.0).plan(path)
+    assert old.whole
+    sweep(0.0, 1.0, 1.5, 2.0, 3.0).plan(path).run("sync")
+    with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
+        old.run("sync")
+    np.testing.assert_array_equal(sweep(2.0, 3.0).plan(path).run("sync")["x"], [2.0, 3.0])
+
+
+def test_a_refined_sweep_computes_again_what_rots(tmp_path):
+    def sweep():
+        axis = Axis(np.linspace(0.0, 1.0, 257))
+        whole = Sweep("disc", disc, Grid({"x": axis, "y": axis}), {"r": Variable()}, batch_multiple=20_000)
+        return refined(whole, Refinement("r", 1, thresholds=(0.5,)))
+
+    def stop(snapshot):
+        if snapshot.done >= 16_000:
+            raise KeyboardInterrupt
+
+    path = tmp_path / "disc.nc"
+    with pytest.raises(KeyboardInterrupt):
+        sweep().plan(path).run("sync", progress=stop)
+    part = next((tmp_path / "disc.parts").glob("*.part"))
+    content = bytearray(part.read_bytes())
+    assert len(content) > READ_AT_ONCE
+    content[-50] ^= 255
+    part.write_bytes(content)
+    plan = sweep().plan(path)
+    assert plan.damaged == (part.name,)
+    found = plan.run("sync")
+    for name in ("r", "status"):
+        np.testing.assert_array_equal(found[name], sweep().plan().run("sync")[name])
+
+
+def disc(points):
+    return {"r": np.hypot(points["x"], points["y"])}
+
+
+def test_parts_outlast_a_manifest_that_cannot_be_read_now(tmp_path, monkeypatch):
+    store = interrupted(tmp_path)
+    names, cached = store.folder.names(), recorded().plan(store.file).cached
+    with monkeypatch.context() as patched:
+        patched.setattr("sweeps.storage.manifest.Packed", full)
+        with pytest.raises(StoreError, match=r"manifest cannot be read: Too many open files"):
+            recorded().plan(store.file)
+    assert store.folder.names() == names
+    assert recorded().plan(store.file).cached == cached > 0
+
+
+def full(path):
+    raise OSError(24, "Too many open files")
+
+
+THREADS = """
+import importlib, pickle, sys, threading, time
+import numpy as np
+from sweeps import Axis, Grid, Sweep, Variable, open_results
+from sweeps.storage.sources import NETCDF
+
+for name, value in (("manifest.LARGE", 400_000), ("netcdf.LARGE", 400_000), ("netcdf.READ_AT_ONCE", 400_000)):
+    module, _, constant = name.partition(".")
+    setattr(importlib.import_module(f"sweeps.storage.{module}"), constant, value)
+
+def rows(points):
+    return {"y": points["x"][:, None] + np.arange(1000.0)}
+
+def sweep(count):
+    grid = Grid({"x": Axis(np.arange(float(count)))})
+    return Sweep("rows", rows, grid, {"y": Variable(dims=("k",), digits=4)}, coords={"k": Axis(range(1000))})
+
+def read():
+    while time.monotonic() < end:
+        np.testing.assert_array_equal(data["y"].values, expected)
+        done.append("read")
+
+assert pickle.loads(pickle.dumps(NETCDF)) is NETCDF
+data = sweep(200).plan(sys.argv[1] + "/a.nc").run("sync")
+assert not data["y"].variable._in_memory
+expected, end, done = data["y"].values, time.monotonic() + 3.0, []
+thread = threading.Thread(target=read)
+thread.start()
+while time.monotonic() < end:
+    sweep(210).plan(sys.argv[1] + "/b.nc", fresh=True).run("sync").close()
+    done.append("run")
+thread.join()
+print(*sorted(set(done)))
+"""
+
+
+def test_a_result_is_read_while_another_is_written(tmp_path):
+    done = subprocess.run([sys.executable, "-c", THREADS, str(tmp_path)], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "read run\n"), done.stderr

@@ -311,6 +311,8 @@ class Cluster:
         try:
             if task.status == "cancelled":
                 raise SchedulerError(GONE)
+            # Whatever has come of it, a worker had it.
+            self._seen = time.monotonic()
             if task.status == "error":
                 raise task.exception()
             with _answering():

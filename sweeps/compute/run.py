@@ -51,11 +51,11 @@ def execute(
         return attach(plan.manifest, dataset(plan.manifest, found), plan.sweep.derive)
     store = Store(plan.store)
     if plan.whole:
+        _check_unchanged(plan, store)
         _tidy(store)
         return _requested(plan, store)
     with locked(store):
-        if store.stamp() != plan.stamp:
-            raise StoreError(f"{store.file} has changed since this was planned; plan again")
+        _check_unchanged(plan, store)
         sources = [source for source in plan.sources if source.name not in plan.damaged]
         _prepare(plan, store, {source.name for source in sources})
         sources = _Run(plan, store, sources, progress, fail_fast).compute(scheduler, workers)
@@ -80,6 +80,11 @@ def check_backend(scheduler: str, workers: int | None) -> None:
     whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
     if workers is not None and not (whole and workers >= 1):
         raise SchedulerError(f"workers = {workers!r}: it must be a whole number, 1 or above")
+
+
+def _check_unchanged(plan: PlanData, store: Store) -> None:
+    if store.stamp() != plan.stamp:
+        raise StoreError(f"{store.file} has changed since this was planned; plan again")
 
 
 def _prepare(plan: PlanData, store: Store, known: Collection[str]) -> None:
@@ -244,6 +249,8 @@ class _Run:
             receipt = future.result()
             if receipt is not None:
                 self.sizes.finished(receipt.rows, receipt.seconds)
+            elif not self._stopped():  # it got lost
+                self._suspects.append((points, 0))
         except CancelledError:
             receipt = None  # it was taken back before it was begun
         except WorkerDied:

@@ -27,7 +27,7 @@ from sweeps.refine.refine import wanted_points
 from sweeps.storage.existing import Existing, check_replaceable, existing
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.merge import surveyed
-from sweeps.storage.sources import Source
+from sweeps.storage.sources import DamagedError, Source
 from sweeps.storage.store import Store
 
 # What the engine itself does to a value belongs to the fingerprint.
@@ -133,7 +133,12 @@ def select(
     status, wanted = found.status, requested
     if sweep.refinement is not None:
         usable = [source for source in sources if source.name not in found.damaged]
-        wanted = requested & wanted_points(sweep, sweep.refinement, manifest, embedding, status, usable)
+        try:
+            wanted = requested & wanted_points(sweep, sweep.refinement, manifest, embedding, status, usable)
+        except DamagedError as problem:
+            left = [source for source in sources if source.name != problem.part]
+            again = select(sweep, manifest, embedding, requested, left, retry_failed)
+            return replace(again, damaged=(*again.damaged, problem.part))
     again = (status == PENDING) | (retry_failed & (status == FAILED))
     slots, due = _slots(manifest, wanted), _slots(manifest, wanted & again)
     distinct, todo = int(np.count_nonzero(slots)), int(np.count_nonzero(due))

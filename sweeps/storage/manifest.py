@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.values import residual, scaled
+from sweeps.errors import StoreError, reason
 from sweeps.grid import STATUS_FLAGS, Axis, Embedding, Grid, Variable
 from sweeps.storage.packed import Packed, pack
 from sweeps.storage.replacing import replacing
@@ -163,7 +164,9 @@ class Manifest:
         Raises
         ------
         ValueError
-            If the file is damaged or something else.
+            If there is no such file, or it is damaged or something else.
+        StoreError
+            If it cannot be read now.
         """
         try:
             file = Packed(path)
@@ -183,5 +186,7 @@ class Manifest:
                 representative=arrays.get("representative"),
                 factors={name: arrays[f"factor {name}"] for name in about["factors"]},
             )
-        except (OSError, LookupError, TypeError, ValueError) as problem:
+        except (FileNotFoundError, NotADirectoryError, LookupError, TypeError, ValueError) as problem:
             raise ValueError(f"{path}: it is damaged or not the manifest of a sweep") from problem
+        except OSError as problem:
+            raise StoreError(f"{path} cannot be read: {reason(problem)}") from None

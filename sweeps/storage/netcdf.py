@@ -107,7 +107,9 @@ def _compose(
     with ExitStack() as stack:
         if large:
             _write_large(path, manifest, sources, data[large], found)
-            data = data.assign(stack.enter_context(xr.open_dataset(path, engine="netcdf4", cache=False))[large])
+            with NETCDF:
+                lazy = stack.enter_context(xr.open_dataset(path, engine="netcdf4", cache=False, lock=NETCDF))
+            data = data.assign(lazy[large])
         try:
             data = attach(manifest, data, derive, before)
         except Exception as raised:  # noqa: BLE001 - raised again when the file is written
@@ -166,7 +168,7 @@ def _created(
     """A new file, or a new group of one, with everything of a dataset but the values of its stand-ins."""
     with NETCDF:
         store = NetCDF4DataStore.open(  # type: ignore[no-untyped-call]
-            path, mode="a" if group else "w", group=group
+            path, mode="a" if group else "w", group=group, lock=NETCDF
         )
         with closing(store):
             data.dump_to_store(store, encoding=encoding)
@@ -315,7 +317,7 @@ def open_results(path: str | Path) -> xr.Dataset:
 
 def _opened(path: Path) -> xr.Dataset:
     with NETCDF:
-        data = xr.open_dataset(path, engine="netcdf4")
+        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF)
         if data.nbytes <= READ_AT_ONCE:
             with data:
                 return data.load()

@@ -26,8 +26,16 @@ from sweeps.grid import DONE, FAILED, Grid
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.parts import PartFolder
 
-# The netCDF library is not made for several threads at once.
-NETCDF = threading.RLock()
+
+class _Lock(type(threading.RLock())):  # type: ignore[misc]
+    """A reentrant lock that may be part of what is pickled: elsewhere it stands for the lock of that process."""
+
+    def __reduce__(self) -> str:
+        return "NETCDF"
+
+
+# The netCDF library is not made for several threads at once; xarray is told to use the same lock.
+NETCDF = _Lock()
 # The group of a file that holds computations as they were before they were scaled to their points.
 COMPUTED = "computed"
 
