@@ -23,7 +23,7 @@ from tests.benchmark_stability import machine
 # The transient sweep: so many scenes of so many simulated seconds.
 SCENES, SECONDS = 2400, 1.0
 # Recorded scenes.
-RECORDED = 200
+RECORDED = 320
 TURNS = 3
 
 

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info
 
 from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, open_results
 from sweeps.compute import cluster
-from sweeps.compute.local import WINDOW
+from sweeps.compute.cluster import Cluster
 from tests.sweep_programs import HOME, cut, make, start, wait_for
 from tests.test_crashes import COMPARED, end
 
@@ -56,17 +56,20 @@ def children():
 @pytest.mark.parametrize("scheduler", ["threads", "processes", "tcp"])
 def test_every_back_end_gives_the_same_bits(tmp_path, monkeypatch, address, scheduler):
     monkeypatch.chdir(tmp_path)
-    before, there = children(), set(os.listdir(tempfile.gettempdir()))
+    # A folder of its own for what is temporary: others use the system's meanwhile.
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    before = children()
     expected = values(make(points=24).plan().run("sync"))
     scheduler = address if scheduler == "tcp" else scheduler
     xr.testing.assert_identical(values(make(points=24).plan().run(scheduler, 2)), expected)
     make(points=24).plan("kept/powers.nc").run(scheduler, 2)
     xr.testing.assert_identical(values(open_results("kept/powers.nc")), expected)
-    assert os.listdir() == ["kept"]
+    assert sorted(os.listdir()) == ["kept", "temporary"]
     assert children() == before
-    assert not [
-        name for name in set(os.listdir(tempfile.gettempdir())) - there if name.startswith(("sweeps-", "dask"))
-    ]
+    assert not [name for name in os.listdir(temporary) if name.startswith(("sweeps-", "dask"))]
 
 
 @pytest.mark.parametrize("scheduler", ["processes", "tcp"])
@@ -102,7 +105,7 @@ def test_no_more_is_submitted_than_the_workers_need(address, monkeypatch):
 
     monkeypatch.setattr("sweeps.watch.monitor.SHOWN", 1000)
     make(points=40).plan().run(address, None, watch)
-    assert WINDOW < most <= WINDOW * 2
+    assert Cluster.window < most <= Cluster.window * 2
 
     # What is sent for a batch does not grow with the grid.
     monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 48.0 * 5)

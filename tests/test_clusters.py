@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.compute import cluster
 from sweeps.compute.batch import one_blas_thread
-from sweeps.compute.local import WINDOW
+from sweeps.compute.cluster import Cluster
 from sweeps.storage.parts import PartFolder
 from tests.sweep_programs import HOME, cut, make
 from tests.test_backends import QUIET, values
@@ -47,7 +47,7 @@ def test_threads_of_workers_are_counted(inner, monkeypatch):
     monkeypatch.setattr("sweeps.watch.monitor.SHOWN", 1000)
     most = []
     naps().plan().run(inner, None, lambda snapshot: most.append(len(snapshot.now)))
-    assert max(most) == 8 * WINDOW
+    assert max(most) == 8 * Cluster.window
 
 
 def test_what_all_batches_share_travels_once(inner, monkeypatch):

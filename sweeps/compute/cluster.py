@@ -242,6 +242,9 @@ def _halt(run: str, dask_worker: distributed.Worker) -> None:
 class Cluster:
     """Workers of a Dask cluster, which have the payload of a run."""
 
+    # Batches handed out for each thread at most: one to work on, one waiting, and two that travel together.
+    window = 4
+
     def __init__(self, client: distributed.Client, run: str) -> None:
         self.client, self.run = client, run
         # Receipts that came as events, by the keys of Dask's futures.

@@ -16,9 +16,6 @@ from sweeps.compute.batch import BatchResult, Task
 from sweeps.grid import Grid
 from sweeps.storage.parts import encode
 
-# Batches handed out for each thread at most: one to work on, one that waits, and two that are on their way.
-WINDOW = 4
-
 
 class Receipt(NamedTuple):
     """What comes of a batch: how many rows, how many of them failed, and the wall-clock time, s."""
@@ -67,6 +64,9 @@ class Job:
 
 class Local:
     """Threads of this process, or with `workers` None this thread; `compute(name, points)` gives a receipt."""
+
+    # Batches handed out for each worker at most: one to work on, one waiting.
+    window = 2
 
     def __init__(self, compute: Callable[[str, NDArray[np.intp]], Receipt], workers: int | None) -> None:
         self._compute, self.workers = compute, workers or 1

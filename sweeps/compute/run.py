@@ -17,7 +17,7 @@ from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import one_blas_thread
-from sweeps.compute.local import WINDOW, Job, Local, Receipt, WorkerDied
+from sweeps.compute.local import Job, Local, Receipt, WorkerDied
 from sweeps.errors import AbandonedError, SchedulerError, StoreError, SweepStoppedError, reason
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
@@ -187,10 +187,10 @@ class _Run:
         plan: PlanData = self.plan
         selection: Selection = plan
         most = plan.todo if plan.sweep.refinement is None else plan.points
-        # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
-        window = 1 if self.fail_fast or scheduler == "sync" else WINDOW
         # Held for all batches here, for it takes a few milliseconds.
         with one_blas_thread(), self._backend(scheduler, min(workers or CPU_COUNT, most)) as backend:
+            # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
+            window = 1 if self.fail_fast or scheduler == "sync" else backend.window
             while selection.todo:
                 self._loop(selection, backend, window)
                 if plan.sweep.refinement is None or self._stopped():
