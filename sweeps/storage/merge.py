@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.compute.batch import Failure
+from sweeps.compute.batch import BatchResult, Failure
 from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Axis, Grid, Variable
 from sweeps.storage.manifest import Manifest
-from sweeps.storage.sources import NETCDF, DamagedError, Source, runs
+from sweeps.storage.sources import NETCDF, DamagedError, PartSource, Source, runs
 
 # Letters of all error texts together, and of each at least.
 LETTERS, LEAST_LETTERS = 30_000_000, 60
@@ -133,11 +136,11 @@ def fill(
     shape = manifest.grid.shape if slots is None else (len(slots),)
     choice = Choice(manifest)
     found = Gathered(targets, choice.status)
-    for source in sources:
+    for source, read in _read_ahead(sources, [name for name in targets if name != "wall_time"], reasons):
         points, rows, computed = choice.take(source)
         if not len(points):
             continue
-        result = source.read([name for name in targets if name != "wall_time"], reasons)
+        result = read()
         places = points if slots is None else np.searchsorted(slots, points)
         for name, target in targets.items():
             if name == "wall_time":
@@ -156,6 +159,19 @@ def fill(
         if reasons and (result.failures or found.errors):
             _take_reasons(manifest, found, result.failures, points, rows)
     return found
+
+
+def _read_ahead(
+    sources: Sequence[Source], names: list[str], reasons: bool
+) -> Iterator[tuple[Source, Callable[[], BatchResult]]]:
+    """Each source with what reads it; while one is used, a thread inflates the next part."""
+    ahead: Callable[[], BatchResult] | None = None
+    with ThreadPoolExecutor(1) as reader:
+        for source, after in zip_longest(sources, sources[1:]):
+            read = ahead or partial(source.read, names, reasons)
+            # Of parts only: whoever is using these may hold the lock that files need.
+            ahead = reader.submit(after.read, names, reasons).result if isinstance(after, PartSource) else None
+            yield source, read
 
 
 def _take_reasons(
