@@ -220,21 +220,26 @@ def cores():
 
 def _copies():
     """Scenes a second of two processes that know nothing of each other or of sweeps."""
+    return SCENES / max(float(told) for told in _at_once("_copy"))
+
+
+def _at_once(part):
+    """What a part prints in two processes of its own that begin together."""
     begun = [
         subprocess.Popen(
-            [sys.executable, "-m", "tests.benchmark_sweeps", "_copy", str(k)],
+            [sys.executable, "-m", "tests.benchmark_sweeps", part, str(k)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
         for k in range(2)
     ]
-    for copy in begun:
-        assert copy.stdout.readline() == "ready\n"
-    for copy in begun:
-        copy.stdin.write("go\n")
-        copy.stdin.flush()
-    return SCENES / max(float(copy.communicate()[0]) for copy in begun)
+    for each in begun:
+        assert each.stdout.readline() == "ready\n"
+    for each in begun:
+        each.stdin.write("go\n")
+        each.stdin.flush()
+    return [each.communicate()[0] for each in begun]
 
 
 def _copy(k):
@@ -274,30 +279,12 @@ def recorded():
     rates = {"halves": [], "threads": []}
     print(f"\n{RECORDED} recorded scenes of {SECONDS:g} s; scenes a second on two cores: computed, and in all")
     for _ in range(TURNS):
-        rates["halves"].append(_halves())
+        # Twice the rate of the slower half.
+        rates["halves"].append(np.min([_rates(told) for told in _at_once("_recorded_half")], axis=0) * 2.0)
         rates["threads"].append(_rates(_apart("recorded_threads")))
     for name, values in rates.items():
         ratios = np.median(np.divide(values, rates["halves"]), axis=0)
         print(f"{name:<8} {np.median(values, axis=0).round(1)}  {ratios.round(3)} of two halves")
-
-
-def _halves():
-    begun = [
-        subprocess.Popen(
-            [sys.executable, "-m", "tests.benchmark_sweeps", "_recorded_half", str(k)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for k in range(2)
-    ]
-    for half in begun:
-        assert half.stdout.readline() == "ready\n"
-    for half in begun:
-        half.stdin.write("go\n")
-        half.stdin.flush()
-    # Of the slower one.
-    return np.min([_rates(half.communicate()[0]) for half in begun], axis=0) * 2.0
 
 
 def _rates(told):
