@@ -1,6 +1,6 @@
 """Predefined studies of the paper, from Python: `studies.run("fig5")`, `studies.open("fig5")`.
 
-What they return has the accessor `.fiv` (`studies.accessor`): rows, figure and scenes of the result.
+What they return has the accessor `.fiv` (`studies.query.accessor`): rows, figure and scenes of the result.
 
 Nothing heavy is imported before it is used: the command line starts from here.
 """
@@ -45,13 +45,15 @@ def run(study: str | Study, *, out: str | Path | None = None, fresh: bool = Fals
     sweeps.StoreError
         If the results folder cannot be used, or holds the study with other settings.
     """
-    from studies import accessor, runner  # noqa: F401 - with the accessor .fiv
+    from studies import runner
+    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
     return runner.run(study, axes, out, fresh=fresh).dataset
 
 
 def open(name: str, out: str | Path | None = None) -> xr.Dataset:  # shadows the built-in only as studies.open
     """Open the kept results of a study: by its name, in the results folder `out`, or by the path of its file."""
-    from studies import accessor, runner  # noqa: F401 - with the accessor .fiv
+    from studies import runner
+    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
     return runner.open_dataset(name, out)

@@ -1,5 +1,5 @@
 """`python -m studies` is `fiv`."""
 
-from studies.cli import main
+from studies.cli.main import main
 
 main()

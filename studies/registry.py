@@ -26,7 +26,11 @@ NAMES = (
 
 
 # Studies that are not listed, by the name of the sweep: a map is made by a command of its own.
-UNLISTED = {"map": "maps"}
+UNLISTED = ("map",)
+# Studies whose module is not that of their name in the gallery.
+ELSEWHERE = {"map": "maps.maps", "accuracy": "accuracy.study", "stress": "stress.study"} | {
+    name: f"gallery.{name}.study" for name in ("contact", "table6", "stick_time", "stability", "regimes", "scenes")
+}
 
 
 def load(name: str) -> Study:
@@ -44,5 +48,5 @@ def load(name: str) -> Study:
             f"STUDY = {name!r}: there is no such study; {suggest(str(name), list(NAMES))}"
             f"the studies are {', '.join(NAMES)}"
         )
-    study: Study = import_module(f"studies.{UNLISTED.get(name, name)}").STUDY
+    study: Study = import_module("studies." + ELSEWHERE.get(name, f"gallery.{name}")).STUDY
     return study

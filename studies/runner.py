@@ -192,7 +192,7 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
     ValueError
         If the dataset lacks something that the figure shows.
     """
-    from studies import figures
+    from studies.plotting import figures
 
     with figures.style():
         try:
@@ -232,7 +232,7 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
         If the figure cannot be written.
     """
     # Drawing is slow to import, and most commands do not draw.
-    from studies import figures
+    from studies.plotting import figures
 
     target = beside.with_suffix(f".{form}")
     with figures.style():

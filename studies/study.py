@@ -69,7 +69,7 @@ class Study:
         `findings(dataset)` gives the numbers beside the paper's, as lines and tables.
     record : callable, optional
         `record(study, given, names, sample_rate)` gives the sweep that keeps the series called `names` too
-        (`studies.recording`); without it the study has no motion in time.
+        (`studies.motion.recording`); without it the study has no motion in time.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Study:
         given : mapping
             Values of axes and settings.
         record : sequence of str
-            Series of the motion to keep besides, of `studies.recording.SERIES`; by default none.
+            Series of the motion to keep besides, of `studies.motion.recording.SERIES`; by default none.
         sample_rate : float, optional
             Of what is recorded, Hz.
 

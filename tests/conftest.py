@@ -5,8 +5,8 @@ import sys
 import pytest
 
 from sweeps.plan import batches
-from tests.identity_parts import FILES, Package
-from tests.waves import BROKEN, LOG
+from tests.helpers.identity_parts import FILES, Package
+from tests.helpers.waves import BROKEN, LOG
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Run time against error: every method and setting on the same scenes."""

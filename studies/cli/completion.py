@@ -1,0 +1,103 @@
+"""What a shell offers when the tab key is pressed: studies, axes, settings, series, quantities and columns.
+
+Whatever goes wrong meanwhile offers nothing: a shell that completes is no place for errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import click
+from click.shell_completion import CompletionItem
+
+SHELLS = ("bash", "zsh", "fish")
+Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def script(program: click.Command, shell: str) -> str:
+    """The shell's own words by which it asks `fiv` for what may come next."""
+    from click.shell_completion import get_completion_class
+
+    kind = get_completion_class(shell)
+    assert kind is not None
+    return kind(program, {}, "fiv", "_FIV_COMPLETE").source()
+
+
+def _offering(
+    names: Callable[[click.Context], Iterable[str]], *, end: str = "", listed: bool = False
+) -> Completer:
+    """Offer names, each with `end` behind it; of a list with commas, the last entry."""
+
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        before, comma, begun = incomplete.rpartition(",") if listed else ("", "", incomplete)
+        try:
+            every = list(names(context))
+        except Exception:  # noqa: BLE001 - no place for errors
+            return []
+        return [CompletionItem(f"{before}{comma}{name}{end}") for name in every if name.startswith(begun)]
+
+    return complete
+
+
+def _argument(context: click.Context, name: str) -> str:
+    """The command's argument; where an option still lacks its value, click has only set it aside."""
+    given: str | None = context.params.get(name)
+    return context.args[0] if given is None else given
+
+
+def _studies(context: click.Context) -> Iterable[str]:
+    from studies.registry import NAMES
+
+    return NAMES
+
+
+def _settable(context: click.Context) -> Iterable[str]:
+    from studies import registry
+
+    study = registry.load(_argument(context, "study"))
+    return [*study.axes, *study.settings]
+
+
+def _series(context: click.Context) -> Iterable[str]:
+    from studies.motion.recording import SERIES
+
+    return SERIES
+
+
+def _map_axes(context: click.Context) -> Iterable[str]:
+    from studies.maps.quantities import AXES
+
+    return AXES
+
+
+def _map_settings(context: click.Context) -> Iterable[str]:
+    from studies.maps.quantities import AXES, RUN
+
+    return [*AXES, *RUN]
+
+
+def _quantities(context: click.Context) -> Iterable[str]:
+    from studies.maps.quantities import QUANTITIES
+
+    return QUANTITIES
+
+
+def _columns(context: click.Context) -> Iterable[str]:
+    from studies import runner
+
+    with runner.open_dataset(_argument(context, "target"), context.params.get("out")) as dataset:
+        return [str(name) for name in (*dataset.coords, *dataset.data_vars)]
+
+
+def studies_or_paths(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """A study; a file where no study begins so."""
+    return STUDY(context, parameter, incomplete) or [CompletionItem(incomplete, type="file")]
+
+
+STUDY = _offering(_studies)
+SETTABLE = _offering(_settable, end="=")
+SERIES_LIST = _offering(_series, listed=True)
+MAP_AXIS = _offering(_map_axes, end="=")
+MAP_SETTING = _offering(_map_settings, end="=")
+QUANTITY = _offering(_quantities)
+COLUMNS = _offering(_columns, listed=True)

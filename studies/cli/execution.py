@@ -1,0 +1,113 @@
+"""How a command carries a plan out, and what it says at its end: numbers, failures, what an interrupt left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from math import isnan
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from studies.cli.options import ASK_BYTES, ASK_SECONDS, INTERRUPTED, SOME_FAILED
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from studies.runner import Finished
+    from sweeps import Plan, Status
+
+# So many failed points are listed.
+LISTED = 20
+
+
+def carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: bool, verbose: bool) -> None:
+    """Show a plan, ask where it takes long, execute it, and tell what came of it."""
+    from sweeps import AbandonedError, SchedulerError
+
+    asking = not yes and sys.stdin.isatty()
+    if asking and isnan(planned.seconds):
+        planned = planned.timed()
+    if not quiet:
+        click.echo(repr(planned), err=True)
+    # Where no point tells how long it takes, it may take long.
+    large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
+    if large and asking and not click.confirm("Go ahead?", err=True):
+        click.echo("fiv: nothing was done", err=True)
+        sys.exit(INTERRUPTED)
+    try:
+        finished = execute()
+    except SchedulerError as problem:
+        raise click.UsageError(str(problem)) from None
+    except KeyboardInterrupt as interrupt:
+        # One more changes nothing.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
+    click.echo(finished.study.report(finished.dataset))
+    if not quiet:
+        click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
+    if finished.failed:
+        _list_failures(finished.dataset, verbose)
+        sys.exit(SOME_FAILED)
+
+
+def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
+    """Say what is kept, and go; not waiting for threads that still compute."""
+    from sweeps import status
+
+    kept = ""
+    with suppress(Exception):
+        # Whatever the store is like now, an interrupted run ends as one.
+        found = status(str(planned.store))
+        count = f"{found.done + found.failed} of {found.points} points"
+        kept = f"; {count} are kept, and the same command goes on from there"
+    click.echo(f"fiv: interrupted{kept}", err=True)
+    if abandoned:
+        sys.stdout.flush()
+        os._exit(INTERRUPTED)
+    sys.exit(INTERRUPTED)
+
+
+def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
+    """Failed points, each with its reason, and how to see them again."""
+    places = list(zip(*(dataset["status"].values == 2).nonzero(), strict=True))
+    for place in places[:LISTED]:
+        at = dict(zip(dataset["status"].dims, place, strict=True))
+        point = dataset.isel(at)
+        where = ", ".join(f"{dim} = {point[dim].item()}" for dim in at)
+        click.echo(f"failed: {where}: {point['error'].item()}", err=True)
+    if len(places) > LISTED:
+        click.echo(f"failed: and {len(places) - LISTED} more", err=True)
+    if "reproduce" in dataset and dataset.sizes["failure"]:
+        if verbose:
+            click.echo(dataset["traceback"].values[0], err=True)
+        click.echo(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
+
+
+def status_text(found: Status) -> str:
+    """A status as lines."""
+    from sweeps import duration
+
+    rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
+    rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]
+    if found.pending and found.state == "complete":
+        rows[-2] = (
+            "pending",
+            f"{found.pending}, which no run has {'computed' if found.interpolated else 'asked for'}",
+        )
+    if found.interpolated:
+        rows.append(("interpolated", f"{found.interpolated}"))
+    told = found.run
+    if "pid" in told:
+        rows.append(
+            ("run by", f"process {told['pid']} on {told['host']}, begun {told.get('started', 'just now')}")
+        )
+    if "todo" in told:
+        rows.append(("this run", f"{told['done']} of {told['todo']} computations, {told['rate']:.3g} a second"))
+        if told["left"] == told["left"]:
+            rows.append(("time left", duration(told["left"])))
+        rows += [("now", what) for what in told["now"]]
+    return "\n".join(f"{name:<15} {text}" for name, text in rows)

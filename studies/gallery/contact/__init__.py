@@ -1,0 +1,1 @@
+"""Figs. 8 to 10: the contact in time."""

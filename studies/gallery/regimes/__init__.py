@@ -1,0 +1,1 @@
+"""Kinds of vibration over speed and friction."""

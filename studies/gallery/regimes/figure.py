@@ -1,0 +1,319 @@
+"""How regimes are drawn: as a plane beside what the motion is like there, a row of planes, or along one axis."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from fivcore import Rig
+from studies import paper
+from studies.gallery.regimes.compare_linear import BELOW, VERDICTS, VIBRATING, of_regime, uncertain
+from studies.gallery.scenes.figure import DONE, regimes
+from studies.motion import transients
+from studies.plotting import figures, planes
+from studies.plotting.planes import COLOURS, KINDS, SYMBOLS, named
+from studies.study import constants
+
+# Planes across and down a figure; of more values it shows so many, evenly chosen.
+MOST_ACROSS, MOST_DOWN = 4, 3
+# Of a title to a centimetre.
+LETTERS = 4.4
+# Of panels of shades.
+SAID = "(b), (d): mean of the members\n(c): the one in the middle\nwhite: no vibration"
+# Of the regimes along an axis.
+MARKERS = "svo^Dp"
+# Shown beside the regimes: factor, what stands at the scale, and whether only a vibration has it.
+QUANTITIES = {
+    "stick_fraction": (1.0, "share of time in stick", False),
+    "dominant_frequency": (1e-3, "main line of $v_B$ / kHz", True),
+    "velocity_rms": (1e3, "RMS of $v_B$ / (mm/s)", True),
+}
+# Lines that are seen on any colour.
+ONSET: dict[str, Any] = {
+    "color": "black",
+    "linestyle": "--",
+    "linewidth": 1.0,
+    "path_effects": [patheffects.withStroke(linewidth=2.0, foreground="white")],
+}
+# What cells are outlined for, in which colour, and in which that is set; and the widths of the two, in points.
+OUTLINES = {
+    "subcritical": ("black", "white", "subcritical: vibrates\nthough stable"),
+    "unstable above the band": ("white", "black", f"stable {BELOW},\nunstable above"),
+    "quiet though unstable": (figures.ORANGE, "black", "steady sliding\nthough unstable"),
+}
+OUTER, INNER = 1.8, 0.8
+PAPER_MARKS = {"intermittent": "^", "periodic": "D"}
+# A scale leaves out this share of the cells at either end, single ones would take all of it; and it is logarithmic
+# where its ends are so many times apart.
+RARE, WIDE = 0.02, 3.0
+# From this ratio of its ends on a logarithmic scale has ticks at powers of ten only.
+MANY = 200.0
+
+
+def draw(dataset: xr.Dataset) -> Figure:
+    """Regimes and figures of the motion over two axes, planes of regimes over more, or all along one axis."""
+    x, y, others = arranged(dataset)
+    given = constants(dataset)
+    single = [name for name in (*others, x, y) if dataset.sizes[name] == 1]
+    held = ", ".join(named(name, dataset[name].values[0]) for name in single)
+    runs = f"{given['members']} run{'s' if given['members'] > 1 else ''} of each scene"
+    about = ", ".join(part for part in (held, runs, _undecided(dataset)) if part)
+    if dataset.sizes[y] == 1:
+        return _draw_along(dataset.isel({name: 0 for name in (y, *others)}), x, about)
+    varying = [name for name in others if dataset.sizes[name] > 1]
+    if varying:
+        return _draw_planes(dataset, x, y, varying, about)
+    return _draw_plane(dataset.isel(dict.fromkeys(others, 0)).transpose(y, x, ...), x, y, about)
+
+
+def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
+    """The axes across and up, and the others: V and mu, unless they have one value where another has more."""
+    order = ["V", "mu", *sorted(("theta", "F"), key=lambda name: -dataset.sizes[name])]
+    first, second, *others = sorted(order, key=lambda name: dataset.sizes[name] == 1)
+    # Friction goes up, where it is one of both.
+    x, y = (second, first) if first == "mu" and dataset.sizes[second] > 1 else (first, second)
+    return x, y, others
+
+
+def _undecided(dataset: xr.Dataset) -> str:
+    done = int((dataset["status"] == DONE).sum())
+    count = int(np.count_nonzero(regimes(dataset) == KINDS.index("undecided")))
+    return f"undecided: {count} of {done}"
+
+
+def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
+    """A plane of regimes, and below it shades of what the motion is like."""
+    figure, _ = figures.panels(1, 1, 17.0, 15.0)
+    figure.clear()
+    mosaic: Any = [["regime", "regime", "key"], list(QUANTITIES)]
+    panels: Any = figure.subplot_mosaic(mosaic, gridspec_kw={"height_ratios": (1.5, 1.0)})
+    top, key = panels.pop("regime"), panels.pop("key")
+    key.axis("off")
+    key.text(0.0, 0.0, SAID, fontsize=8.0, linespacing=1.4)
+    key.legend(handles=_in_order(_draw_regimes(top, at, x, y)), loc="upper left", borderaxespad=0.0)
+    top.set_title("(a) regime", loc="left", fontsize=9.0)
+    for letter, (name, axes) in zip("bcd", panels.items(), strict=True):
+        _draw_shades(axes, at, x, y, name)
+        axes.set_title(f"({letter}) {QUANTITIES[name][1]}", loc="left", fontsize=9.0)
+        axes.label_outer()
+    figure.suptitle(_title(about, 17.0))
+    return figure
+
+
+def _draw_planes(dataset: xr.Dataset, x: str, y: str, varying: Sequence[str], about: str) -> Figure:
+    """A plane of regimes for each value of the others, across and down."""
+    limits = zip(varying, (MOST_ACROSS, MOST_DOWN), strict=False)
+    picked = {name: transients.some(dataset.sizes[name], most) for name, most in limits}
+    across, down = (picked.get(name, [0]) for name in [*varying, ""][:2])
+    # A figure of one or two planes across needs room for its title.
+    width, height = min(2.0 + 5.0 * max(len(across), 2), 17.0), 5.0 * len(down) + 3.5
+    figure, panels = figures.panels(len(down), len(across), width, height, sharex=True, sharey=True)
+    handles: list[Any] = []
+    for k, axes in enumerate(panels):
+        place = dict(zip(varying, (across[k % len(across)], down[k // len(across)]), strict=False))
+        at = dataset.isel({name: place.get(name, 0) for name in transients.SCENE if name not in (x, y)})
+        handles += _draw_regimes(axes, at.transpose(y, x, ...), x, y)
+        axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
+        axes.label_outer()
+    shown = "".join(
+        f", {len(ks)} of {dataset.sizes[name]} {SYMBOLS[name][0]}"
+        for name, ks in picked.items()
+        if len(ks) < dataset.sizes[name]
+    )
+    figure.legend(handles=_in_order(handles), loc="outside lower center", ncols=2 if width < 14.0 else 3)
+    figure.suptitle(_title(f"{about}{shown}", width))
+    return figure
+
+
+def _title(about: str, width: float) -> str:
+    """The figure's title, broken where it is longer than the figure is wide, cm."""
+    return textwrap.fill(f"Regimes: {about}", int(LETTERS * width))
+
+
+def _in_order(handles: Sequence[Any]) -> list[Any]:
+    """Each entry of a legend once, the regimes in their order before anything else."""
+    once = {handle.get_label(): handle for handle in handles}
+    known = [once.pop(kind) for kind in KINDS if kind in once]
+    return known + list(once.values())
+
+
+def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
+    """The plane of regimes and what is to be said of its cells; the handles of its legend."""
+    found, xs, ys = regimes(at), at[x].values, at[y].values
+    planes.classes(axes, x, xs, y, ys, found, COLOURS)
+    _one_two_five(axes.xaxis, axes.yaxis)
+    ends = planes.edges(planes.shown(x, xs)), planes.edges(planes.shown(y, ys))
+    failed = found == KINDS.index("failed")
+    if failed.any():
+        hatched = np.ma.masked_array(np.ones(found.shape), ~failed)
+        axes.pcolor(*ends, hatched, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
+    handles: list[Any] = planes.patches(np.unique(found))
+    if _draw_onset(axes, at, x, y):
+        handles.append(Line2D([], [], **ONSET, label=f"onset of flutter\n{BELOW}"))
+    for name, (colour, around, text) in OUTLINES.items():
+        inside = at["verdict"].values == VERDICTS.index(name)
+        if inside.any():
+            # All of the one below all of the other, or the ends of sides would show.
+            for shade, width in ((around, OUTER), (colour, INNER)):
+                sides = LineCollection(outline(inside, *ends), colors=shade, linewidths=width, zorder=2.5)
+                sides.set_capstyle("projecting")
+                axes.add_collection(sides)
+            halo = [patheffects.withStroke(linewidth=OUTER, foreground=around)]
+            handles.append(Line2D([], [], color=colour, linewidth=INNER, path_effects=halo, label=text))
+    rows, columns = np.nonzero(uncertain(at))
+    if len(rows):
+        look: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": "o",
+            "markersize": 2.4,
+            "color": "black",
+            "markeredgecolor": "white",
+            "markeredgewidth": 0.4,
+        }
+        axes.plot(planes.shown(x, xs)[columns], planes.shown(y, ys)[rows], **look)
+        handles.append(Line2D([], [], **look | {"markersize": 4.0}, label="members differ"))
+    return handles + _draw_paper(axes, at, x, y)
+
+
+def _draw_onset(axes: Axes, at: xr.Dataset, x: str, y: str) -> bool:
+    """Where steady sliding loses its stability; false where that is not in the plane."""
+    onset = at["onset_mu"].values
+    if "mu" not in (x, y) or not np.any(np.isfinite(onset)):
+        return False
+    if y == "mu" and x == "theta":
+        axes.plot(at["theta"].values, onset, **ONSET)
+    else:
+        (axes.axhline if y == "mu" else axes.axvline)(float(onset), **ONSET)
+    return True
+
+
+def outline(inside: NDArray[np.bool_], x: NDArray[Any], y: NDArray[Any]) -> list[Any]:
+    """The sides that separate cells of a plane, (y, x), that are inside from others; `x`, `y`: their edges."""
+    padded = np.pad(inside, 1)
+    across = np.argwhere(padded[1:-1, 1:] != padded[1:-1, :-1])
+    along = np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])
+    return [[(x[k], y[r]), (x[k], y[r + 1])] for r, k in across] + [
+        [(x[k], y[r]), (x[k + 1], y[r])] for r, k in along
+    ]
+
+
+def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
+    """The paper's scenes, where they are in the plane, marked by the kind of vibration it says."""
+    given = constants(at)
+    if (x, y) != ("V", "mu") or given["rig"] != asdict(Rig()):
+        return []
+    if not (np.isclose(at["theta"], paper.THETA) and np.isclose(at["F"], paper.LOAD)):
+        return []
+    handles: dict[str, Any] = {}
+    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+    for V, said in paper.VIBRATION.items():
+        speed = float(planes.shown("V", V))
+        if not (left <= speed <= right and low <= paper.MU <= high):
+            continue
+        look: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": PAPER_MARKS[said],
+            "color": "white",
+            "markeredgecolor": "black",
+            "markersize": 6.0,
+        }
+        axes.plot([speed], [paper.MU], **look)
+        handles[said] = Line2D([], [], **look, label=f"paper: {said}")
+    return list(handles.values())
+
+
+def _draw_shades(axes: Axes, at: xr.Dataset, x: str, y: str, name: str) -> None:
+    """One quantity over the plane, with its scale."""
+    values = _shown(at, name)
+    known = values[np.isfinite(values)]
+    norm: Normalize = Normalize(0.0, 1.0)
+    extend = "neither"
+    if name != "stick_fraction" and len(known):
+        low, high = np.quantile(known, [RARE, 1.0 - RARE])
+        norm = LogNorm(low, high) if 0.0 < WIDE * low < high else Normalize(low, high)
+        beyond = bool(known.min() < low), bool(known.max() > high)
+        extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, extend)
+    mesh = planes.shades(axes, x, at[x].values, y, at[y].values, values, norm)
+    bar = axes.figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend=extend)
+    bar.outline.set_visible(False)
+    _one_two_five(bar.ax.xaxis, axes.xaxis, axes.yaxis)
+    _draw_onset(axes, at, x, y)
+
+
+def _one_two_five(*sides: Axis) -> None:
+    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone."""
+    for side in sides:
+        if side.get_scale() == "log":
+            low, high = side.get_view_interval()
+            side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY * low else (1.0,)))
+            side.set_major_formatter("{x:g}")
+            side.set_minor_formatter(NullFormatter())
+
+
+def _shown(at: xr.Dataset, name: str) -> NDArray[Any]:
+    """A quantity in the unit that it is shown in, NaN where the motion has no such thing."""
+    factor, _, vibrating = QUANTITIES[name]
+    values = factor * at[name].values.astype(float)
+    return np.where(of_regime(regimes(at), *VIBRATING), values, np.nan) if vibrating else values
+
+
+def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
+    """The same along one axis: what members spread about, marked by the regime."""
+    figure, panels = figures.panels(len(QUANTITIES), 1, 15.0, 16.0, sharex=True)
+    values, found = planes.shown(x, at[x].values), regimes(at)
+    for axes, (name, (factor, text, _)) in zip(panels, QUANTITIES.items(), strict=True):
+        heights, spread = _shown(at, name), factor * at[f"{name}_std"].values
+        axes.plot(values, heights, color=figures.GREY, linewidth=0.8, zorder=1.5)
+        for kind in np.unique(found):
+            chosen = found == kind
+            if KINDS[kind] in ("failed", "pending"):
+                low: dict[str, Any] = {
+                    "transform": axes.get_xaxis_transform(),
+                    "label": KINDS[kind],
+                    "clip_on": False,
+                }
+                axes.plot(values[chosen], np.zeros(chosen.sum()), "x", color="black", **low)
+                continue
+            axes.errorbar(
+                values[chosen],
+                heights[chosen],
+                spread[chosen],
+                linestyle="none",
+                marker=MARKERS[kind],
+                markersize=5.0,
+                color=COLOURS[kind],
+                ecolor=figures.GREY,
+                markeredgecolor="black",
+                markeredgewidth=0.5,
+                label=KINDS[kind],
+                clip_on=False,
+            )
+        onset = at["onset_mu"].values
+        if x == "mu" and np.isfinite(onset):
+            axes.axvline(float(onset), **ONSET, label=f"onset of flutter\n{BELOW}")
+        axes.set_ylabel(text)
+    panels[0].set_ylim(0.0, 1.0)
+    ends = planes.edges(values)
+    if planes.is_logarithmic(values):
+        panels[-1].set_xscale("log")
+        _one_two_five(panels[-1].xaxis)
+    panels[-1].set_xlim(ends[0], ends[-1])
+    panels[-1].set_xlabel(planes.label(x))
+    figures.legend_below(figure, panels, 4)
+    note = "mean (of the line: middle) and standard deviation of the members"
+    figure.suptitle(f"{_title(about, 15.0)}\n{note}")
+    return figure

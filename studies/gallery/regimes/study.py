@@ -1,0 +1,233 @@
+"""Which regime the vibration is in at each speed and friction, by an ensemble of runs, beside linear stability."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.special import betaincc
+
+from fivcore import Scene, Transient, checks
+from fivcore.contact.reduced import reduced_model
+from fivcore.transient.steady import steady_sliding
+from studies import paper
+from studies.gallery.regimes.compare_linear import BELOW, with_verdicts
+from studies.gallery.regimes.figure import draw
+from studies.gallery.regimes.findings import findings
+from studies.gallery.scenes import study as scenes
+from studies.gallery.stability.study import largest_growth
+from studies.motion import ensembles, transients
+from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.spec import evenly, logarithmically
+from studies.study import Setting, Study, rig_of, rig_settings
+from sweeps import Axis, Grid, Sweep, Variable
+
+MOST_MEMBERS = 100
+# How members make a point's figure: the largest of them; of a line the one in the middle, for where two lines are
+# rivals their mean is neither; otherwise the mean.
+LARGEST = ("max_normal_force", "max_slip_speed")
+MIDDLE = ("dominant_frequency", "stuck_frequency")
+FIGURES = tuple(name for name in transients.SUMMARY if name != "regime")
+# Of these the spread over members is kept too.
+SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
+
+
+def _variable(name: str) -> Variable:
+    own = transients.SUMMARY[name]
+    how = "largest of the members" if name in LARGEST else "mean over members"
+    how = "of the middle member" if name in MIDDLE else how
+    scale = "load" if name in scenes.SCALED else ""
+    return replace(own, long_name=f"{own.long_name}, {how}", dtype="float32", digits=5, scale=scale)
+
+
+def _plain(units: str, long_name: str, *dims: str) -> Variable:
+    return Variable(units, long_name, dims, "float32", 6)
+
+
+def _spread(name: str) -> Variable:
+    own = transients.SUMMARY[name]
+    return replace(_variable(name), long_name=f"{own.long_name}, standard deviation over members", digits=4)
+
+
+VARIABLES = (
+    {
+        "regime": Variable(
+            "1", "regime that most members are in", (), "int8", flags=dict(enumerate(transients.REGIMES))
+        ),
+        "regime_certainty": _plain(
+            "1", "probability that more than half of all runs of the scene are in this regime"
+        ),
+        "regime_share": _plain("1", "share of the members in a regime", "kind"),
+        "member_regime": Variable(
+            "1", "regime of each member", ("member",), "int8", flags=dict(enumerate(transients.REGIMES))
+        ),
+    }
+    | {name: _variable(name) for name in FIGURES}
+    | {f"{name}_std": _spread(name) for name in SPREAD}
+    | {
+        "growth_rate": _plain("s-1", f"growth rate of steady sliding's least stable mode {BELOW}"),
+        "growth_frequency": _plain("Hz", f"frequency of steady sliding's least stable mode {BELOW}"),
+        "unstable_modes": Variable("1", f"number of growing modes of steady sliding {BELOW}", (), "int16"),
+        "model_growth_rate": _plain("s-1", "growth rate of the least stable mode of all that are simulated"),
+        "model_growth_frequency": _plain("Hz", "frequency of the least stable mode of all that are simulated"),
+        "duration": _plain("s", "simulated time of each member"),
+        "load_up_time": _plain("s", "time in which the drive loads a stuck contact from rest until it slips"),
+    }
+)
+
+
+def ensemble(
+    points: Mapping[str, Any], *, members: int, least: float, load_ups: float, most: float, **fixed: Any
+) -> dict[str, Any]:
+    """Regime, figures and stability of each point's canonical scene."""
+    every = [
+        Scene(float(V), float(theta), float(mu), 1.0, fixed["rig"])
+        for V, theta, mu in zip(*scenes.canonical(points), strict=True)
+    ]
+
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        scene = jobs[0].scene
+        times = {"duration": jobs[0].duration, "load_up_time": ensembles.load_up(scene)}
+        return ensemble_figures(runs) | stability(scene, fixed["cutoff"]) | times
+
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in every]
+    return outcomes(jobs, values, copies=True)
+
+
+def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:
+    """What the runs of one scene have in common.
+
+    Parameters
+    ----------
+    runs : sequence of Transient
+
+    Returns
+    -------
+    dict
+        `regime` (its place in REGIMES), `regime_certainty` and `regime_share` as `majority` finds them;
+        `member_regime`; every other figure of `motion.transients.SUMMARY` over the members that have a value, NaN
+        where none has: the mean, for LARGEST the largest, for MIDDLE the lower of the middle ones; and of SPREAD,
+        as `*_std`, the standard deviation, NaN for fewer than two.
+    """
+    figures = ensembles.figures_of(runs)
+    found: dict[str, Any] = majority(figures["regime"])
+    for name in FIGURES:
+        known = figures[name][np.isfinite(figures[name])]
+        how = _largest if name in LARGEST else ensembles.middle if name in MIDDLE else _mean
+        found[name] = how(known)
+        if name in SPREAD:
+            found[f"{name}_std"] = known.std(ddof=1) if len(known) > 1 else np.nan
+    return found
+
+
+def majority(regimes: np.ndarray) -> dict[str, Any]:
+    """The regime that most members are in (`studies.motion.ensembles.majority`), and how sure that is.
+
+    The certainty is the probability, by Bayes with Jeffreys' prior, that more than half of all runs of the scene
+    would be in this regime: 0.985 for 4 of 4 members, 0.84 for 3, 0.5 for 2.
+    """
+    most, counts = ensembles.majority(regimes)
+    inside = int(counts[most])
+    return {
+        "regime": most,
+        "regime_certainty": float(betaincc(inside + 0.5, len(regimes) - inside + 0.5, 0.5)),
+        "regime_share": counts / len(regimes),
+        "member_regime": regimes,
+    }
+
+
+def _mean(known: np.ndarray) -> float:
+    return float(known.mean()) if len(known) else np.nan
+
+
+def _largest(known: np.ndarray) -> float:
+    return float(known.max()) if len(known) else np.nan
+
+
+def stability(scene: Scene, cutoff: float) -> dict[str, Any]:
+    """What linear stability says of steady sliding: of all modes below the band, and of the model that is run.
+
+    The model that is run has modes up to its cut-off, far above the band. Which of those grow depends on the
+    cut-off; but where none does and a scene vibrates all the same, the vibration is subcritical.
+    """
+    theta, mu = scene.drive_theta, scene.mu
+    rate, frequency, unstable = largest_growth(scene.rig, theta, mu, transients.BAND)
+    found = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
+    model = reduced_model(scene.rig, theta, cutoff or None, "absorbing")
+    # Without an element only rounding holds the gap of a lasting contact: there is no such map.
+    steady = steady_sliding(model, mu, model.default_step) if model.K.any() else None
+    model_rate = model_frequency = np.nan
+    if steady is not None and len(steady.eigenvalues):
+        top = steady.eigenvalues[np.argmax(steady.eigenvalues.real)]
+        model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
+    return found | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
+
+
+def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
+    """Find out, before anything is planned, what cannot be run.
+
+    A scene whose contact has no unique solution is not refused: its point fails by itself.
+
+    Raises
+    ------
+    ValueError
+        Naming the axis or setting.
+    """
+    checks.count("members", fixed["members"], MOST_MEMBERS)
+    ensembles.check(fixed)
+    slowest = float(axes["V"].values.min())
+    if slowest <= 0.0:
+        raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
+    ends = transients.extremes(axes, fixed["rig"])
+    check_jobs([ensembles.member(scene, fixed["members"], fixed, 1e-6) for scene in ends])
+
+
+def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
+    """The sweep over V, mu, theta and F; copies of a scene are computed once."""
+    rig, _ = rig_of({**settings, "theta": 0.0})
+    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", "leap", *ensembles.SETTINGS)}
+    fixed |= {"members": settings["members"], "rig": rig, "method": transients.METHOD}
+    check(axes, fixed)
+    fixed["members"] = int(fixed["members"])
+    return Sweep(
+        "regimes",
+        ensemble,
+        Grid(axes),
+        VARIABLES,
+        fixed,
+        key=scenes.key,
+        scale=scenes.scale,
+        coords={
+            "kind": Axis(np.array(transients.REGIMES), long_name="regime"),
+            "member": Axis(np.arange(1, fixed["members"] + 1), "1", "member of the ensemble"),
+        },
+        # P1's modes and the contact law's matrices are made anew for each theta.
+        order_by=("theta",),
+        title="Regimes of vibration over speed and friction",
+        derive=partial(with_verdicts, rig=rig),
+        batch_multiple=BATCH_MULTIPLE,
+    )
+
+
+STUDY = Study(
+    name="regimes",
+    title="Regimes: kind of vibration over V and mu",
+    question="Where does the rig slide steadily, vibrate, or stick and burst, and does linear stability tell?",
+    paper="Sections 2 and 3.5.3, at mu = 0.2: intermittent vibration at 1 and 2 mm/s, periodic at 5 mm/s; by "
+    "Section 3.4.2 steady sliding is unstable from mu = 0.12 on. A plane of regimes is not in it.",
+    axes={
+        "V": Axis(logarithmically(2e-4, 1e-2, 40), "m s-1", "velocity of P2's clamp"),
+        "mu": Axis(evenly(0.01, 0.4, 40), "1", "coefficient of friction"),
+        "theta": Axis(np.array([paper.THETA]), "degree", "inclination of P1"),
+        "F": Axis(np.array([paper.LOAD]), "N", "load on A"),
+    },
+    settings={"members": Setting(4.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
+    | ensembles.settings(least=2.0, load_ups=10.0, most=8.0)
+    | {name: each for name, each in rig_settings().items() if name != "theta"},
+    build=build,
+    draw=draw,
+    findings=findings,
+)

@@ -1,0 +1,223 @@
+"""How a grid of scenes is drawn: maps of the regime, a row of scenes, or the figures of one."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from studies.motion import transients
+from studies.plotting import figures, planes
+from studies.plotting.planes import COLOURS, DARK, HATCHES, KINDS, SYMBOLS, named
+from studies.study import constants
+
+DONE, FAILED = 1, 2
+STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
+# Maps across and down a figure; of more values it shows so many, evenly chosen.
+MOST_ACROSS, MOST_DOWN = 4, 3
+# Cells along a side up to which each bears a number, and ticks.
+MOST_WRITTEN, MOST_TICKS = 10, 8
+# Of the regimes along a row.
+MARKERS = "svo^Dp"
+# What the table of a single scene shows.
+FIGURES = tuple(
+    name
+    for name in transients.SUMMARY
+    if name != "regime" and not name.endswith("_fraction") and name != "energy_residual"
+)
+
+
+def draw(dataset: xr.Dataset) -> Figure:
+    """Maps if two axes or more vary, else shares of time and RMS along one, else the figures of one scene."""
+    varying = [name for name in transients.SCENE if dataset.sizes[name] > 1]
+    varying.sort(key=lambda name: -dataset.sizes[name])
+    given = constants(dataset)
+    held = ", ".join(named(name, dataset[name].values[0]) for name in transients.SCENE if name not in varying)
+    about = f"{held}, {given['duration']:g} s" if held else f"{given['duration']:g} s"
+    if not varying:
+        return _draw_one(dataset.isel(dict.fromkeys(transients.SCENE, 0)), f"One scene: {about}")
+    if len(varying) == 1:
+        along = varying[0]
+        at = dataset.isel({name: 0 for name in transients.SCENE if name != along})
+        return _draw_row(at, along, f"Scenes along {SYMBOLS[along][0]}: {about}")
+    return _draw_maps(dataset, varying, f"Regime of the motion: {about}")
+
+
+def regimes(dataset: xr.Dataset) -> NDArray[np.intp]:
+    """Of each scene the place of its regime in KINDS."""
+    status, found = dataset["status"].values, dataset["regime"].values.astype(float)
+    done = (status == DONE) & np.isfinite(found)
+    other = np.where(status == FAILED, KINDS.index("failed"), KINDS.index("pending"))
+    return np.where(done, np.where(done, found, 0.0), other).astype(np.intp)
+
+
+def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figure:
+    """The longest axis across and the next one up in every map; the others go from map to map."""
+    x, y, *others = varying
+    limits = zip(others, (MOST_ACROSS, MOST_DOWN), strict=False)
+    picked = {name: transients.some(dataset.sizes[name], most) for name, most in limits}
+    across, down = (picked.get(name, [0]) for name in [*others, "", ""][:2])
+    written = max(dataset.sizes[x], dataset.sizes[y]) <= MOST_WRITTEN
+    wide, high = (_extent(dataset.sizes[name], written) for name in (x, y))
+    figure, panels = figures.panels(
+        len(down),
+        len(across),
+        max(2.0 + wide * len(across), 13.0),
+        3.6 + high * len(down),
+        sharex=True,
+        sharey=True,
+    )
+    kinds: set[int] = set()
+    for k, axes in enumerate(panels):
+        place = dict(zip(others, (across[k % len(across)], down[k // len(across)]), strict=False))
+        at = dataset.isel({name: place.get(name, 0) for name in transients.SCENE if name not in (x, y)})
+        kinds.update(_draw_map(axes, at.transpose(y, x, ...), x, y, written))
+        axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
+        axes.label_outer()
+    handles = planes.patches(kinds)
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+    shown = ", ".join(
+        f"{len(ks)} of {dataset.sizes[n]} {SYMBOLS[n][0]}"
+        for n, ks in picked.items()
+        if len(ks) < dataset.sizes[n]
+    )
+    note = "\nnumbers: RMS of the velocity of B / (mm/s)" if written else ""
+    figure.suptitle(title + (f" ({shown})" if shown else "") + note)
+    return figure
+
+
+def _extent(count: int, written: bool) -> float:
+    """Side of a map, cm: a number needs room, and a small map has small cells rather than none."""
+    return min(max((1.1 if written else 0.5) * count, 4.0), 11.0 if written else 8.0) + 0.8
+
+
+def _draw_map(axes: Axes, at: xr.Dataset, x: str, y: str, written: bool) -> NDArray[np.intp]:
+    """One map, its cells of equal size whatever the steps of the axes; the kinds that occur in it."""
+    kinds = regimes(at)
+    axes.pcolormesh(
+        np.arange(kinds.shape[1] + 1) - 0.5,
+        np.arange(kinds.shape[0] + 1) - 0.5,
+        kinds,
+        cmap=ListedColormap(COLOURS),
+        vmin=-0.5,
+        vmax=len(KINDS) - 0.5,
+        edgecolors="white",
+        linewidth=0.4 if max(kinds.shape) <= 40 else 0.0,
+    )
+    for row, column in np.argwhere(kinds == KINDS.index("failed")):
+        square: dict[str, Any] = {
+            "facecolor": "none",
+            "edgecolor": figures.GREY,
+            "linewidth": 0.0,
+            "hatch": HATCHES["failed"],
+        }
+        axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1.0, 1.0, **square))
+    rms = 1e3 * at["velocity_rms"].values
+    if written:
+        for row, column in np.argwhere(np.isfinite(rms)):
+            colour = "white" if KINDS[kinds[row, column]] in DARK else "black"
+            axes.text(column, row, _short(rms[row, column]), color=colour, fontsize=7.0, ha="center", va="center")
+    axes.grid(False)
+    for name, side in ((x, axes.xaxis), (y, axes.yaxis)):
+        values = SYMBOLS[name][2] * at[name].values
+        ticks = range(0, len(values), -(-len(values) // MOST_TICKS))
+        side.set_ticks(ticks, [f"{values[k]:.3g}" for k in ticks])
+        side.set_label_text(planes.label(name))
+    return np.unique(kinds)
+
+
+def _short(value: float) -> str:
+    """Two digits; nothing smaller than a hundredth is worth telling."""
+    return "0" if value < 5e-3 else f"{value:.1f}" if value >= 1.0 else f"{value:.2f}"
+
+
+def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
+    """Shares of time and RMS along the one axis that varies."""
+    symbol_factor = SYMBOLS[along][2]
+    values = symbol_factor * at[along].values
+    kinds = regimes(at)
+    figure, (shares, rms) = figures.panels(2, 1, 15.0, 13.0, sharex=True)
+    edges = planes.edges(values)
+    below = np.zeros(len(values))
+    for state in ("stick", "slip", "separation"):
+        share = np.nan_to_num(at[f"{state}_fraction"].values)
+        look: dict[str, Any] = {
+            "color": STATE_COLOURS[state],
+            "edgecolor": "white",
+            "linewidth": 0.4 if len(values) <= 60 else 0.0,
+        }
+        shares.bar(edges[:-1], share, np.diff(edges), bottom=below, align="edge", label=state, **look)
+        below += share
+    rms.plot(values, 1e3 * at["velocity_rms"].values, color=figures.GREY, linewidth=0.8, zorder=1.5)
+    marks: dict[str, Any] = {
+        "markeredgecolor": "black",
+        "markeredgewidth": 0.5,
+        "clip_on": False,
+        "markersize": 6.0 if len(values) <= 60 else 4.0,
+    }
+    for code in np.unique(kinds):
+        chosen = kinds == code
+        if KINDS[code] in ("failed", "pending"):
+            rms.plot(values[chosen], np.zeros(chosen.sum()), "x", color="black", label=KINDS[code], clip_on=False)
+        else:
+            height = 1e3 * at["velocity_rms"].values[chosen]
+            marker = MARKERS[code]
+            rms.plot(values[chosen], height, marker, color=COLOURS[code], label=KINDS[code], zorder=2.5, **marks)
+    if planes.is_logarithmic(values):
+        rms.set_xscale("log")
+        rms.xaxis.set_major_formatter("{x:g}")
+    rms.set_xlim(edges[0], edges[-1])
+    rms.set_ylim(bottom=0.0)
+    rms.set_xlabel(planes.label(along))
+    rms.set_ylabel("RMS of the velocity of B / (mm/s)")
+    shares.set_ylim(0.0, 1.0)
+    shares.set_ylabel("share of the time")
+    figures.legend_below(figure, [shares, rms], 5)
+    figure.suptitle(title)
+    return figure
+
+
+def _draw_one(at: xr.Dataset, title: str) -> Figure:
+    """The shares of time of a single scene as a bar, and its other figures as a table."""
+    kind = KINDS[int(regimes(at))]
+    figure, (bar, table) = figures.panels(2, 1, 15.0, 12.0, gridspec_kw={"height_ratios": (1.0, 5.0)})
+    begin = 0.0
+    for state in ("stick", "slip", "separation"):
+        share = float(np.nan_to_num(at[f"{state}_fraction"].values))
+        bar.barh(0.0, share, left=begin, color=STATE_COLOURS[state], label=f"{state} {100.0 * share:.1f} %")
+        begin += share
+    bar.set_xlim(0.0, 1.0)
+    bar.set_yticks([])
+    bar.grid(False)
+    bar.set_title(kind, loc="left")
+    bar.set_xlabel("share of the time")
+    table.axis("off")
+    lines = [(v.attrs["long_name"], *_with_unit(v)) for v in (at[name] for name in FIGURES)]
+    if kind == "failed":
+        lines = [(textwrap.fill(str(at["error"].item()), 90), "", "")]
+    for k, (label, number, unit) in enumerate(lines):
+        height = 1.0 - (k + 0.5) / max(len(lines), 8)
+        table.text(0.0, height, label, va="center")
+        table.text(0.86, height, number, va="center", ha="right")
+        table.text(0.88, height, unit, va="center")
+    figures.legend_below(figure, [bar], 3)
+    figure.suptitle(title)
+    return figure
+
+
+def _with_unit(variable: xr.DataArray) -> tuple[str, str]:
+    """A figure in the unit that a reader uses."""
+    unit = variable.attrs.get("units", "1")
+    shown, factor = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "1": ("", 1.0), "s-1": ("1/s", 1.0)}.get(
+        unit, (unit, 1.0)
+    )
+    value = factor * float(variable)
+    return ("-" if np.isnan(value) else f"{value:.4g}"), shown

@@ -1,0 +1,1 @@
+"""Growth rates over inclination and friction."""

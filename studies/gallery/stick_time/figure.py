@@ -1,0 +1,168 @@
+"""How the sticks are drawn: both laws, how they depart from 1/V, and the collapse."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from studies import paper
+from studies.gallery.stick_time.findings import reference
+from studies.gallery.stick_time.fit import KINDS, settled
+from studies.motion import transients
+from studies.plotting import figures
+from studies.study import constants
+
+# Colour, marker and name of each kind of stick.
+LOOKS = {"start_up": (figures.ORANGE, "s", "start-up"), "sustained": (figures.BLUE, "o", "sustained")}
+# Of the frictions, and of the loads within them.
+COLOURS = (figures.BLUE, figures.BLACK, figures.ORANGE, figures.GREEN, figures.RED)
+MARKERS = "ov^Ds"
+# Of fewer sticks no mean is drawn; and of how many speeds the distribution.
+LEAST_STICKS, MOST_SPEEDS = 20, 4
+STYLES = ("-", "--", "-.", ":")
+
+
+def draw(dataset: xr.Dataset) -> Figure:
+    """Times, times by speed, their distribution, and all frictions and loads in one."""
+    at, given = reference(dataset), constants(dataset)
+    figure, (times, products, spread, collapse) = figures.panels(2, 2, 17.0, 15.5)
+    _draw_times(times, at)
+    _draw_products(products, at)
+    _draw_spread(spread, at)
+    _draw_collapse(collapse, dataset)
+    for letter, axes in zip("abcd", (times, products, spread, collapse), strict=True):
+        axes.set_title(f"({letter})", loc="left", fontsize=9.0)
+    held = f"μ = {float(at['mu']):g}, F = {float(at['F']):g} N"
+    figure.suptitle(f"Duration of long sticks, θ = {given['theta']:g}°; (a) to (c) {held}")
+    return figure
+
+
+def _means(at: xr.Dataset, kind: str) -> np.ndarray:
+    """Mean stick times and the ends of their intervals, (3, V), s; none where hardly a stick is left."""
+    means = np.stack([at[f"mean_stick_time{end}"].sel(kind=kind).values for end in ("", "_low", "_high")])
+    return np.where(at[f"{kind}_count"].sum("member").values >= LEAST_STICKS, means, np.nan)
+
+
+def _draw_times(axes: Axes, at: xr.Dataset) -> None:
+    """Mean stick times against speed, both axes logarithmic, with the paper's law."""
+    V = at["V"].values
+    for kind in KINDS:
+        colour, marker, name = LOOKS[kind]
+        mean, low, high = 1e3 * _means(at, kind)
+        bars = np.nan_to_num(np.stack([mean - low, high - mean]))
+        axes.errorbar(
+            1e3 * V,
+            mean,
+            bars,
+            color=colour,
+            marker=marker,
+            markersize=4.0,
+            linewidth=0.8,
+            capsize=2.0,
+            label=name,
+        )
+    axes.plot(
+        1e3 * V,
+        1e3 * at["load_up_time"].mean("member").values,
+        ":",
+        color=figures.GREY,
+        label="first stick, μF/(k V)",
+    )
+    start = float(at["mean_stick_time"].sel(kind="start_up").interp(V=min(paper.SPEEDS)))
+    if np.isfinite(start) and V[0] <= min(paper.SPEEDS) <= V[-1]:
+        speeds = np.array(sorted(paper.STICK_RATIO_SPEEDS))
+        law = 1e3 * start * np.array([1.0, paper.STICK_RATIO])
+        axes.plot(
+            1e3 * speeds, law, "-", color=figures.RED, linewidth=2.2, zorder=3.0, label="paper: half at twice V"
+        )
+    axes.set(xscale="log", yscale="log", xlabel="V / (mm/s)", ylabel="mean stick time / ms")
+    _plain(axes)
+    axes.legend(loc="lower left")
+
+
+def _draw_products(axes: Axes, at: xr.Dataset) -> None:
+    """Stick time by speed: constant where T ~ 1/V; how many sticks there were, and where intermittence ends."""
+    V = at["V"].values
+    for kind in KINDS:
+        colour, marker, name = LOOKS[kind]
+        mean, low, high = 1e6 * V * _means(at, kind)
+        axes.fill_between(1e3 * V, low, high, color=colour, alpha=0.25, linewidth=0.0)
+        axes.plot(1e3 * V, mean, color=colour, marker=marker, markersize=4.0, linewidth=0.8, label=name)
+    end = 1e3 * float(at["intermittence_end"])
+    if np.isfinite(end):
+        axes.axvline(
+            end, color=figures.RED, linestyle="--", linewidth=1.0, label=f"intermittence ends, {end:.2f} mm/s"
+        )
+    _room(axes, 1e3 * V)
+    axes.set(xlabel="V / (mm/s)", ylabel="T V / µm")
+    axes.set_ylim(bottom=0.0)
+    small: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "fontsize": 6.5, "color": figures.BLUE}
+    for x, count in zip(1e3 * V, at["sustained_count"].sum("member").values, strict=True):
+        if count:
+            axes.text(x, 0.02, f"{count:.0f}", rotation=90, ha="center", va="bottom", **small)
+    axes.text(1e3 * V[0], 0.13, "number of sustained sticks", **small)
+    _plain(axes)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.17))
+
+
+def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
+    """Distribution of the sustained sticks at some speeds."""
+    at = at.transpose("V", "member", "stick", ...)
+    late = settled(at)
+    enough = np.flatnonzero(late.sum(axis=(1, 2)) >= LEAST_STICKS)
+    chosen = transients.some(len(enough), MOST_SPEEDS) if len(enough) else []
+    for k, colour, style in zip(enough[chosen], COLOURS, STYLES, strict=False):
+        V = float(at["V"][k])
+        x = np.sort(1e6 * V * at["stick_time"].values[k][late[k]])
+        share = np.arange(1, len(x) + 1) / len(x)
+        axes.step(x, share, where="post", color=colour, linestyle=style, label=f"{1e3 * V:g} mm/s ({len(x)})")
+    axes.set(xlabel="T V / µm, sustained sticks", ylabel="share of the sticks below", ylim=(0.0, 1.02))
+    if len(chosen):
+        axes.set_xlim(left=0.0)
+        axes.legend(loc="upper left")
+
+
+def _draw_collapse(axes: Axes, dataset: xr.Dataset) -> None:
+    """Stick time by speed over mu F against V / (mu F): one curve, if friction and load do no more than scale."""
+    every: list[float] = []
+    for mu, colour in zip(dataset["mu"].values, COLOURS, strict=False):
+        for F, marker in zip(dataset["F"].values, MARKERS, strict=False):
+            if not mu > 0.0:
+                continue
+            at = dataset.sel(mu=mu, F=F)
+            x = 1e3 * at["V"].values / (mu * F)
+            every += x.tolist()
+            looks: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 4.0}
+            for kind, fill in (("sustained", colour), ("start_up", "none")):
+                y = 1e6 * at["V"].values * _means(at, kind)[0] / (mu * F)
+                label = f"μ = {mu:g}, F = {F:g} N" if kind == "sustained" else None
+                axes.plot(x, y, markerfacecolor=fill, label=label, markeredgewidth=0.7, **looks)
+    _room(axes, every or [1.0])
+    axes.set(xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
+    axes.set_ylim(bottom=0.0)
+    _plain(axes)
+    axes.legend(
+        loc="lower left", fontsize=6.5, ncols=2, title="filled: sustained, open: start-up", title_fontsize=6.5
+    )
+
+
+def _room(axes: Axes, x: Any) -> None:
+    """A logarithmic axis for all of `x`, also where nothing is drawn there."""
+    axes.set(xscale="log")
+    drawn = [line.get_ydata() for line in axes.lines if line.get_transform() == axes.transData]
+    if not any(np.isfinite(np.asarray(y, dtype=float)).any() for y in drawn):
+        axes.set_xlim(0.9 * np.min(x), 1.1 * np.max(x))
+
+
+def _plain(axes: Axes) -> None:
+    """Numbers on logarithmic axes as one writes them."""
+    for axis, scale in ((axes.xaxis, axes.get_xscale()), (axes.yaxis, axes.get_yscale())):
+        if scale == "log":
+            axis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())

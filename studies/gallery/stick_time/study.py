@@ -1,0 +1,148 @@
+"""How long the contact sticks against the speed of the drive: T_st ~ 1/V, at start-up and later."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fivcore import Scene, Transient, checks
+from studies import paper
+from studies.gallery.scenes import study as scenes
+from studies.gallery.stick_time.figure import draw
+from studies.gallery.stick_time.findings import findings
+from studies.gallery.stick_time.fit import with_laws
+from studies.motion import ensembles, transients
+from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.spec import evenly
+from studies.study import Study, rig_of, rig_settings
+from sweeps import Axis, Grid, Sweep, Variable
+
+# Of one member so many sticks are kept one by one; its counts and totals are of all.
+KEPT = 64
+# mm/s.
+SPEEDS = (0.25, 0.325, 0.4, 0.5, 0.65, 0.8, 1.0, 1.15, 1.3, 1.45, 1.6, 2.0, 2.6, 3.2, 4.0, 5.0)
+
+VARIABLES = {
+    "stick_time": Variable(
+        "s", "duration of each long stick, the start-up ones first", ("stick",), "float32", digits=4
+    ),
+    "start_up_count": Variable("1", "number of long sticks begun before settling", (), "int32"),
+    "start_up_total": Variable("s", "time in long sticks begun before settling", (), "float32"),
+    "sustained_count": Variable("1", "number of long sticks begun after settling", (), "int32"),
+    "sustained_total": Variable("s", "time in long sticks begun after settling", (), "float32"),
+    "observed_time": Variable("s", "time simulated after settling", (), "float32"),
+    "first_slip_time": Variable("s", "time of the first slip, the end of the first stick", (), "float32"),
+    "load_up_time": Variable(
+        "s", "time in which the drive loads a stuck contact from rest until it slips", (), "float32"
+    ),
+}
+
+
+def sticks(
+    points: Mapping[str, Any], *, least: float, load_ups: float, most: float, **fixed: Any
+) -> dict[str, Any]:
+    """The long sticks of each point's canonical scene."""
+    pace, mu = _pace(points), np.asarray(points["mu"], dtype=float)
+
+    def job_of(k: int, number: float) -> Job:
+        scene = Scene(float(pace[k]), fixed["theta"], float(mu[k]), 1.0, fixed["rig"])
+        duration = ensembles.own_duration(scene, ensembles.ramp_of(number, fixed["ramp"]), least, load_ups, most)
+        return ensembles.member(scene, number, fixed, duration)
+
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        return of_sticks(jobs[0].scene, runs[0].summary, jobs[0].duration)
+
+    return outcomes([[job_of(k, float(number))] for k, number in enumerate(points["member"])], values)
+
+
+def of_sticks(scene: Scene, summary: Mapping[str, Any], duration: float) -> dict[str, Any]:
+    """A run's long sticks, told apart by whether the motion had settled when they began."""
+    first, long = summary["first_slip_time"], summary["stick_times"]
+    early = summary["stick_starts"] - first < transients.SETTLING
+    kept = np.full(KEPT, np.nan)
+    kept[: min(len(long), KEPT)] = long[:KEPT]
+    return {
+        "stick_time": kept,
+        "start_up_count": np.count_nonzero(early),
+        "start_up_total": long[early].sum(),
+        "sustained_count": np.count_nonzero(~early),
+        "sustained_total": long[~early].sum(),
+        "observed_time": np.fmax(duration - first - transients.SETTLING, 0.0),
+        "first_slip_time": first,
+        "load_up_time": ensembles.load_up(scene),
+    }
+
+
+def key(points: Mapping[str, Any]) -> np.ndarray:
+    """Equal rows for the same member of scenes that are copies of each other."""
+    return np.column_stack([_pace(points), points["mu"], points["member"]])
+
+
+def _pace(points: Mapping[str, Any]) -> np.ndarray:
+    """V for F = 1, m/s/N, as the solver rounds it; it alone tells scenes of one theta and mu apart."""
+    pace, _, _ = scenes.canonical({**points, "theta": np.zeros(len(points["V"]))})
+    return pace
+
+
+def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
+    """Find out, before anything is planned, what cannot be run.
+
+    Raises
+    ------
+    ValueError
+        Naming the axis or setting.
+    """
+    ensembles.check(fixed)
+    slowest = float(axes["V"].values.min())
+    if slowest <= 0.0:
+        raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
+    for value in axes["member"].values:
+        checks.between("member", float(value), 1.0, 1e6, "a number counted from 1")
+    ends = transients.extremes(axes, fixed["rig"], theta=fixed["theta"])
+    check_jobs([ensembles.member(scene, 1.0, fixed, 1e-6) for scene in ends])
+
+
+def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
+    """The sweep over V and the members, at several mu and F; copies of a scene are computed once."""
+    rig, theta = rig_of(settings)
+    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", "leap", *ensembles.SETTINGS)}
+    fixed |= {"rig": rig, "theta": theta, "method": transients.METHOD}
+    check(axes, fixed)
+    return Sweep(
+        "stick_time",
+        sticks,
+        Grid(axes),
+        VARIABLES,
+        fixed,
+        key=key,
+        coords={"stick": Axis(np.arange(1, KEPT + 1), "1", "long stick, in the order in which they begin")},
+        title="Duration of sticks against the speed of the drive (T_st ~ 1/V)",
+        derive=with_laws,
+        batch_multiple=BATCH_MULTIPLE,
+    )
+
+
+STUDY = Study(
+    name="stick_time",
+    title="T_st ~ 1/V: duration of sticks against speed",
+    question="How long does the contact stick between two bursts of vibration, and is that time as 1/V?",
+    paper="Sections 2 and 3.5.4.2: the mean duration of the sticking phases is as 1/V, that at 2 mm/s half "
+    "that at 1 mm/s; from some speed on they vanish (none at 5 mm/s); less friction or less load shortens them.",
+    axes={
+        "V": Axis(
+            # Most of them have their half and their double among them: of loads, only copies.
+            np.array([float(f"{V}e-3") for V in SPEEDS]),
+            "m s-1",
+            "velocity of P2's clamp",
+        ),
+        "member": Axis(np.arange(1, 65), "1", "member of the ensemble; members differ by the drive's ramp"),
+        "mu": Axis(evenly(0.75 * paper.MU, 1.25 * paper.MU, 3), "1", "coefficient of friction"),
+        "F": Axis(np.array([0.5, 1.0, 2.0]) * paper.LOAD, "N", "load on A"),
+    },
+    settings=ensembles.settings(least=1.0, load_ups=3.0, most=30.0) | rig_settings(),
+    build=build,
+    draw=draw,
+    findings=findings,
+)

@@ -1,0 +1,1 @@
+"""One quantity over any two axes."""

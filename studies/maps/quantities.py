@@ -1,0 +1,218 @@
+"""What a map can show: quantities of a scene and its rig, each with the function that finds it for many points.
+
+A function gets points on any two axes, and whatever else makes a scene as constants. Points that differ only in
+what a quantity does not depend on are computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore import Rig, Scene, Transient, critical_mu, flutter_onsets, glued_frequencies
+from studies import paper
+from studies.gallery.regimes import study as regimes
+from studies.gallery.scenes import study as scenes
+from studies.gallery.stability import study as stability
+from studies.motion import ensembles, transients
+from studies.motion.jobs import Job, outcomes
+from studies.study import Setting, rig_of, rig_settings
+from sweeps import Variable
+
+Points = Mapping[str, Any]
+
+# What can be an axis, with the value it has where it is none.
+AXES: dict[str, Setting] = {
+    "V": Setting(paper.SPEEDS[1], "m s-1", "velocity of P2's clamp"),
+    **{name: each for name, each in rig_settings().items() if name == "theta"},
+    **{name: each for name, each in transients.run_settings(1.0).items() if name in transients.SCENE},
+    **{name: each for name, each in rig_settings().items() if name != "theta"},
+}
+RIG = tuple(name for name in AXES if name not in transients.SCENE)
+# As `studies.gallery.stability.study.largest_growth` gives them.
+GROWTH = ("growth_rate", "frequency", "unstable_modes")
+# Stands for a value that is the same at all points, where only its being the same matters.
+SAME = {"V": 1.0, "theta": 1.0, "mu": 0.0, "F": 1.0}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number a point.
+
+    Attributes
+    ----------
+    variable : Variable
+    find : callable
+        The function of a sweep.
+    alike : callable
+        The key of a sweep.
+    matter : tuple of str
+        What of a scene, besides its rig, the quantity depends on; of V only the sign if theta stands without V.
+    thresholds : tuple of float
+        Values at which it passes from one class to another.
+    settings : mapping of str to Setting
+        What else can be set.
+    """
+
+    variable: Variable
+    find: Callable[..., dict[str, Any]]
+    alike: Callable[[Points], NDArray[Any]]
+    matter: tuple[str, ...]
+    thresholds: tuple[float, ...] = ()
+    settings: Mapping[str, Setting] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is a class or a count."""
+        return np.dtype(self.variable.dtype).kind == "i"
+
+
+def growth(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
+    """Of the fastest-growing mode of steady sliding; or how many modes grow."""
+    every = _complete(points, fixed)
+    theta, mu, rigs = _drive_theta(every), every["mu"], _rig_of_each(every)
+    found = np.empty(len(mu))
+    for rig in dict.fromkeys(rigs):
+        rows = [k for k, each in enumerate(rigs) if each == rig]
+        values = stability.largest_growth(rig, theta[rows], mu[rows], transients.BAND)
+        found[rows] = dict(zip(GROWTH, values, strict=True))[quantity]
+    return {quantity: found}
+
+
+def onset(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
+    """Of the flutter onset at the lowest friction up to 1; NaN where there is none."""
+
+    def lowest(rig: Rig, theta: float) -> float:
+        found = flutter_onsets(rig, theta, transients.BAND)
+        values = found.mu if quantity == "onset_mu" else found.frequency
+        return float(values[0]) if len(values) else np.nan
+
+    return {quantity: _each(lowest, points, fixed)}
+
+
+def glued(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
+    """A natural frequency of the beams glued at the contact."""
+    number = int(quantity.rpartition("_")[2])
+    return {quantity: _each(lambda rig, theta: float(glued_frequencies(rig, theta, number)[-1]), points, fixed)}
+
+
+def contact_limit(points: Points, *, quantity: str, cutoff: float, **fixed: Any) -> dict[str, Any]:
+    """Friction from which on the contact force is not unique; NaN where it always is."""
+
+    def limit(rig: Rig, theta: float) -> float:
+        mu = critical_mu(rig, theta, transients.METHOD, cutoff=cutoff or None)
+        return mu if np.isfinite(mu) else np.nan
+
+    return {quantity: _each(limit, points, fixed)}
+
+
+def motion(
+    points: Points, *, quantity: str, members: int, least: float, load_ups: float, most: float, **fixed: Any
+) -> dict[str, Any]:
+    """What an ensemble of runs of each point's canonical scene says; in units of F where F is an axis."""
+    every = _complete(points, fixed)
+    canonical = zip(*scenes.canonical(every), strict=True)
+    chosen = [
+        Scene(float(pace), float(theta), float(mu), 1.0, rig)
+        for (pace, theta, mu), rig in zip(canonical, _rig_of_each(every), strict=True)
+    ]
+
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        return {quantity: regimes.ensemble_figures(runs)[quantity]}
+
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in chosen]
+    found = outcomes(jobs, values, copies=True)
+    if quantity in scenes.SCALED and "F" not in points:
+        found[quantity] = found[quantity] * fixed["F"]
+    return found
+
+
+def same_drive(points: Points) -> NDArray[Any]:
+    """Equal rows where the rig and its inclination as seen from the drive are the same."""
+    return _columns(points, _drive_theta(_complete(points, SAME)))
+
+
+def same_sliding(points: Points) -> NDArray[Any]:
+    """Equal rows where the friction is the same as well."""
+    every = _complete(points, SAME)
+    return _columns(points, _drive_theta(every), every["mu"])
+
+
+def same_motion(points: Points) -> NDArray[Any]:
+    """Equal rows for copies of one scene of one rig."""
+    return _columns(points, *scenes.canonical(_complete(points, SAME)))
+
+
+def load(points: Points) -> dict[str, NDArray[Any]]:
+    """What the figures of a canonical scene are multiplied by."""
+    return {"load": np.asarray(points["F"], dtype=float)}
+
+
+def _complete(points: Points, fixed: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Every number that makes a scene, one entry a point, as far as it is told."""
+    count = len(next(iter(points.values())))
+    held = {name: np.full(count, float(fixed[name])) for name in AXES if name in fixed and name not in points}
+    return held | {name: np.asarray(values, dtype=float) for name, values in points.items()}
+
+
+def _drive_theta(every: Points) -> NDArray[Any]:
+    """`fivcore.Scene.drive_theta` of each point."""
+    return np.asarray(np.where(every["V"] > 0.0, every["theta"], -every["theta"]) + 0.0)
+
+
+def _rig_of_each(every: Points) -> list[Rig]:
+    rows = list(zip(*(every[name].tolist() for name in RIG), strict=True))
+    made = {row: rig_of(dict(zip(RIG, row, strict=True)) | {"theta": 0.0})[0] for row in set(rows)}
+    return [made[row] for row in rows]
+
+
+def _each(find: Callable[[Rig, float], float], points: Points, fixed: Mapping[str, Any]) -> NDArray[Any]:
+    """What `find(rig, theta)` gives for each point."""
+    every = _complete(points, fixed)
+    return np.array(
+        [find(rig, theta) for rig, theta in zip(_rig_of_each(every), _drive_theta(every).tolist(), strict=True)]
+    )
+
+
+def _columns(points: Points, *columns: NDArray[Any]) -> NDArray[Any]:
+    """Rows of a key, with the numbers of the rig that vary."""
+    return np.stack([*columns, *(np.asarray(points[name], dtype=float) for name in RIG if name in points)], axis=1)
+
+
+ONSETS = {
+    "onset_mu": Variable("1", "friction at the lowest flutter onset below 10 kHz and up to 1"),
+    "onset_frequency": Variable("Hz", "frequency at the lowest flutter onset below 10 kHz and up to 1"),
+}
+LIMITS = {"critical_mu": Variable("1", "friction from which on the contact force is not unique")}
+GLUED = {
+    f"glued_frequency_{k}": Variable("Hz", f"natural frequency {k} of the beams glued at the contact")
+    for k in range(1, 9)
+}
+MOTION = {name: regimes.VARIABLES[name] for name in ("regime", "regime_certainty", *regimes.FIGURES)}
+RUN = {name: each for name, each in regimes.STUDY.settings.items() if name not in AXES}
+
+QUANTITIES: dict[str, Quantity] = (
+    {
+        name: Quantity(
+            stability.VARIABLES[name],
+            growth,
+            same_sliding,
+            ("theta", "mu"),
+            (0.0,) if name == "growth_rate" else (),
+        )
+        for name in GROWTH
+    }
+    | {name: Quantity(each, onset, same_drive, ("theta",)) for name, each in ONSETS.items()}
+    | {
+        name: Quantity(each, contact_limit, same_drive, ("theta",), settings={"cutoff": RUN["cutoff"]})
+        for name, each in LIMITS.items()
+    }
+    | {name: Quantity(each, glued, same_drive, ("theta",)) for name, each in GLUED.items()}
+    | {name: Quantity(each, motion, same_motion, transients.SCENE, settings=RUN) for name, each in MOTION.items()}
+)
+# Found over all mu: with mu as an axis there is nothing to show.
+OVER_MU = (*ONSETS, *LIMITS)

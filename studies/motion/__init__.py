@@ -1,0 +1,1 @@
+"""Scenes simulated for studies: jobs, ensembles, recorded series."""

@@ -1,0 +1,137 @@
+"""Series of the motion kept besides what a study finds: which there are, how they are taken and declared.
+
+A series holds samples, not averages: at each of its times the value that the motion has there, on the line
+between two of the solver's steps. What the motion has above half the sample rate is folded into what is below; the
+contact's spikes of microseconds are met or missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fivcore import Scene, Transient, checks
+from studies.motion import transients
+from studies.motion.jobs import Job
+from studies.study import suggest
+from sweeps import Sweep, Variable
+
+if TYPE_CHECKING:
+    from studies.study import Study
+
+# Hz, where no other rate is asked for.
+SAMPLE_RATE = 50e3
+# Of one series of one scene.
+MOST_SAMPLES = 1_000_000
+# Most of a large sweep's file is series, and what is rounded can be compressed.
+DIGITS = 4
+
+_ELAPSED = ("elapsed",)
+SERIES = {
+    "velocity_B": Variable("m s-1", "velocity of B along x, sampled", _ELAPSED, "float32", DIGITS),
+    "normal_force": Variable("N", "normal force on P1, sampled", _ELAPSED, "float32", DIGITS),
+    "tangential_force": Variable("N", "force along x on P1, sampled", _ELAPSED, "float32", DIGITS),
+    "slip_velocity": Variable(
+        "m s-1", "velocity of P1's surface relative to P2's, sampled", _ELAPSED, "float32", DIGITS
+    ),
+    "state": Variable(
+        "1", "state of the contact, sampled", _ELAPSED, "int8", flags=dict(enumerate(transients.STATES))
+    ),
+}
+# What multiplies the series of a canonical scene (`studies.gallery.scenes.study`).
+FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "along", "slip_velocity": "along"}
+
+
+def variables(record: Sequence[str]) -> dict[str, Variable]:
+    """The variables that hold the recorded series."""
+    return {name: SERIES[name] for name in record}
+
+
+def asked(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
+    """What `simulate` is told; nothing is kept where nothing is recorded."""
+    return {"record": tuple(record), "sample_times": times} if record else {"record": False}
+
+
+def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:
+    """The recorded series of a run, as they are stored."""
+    every = {name: getattr(run, name) for name in record}
+    return {name: values if name == "state" else values.astype(np.float32) for name, values in every.items()}
+
+
+def jobs(scene: Scene, fixed: Mapping[str, Any], own: Mapping[str, Any], *kept: Any) -> list[Job]:
+    """The run of a scene with its study's own record, and a second one if series are to be kept (`asked`)."""
+    first, second = transients.job(scene, fixed, **own), transients.job(scene, fixed, **asked(*kept))
+    return [first, second] if second.options["record"] else [first]
+
+
+def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+    """The sweep of a study without series of its own; from the start of the drive to the end of the run."""
+    names = _checked(names, sample_rate)
+    rate = checks.between("sample_rate", SAMPLE_RATE if sample_rate is None else sample_rate, 100.0, 1e6, "Hz")
+    sweep = study.sweep(given)
+    duration = float(sweep.constants["duration"])
+    if duration * rate > MOST_SAMPLES * (1.0 + 1e-9):
+        raise ValueError(
+            f"sample_rate = {rate:g}: over duration = {duration:g} s it must be at most "
+            f"{MOST_SAMPLES / duration:.6g} Hz, for {MOST_SAMPLES} samples of a scene"
+        )
+    if duration * rate < 1.0:
+        raise ValueError(
+            f"sample_rate = {rate:g}: over duration = {duration:g} s it must be at least {1.0 / duration:.6g} Hz"
+        )
+    timed = replace(
+        sweep,
+        constants={**sweep.constants, "sample_rate": rate},
+        coords={**sweep.coords, "elapsed": transients.even_times(duration, rate)},
+    )
+    return _added(timed, names)
+
+
+def on_own_times(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+    """The sweep of a study that keeps the velocity of B, with the other series at the same times."""
+    names = _checked(names, sample_rate)
+    if sample_rate is not None:
+        if "sample_rate" in given:
+            raise ValueError(
+                f"sample_rate = {sample_rate!r}: study {study.name} has it as a setting, and that is set to "
+                f"{given['sample_rate']}; give one of the two"
+            )
+        given = {**given, "sample_rate": sample_rate}
+    sweep = study.sweep(given)
+    return _added(sweep, tuple(name for name in names if name not in sweep.variables))
+
+
+def in_a_window(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+    """Refuse: the study's series are those of a window of its own."""
+    raise ValueError(
+        f"record = {', '.join(_checked(names, sample_rate))}: study {study.name} keeps its series in a window "
+        "already (settings window_start, window and sample_rate); study scenes records whole runs"
+    )
+
+
+def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]:
+    """The names asked for, each once and in the order of SERIES, so that the order asked changes nothing."""
+    names = (names,) if isinstance(names, str) else tuple(names)
+    if not names:
+        raise ValueError(f"sample_rate = {sample_rate!r}: it is for what is recorded, and nothing is; give record")
+    for name in names:
+        if name not in SERIES:
+            raise ValueError(
+                f"record = {name!r}: there is no such series; {suggest(str(name), list(SERIES))}"
+                f"the series are {', '.join(SERIES)}"
+            )
+    return tuple(name for name in SERIES if name in names)
+
+
+def _added(sweep: Sweep, names: tuple[str, ...]) -> Sweep:
+    """The sweep with these series besides, scaled like its figures if it computes canonical scenes."""
+    if not names:
+        return sweep
+    more = variables(names)
+    if sweep.scale is not None:
+        more = {name: replace(each, scale=FACTORS.get(name, "")) for name, each in more.items()}
+    constants = {**sweep.constants, "record": names}
+    return replace(sweep, variables={**sweep.variables, **more}, constants=constants)

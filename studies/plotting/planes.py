@@ -1,0 +1,144 @@
+"""How quantities over two axes are drawn: names of axes, cells of true extent, and colours of regimes.
+
+Colours survive colour blindness and grey print: shades rise in lightness, classes alternate light and dark.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from studies.motion import transients
+from studies.plotting import figures
+
+# Symbol, unit and factor of what may be an axis, for a reader.
+SYMBOLS = {
+    "V": ("V", "mm/s", 1e3),
+    "theta": ("θ", "°", 1.0),
+    "mu": ("μ", "", 1.0),
+    "F": ("F", "N", 1.0),
+    "contact_position": ("contact position", "mm", 1e3),
+    "head_mass": ("head mass", "kg", 1.0),
+    "point_b": ("position of B", "", 1.0),
+    "d1": ("damping on the mass d1", "1/s", 1.0),
+    "d2": ("damping on the stiffness d2", "s", 1.0),
+}
+BEAM_SYMBOLS = {
+    "length": ("length", "mm", 1e3),
+    "width": ("width", "mm", 1e3),
+    "thickness": ("thickness", "mm", 1e3),
+    "young_modulus": ("Young's modulus", "GPa", 1e-9),
+    "density": ("density", "kg/m³", 1.0),
+    "elements": ("elements", "", 1.0),
+}
+for _beam in ("p1", "p2"):
+    for _name, (_symbol, _unit, _factor) in BEAM_SYMBOLS.items():
+        SYMBOLS[f"{_beam}_{_name}"] = (f"{_symbol} of {_beam.upper()}", _unit, _factor)
+
+# What a scene's motion can be, or not be.
+KINDS = (*transients.REGIMES, "failed", "pending")
+# Of Okabe and Ito's colours; light and dark ones alternate.
+COLOURS = ("#d9d9d9", "#4d4d4d", "#a6dcf7", figures.ORANGE, figures.BLUE, figures.RED, "white", "white")
+DARK = ("stuck", "periodic", "irregular")
+HATCHES = {"failed": "xxxx"}
+# From this ratio of its ends on an axis is logarithmic.
+WIDE = 20.0
+
+
+def named(name: str, value: Any) -> str:
+    """A value of an axis as a reader writes it."""
+    symbol, unit, factor = SYMBOLS[name]
+    space = "" if unit in ("", "°") else " "
+    return f"{symbol} = {factor * float(value):.4g}{space}{unit}"
+
+
+def label(name: str) -> str:
+    """What stands at an axis."""
+    symbol, unit, _ = SYMBOLS[name]
+    return f"{symbol} / {unit}" if unit else symbol
+
+
+def shown(name: str, values: Any) -> NDArray[Any]:
+    """Values of an axis in the unit of its label."""
+    return np.asarray(SYMBOLS[name][2] * np.asarray(values, dtype=float))
+
+
+def is_logarithmic(values: Any) -> bool:
+    """Whether ascending values read better on a logarithmic axis: they span much, and their steps grow."""
+    wide = values[0] > 0.0 and values[-1] >= WIDE * values[0]
+    return bool(wide and (len(values) == 2 or values[-1] - values[-2] >= 2.0 * (values[1] - values[0])))
+
+
+def edges(values: NDArray[Any]) -> NDArray[Any]:
+    """Ends of the stretch that each of the ascending values stands for: half-way to its neighbours."""
+    if len(values) == 1:
+        reach = 0.5 * abs(float(values[0])) or 0.5
+        return np.array([values[0] - reach, values[0] + reach])
+    if is_logarithmic(values):
+        return np.asarray(np.exp(_half_way(np.log(values))))
+    return _half_way(values)
+
+
+def _half_way(values: NDArray[Any]) -> NDArray[Any]:
+    middle = 0.5 * (values[1:] + values[:-1])
+    return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
+
+
+def set_axes(axes: Axes, x: str, xs: Any, y: str, ys: Any) -> None:
+    """Labels and scales of a plane whose cells stand about the values xs and ys."""
+    for name, values, side in ((x, xs, "x"), (y, ys, "y")):
+        ends = edges(shown(name, values))
+        if is_logarithmic(shown(name, values)):
+            axes.set(**{f"{side}scale": "log"})
+            getattr(axes, f"{side}axis").set_major_formatter("{x:g}")
+        axes.set(**{f"{side}lim": (ends[0], ends[-1]), f"{side}label": label(name)})
+    axes.grid(False)
+
+
+def shades(
+    axes: Axes, x: str, xs: Any, y: str, ys: Any, values: NDArray[Any], norm: Normalize | None = None
+) -> Any:
+    """A number as lightness, (y, x), white where there is none; what a colour bar is made from."""
+    mesh = axes.pcolormesh(
+        edges(shown(x, xs)), edges(shown(y, ys)), values, cmap="cividis", norm=norm, rasterized=True
+    )
+    set_axes(axes, x, xs, y, ys)
+    return mesh
+
+
+def classes(axes: Axes, x: str, xs: Any, y: str, ys: Any, codes: NDArray[Any], colours: Sequence[str]) -> None:
+    """Classes, (y, x), each in its colour; white where there is none."""
+    axes.pcolormesh(
+        edges(shown(x, xs)),
+        edges(shown(y, ys)),
+        np.ma.masked_invalid(np.asarray(codes, dtype=float)),
+        cmap=ListedColormap(list(colours)),
+        vmin=-0.5,
+        vmax=len(colours) - 0.5,
+        rasterized=True,
+    )
+    set_axes(axes, x, xs, y, ys)
+
+
+def patches(kinds: Any) -> list[Patch]:
+    """For a legend: the regimes that occur, by their places in KINDS."""
+    return [
+        Patch(
+            facecolor=COLOURS[k], edgecolor="black", linewidth=0.5, hatch=HATCHES.get(KINDS[k], ""), label=KINDS[k]
+        )
+        for k in sorted(int(kind) for kind in kinds)
+    ]
+
+
+def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str) -> None:
+    """The scale of a shaded plane beside it."""
+    bar = figure.colorbar(mesh, ax=axes, pad=0.02)
+    bar.set_label(text)
+    bar.outline.set_visible(False)

@@ -1,0 +1,1 @@
+"""Rows of results: the language of expressions, what it selects, how rows are printed."""

@@ -1,0 +1,152 @@
+"""Rows of a result as text: a table to read, CSV and JSON to go on with; some rows at a time."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.query.columns import NUMBER, Column
+from studies.query.rows import Rows
+
+# The widths of a table's columns are those of its first rows; rows are written so many at a time.
+MEASURED, AT_ONCE = 5000, 20_000
+# What a table shows of a number and of a text, and where there is nothing.
+DIGITS, LETTERS, NOTHING = 6, 60, "-"
+GAP = "  "
+
+Write = Callable[[Sequence[Column], Iterable[Rows], TextIO], int]
+
+
+def write_csv(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
+    """CSV by RFC 4180, in full precision; an empty field where there is no value. Returns how many rows."""
+    writer = csv.writer(file)
+    writer.writerow([column.name for column in columns])
+    count = 0
+    for part in _parts(rows):
+        values = [_plain(column, part[column.name], "") for column in columns]
+        writer.writerows(zip(*values, strict=True))
+        count += len(values[0])
+    return count
+
+
+def write_json(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
+    """A list of objects; null where there is no value, or one that JSON does not have. Returns how many rows."""
+    names = [column.name for column in columns]
+    count = 0
+    for part in _parts(rows):
+        values = [_plain(column, part[column.name], None, infinite=False) for column in columns]
+        lines = (json.dumps(dict(zip(names, row, strict=True))) for row in zip(*values, strict=True))
+        file.write(("[\n" if count == 0 else ",\n") + ",\n".join(lines))
+        count += len(values[0])
+    file.write("\n]\n" if count else "[]\n")
+    return count
+
+
+def write_table(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
+    """Aligned columns under their names and units. Returns how many rows."""
+    cells = _cells(columns, rows)
+    first = [row for _, row in zip(range(MEASURED), cells, strict=False)]
+    heads = _heads(columns)
+    widths = [max(len(row[k]) for row in (*heads, *first)) for k in range(len(columns))]
+    count = 0
+    for row in chain(heads, first, cells):
+        told = (
+            cell.rjust(width) if column.kind == NUMBER else cell.ljust(width)
+            for column, cell, width in zip(columns, row, widths, strict=True)
+        )
+        file.write(GAP.join(told).rstrip() + "\n")
+        count += 1
+    return count - len(heads)
+
+
+WRITERS: dict[str, Write] = {"table": write_table, "csv": write_csv, "json": write_json}
+
+
+def fitting(columns: Sequence[Column], rows: Sequence[Rows], width: int) -> list[Column]:
+    """The first columns of a table that fit in a terminal of this width, and one at least."""
+    first = list(zip(range(MEASURED), _cells(columns, rows), strict=False))
+    every = [*_heads(columns), *(row for _, row in first)]
+    ends = np.cumsum([max(len(row[k]) for row in every) + len(GAP) for k in range(len(columns))])
+    return list(columns[: max(int(np.searchsorted(ends, width + len(GAP), side="right")), 1)])
+
+
+def _heads(columns: Sequence[Column]) -> list[list[str]]:
+    """Names, and below them units where any column has some."""
+    units = [column.units for column in columns]
+    return [[column.name for column in columns], *([units] if any(units) else [])]
+
+
+def _parts(rows: Iterable[Rows]) -> Iterator[Rows]:
+    """The rows, in parts of a size that is quick to write."""
+    for each in rows:
+        length = len(next(iter(each.values())))
+        for start in range(0, length, AT_ONCE):
+            yield {name: values[start : start + AT_ONCE] for name, values in each.items()}
+
+
+def _cells(columns: Sequence[Column], rows: Iterable[Rows]) -> Iterator[tuple[str, ...]]:
+    for part in _parts(rows):
+        values = [[_cell(value) for value in _plain(column, part[column.name], None)] for column in columns]
+        yield from zip(*values, strict=True)
+
+
+def _cell(value: Any) -> str:
+    """A value for a reader; texts in one line, and without what a terminal would obey."""
+    if value is None:
+        return NOTHING
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}g}"
+    text = str(value)
+    if not text.isprintable():
+        text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    return text if len(text) <= LETTERS else f"{text[: LETTERS - 3]}..."
+
+
+def _plain(column: Column, values: NDArray[Any], nothing: Any, infinite: bool = True) -> list[Any]:
+    """Values as Python's own: whole numbers, floats, texts; `nothing` where there is none, or no finite one."""
+    if column.kind != NUMBER:
+        shown: list[Any] = column.shown(values).tolist()
+        return [each or nothing for each in shown] if column.words is not None else shown
+    found: list[Any]
+    there = ~column.missing(values) if infinite else np.isfinite(values)
+    if column.whole:
+        found = np.where(there, values, 0).astype(np.int64).tolist()
+    else:
+        found = (shortest(values) if values.dtype == np.float32 else values).tolist()
+    if np.all(there):
+        return found
+    return [each if known else nothing for each, known in zip(found, there.tolist(), strict=True)]
+
+
+def shortest(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Doubles for single precision numbers, to be written with the digits that these have: 0.1, not 0.10000000149.
+
+    Each is the double nearest to a decimal that reads back as the same single precision number, of six digits if
+    such a one does and of nine at most.
+    """
+    wide = values.astype(float)
+    found = wide.copy()
+    with np.errstate(all="ignore"):
+        decade = np.floor(np.log10(np.abs(wide)))
+        left = np.isfinite(wide) & (wide != 0.0)
+        for digits in range(6, 10):
+            # Numerator and denominator are exact, so that their quotient is the double nearest to the decimal.
+            places = (digits - 1 - decade)[left]
+            power = 10.0 ** np.abs(places)
+            whole = np.rint(np.where(places >= 0.0, wide[left] * power, wide[left] / power))
+            tried = np.where(places >= 0.0, whole / power, whole * power)
+            same = (tried.astype(np.float32) == values[left]) & (np.abs(places) <= 22.0)
+            place = np.flatnonzero(left)[same]
+            found[place] = tried[same]
+            left[place] = False
+            if not left.any():
+                break
+    for place in np.flatnonzero(left):
+        found[place] = float(str(values[place]))
+    return found

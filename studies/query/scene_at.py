@@ -1,0 +1,162 @@
+"""What is behind a point of a result: its scene, and how that was run, both ready for `fivcore.simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fivcore import Scene
+from studies.gallery.scenes import study as scenes
+from studies.maps.quantities import AXES
+from studies.motion import ensembles, recording, transients
+from studies.query.columns import Columns
+from studies.query.nearest import nearest
+from studies.study import constants, rig_of, suggest
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+# Whose points are more than a scene: methods and their settings, and cases that are refused.
+OTHERWISE = ("accuracy", "stress")
+# Studies that record the motion that their figures are taken from, at so many times the rate that they keep.
+RECORDED = ("fig7", "fig11")
+
+
+def scene(dataset: xr.Dataset, **point: float) -> Scene:
+    """The scene behind a point.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of a study or a map, or a part of one.
+    **point
+        Values of the axes, in the file's units; each finds the nearest that the axis has (`query.nearest`). An
+        axis with one value need not be named, nor one that makes no difference to the scene (mode, member).
+
+    Returns
+    -------
+    fivcore.Scene
+        What neither the axes nor the file's configuration say, because the result does not depend on it, is the
+        paper's: V and F of a study of stability.
+
+    Raises
+    ------
+    ValueError
+        Naming the axis; or if the points of the study are no scenes.
+    """
+    every = Columns(dataset)
+    name = str(dataset.attrs.get("sweep"))
+    if name in OTHERWISE or not {"rig", *AXES} & {*every.configuration["constants"], *every.axes}:
+        raise ValueError(f"scene: the points of study {name} are not scenes")
+    numbers = {each: setting.value for each, setting in AXES.items()}
+    numbers |= {each: float(value) for each, value in every.settings.items() if each in AXES}
+    numbers |= {each: float(value) for each, value in _values(every, point).items() if each in AXES}
+    rig, theta = rig_of(numbers)
+    return Scene(V=numbers["V"], theta=theta, mu=numbers["mu"], F=numbers["F"], rig=rig)
+
+
+def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
+    """How the scene of a point was run: `simulate(scene(dataset, **point), **run_options(dataset, **point))`.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+    **point
+        As for `scene`. Where a point is an ensemble of runs, `member` says which of them, from 1 on; by default 1.
+
+    Returns
+    -------
+    dict
+        Keyword arguments of `fivcore.simulate`, `duration` among them.
+
+    Raises
+    ------
+    ValueError
+        Naming what is wrong; or if the study has no motion in time.
+    """
+    own = scene(dataset, **{name: value for name, value in point.items() if name != "member"})
+    given = constants(dataset)
+    if "method" not in given:
+        raise ValueError(f"run_options: study {dataset.attrs.get('sweep')} has no motion in time")
+    ramp = given["ramp"]
+    if "duration" in given:
+        if "member" in point:
+            raise ValueError(f"member = {point['member']}: each point of this study is one run")
+        duration, member = given["duration"], 1.0
+    else:
+        member = _member(Columns(dataset), given, point)
+        duration = _own_duration(dataset, own, given, member)
+    options: dict[str, Any] = {
+        "duration": duration,
+        "method": given["method"],
+        "ramp": ensembles.ramp_of(member, ramp),
+        "cutoff": given["cutoff"] or None,
+        "leap": bool(given.get("leap", True)),
+    }
+    if given.get("settle") is not None:
+        options["settle"] = given["settle"]
+    if dataset.attrs["sweep"] in RECORDED:
+        options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
+    elif "record" in given:
+        times = transients.even_times(duration, given["sample_rate"]).values
+        options |= recording.asked(given["record"], times)
+    return options
+
+
+def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
+    """The value of each axis at a point, where it has one."""
+    for name, asked in point.items():
+        if name not in every.axes:
+            near = suggest(name, list(every.axes))
+            raise ValueError(
+                f"{name} = {asked}: there is no such axis; {near}the axes are {', '.join(every.axes)}"
+            )
+    found = {}
+    for name in every.axes:
+        values = np.atleast_1d(every.dataset[name].values)
+        if name in point:
+            found[name] = _nearest(name, values, point[name])
+        elif len(values) == 1:
+            found[name] = values[0]
+        elif name in AXES:
+            raise _needed(name, values)
+    return found
+
+
+def _needed(name: str, values: Any) -> ValueError:
+    return ValueError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")
+
+
+def _nearest(name: str, values: Any, asked: Any) -> Any:
+    number = isinstance(asked, (int, float, np.integer, np.floating)) and not isinstance(asked, bool)
+    if not number or values.dtype.kind not in "iuf":
+        raise ValueError(f"{name} = {asked!r}: it must be one number")
+    value, there = nearest(values, float(asked))
+    if not there:
+        raise ValueError(f"{name} = {asked}: the axis has no such value; the nearest is {value}")
+    return value
+
+
+def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]) -> float:
+    """The number of a run within its ensemble."""
+    if "member" in every.axes:
+        values = np.atleast_1d(every.dataset["member"].values)
+        return float(_nearest("member", values, point.get("member", values[0])))
+    member, most = point.get("member", 1), given["members"]
+    if member not in range(1, int(most) + 1):
+        raise ValueError(f"member = {member}: it must be a whole number from 1 to {most}")
+    return float(member)
+
+
+def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float:
+    """How long a member ran, s: as its study decided for the canonical scene."""
+    rule = {name: given[name] for name in ensembles.SETTINGS}
+    if dataset.attrs["sweep"] == "table6":
+        return ensembles.own_duration(own, given["ramp"], **rule)
+    pace, theta, mu = scenes.canonical({name: np.array([getattr(own, name)]) for name in transients.SCENE})
+    canonical = Scene(float(pace[0]), float(theta[0]), float(mu[0]), 1.0, own.rig)
+    # Only where members are points of their own has each its own length.
+    ramp = ensembles.ramp_of(member, given["ramp"]) if "members" not in given else given["ramp"]
+    return ensembles.own_duration(canonical, ramp, **rule)

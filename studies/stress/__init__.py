@@ -1,0 +1,1 @@
+"""What breaks a method, and what does not."""

@@ -1,0 +1,143 @@
+"""What the linear half costs and how exact it is: `python -m tests.benchmarks.stability`.
+
+Every figure is a median over repetitions in this one run, on one core. It prints the tables of the README.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import eigvals, null_space
+from threadpoolctl import threadpool_limits
+
+from fivcore import Rig, flutter_onsets, glued_frequencies, sliding_modes
+from fivcore.beams import modes as bases
+from fivcore.stability import secular
+from tests.helpers import reference
+
+
+def median(run, repeat: int, prepare=lambda: None) -> float:
+    """Median seconds of `run` after `prepare`, which is not timed."""
+    times = []
+    for _ in range(repeat):
+        prepare()
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def forget() -> None:
+    """Drop every basis."""
+    for cached in (bases.lower_basis, bases.upper_basis, bases.cantilever_modes, bases.axial, bases.bending):
+        cached.cache_clear()
+    secular.sliding_problem.cache_clear()
+
+
+def dense(rig: Rig, theta: float, mu: float) -> None:
+    """The same modes by a dense generalised eigenproblem of all free degrees of freedom."""
+    k, m, normal, tangential = reference.assemble(rig, theta)
+    right, left = null_space(normal[None]), null_space((normal + mu * tangential)[None])
+    stiffness, mass = left.T @ k @ right, left.T @ m @ right
+    start = time.perf_counter()
+    eigvals(stiffness, mass)
+    dense_seconds.append(time.perf_counter() - start)
+
+
+dense_seconds: list[float] = []
+
+
+def costs() -> list[tuple[str, float, str]]:
+    """Rows of the cost table: what, seconds, the most it may be."""
+    rig = Rig()
+    angles = iter(np.linspace(4.0, 12.0, 100_001))
+    frictions = iter(np.linspace(0.1, 0.4, 100_001))
+    flutter_onsets(rig, 5.0)
+    sliding_modes(rig, 5.0, 0.2)
+    glued_frequencies(rig, 5.0)
+    rows = [
+        (
+            "flutter onsets, new rig: both bases built",
+            median(lambda: flutter_onsets(rig, 5.0), 51, forget),
+            "20 ms",
+        ),
+        (
+            "flutter onsets, new theta: P2's basis kept",
+            median(lambda: flutter_onsets(rig, next(angles)), 201),
+            "5 ms",
+        ),
+        (
+            "sliding modes, first mu at a new theta",
+            median(lambda: sliding_modes(rig, next(angles), 0.2), 201),
+            "-",
+        ),
+    ]
+    sliding_modes(rig, 5.0, 0.2)
+    one = median(lambda: sliding_modes(rig, 5.0, next(frictions)), 1001)
+    many = median(lambda: sliding_modes(rig, 5.0, np.linspace(0.0, 0.5, 1001)), 21) / 1001
+    rows += [
+        ("sliding modes, one further mu", one, "0.3 ms"),
+        ("sliding modes, each mu of an array", many, "0.1 ms"),
+    ]
+
+    theta, mu = np.linspace(-5.0, 20.0, 251), np.linspace(0.0, 0.5, 201)
+    table = median(lambda: sliding_modes(rig, theta[:, None], mu), 3, forget)
+    curve = median(lambda: [flutter_onsets(rig, angle, mu_max=0.5) for angle in theta], 3, forget)
+    rows += [
+        ("growth rates at 251 x 201 (theta, mu)", table, "10 s"),
+        ("onset curves mu(theta) at 251 theta, by roots", curve, "-"),
+    ]
+    for mu_one in (0.1, 0.2, 0.3):
+        dense(rig, 5.0, mu_one)
+    rows.append(("one mu by a dense QZ of the finite elements", statistics.median(dense_seconds), "-"))
+    fiv = [str(Path(sys.executable).with_name("fiv")), "--help"]
+    start_up = median(lambda: subprocess.run(fiv, stdout=subprocess.DEVNULL, check=True), 21)
+    rows.append(("fiv --help", start_up, "0.2 s"))
+    return rows
+
+
+def errors() -> list[tuple[str, float]]:
+    """Rows of the accuracy table: largest difference from the tests' reference on the paper's mesh."""
+    rig, frequency, growth = Rig(), 0.0, 0.0
+    for theta, mu in ((5.0, 0.0), (5.0, 0.2), (5.0, 0.45), (10.0, 0.3), (-5.0, 0.2)):
+        modes = sliding_modes(rig, theta, mu)
+        mine = modes.growth_rate + 2j * np.pi * modes.frequency
+        theirs = reference.damped(reference.sliding_eigenvalues(rig, theta, mu), rig.d1, rig.d2)[: len(mine)]
+        frequency = max(frequency, float(np.max(np.abs(mine.imag / theirs.imag - 1.0))))
+        growth = max(growth, float(np.max(np.abs(mine.real - theirs.real) / theirs.imag)))
+    return [("frequency, relative", frequency), ("growth rate over angular frequency", growth)]
+
+
+def machine() -> str:
+    """What this was measured on."""
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        lines = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        name = lines[0].partition(":")[2].strip() if lines else name
+    return (
+        f"{name}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}, one core used"
+    )
+
+
+def main() -> None:
+    """Print both tables as Markdown."""
+    print(f"{machine()}\n\n| what | median | at most |\n| --- | --- | --- |")
+    with threadpool_limits(1):
+        for what, seconds, most in costs():
+            shown = f"{seconds:.2f} s" if seconds > 1.0 else f"{1e3 * seconds:.3g} ms"
+            print(f"| {what} | {shown} | {most} |")
+    print("\n| difference from the dense reference, paper's mesh, band 10 kHz | largest |\n| --- | --- |")
+    for what, error in errors():
+        print(f"| {what} | {error:.1e} |")
+
+
+if __name__ == "__main__":
+    main()

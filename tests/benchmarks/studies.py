@@ -1,0 +1,91 @@
+"""What the studies cost as a user runs them: `python -m tests.benchmarks.studies [STUDY ...]`.
+
+Each is a process of its own, from nothing, on threads; time is that of the whole command, with its imports, its
+planning, its file and its figure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from tests.benchmarks.stability import machine
+
+# V and F that grow by one ratio: ten of each have nineteen V / F.
+GRID = (
+    f"V={','.join(repr(1e-3 * 1.3**k) for k in range(10))}",
+    "theta=-10:20:13",
+    "mu=0.05:0.35:11",
+    f"F={','.join(repr(9.0 * 1.3**k) for k in range(10))}",
+    "duration=1",
+)
+# Name, study, what is set, and what the project asks of itself, s.
+CASES = {
+    "stability": ("stability", ("theta=-10:20:501", "mu=0:0.5:401"), 20.0),
+    "table6": ("table6", (), 120.0),
+    "stick_time": ("stick_time", (), 180.0),
+    "regimes": ("regimes", (), 600.0),
+    "grid": ("scenes", GRID, 180.0),
+}
+WHAT = {
+    "stability": "`stability` at 501 x 401",
+    "table6": "`table6`",
+    "stick_time": "`stick_time`",
+    "regimes": "`regimes`, 40 x 40 x 4 members",
+    "grid": "`scenes`, 10 x 13 x 11 x 10, 1 s each",
+}
+
+
+def run(name: str, folder: str) -> tuple[float, float, xr.Dataset]:
+    """Wall and processor time of a study's command, s, and what it found."""
+    study, given, _ = CASES[name]
+    command = [sys.executable, "-m", "studies", "run", study, "--out", folder, "--fresh", "--yes", "-q"]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    start = time.perf_counter()
+    subprocess.run(
+        [*command, *(part for spec in given for part in ("--set", spec))], check=True, stdout=subprocess.DEVNULL
+    )
+    taken = time.perf_counter() - start
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return taken, cpu, xr.open_dataset(Path(folder) / study / f"{study}.nc")
+
+
+def motion(name: str, found: xr.Dataset) -> str:
+    """Simulated time of all computations, and what a second of it takes on one core."""
+    computed = found["wall_time"].values > 0.0
+    if name == "regimes":
+        simulated = found["duration"].values[computed].sum() * found.sizes["member"]
+    elif name == "grid":
+        simulated = float(computed.sum())
+    else:
+        return "- | -"
+    return f"{simulated:.0f} s | {np.sum(found['wall_time'].values[computed]) / simulated:.4f} s"
+
+
+def main() -> None:
+    """Print the README's table."""
+    told = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    told.add_argument("names", nargs="*", default=list(CASES), metavar="STUDY", help=", ".join(CASES))
+    print(machine().removesuffix(", one core used"))
+    print("\n| what | time | at most | processor time | points | simulated | a second of it, one core |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for name in told.parse_args().names:
+        with tempfile.TemporaryDirectory() as folder:
+            taken, cpu, found = run(name, folder)
+            with found:
+                points = int((found["status"] == 1).sum())
+                row = f"{points} | {motion(name, found)}"
+        print(f"| {WHAT[name]} | {taken:.1f} s | {CASES[name][2]:g} s | {cpu:.0f} s | {row} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""What a shell offers at the tab key, and what `fiv` prints for it."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from click.shell_completion import ShellComplete
+
+from studies import registry
+from studies.cli.completion import SHELLS, script
+from studies.cli.main import fiv
+from studies.maps.quantities import QUANTITIES
+from tests import HOME
+
+
+def offered(*words):
+    """For the last of the words, which is begun."""
+    *before, begun = words
+    return [item.value for item in ShellComplete(fiv, {}, "fiv", "_FIV_COMPLETE").get_completions(before, begun)]
+
+
+@pytest.fixture(autouse=True)
+def results(monkeypatch):
+    monkeypatch.setenv("FIV_RESULTS", str(HOME / "results"))
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["qu"], ["query"]),
+        (["run", "fig"], ["fig5", "fig6", "fig7", "fig11"]),
+        (["run", "fig5", "--set", "m"], ["mu="]),
+        (["run", "fig5", "--set", "p1_l"], ["p1_length="]),
+        (["plan", "scenes", "--record", "velocity_B,n"], ["velocity_B,normal_force"]),
+        (["map", "--x", "th"], ["theta="]),
+        (["map", "--quantity", "growth"], [name for name in QUANTITIES if name.startswith("growth")]),
+        (["query", "table6", "--show", "theta,dom"], ["theta,dominant_frequency"]),
+        (["query", "table6", "--format", "c"], ["csv"]),
+        (["completion", ""], [*SHELLS]),
+        # What cannot be told is not offered.
+        (["run", "nosuch", "--set", "m"], []),
+        (["query", "nosuch.nc", "--show", "m"], []),
+    ],
+)
+def test_what_is_offered(words, found):
+    assert offered(*words) == found
+
+
+def test_studies_or_files():
+    assert offered("plot", "") == [*registry.NAMES]
+    (item,) = ShellComplete(fiv, {}, "fiv", "_FIV_COMPLETE").get_completions(["plot"], "results/")
+    assert (item.type, item.value) == ("file", "results/")
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_the_words_of_each_shell(shell):
+    words = script(fiv, shell)
+    assert "_FIV_COMPLETE" in words
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not on this machine; its words were made, not read")
+    subprocess.run([shell, "-n"], input=words, text=True, check=True)
+
+
+def test_a_shell_that_asks_is_answered():
+    """As its own words do."""
+    asked = {"_FIV_COMPLETE": "bash_complete", "COMP_WORDS": "fiv plan fig1", "COMP_CWORD": "2"}
+    done = subprocess.run(
+        [sys.executable, "-c", "from studies.cli.main import main; main()"],
+        env=os.environ | asked,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout == "plain,fig11\n"
+    assert done.stderr == ""

@@ -1,0 +1,181 @@
+"""Every file that the project writes is CF: by the compliance checker of IOOS, by UDUNITS, and by plain readers.
+
+The checker knows CF up to 1.11, which is what the files say they follow. No finding is excused: the list is empty.
+"""
+
+import re
+import shutil
+import subprocess
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from compliance_checker.runner import CheckSuite
+
+from studies import registry
+from studies.maps import maps
+from sweeps import Axis, Grid, Sweep, Variable
+from tests import HOME
+from tests.helpers import trials
+from tests.helpers.boundaries import refine
+
+RESULTS = HOME / "results"
+KEPT = sorted(RESULTS.glob("*/*.nc"))
+VERSION = "1.11"
+# Findings that stay, each with its reason, as part of the message: none.
+EXCUSED: dict[str, str] = {}
+
+
+@pytest.fixture(scope="module")
+def suite():
+    CheckSuite.load_all_available_checkers()
+    return CheckSuite()
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory):
+    """Files of every kind that are not among the results: with failures, maps, refined, with a time series."""
+    folder = tmp_path_factory.mktemp("cf")
+    trials.sweep().plan(folder / "failures.nc").run("sync")
+    for name, quantity, halvings, tolerance in (
+        ("refined", "growth_rate", 1, 0.1),
+        ("whole", "unstable_modes", 0, None),
+    ):
+        plane = maps.plane_of("theta=-10:20:3", "mu=0:0.5:3", halvings)
+        refine(maps.sweep_of(plane, quantity, {}, halvings, tolerance), folder / f"{name}.nc", "sync")
+    # Axes that vary together, and nothing said of what anything is.
+    zipped = Grid({"x": Axis([1.0, 2.0]), "y": Axis(["left", "right"])}, zipped=("x", "y"))
+    bare = Sweep("bare", lambda points: {"z": points["x"]}, zipped, {"z": Variable()}, title="Bare")
+    bare.plan(folder / "bare.nc").run("sync")
+    plane = maps.plane_of("V=2e-3,5e-3", "mu=0.1,0.2")
+    maps.sweep_of(plane, "regime", {"members": 1.0, "most": 0.03}).plan(folder / "regime.nc").run("sync")
+    given = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
+    recorded = registry.load("scenes").sweep(given, record=("velocity_B", "state"), sample_rate=1e3)
+    recorded.plan(folder / "recorded.nc").run("sync")
+    return folder
+
+
+def findings(suite, path):
+    """What the checker has to say against a file."""
+    dataset = suite.load_dataset(str(path))
+    try:
+        ((groups, problems),) = suite.run_all(dataset, [f"cf:{VERSION}"], []).values()
+    finally:
+        dataset.close()
+    assert not problems
+    assert len(groups) > 20
+    told = []
+    for group in groups:
+        # What is checked is counted: less than all of it is a finding. Some groups only inform.
+        passed, of = group.value if isinstance(group.value, tuple) else (int(bool(group.value)), 1)
+        if passed < of:
+            told += [f"{group.name}: {text}" for text in group.msgs or ["not passed"]]
+    return [text for text in told if not any(part in text for part in EXCUSED)]
+
+
+def test_there_are_results_of_every_study():
+    assert {path.stem for path in KEPT} == set(registry.NAMES)
+
+
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
+def test_results_pass_the_checker(suite, path):
+    assert findings(suite, path) == []
+
+
+@pytest.mark.parametrize("name", ["failures", "refined", "whole", "bare", "regime", "recorded"])
+def test_what_is_written_now_passes_the_checker(suite, fresh, name):
+    assert findings(suite, fresh / f"{name}.nc") == []
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda file: file.setncattr("Conventions", "CF-1.6"), "Conventions"),
+        (lambda file: file["frequency"].setncattr("units", "wobbles"), "units"),
+        (lambda file: file["status"].setncattr("flag_values", np.array([0, 1], dtype="i1")), "flag"),
+        (lambda file: file["frequency"].setncattr("standard_name", "pitch"), "standard_name"),
+    ],
+)
+def test_the_checker_does_check(suite, tmp_path, damage, told):
+    shutil.copy(RESULTS / "fig5" / "fig5.nc", tmp_path / "damaged.nc")
+    with netCDF4.Dataset(tmp_path / "damaged.nc", "a") as file:
+        damage(file)
+    assert told in " ".join(findings(suite, tmp_path / "damaged.nc"))
+
+
+def every_file(fresh):
+    return [*KEPT, *sorted(fresh.glob("*.nc"))]
+
+
+def test_units_are_read_by_udunits(fresh):
+    cf_units = pytest.importorskip("cf_units", reason="cf-units comes with the compliance checker")
+    seen = set()
+    for path in every_file(fresh):
+        with netCDF4.Dataset(path) as file:
+            for name, variable in file.variables.items():
+                units = getattr(variable, "units", None)
+                if units is None:
+                    # Texts and codes have none; a number has.
+                    assert variable.dtype.kind == "S" or hasattr(variable, "flag_meanings"), (path, name)
+                    continue
+                seen.add(units)
+                read = cf_units.Unit(units)
+                assert not read.is_unknown()
+                assert not read.is_no_unit()
+                # A time is a time, and no date.
+                assert not read.is_time_reference()
+    assert {"1", "s", "Hz", "N", "m s-1", "degree", "s-1", "m2 s-1"} <= seen
+    with pytest.raises(ValueError, match="wobbles"):
+        cf_units.Unit("wobbles")
+
+
+def test_attributes_that_every_file_has(fresh):
+    for path in every_file(fresh):
+        with netCDF4.Dataset(path) as file:
+            assert file.Conventions == f"CF-{VERSION}"
+            assert file.title
+            assert re.search(r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \w+ computed by fiv ", file.history)
+            assert re.search(r"fiv .* \(commit .*\)", file.source)
+            for name, variable in file.variables.items():
+                assert variable.long_name, (path, name)
+                assert not re.search(r"[^\x20-\x7e]", variable.long_name), (path, name)
+                if name in file.dimensions:
+                    assert not hasattr(variable, "_FillValue"), (path, name)
+
+
+def test_plain_xarray_opens_every_file_anywhere(fresh, tmp_path):
+    for path in every_file(fresh):
+        there = tmp_path / "elsewhere" / path.name
+        there.parent.mkdir(exist_ok=True)
+        shutil.copy(path, there)
+        with xr.open_dataset(there) as data:
+            data.load()
+            assert data["status"].dims == tuple(dim for dim in data["status"].dims if dim in data.coords)
+            for name, variable in data.variables.items():
+                # Nothing is taken for a date.
+                assert variable.dtype.kind not in "mM", (path, name)
+
+
+def test_ncdump_reads_every_file(fresh):
+    ncdump = shutil.which("ncdump")
+    if ncdump is None:
+        pytest.skip("ncdump is not installed: the wheels of netCDF4 bring none")
+    for path in every_file(fresh):
+        done = subprocess.run([ncdump, "-h", str(path)], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert f':Conventions = "CF-{VERSION}"' in done.stdout
+
+
+def test_a_large_file_passes_too(suite, tmp_path, monkeypatch):
+    """One whose variables are streamed from shard to file."""
+    monkeypatch.setattr("sweeps.storage.manifest.LARGE", 1000)
+
+    def series(points):
+        return {"y": points["x"][:, None] * np.arange(100.0)}
+
+    grid = Grid({"x": Axis(np.arange(20.0), "m", "place")})
+    coords = {"elapsed": Axis(np.arange(100.0), "s", "time since the start")}
+    variables = {"y": Variable("m", "series", ("elapsed",))}
+    Sweep("large", series, grid, variables, coords=coords, title="Large").plan(tmp_path / "large.nc").run("sync")
+    assert findings(suite, tmp_path / "large.nc") == []

@@ -1,0 +1,153 @@
+"""The project itself: its layout, its imports, its README."""
+
+import ast
+import re
+import subprocess
+import tomllib
+from importlib.metadata import version
+
+import pytest
+
+from studies import registry
+from tests import HOME
+
+README = (HOME / "README.md").read_text()
+
+
+def imported(package: str) -> set[str]:
+    """Top-level names of everything that a package imports, at the top of a file or within."""
+    names: set[str] = set()
+    for file in (HOME / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names.add(node.module.partition(".")[0])
+    return names
+
+
+def test_imports_point_one_way():
+    assert not imported("fivcore") & {
+        "studies",
+        "sweeps",
+        "dask",
+        "distributed",
+        "xarray",
+        "netCDF4",
+        "matplotlib",
+    }
+    assert not imported("sweeps") & {"studies", "fivcore", "numba", "matplotlib", "click"}
+    assert {"fivcore", "sweeps"} <= imported("studies")
+
+
+def module_imports(package: str) -> dict[str, set[str]]:
+    """Modules of a package, and which others of it each imports: at its top, within functions, for types only."""
+    files = {
+        ".".join(file.relative_to(HOME).with_suffix("").parts): file for file in (HOME / package).rglob("*.py")
+    }
+    files = {name.removesuffix(".__init__"): file for name, file in files.items()}
+    graph: dict[str, set[str]] = {}
+    for name, file in files.items():
+        graph[name] = set()
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                graph[name] |= {alias.name for alias in node.names if alias.name in files}
+            elif isinstance(node, ast.ImportFrom) and node.module in files:
+                # `from package import module` is an import of the module.
+                inner = {f"{node.module}.{alias.name}" for alias in node.names}
+                graph[name] |= inner & set(files) if inner <= set(files) else {node.module} | inner & set(files)
+    return graph
+
+
+def in_circles(graph: dict[str, set[str]]) -> set[str]:
+    """Modules that import themselves by way of others."""
+
+    def reached(start: str) -> set[str]:
+        found: set[str] = set()
+        waiting = list(graph[start])
+        while waiting:
+            name = waiting.pop()
+            if name not in found:
+                found.add(name)
+                waiting += graph[name]
+        return found
+
+    return {name for name in graph if name in reached(name)}
+
+
+def test_a_circle_of_imports_would_be_seen():
+    assert in_circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == {"b", "c"}
+
+
+# What the engine and the studies still owe; nothing may be added.
+@pytest.mark.parametrize(("package", "owed"), [("fivcore", 0), ("sweeps", 0), ("studies", 2)])
+def test_imports_form_no_circle(package, owed):
+    assert len(in_circles(module_imports(package))) <= owed
+
+
+def test_nothing_outside_reaches_past_the_front_of_the_engine():
+    for file in (HOME / "studies").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                assert not [alias.name for alias in node.names if alias.name.startswith("sweeps.")], file
+            elif isinstance(node, ast.ImportFrom):
+                assert not (node.module or "").startswith("sweeps."), file
+
+
+def test_the_core_is_small_and_needs_nothing_within_numba():
+    files = [file.read_text() for file in (HOME / "fivcore").rglob("*.py")]
+    assert sum(text.count("\n") for text in files) <= 5900
+    assert not imported("fivcore") & {"llvmlite", "ctypes"}
+    assert not any(re.search(r"numba\.(core|extending|types|np)\b", text) for text in files)
+
+
+def test_the_top_level_is_as_agreed():
+    if not (HOME / ".git").exists():
+        pytest.skip("git alone knows which files belong to the project")
+    listed = subprocess.run(["git", "ls-files"], capture_output=True, text=True, cwd=HOME, check=True).stdout
+    tracked = {line.partition("/")[0] for line in listed.splitlines()}
+    shown = {name for name in tracked if not name.startswith(".")}
+    assert shown == {"README.md", "pyproject.toml", "fivcore", "results", "studies", "sweeps", "tests"}
+
+
+def test_every_dependency_has_its_reason_in_the_readme():
+    project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
+    for requirement in project["dependencies"]:
+        name = re.split(r"[><=]", requirement)[0]
+        assert f"| {name} |" in README
+    for requirement in project["optional-dependencies"]["test"] + project["optional-dependencies"]["lint"]:
+        assert re.split(r"[><=]", requirement)[0] in README
+
+
+def test_the_numba_in_use_is_the_newest_that_is_allowed():
+    """Kernels are tested with one series of Numba; another may compile them otherwise, or not at all."""
+    (requirement,) = (
+        each
+        for each in tomllib.loads((HOME / "pyproject.toml").read_text())["project"]["dependencies"]
+        if each.startswith("numba")
+    )
+    low, high = re.fullmatch(r"numba>=0\.(\d+),<0\.(\d+)", requirement).groups()
+    series = int(version("numba").split(".")[1])
+    assert int(low) <= series == int(high) - 1
+
+
+def test_ci_runs_exactly_the_readmes_test_command():
+    block = README.partition("<!-- test command -->\n```sh\n")[2].partition("\n```")[0]
+    assert block.count("\n") == 0
+    assert "pytest" in block
+    script = (HOME / ".ci" / "run").read_text()
+    assert "test command" in script
+    assert "pytest" not in script
+
+
+def test_both_commands_stand_on_the_readmes_first_screen():
+    first = README.splitlines()[:24]
+    assert any(".venv/bin/fiv run fig5" in line for line in first)
+    assert any(".venv/bin/python -m pytest" in line for line in first)
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_the_results_kept_here_are_those_of_this_code(name):
+    sweep, file = registry.load(name).sweep({}), HOME / "results" / name / f"{name}.nc"
+    plan = sweep.plan(file)
+    assert (plan.todo, plan.failed, plan.whole) == (0, 0, True)

@@ -1,0 +1,397 @@
+"""Onsets over the inclination: closed forms, curves to their ends, folds, and windows against eigenvalues."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fivcore import Rig, flutter_onsets, onset_curves, sliding_modes, unstable_windows
+from tests.helpers.rigs import workshop_rig
+
+PAPER = onset_curves(Rig(), np.linspace(-10.0, 40.0, 101))
+
+
+def both(curves):
+    """All branches, onsets first."""
+    return (*curves.onsets, *curves.recoveries)
+
+
+def growing(rig, theta, mu, fmax=10e3):
+    """How many modes grow while they oscillate, at each angle."""
+    modes = sliding_modes(rig, theta, mu, fmax)
+    return np.count_nonzero(modes.unstable & (modes.frequency > 0.0), axis=-1)
+
+
+def around(windows, theta):
+    """How many windows hold each angle."""
+    theta = np.asarray(theta)[..., None]
+    return np.count_nonzero((windows.theta_from <= theta) & (theta <= windows.theta_to), axis=-1)
+
+
+# Closed form: under a heavy head the support does not move.
+
+
+def test_under_a_heavy_head_onsets_keep_their_frequency_and_follow_a_closed_form():
+    """With h_NN = h + c^2 H_a + s^2 H_b and h_NT = s c (H_a - H_b), e = (h + H_a) / (H_b - H_a) is real at an
+    onset, whatever theta; there mu = (1 + e) tan(theta) + e / tan(theta), least at tan(theta)^2 = e / (1 + e).
+    """
+    curves = onset_curves(Rig(head_mass=1e12), np.linspace(0.5, 40.0, 40))
+    assert len(curves.onsets) >= 3
+    for curve in both(curves):
+        np.testing.assert_allclose(curve.frequency, curve.frequency[0], rtol=1e-9)
+        t = np.tan(np.radians(curve.theta))
+        e = (curve.mu[0] - t[0]) / (t[0] + 1.0 / t[0])
+        np.testing.assert_allclose(curve.mu, (1.0 + e) * t + e / t, rtol=1e-8)
+        least = np.degrees(np.arctan(np.sqrt(e / (1.0 + e))))
+        if curve.theta[0] < least < curve.theta[-1]:
+            assert curve.lowest[0] == pytest.approx(least, rel=1e-6)
+            assert curve.lowest[1] == pytest.approx(2.0 * np.sqrt(e * (1.0 + e)), rel=1e-9)
+
+
+def test_the_papers_rig_needs_more_friction_than_the_tangent_of_the_angle():
+    """Flutter needs 0 < tan(theta) < mu, and towards large angles comes within a part in a hundred of it."""
+    ratios = [np.tan(np.radians(curve.theta)) / curve.mu for curve in both(PAPER)]
+    assert all(ratio.min() > 0.0 and ratio.max() < 1.0 for ratio in ratios)
+    assert max(ratio.max() for ratio in ratios) > 0.99
+
+
+def test_the_papers_lowest_onset():
+    theta, mu, frequency = min((curve.lowest for curve in PAPER.onsets), key=lambda lowest: lowest[1])
+    assert (theta, mu, frequency) == pytest.approx((2.5935, 0.09083, 2802.2), rel=2e-4)
+    for other in (theta - 0.01, theta + 0.01):
+        assert flutter_onsets(Rig(), other).mu.min() > mu
+    assert flutter_onsets(Rig(), theta).mu.min() == pytest.approx(mu, rel=1e-12)
+
+
+@pytest.mark.parametrize("angles", [[2.58, 3.0, 4.0], [1.0, 2.0, 2.6], [2.5, 2.7]])
+def test_the_lowest_point_may_lie_beside_the_end_of_the_range(angles):
+    expected = min((curve.lowest for curve in PAPER.onsets), key=lambda lowest: lowest[1])
+    lowest = min((curve.lowest for curve in onset_curves(Rig(), angles).onsets), key=lambda lowest: lowest[1])
+    assert lowest == pytest.approx(expected, rel=1e-6)
+
+
+# Curves.
+
+RANGES = [(Rig(), 10e3), *((workshop_rig(seed, seed % 4 > 0), 6e3) for seed in (6, 9, 16, 48))]
+
+
+@pytest.mark.parametrize(("rig", "fmax"), RANGES)
+def test_the_curves_at_the_given_angles_are_all_onsets_and_recoveries_there(rig, fmax):
+    theta = np.linspace(-5.0, 42.0, 36)
+    curves = onset_curves(rig, theta, fmax)
+    for k, angle in enumerate(theta):
+        found = flutter_onsets(rig, angle, fmax)
+        pairs = {
+            "onset": (curves.mu[k], curves.frequency[k], found.mu, found.frequency),
+            "recovery": (
+                curves.recovery_mu[k],
+                curves.recovery_frequency[k],
+                found.recovery_mu,
+                found.recovery_frequency,
+            ),
+        }
+        for mu, frequency, *expected in pairs.values():
+            there = np.isfinite(mu)
+            order = np.argsort(mu[there])
+            np.testing.assert_array_equal(mu[there][order], expected[0])
+            np.testing.assert_allclose(frequency[there][order], expected[1], rtol=1e-13)
+
+
+@pytest.mark.parametrize(("rig", "fmax"), RANGES)
+def test_between_the_given_angles_the_curves_are_onsets_too(rig, fmax):
+    for curve in both(onset_curves(rig, np.linspace(1.0, 42.0, 9), fmax)):
+        assert np.all(np.diff(curve.theta) > 0.0)
+        for k in range(1, len(curve.theta) - 1, max(len(curve.theta) // 6, 1)):
+            found = flutter_onsets(rig, curve.theta[k], fmax, 1.1)
+            mu = found.mu if curve.rises else found.recovery_mu
+            frequency = found.frequency if curve.rises else found.recovery_frequency
+            near = np.argmin(np.abs(frequency / curve.frequency[k] - 1.0) + np.abs(mu / curve.mu[k] - 1.0))
+            assert (mu[near], frequency[near]) == pytest.approx((curve.mu[k], curve.frequency[k]), rel=1e-8)
+
+
+@pytest.mark.parametrize(("rig", "fmax"), RANGES)
+def test_a_branch_does_not_depend_on_the_angles_it_is_asked_for_at(rig, fmax):
+    coarse, fine = (onset_curves(rig, np.linspace(1.0, 42.0, count), fmax) for count in (6, 30))
+    for few, many in zip(both(coarse), both(fine), strict=True):
+        assert few.ends == many.ends
+        np.testing.assert_allclose(few.theta[[0, -1]], many.theta[[0, -1]], rtol=1e-9)
+        np.testing.assert_allclose(few.mu[[0, -1]], many.mu[[0, -1]], rtol=1e-7)
+        np.testing.assert_allclose(few.lowest[1:], many.lowest[1:], rtol=1e-7)
+
+
+def test_a_curve_reaches_the_largest_friction():
+    assert {curve.ends[0] for curve in PAPER.onsets} == {"mu_max"}
+    for curve in PAPER.onsets:
+        for k, inwards in ((0, 1e-6), (-1, -1e-6)):
+            if curve.ends[k] != "mu_max":
+                continue
+            theta, mu, frequency = curve.theta[k], curve.mu[k], curve.frequency[k]
+            assert mu == pytest.approx(1.0, rel=1e-12)
+            near = [
+                np.abs(flutter_onsets(Rig(), theta + way).frequency - frequency) for way in (inwards, -inwards)
+            ]
+            assert np.any(near[0] < 0.1)
+            assert not np.any(near[1] < 0.1)
+
+
+def test_a_curve_leaves_the_band():
+    rig, fmax = workshop_rig(11), 3e3
+    curves = [
+        curve for curve in onset_curves(rig, np.linspace(20.0, 44.0, 13), fmax).onsets if "fmax" in curve.ends
+    ]
+    assert [curve.ends[0] for curve in curves] == ["fmax"]
+    assert curves[0].frequency[0] == pytest.approx(fmax, rel=1e-12)
+    assert len(flutter_onsets(rig, curves[0].theta[0] + 1e-6, fmax).mu) == 1 + len(
+        flutter_onsets(rig, curves[0].theta[0] - 1e-6, fmax).mu
+    )
+
+
+@pytest.mark.parametrize("seed", [6, 9, 16, 42])
+def test_onset_and_recovery_meet_in_a_fold(seed):
+    """On one side of it there are both, apart by the root of the distance in theta; on the other there is none."""
+    rig, fmax = workshop_rig(seed), 10e3
+    curves = onset_curves(rig, np.linspace(0.5, 42.0, 84), fmax)
+    ends = {}
+    for curve in both(curves):
+        for k, end in zip((0, -1), curve.ends, strict=True):
+            if end == "fold":
+                place = (curve.theta[k], curve.mu[k], curve.frequency[k])
+                ends.setdefault(round(place[0], 7), []).append((curve.rises, k, place))
+    assert ends
+    for theta, (one, other) in ends.items():
+        assert one[0] != other[0]
+        assert one[1] == other[1]
+        assert one[2] == pytest.approx(other[2], rel=1e-10)
+        inwards = 1.0 if one[1] == 0 else -1.0
+
+        def apart(shift, at=one[2]):
+            found = flutter_onsets(rig, at[0] + shift, fmax, 1.1)
+            rise, fall = (
+                mu[np.abs(frequency / at[2] - 1.0) < 0.02]
+                for mu, frequency in (
+                    (found.mu, found.frequency),
+                    (found.recovery_mu, found.recovery_frequency),
+                )
+            )
+            return abs(rise[0] - fall[0]) if len(rise) and len(fall) else None
+
+        wide, narrow = apart(4e-7 * inwards), apart(1e-7 * inwards)
+        assert apart(-1e-7 * inwards) is None, theta
+        assert narrow is not None
+        assert wide / narrow == pytest.approx(2.0, rel=0.1) or max(wide, narrow) < 1e-5
+
+
+def test_a_single_angle_has_its_onsets_and_no_curves():
+    curves = onset_curves(Rig(), [5.0])
+    np.testing.assert_array_equal(np.sort(curves.mu[0]), flutter_onsets(Rig(), 5.0).mu)
+    assert all(len(curve.theta) == 1 and curve.ends == ("range", "range") for curve in curves.onsets)
+
+
+def test_where_nothing_flutters_there_are_no_curves():
+    curves = onset_curves(Rig(), np.linspace(-20.0, 0.0, 11))
+    assert curves.onsets == curves.recoveries == ()
+    assert curves.mu.shape == curves.recovery_frequency.shape == (11, 0)
+
+
+def test_without_damping_curves_are_the_limit_of_damped_ones():
+    theta = np.linspace(0.5, 30.0, 30)
+    bare, light = (onset_curves(Rig(d1=d1, d2=d2), theta) for d1, d2 in ((0.0, 0.0), (1e-3, 1e-13)))
+    for one, other in zip(both(bare), both(light), strict=True):
+        assert one.ends == other.ends
+        assert one.lowest == pytest.approx(other.lowest, rel=1e-6)
+
+
+# Windows.
+
+
+def test_windows_of_the_papers_rig():
+    """The 400 Hz pair, then the 2.8 kHz pair."""
+    windows = unstable_windows(Rig(), 0.2, -10.0, 20.0)
+    np.testing.assert_allclose(windows.theta_from, [1.97, 0.62], atol=0.01)
+    np.testing.assert_allclose(windows.theta_to, [9.35, 10.68], atol=0.01)
+    np.testing.assert_allclose(windows.frequency_from, [398.0, 2802.0], atol=0.5)
+    np.testing.assert_allclose(windows.frequency_to, [398.0, 2802.0], atol=0.5)
+    assert not np.any(windows.open_from | windows.open_to)
+
+
+def edge(rig, mu, fmax, theta, frequency, reach=1e-4):
+    """Where the number of growing modes changes near theta, by halving."""
+    low, high = theta - reach, theta + reach
+    counts = growing(rig, [low, high], mu, fmax)
+    assert counts[0] != counts[1], (theta, frequency)
+    while high - low > 1e-8:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if growing(rig, middle, mu, fmax) == counts[1] else (middle, high)
+    return 0.5 * (low + high)
+
+
+@cache
+def found(rig, mu, fmax):
+    """Windows that several tests look at."""
+    return unstable_windows(rig, mu, -5.0, 25.0, fmax)
+
+
+CASES = [(Rig(), 0.2, 10e3), (Rig(), 0.45, 10e3), (Rig(d1=0.0, d2=0.0), 0.2, 10e3)]
+CASES += [(workshop_rig(seed, seed % 4 > 0), mu, 8e3) for seed, mu in ((1, 0.4), (6, 0.7), (13, 0.4))]
+
+
+@pytest.mark.parametrize(("rig", "mu", "fmax"), CASES)
+def test_windows_end_where_a_mode_ceases_to_grow(rig, mu, fmax):
+    windows = found(rig, mu, fmax)
+    assert len(windows.theta_from)
+    ends = [
+        (theta, frequency)
+        for name in ("from", "to")
+        for theta, frequency, beyond in zip(
+            *(getattr(windows, f"{each}_{name}") for each in ("theta", "frequency", "open")), strict=True
+        )
+        if not beyond
+    ]
+    for theta, frequency in ends[:4]:
+        assert edge(rig, mu, fmax, theta, frequency) == pytest.approx(theta, abs=1e-6)
+
+
+BLOCKS = [0, 1, *(pytest.param(block, marks=pytest.mark.slow) for block in range(2, 60))]
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_no_growing_mode_is_outside_the_windows_and_no_window_without_one(block):
+    """Onsets, recoveries, divergences and modes that cross the end of the band, on any rig."""
+    checked = 0
+    for seed in range(15 * block, 15 * block + 15):
+        rng = np.random.default_rng(seed)
+        rig, fmax = workshop_rig(seed, seed % 4 > 0), 10 ** rng.uniform(3.0, 4.2)
+        mu, low = rng.choice([0.1, 0.2, 0.4, 0.7, 1.2]), rng.uniform(-30.0, 5.0)
+        high = low + rng.uniform(2.0, 40.0)
+        windows = unstable_windows(rig, mu, low, high, fmax)
+        theta = rng.uniform(low, high, 30)
+        differ = growing(rig, theta, mu, fmax) != around(windows, theta)
+        # As documented: what grows faster than it oscillates may cross the band unseen between two angles.
+        modes = sliding_modes(rig, theta, mu, fmax)
+        violent = np.any(modes.unstable & (modes.growth_rate > 2.0 * np.pi * modes.frequency), axis=-1)
+        assert not np.any(differ & ~violent), seed
+        checked += len(windows.theta_from)
+    assert checked > 0
+
+
+@pytest.mark.parametrize("mu", [0.2, 1.0])
+def test_the_papers_rig_is_stable_at_negative_angles_and_upright(mu):
+    assert len(unstable_windows(Rig(), mu, -40.0, 0.0).theta_from) == 0
+
+
+def test_without_friction_nothing_grows():
+    assert len(unstable_windows(Rig(), 0.0, -10.0, 20.0).theta_from) == 0
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.4])
+def test_windows_lie_within_the_bound(mu):
+    windows = unstable_windows(Rig(), mu, -2.0, 25.0)
+    assert np.all(windows.theta_from > 0.0)
+    assert np.all(np.tan(np.radians(windows.theta_to)) < mu)
+
+
+def test_windows_do_not_depend_on_the_range_but_where_it_cuts_them():
+    whole = unstable_windows(Rig(), 0.2, -10.0, 20.0)
+    near = unstable_windows(Rig(), 0.2, 0.3, 11.1)
+    np.testing.assert_allclose(near.theta_from, whole.theta_from, rtol=1e-10)
+    np.testing.assert_allclose(near.theta_to, whole.theta_to, rtol=1e-10)
+    np.testing.assert_allclose(near.peak_growth_rate, whole.peak_growth_rate, rtol=1e-10)
+    part = unstable_windows(Rig(), 0.2, 1.0, 5.0)
+    np.testing.assert_array_equal(part.open_from, [False, True])
+    np.testing.assert_array_equal(part.open_to, [True, True])
+    np.testing.assert_array_equal(part.theta_to, [5.0, 5.0])
+    assert part.theta_from[1] == 1.0
+    assert part.theta_from[0] == pytest.approx(whole.theta_from[0], rel=1e-10)
+
+
+def test_a_range_that_ends_where_a_window_does():
+    whole = unstable_windows(Rig(), 0.2, -10.0, 20.0)
+    low, high = whole.theta_from[1], whole.theta_to[1]
+    for reach in (-1e-8, 0.0, 1e-8):
+        same = unstable_windows(Rig(), 0.2, low - reach, high + reach)
+        np.testing.assert_allclose(same.theta_from, whole.theta_from, atol=1e-7)
+        np.testing.assert_allclose(same.theta_to, whole.theta_to, atol=1e-7)
+
+
+def test_windows_shrink_to_nothing_at_the_lowest_onset():
+    theta, mu, _ = min((curve.lowest for curve in PAPER.onsets), key=lambda lowest: lowest[1])
+    for share in (1e-4, 1e-8):
+        above = unstable_windows(Rig(), mu * (1.0 + share), 0.0, 10.0)
+        assert above.theta_from < theta < above.theta_to
+        assert above.theta_to - above.theta_from == pytest.approx(2.0 * theta * np.sqrt(2.0 * share), rel=0.02)
+        assert len(unstable_windows(Rig(), mu * (1.0 - share), 0.0, 10.0).theta_from) == 0
+
+
+@pytest.mark.parametrize(("rig", "mu", "fmax"), CASES)
+def test_the_peak_is_where_the_mode_grows_fastest(rig, mu, fmax):
+    windows = found(rig, mu, fmax)
+    for k in range(len(windows.theta_from)):
+        low, high, peak = windows.theta_from[k], windows.theta_to[k], windows.peak_theta[k]
+        assert low <= peak <= high
+        modes = sliding_modes(rig, np.clip(peak + np.array([0.0, -1e-3, 1e-3]), low, high), mu, fmax)
+        phi = modes.growth_rate + 2j * np.pi * modes.frequency
+        expected = windows.peak_growth_rate[k] + 2j * np.pi * windows.peak_frequency[k]
+        same = np.nanargmin(np.abs(phi - expected), axis=-1)[:, None]
+        at, *beside = np.take_along_axis(phi, same, -1)[:, 0]
+        # Where oscillation ceases, eigenvalues move as the root of the distance.
+        tolerance = 1e-7 if low < peak < high else 1e-4
+        assert abs(at - expected) < tolerance * abs(expected)
+        assert max(mode.real for mode in beside) < at.real + tolerance * abs(expected)
+
+
+def test_a_window_ends_where_a_pair_ceases_to_oscillate():
+    """At mu = 0.6 two of the paper's pairs become divergences and come back."""
+    windows = unstable_windows(Rig(), 0.6, 5.0, 30.0)
+    ends = [*windows.theta_to[windows.frequency_to == 0.0], *windows.theta_from[windows.frequency_from == 0.0]]
+    assert len(ends) == 2
+    for theta, inwards in zip(ends, (-1e-5, 1e-5), strict=True):
+        counts = growing(Rig(), [theta + inwards, theta - inwards], 0.6)
+        assert counts[0] == counts[1] + 1
+
+
+def test_a_window_ends_where_a_growing_mode_leaves_the_band():
+    """At mu = 0.5 the pair that sets in near 2.8 kHz comes down below 2 kHz."""
+    narrow, wide = (unstable_windows(Rig(), 0.5, 5.0, 20.0, fmax) for fmax in (2e3, 10e3))
+    np.testing.assert_allclose([narrow.frequency_from[1], narrow.frequency_to[1]], 2e3, rtol=1e-9)
+    assert narrow.peak_growth_rate[1] == pytest.approx(wide.peak_growth_rate[1], rel=1e-9)
+    for theta in (narrow.theta_from[1], narrow.theta_to[1]):
+        modes = sliding_modes(Rig(), theta, 0.5)
+        assert np.min(np.abs(modes.frequency[modes.unstable] - 2e3)) < 1e-3
+
+
+def test_results_are_read_only():
+    windows = unstable_windows(Rig(), 0.2, 0.0, 12.0)
+    for array in (PAPER.mu, PAPER.theta, PAPER.onsets[0].mu, windows.theta_from, windows.open_to):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"theta": [5.0, 3.0]}, r"theta of shape \(2,\): it must be a list of ascending angles"),
+        ({"theta": 5.0}, r"theta of shape \(\)"),
+        ({"theta": []}, r"theta of shape \(0,\)"),
+        ({"theta": [5.0, 90.0]}, "theta = 90.0: it must be a single angle between -90 and 90 degrees"),
+        ({"theta": [5.0], "fmax": 0.0}, "fmax = 0.0"),
+        ({"theta": [5.0], "mu_max": 0.0}, "mu_max = 0.0"),
+    ],
+)
+def test_bad_arguments_of_curves_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        onset_curves(Rig(), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((-0.1, 0.0, 10.0), r"mu = -0.1: it must be a number from 0 to 1e\+06"),
+        ((0.2, -90.0, 10.0), "theta_min = -90.0: it must be an angle between -90 and 90 degrees"),
+        ((0.2, 10.0, 10.0), "theta_max = 10.0: it must be above theta_min = 10 and below 90 degrees"),
+        ((0.2, 0.0, float("nan")), "theta_max = nan"),
+        ((0.2, 0.0, 10.0, -1.0), "fmax = -1.0"),
+    ],
+)
+def test_bad_arguments_of_windows_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        unstable_windows(Rig(), *arguments)

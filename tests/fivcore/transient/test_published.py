@@ -1,0 +1,343 @@
+"""The published scheme: against finite elements stepped plainly, its limit of stability, its friction law."""
+
+import re
+from dataclasses import replace
+from itertools import repeat
+
+import numpy as np
+import pytest
+
+from fivcore import ContactError, Rig, Scene, State, critical_mu, simulate
+from fivcore.contact.reduced import full_model
+from fivcore.rig import P1, P2
+from fivcore.transient.moving_contact import SEGMENT_LENGTH
+from fivcore.transient.normalised import Normalised
+from fivcore.transient.options import Options
+from fivcore.transient.published import BETA2, SCENE, STEP, TAU, PaperRun, advance, largest_step
+from fivcore.transient.record import count_in
+from fivcore.transient.statistics import begin
+from tests.helpers.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
+
+COARSE = Rig(replace(P1, elements=6), replace(P2, elements=10), contact_position=0.083)
+# Rig, inclination, friction, load, how fast its modes move at the start, time step.
+CASES = {
+    "coarse": (COARSE, 5.0, 0.2, 4.0, 0.1, 1e-7),
+    "coarse, leaning back": (COARSE, -20.0, 0.5, 4.0, 0.1, 1e-7),
+    "the paper's mesh": (Rig(), 5.0, 0.2, 2.0, 0.2, STEP),
+}
+
+
+def lively(rig: Rig, theta: float, mu: float, F: float, speed: float, contact: int) -> State:
+    """Modes below 60 kHz moving at random, from where such a contact is in equilibrium.
+
+    Separated: P1 is lifted and falls. Stuck: the surfaces at rest. Slipping: bent by
+    friction as in steady sliding, and lagging behind.
+    """
+    model = full_model(rig, theta)
+    rng = np.random.default_rng(contact)
+    q = F * model.rest
+    low = model.stiffness < (2.0 * np.pi * 60e3) ** 2
+    v = np.sqrt(1e-3) * speed * rng.standard_normal(len(q)) * low
+    if contact == SEPARATION:
+        q[0] += 2e-7 / model.normal[0]
+        v[0] -= 0.3 / model.normal[0]
+    elif contact == STICK:
+        rows = np.stack([model.normal * low, model.tangential * low])
+        v -= rows.T @ np.linalg.solve(rows @ rows.T, rows @ v)
+    else:
+        bent = mu * F * model.tangential[1:] / model.stiffness[1:]
+        q[1:] += bent
+        q[0] -= model.normal[1:] @ bent / model.normal[0]
+        tip = model.tangential * low
+        v -= 2.0 * speed * tip / (tip @ tip)
+        v[0] -= (model.normal @ v) / model.normal[0]
+    return State(q, v, contact)
+
+
+def run_both(case, contact, steps=5000):
+    """The scheme in modal and in nodal coordinates from one state, a record of every step each."""
+    rig, theta, mu, F, speed, dt = CASES[case]
+    start = lively(rig, theta, mu, F, speed, contact)
+    scene = Scene(2e-3, theta, mu, F, rig)
+    run = simulate(
+        scene, steps * dt, "paper", ramp=2e-5, initial=start, step=dt, record=True, sample_rate=1.0 / dt
+    )
+    plain = published_scheme(
+        finite_elements(rig, theta),
+        V=scene.V,
+        mu=mu,
+        F=F,
+        ramp=2e-5,
+        q=nodal(rig, theta, start.displacement),
+        v=nodal(rig, theta, start.velocity),
+        contact=contact,
+        steps=steps,
+        dt=dt,
+        keep=(500, 1500, steps),
+    )
+    return scene, start, run, plain
+
+
+@pytest.mark.parametrize("contact", [SEPARATION, STICK, SLIP])
+@pytest.mark.parametrize("case", CASES)
+def test_modes_move_as_the_finite_elements_do(case, contact):
+    """N, T and velocities to 1e-9 through six switches; then what is left of 16 digits grows with every impact.
+
+    Finite elements cost digits too: in their coordinates the two bases' modes are orthogonal to 5e-10.
+    """
+    scene, start, run, plain = run_both(case, contact)
+    same = run.state == plain.state
+    agreed = len(same) if same.all() else int(np.argmin(same))
+    switches = np.flatnonzero(np.diff(plain.state[:agreed])) + 1
+    assert plain.state[0] == contact
+    assert agreed >= 4900
+    assert len(switches) >= 6
+    pairs = {
+        "N": (run.normal_force, plain.N),
+        "T": (run.tangential_force, plain.T),
+        "slip velocity": (run.slip_velocity, plain.slip_velocity),
+        "velocity of B": (run.velocity_B, plain.velocity_B),
+    }
+    for name, (modal, plainly) in pairs.items():
+        error = np.abs(modal - plainly) / np.abs(plainly[:agreed]).max()
+        assert error[: switches[5] + 1].max() < 1e-9, name
+        assert error[:agreed].max() < 3e-8, name
+    rig, theta, _, F, _, dt = CASES[case]
+    for step, expected in plain.q.items():
+        q = F * nodal(rig, theta, displaced(scene, start, dt, step))
+        np.testing.assert_allclose(q, expected, rtol=0.0, atol=1e-10 * np.abs(expected).max())
+
+
+def displaced(scene: Scene, start: State, dt: float, steps: int) -> np.ndarray:
+    """Modal displacements after some steps, per newton of load."""
+    initial = State(start.displacement / scene.F, start.velocity / scene.F, start.contact)
+    options = Options(steps * dt, "paper", ramp=2e-5, initial=initial, step=dt)
+    run = PaperRun(Normalised.of(scene), options)
+    assert run.steps == steps
+    while not run.done:
+        PaperRun.advance([run])
+    return run._q
+
+
+def test_the_comparison_sees_every_kind_of_contact_and_switch():
+    seen, changes = set(), set()
+    for contact in (SEPARATION, STICK, SLIP):
+        for case in ("coarse", "coarse, leaning back"):
+            state = run_both(case, contact)[3].state
+            seen |= set(state.tolist())
+            changes |= set(zip(state[:-1].tolist(), state[1:].tolist(), strict=True))
+    assert seen == {SEPARATION, STICK, SLIP}
+    assert {
+        (SEPARATION, STICK),
+        (SEPARATION, SLIP),
+        (STICK, SLIP),
+        (SLIP, STICK),
+        (SLIP, SEPARATION),
+    } <= changes
+
+
+def test_at_rest_it_stays_at_rest():
+    """A drive of 1e-11 m/s is none; what is left is rounding of a contact held by positions."""
+    run = simulate(Scene(1e-11, 5.0, 0.2, 9.0), 2e-3, "paper", record=True, sample_rate=1e6)
+    assert np.all(run.state == STICK)
+    np.testing.assert_allclose(run.normal_force, 9.0, rtol=1e-7)
+    assert np.abs(run.tangential_force).max() < 1e-6
+    assert np.abs(run.velocity_B).max() < 1e-11
+
+
+def test_the_contact_carries_the_load_and_what_accelerates_the_rig():
+    """The rigid mode obeys d/dt (v + d1 y) = n (N - F): the impulse of N to rounding, whatever happens."""
+    scene, start, run, _ = run_both("coarse", SEPARATION, 3000)
+    rig, theta, _, F, _, dt = CASES["coarse"]
+    model, b = full_model(rig, theta), BETA2
+    # In the scheme's own terms: v* of the next step from v* of this one.
+    velocity, y = start.velocity[0], start.displacement[0]
+    n, d1 = model.normal[0], rig.d1
+    a = -F * n - d1 * velocity
+    for N in run.normal_force:
+        star = velocity + dt * (1.0 - b) * a
+        a = (n * (N - F) - d1 * star) / (1.0 + b * dt * d1)
+        velocity = star + b * dt * a
+        y += dt * velocity + 0.5 * dt**2 * a
+    assert y == pytest.approx(F * displaced(scene, start, dt, 3000)[0], rel=1e-10)
+
+
+@pytest.mark.slow
+def test_mean_normal_force_is_the_load_over_a_long_run():
+    """To 1 %: over 0.4 s what remains is the momentum of the head mass."""
+    run = simulate(Scene(2e-3, 5.0, 0.2, 9.0), 0.5, "paper", settle=0.1)
+    assert run.summary["mean_normal_force"] == pytest.approx(9.0, rel=0.01)
+
+
+def test_mean_normal_force_is_the_load_on_a_coarse_mesh():
+    run = simulate(Scene(5e-3, 5.0, 0.4, 9.0, COARSE), 0.6, "paper", settle=0.1, step=2e-7)
+    assert run.summary["separation_fraction"] > 0.05
+    assert run.summary["mean_normal_force"] == pytest.approx(9.0, rel=0.01)
+
+
+def spectral_radius(k: float, c: float, dt: float, b: float) -> float:
+    """Spectral radius of one free step on (q, v, a) of a mode."""
+    q, star = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, dt * (1.0 - b)])
+    a = -(k * q + c * star) / (1.0 + b * dt * c)
+    v = star + b * dt * a
+    return float(np.abs(np.linalg.eigvals(np.stack([q + dt * v + 0.5 * dt**2 * a, v, a]))).max())
+
+
+@pytest.mark.parametrize(
+    ("b", "damped", "limit"),
+    [(0.8, False, 1.750e-8), (0.8, True, 2.165e-8), (0.5, False, 2.214e-8), (0.5, True, 2.214e-8)],
+)
+def test_the_largest_stable_step(b, damped, limit):
+    """Newmark's closed form for beta = 0: (b / 2) z^2 - 2 zeta (b - 1/2) z = 1, z = omega dt.
+
+    2e-8 s with beta2 = 0.8 is stable only by the stiffness damping.
+    """
+    model = full_model(Rig(), 5.0)
+    damping = model.damping if damped else 0.0 * model.damping
+    found = largest_step(model.stiffness, damping, b)
+    assert found == pytest.approx(limit, abs=0.5e-11)
+    omega = float(np.sqrt(model.stiffness.max()))
+    zeta = float(damping[np.argmax(model.stiffness)]) / (2.0 * omega)
+    lever = zeta * (b - 0.5)
+    assert omega * found == pytest.approx((lever + np.sqrt(b / 2.0 + lever**2)) / (b / 2.0), rel=1e-5)
+    # No mode grows just below the limit, and the fastest one does just above it.
+    assert max(map(spectral_radius, model.stiffness, damping, repeat(0.9999 * found), repeat(b))) < 1.0 + 1e-9
+    assert max(map(spectral_radius, model.stiffness, damping, repeat(1.0001 * found), repeat(b))) > 1.0 + 1e-5
+
+
+def test_a_step_beyond_the_limit_is_refused():
+    with pytest.raises(ValueError, match=r"step = 2\.3e-08.*2\.164e-08 s"):
+        simulate(Scene(2e-3, 5.0, 0.2, 9.0), 1e-3, "paper", step=2.3e-8)
+
+
+def test_a_contact_that_moves_to_where_it_is_not_unique_is_an_error():
+    """Between two nodes of P2 the contact closes less than at a node."""
+    start, end = (critical_mu(Rig(contact_position=place), 5.0, "paper") for place in (0.0801, 0.08))
+    scene = Scene(0.1, 5.0, 32.1, 9.0, Rig(contact_position=0.0801))
+    assert end < scene.mu < start
+    with pytest.raises(
+        ContactError, match=r"mu = 32\.1: from 32\.0\d* on .* with the contact 0\.0800\d* m"
+    ) as caught:
+        simulate(scene, 2e-3, "paper", contact_motion=-1)
+    place = float(re.search(r"contact (\S*) m", str(caught.value))[1])
+    assert critical_mu(Rig(contact_position=place), 5.0, "paper") <= scene.mu
+    assert critical_mu(Rig(contact_position=place + SEGMENT_LENGTH), 5.0, "paper") > scene.mu
+
+
+@pytest.mark.parametrize(("share", "grows"), [(0.99, False), (1.01, True)])
+def test_beyond_the_limit_the_finite_elements_run_away(share, grows):
+    """The limit is the scheme's, not only the formula's: plain steps just below and just above it."""
+    model = full_model(COARSE, 5.0)
+    dt = share * largest_step(model.stiffness, model.damping, BETA2)
+    start = lively(COARSE, 5.0, 0.2, 1.0, 0.1, SEPARATION)
+    high = nodal(COARSE, 5.0, 1e-12 * (model.stiffness == model.stiffness.max()))
+    plain = published_scheme(
+        finite_elements(COARSE, 5.0), V=0.0, mu=0.0, F=0.0, ramp=0.0,
+        q=nodal(COARSE, 5.0, start.displacement) + high, v=0.0 * high, contact=SEPARATION,
+        steps=4000, dt=dt, keep=(1, 4000),
+    )  # fmt: skip
+    grown = np.abs(plain.q[4000]).max() / np.abs(plain.q[1]).max()
+    assert grown > 1e3 if grows else grown < 10.0
+
+
+def stepped(
+    stiffness,
+    damping,
+    normal,
+    tangential,
+    f,
+    *,
+    mu,
+    dt,
+    steps,
+    q,
+    v,
+    b=BETA2,
+    tau=TAU,
+    V=0.0,
+    last_T=0.0,
+    held=False,
+):
+    """The scheme on a few modes given as plain arrays: a record of every step and the final q.
+
+    `held`: at the start contact bears the load, so that nothing accelerates.
+    """
+    k, c, normal, tangential, f, q, v = (
+        np.array(x, dtype=float) for x in (stiffness, damping, normal, tangential, f, q, v)
+    )
+    inverse = 1.0 / (1.0 + b * dt * c)
+    scale = dt**2 * (b + 0.5)
+    W = scale * np.array([normal @ (normal * inverse), normal @ (tangential * inverse), 0.0])
+    W[2] = scale * tangential @ (tangential * inverse)
+    vs = v if held else v + dt * (1.0 - b) * (f - k * q - c * v)
+    a = (f - k * q - c * vs) * inverse
+    reach = q + dt * (vs + b * dt * a) + 0.5 * dt**2 * a
+    record = begin(np.zeros(1, SCENE), 0.0, 0.0, 1.0)
+    record["dt"], record["b"], record["r"], record["mu"], record["speed"] = dt, b, dt / tau, mu, V
+    record["W_NN"], record["W_NT"], record["W_TT"] = W
+    record["gap_N"], record["gap_T"] = normal @ reach, tangential @ reach
+    record["last_gT"], record["last_T"], record["contact"] = tangential @ q, last_T, SLIP
+    record["sample_every"], record["row_every"], record["stick_room"] = steps, 1, steps
+    rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3))
+    modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
+    advance(record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, np.empty((steps, 2)))
+    return rows, q
+
+
+@pytest.mark.parametrize("b", [0.5, 0.8])
+@pytest.mark.parametrize("z", [0.01, 0.02, 0.04])
+def test_a_free_mode_decays_as_if_d2_were_larger_by_beta2_minus_a_half_steps(b, z):
+    """Rate (d1 + (d2 + (b - 1/2) dt) omega^2) / 2, the error of second order in omega dt."""
+    omega, d1, d2 = 2.0e4, 50.0, 1e-8
+    dt = z / omega
+    c = d1 + d2 * omega**2
+    # The second mode is P1 out of reach: a gap that stays open.
+    rows, _ = stepped(
+        [omega**2, 0.0], [c, 0.0], [0.0, 1.0], [1.0, 0.0], [0.0, 0.0],
+        mu=0.0, dt=dt, steps=int(60.0 / z), q=[1.0, 1.0], v=[0.0, 0.0], b=b,
+    )  # fmt: skip
+    t, speed = rows[:, 0], rows[:, 1]
+    # Peaks of the velocity, each by a parabola.
+    peak = np.flatnonzero((speed[1:-1] > speed[:-2]) & (speed[1:-1] >= speed[2:])) + 1
+    below, at, above = speed[peak - 1], speed[peak], speed[peak + 1]
+    height = at + (above - below) ** 2 / (8.0 * (2.0 * at - above - below))
+    rate = -np.polyfit(t[peak], np.log(height), 1)[0]
+    expected = 0.5 * (d1 + (d2 + (b - 0.5) * dt) * omega**2)
+    assert rate == pytest.approx(expected, rel=z**2)
+
+
+@pytest.mark.parametrize("r", [0.2, 0.02, 0.002])
+def test_after_a_step_in_N_friction_relaxes_to_mu_N(r):
+    """Prakash-Clifton, simplified: by 1 / (1 + r) a step, exp(-t / tau) to r / 2 of the exponent."""
+    mu, dt = 0.3, 1e-6
+    # A block of unit mass on a belt that runs ahead of it; the load has just grown from 1 to 2.
+    rows, _ = stepped(
+        [0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-2.0, 0.0],
+        mu=mu, dt=dt, tau=dt / r, steps=int(12.0 / r), q=[0.0, 0.0], v=[0.0, 0.0], V=1.0, last_T=mu, held=True,
+    )  # fmt: skip
+    N, T, state = rows[:, 2], rows[:, 3], rows[:, 5]
+    assert np.all(state == SLIP)
+    np.testing.assert_allclose(N, 2.0, rtol=1e-9)
+    steps = np.arange(1, len(T) + 1)
+    np.testing.assert_allclose(2.0 * mu - T, mu * (1.0 + r) ** -steps, rtol=0.0, atol=1e-10)
+    within = steps * r < 3.0
+    np.testing.assert_allclose(np.log(2.0 - T[within] / mu), -steps[within] * r, rtol=0.5 * r, atol=1e-8)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_friction_approaches_its_cone_at_the_relaxation_rate(case):
+    """Cone test of this scheme: |T - s mu N| falls by 1 / (1 + r) a step in slip, strictly inside in stick."""
+    _, _, run, _ = run_both(case, SEPARATION)
+    mu, dt = CASES[case][2], CASES[case][5]
+    r = dt / TAU
+    N, T, state = run.normal_force, run.tangential_force, run.state
+    assert np.all(N[state == SEPARATION] == 0.0)
+    assert np.all(T[state == SEPARATION] == 0.0)
+    assert np.all(np.abs(T[state == STICK]) < mu * N[state == STICK])
+    slipping = np.flatnonzero(state[1:] == SLIP) + 1
+    toward = [
+        (T[slipping] - s * mu * N[slipping]) * (1.0 + r) - (T[slipping - 1] - s * mu * N[slipping])
+        for s in (1, -1)
+    ]
+    assert np.abs(toward).min(axis=0).max() < 1e-11 * N.max()
+    assert np.all(N[slipping] > 0.0)

@@ -1,0 +1,335 @@
+"""Packages, classes and functions to be told apart, for the tests of what code does."""
+
+import dataclasses
+import enum
+import importlib
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+FILES = {
+    "__init__.py": "",
+    "main.py": '''
+        """The module computes."""
+
+        from __future__ import annotations
+
+        from typing import TYPE_CHECKING
+
+        import numpy as np
+
+        from ident import api, tools
+        from ident.api import helper
+        from ident.decorators import doubled
+        from ident.models import Model
+        from ident.settings import DEFAULT, ORDER
+        import ident.deep.inner
+
+        if TYPE_CHECKING:
+            from ident.figures import Figure
+
+        SCALE = 2.0
+        LIMITS: dict[str, float] = {"low": 0.0}
+        LIMITS["high"] = 9.0
+
+
+        @doubled
+        def compute(points, factor=DEFAULT):
+            """What it gives."""
+            from ident.late import arrive
+
+            model = Model(points["x"])  # a remark
+            total = SCALE * helper(model.value) + tools.shift(1.0) + ident.deep.inner.depth() + arrive()
+            return {"y": np.sin(total) * factor * ORDER + LIMITS["low"]}
+
+
+        def draw(figure: Figure, color="blue"):
+            return tools.paint(figure, color)
+        ''',
+    "api.py": "from ident.core import helper as helper, other\n",
+    "core.py": "def helper(x):\n    return x + 1\n\n\ndef other(x):\n    return x\n",
+    "tools.py": """
+        STEP = 1
+
+        def shift(x):
+            return x + STEP
+
+        def paint(figure, color):
+            return color
+        """,
+    "decorators.py": "def doubled(f):\n    return lambda *a, **k: f(*a, **k)\n",
+    "models.py": """
+        from dataclasses import dataclass
+
+        class Base:
+            unit = 1.0
+
+        @dataclass
+        class Model(Base):
+            value: float
+            weight: float = 3.0
+        """,
+    "settings.py": """
+        import sys
+
+        DEFAULT = 1.5
+        if sys.platform == "nowhere":
+            ORDER = 1
+        else:
+            ORDER = 2
+        UNUSED = 7
+        """,
+    "deep/__init__.py": "",
+    "deep/inner.py": "def depth():\n    return 4\n\n\ndef unused():\n    return 5\n",
+    "late.py": "def arrive():\n    return 6\n",
+    "figures.py": "class Figure:\n    size = 8\n",
+}
+
+# What names stand for that the text does not say; what running changes.
+NAMED = {
+    "__init__.py": "",
+    "late.py": "import os\nT = float(os.environ.get('T', 1))\n",
+    "settings.py": """
+        import os
+        from pathlib import Path
+
+        import numpy as np
+
+        SAID, WORDS, NUMBER = 2.0, "a", 1
+        FOLDER = str(Path(__file__).parent)
+        COUNT = int("1")
+        TABLE = np.arange(3.0) / 7
+        HELD = np.zeros(2)
+        SEEN = list()
+        LAST = int("0")
+        UNUSED = float("5")
+
+        def keep(held):
+            global LAST
+            LAST += 1
+            HELD[0] = held
+            return LAST, HELD
+        """,
+    "main.py": """
+        from ident import settings
+
+        LOCAL = float("3")
+        RUNS = 0
+
+        def f(points):
+            global RUNS
+            from ident.late import T
+            RUNS += 1
+            settings.SEEN.append(points)
+            here = settings.FOLDER, settings.WORDS, settings.NUMBER
+            LOCAL = settings.SAID
+            return here, LOCAL, settings.COUNT * settings.TABLE * T
+        """,
+}
+
+# A program of several modules, in which every marked line is reached by what `compute` runs.
+PROGRAM = {
+    "__init__.py": "from ident.core import exported\n",
+    "core.py": """
+        from ident.settings import *
+
+        def exported(x):
+            return x * FACTOR  # edit: FACTOR -> FACTOR + 1
+        """,
+    "settings.py": "FACTOR = 2.0  # edit: 2.0 -> 2.5\n",
+    "late.py": "def arrive(x):\n    return x + 6  # edit: 6 -> 7\n",
+    "plugins.py": """
+        from ident.registry import TABLE, register
+
+        @register("square")  # edit: square -> cube
+        def square(x):
+            return x**2  # edit: **2 -> **3
+        """,
+    "registry.py": """
+        TABLE = {"plain": 1.0}  # edit: 1.0 -> 1.5
+
+        def register(name):
+            def keep(function):
+                TABLE[name] = function  # edit: = function -> = (function, 1)
+                return function
+            return keep
+        """,
+    "models.py": """
+        import dataclasses
+
+        class Base:
+            unit = 1.0  # edit: 1.0 -> 3.0
+
+            def scaled(self):
+                return self.unit * 2  # edit: * 2 -> * 4
+
+        class Other(Base):
+            pass
+
+        @dataclasses.dataclass(frozen=True)  # edit: frozen=True -> frozen=False
+        class Model(Base):  # edit: (Base) -> (Other)
+            weight: float = 3.0  # edit: 3.0 -> 4.0
+
+            @property
+            def heavy(self):
+                return self.weight > 2  # edit: > 2 -> > 5
+
+            def __getattr__(self, name):
+                return 5  # edit: 5 -> 8
+        """,
+    "lazy.py": """
+        def __getattr__(name):
+            return 9  # edit: 9 -> 10
+        """,
+    "main.py": """
+        import functools
+
+        import ident
+        import ident.plugins
+        import ident.settings as chosen
+        import numba
+        from ident import lazy, registry
+        from ident.models import Model
+
+        LIMITS = {"low": 0.0}  # edit: 0.0 -> 0.1
+        LIMITS["high"] = 9.0  # edit: 9.0 -> 8.0
+        LIMITS.update(middle=4.0)  # edit: 4.0 -> 4.5
+        DEFAULT = 1.5  # edit: 1.5 -> 1.6
+        SHAPE = (1, 2) if DEFAULT else (2, 1)  # edit: (2, 1) -> (3, 1)
+        CHOICES = {"up": lambda x: x + 1, "down": lambda x: x - 1}  # edit: x - 1 -> x - 2
+
+        def doubled(function):
+            @functools.wraps(function)
+            def inner(points):
+                return 2 * function(points)  # edit: 2 * -> 3 *
+            return inner
+
+        def tripled(function):
+            return function
+
+        @numba.njit(error_model="numpy")  # edit: numpy -> python
+        def kernel(x):
+            return x + 3  # edit: x + 3 -> x + 4
+
+        def maker(step=0.5):  # edit: 0.5 -> 0.6
+            def inner(x):
+                return x / step  # edit: x / -> x *
+            return inner
+
+        HELD = maker()  # edit: maker() -> maker(2.0)
+        GIVEN = functools.partial(pow, 2)  # edit: (pow, 2) -> (pow, 3)
+
+        @doubled  # edit: doubled -> tripled
+        def compute(points, start=DEFAULT):  # edit: start=DEFAULT -> start=2.0
+            from ident.late import arrive
+
+            model = Model()
+            total = ident.exported(start) + chosen.FACTOR + lazy.anything + arrive(kernel(model.scaled()))
+            total += model.heavy + model.other + LIMITS["low"] + SHAPE[0] + HELD(1.0) + GIVEN(2)
+            return CHOICES["up"](total) + registry.TABLE["plain"]  # edit: up -> down
+        """,
+}
+# What may stand anywhere between two statements at the top of a module and changes nothing.
+HARMLESS = (
+    "# a remark\n",
+    '"""A text."""\n',
+    "\n\n\n",
+    "UNUSED = 1\n",
+    "def unused():\n    return DEFAULT\n",
+    "class Unused:\n    size = 1\n",
+    "import json\n",
+    "unused: int\n",
+)
+
+
+def edits(program=PROGRAM):
+    """Every edit marked in the program: file, line, the line as edited."""
+    for name, text in program.items():
+        for line in text.splitlines():
+            before, marked, edit = line.partition("  # edit: ")
+            if marked:
+                old, _, new = edit.partition(" -> ")
+                assert before.count(old) == 1, line
+                yield name, line, before.replace(old, new)
+
+
+class Package:
+    """Files of a package called `ident`, which may be changed."""
+
+    def __init__(self, folder, files):
+        self.folder = folder / "ident"
+        for name, text in files.items():
+            self.write(name, text)
+
+    def write(self, name, text):
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(textwrap.dedent(text))
+
+    def edit(self, name, old, new):
+        text = (self.folder / name).read_text()
+        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {name}"
+        (self.folder / name).write_text(text.replace(old, new))
+
+    def load(self, name):
+        importlib.invalidate_caches()
+        return importlib.import_module(f"ident.{name}")
+
+
+def run(code, *folders, **environment):
+    """What Python prints, in another process; of some code or of a script."""
+    program = [str(code)] if isinstance(code, Path) else ["-c", textwrap.dedent(code)]
+    done = subprocess.run(
+        [sys.executable, *program],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))} | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=folders[0],
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def maker(held):
+    def inner(points):
+        return held
+
+    return inner
+
+
+class Colour(enum.Enum):
+    RED = 1
+    BLUE = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Inner:
+    size: float = 1.0
+    name: str = "a"
+
+
+@dataclasses.dataclass(frozen=True)
+class Outer:
+    inner: Inner = Inner()
+    values: tuple = ()
+    table: dict = dataclasses.field(default_factory=dict)
+    needed: float = dataclasses.field(default=0.0, kw_only=True)
+
+
+class Caller:
+    def __init__(self, held):
+        self.held = held
+
+    def __call__(self, points):
+        return self.held
+
+    def method(self, points):
+        return self.held
+
+    @classmethod
+    def of_class(cls, points):
+        return cls

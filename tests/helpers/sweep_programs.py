@@ -1,0 +1,150 @@
+"""A sweep in a process of its own, for tests that kill it, interrupt it or starve it.
+
+python -m tests.helpers.sweep_programs '{"store": "a.nc", "scheduler": "threads", "points": 60, "pause": 0.02}'
+"""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from sweeps import (
+    AbandonedError,
+    Axis,
+    Grid,
+    LockedError,
+    SchedulerError,
+    StoreError,
+    Sweep,
+    SweepStoppedError,
+    Variable,
+)
+from sweeps.compute import cluster
+from sweeps.plan import batches
+from sweeps.storage.store import Store
+from tests import HOME
+
+MEGABYTE = 1 << 20
+
+
+def cut(patch=None):
+    """Let every batch be of one point, however short it is; until a `patch` is undone."""
+    (setattr if patch is None else patch.setattr)(batches, "BATCH_BYTES", 1.0)
+
+
+def powers(points, log, pause, long, parent, deadly):
+    """Squares and cubes, told to a log as they are begun.
+
+    Seven fails, a deadly point ends its worker, and those from four on, which are not probed, may be long.
+    """
+    x = points["x"]
+    if os.getpid() != parent and np.any(x == deadly):
+        os._exit(9)
+    if log:
+        file = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        os.write(file, "".join(f"{value:g}\n" for value in x).encode())
+        os.close(file)
+    time.sleep(pause * len(x) + long * np.count_nonzero(x >= 4.0))
+    if np.any(x == 7.0):
+        raise ValueError("seven is not allowed")
+    return {"square": x**2, "powers": x[:, None] ** np.arange(3.0)}
+
+
+def rows(points):
+    """A megabyte for each point."""
+    return {"row": points["x"][:, None] + np.arange(MEGABYTE / 8)}
+
+
+def make(function=powers, points=60, log="", pause=0.0, long=0.0, parent=0, deadly=-1.0):
+    """The sweep of `powers`."""
+    return Sweep(
+        "powers",
+        function,
+        Grid({"x": Axis(np.arange(float(points)), "m")}),
+        {"square": Variable("m2"), "powers": Variable("1", dims=("power",))},
+        constants={"log": str(log), "pause": pause, "long": long, "parent": parent, "deadly": deadly},
+        coords={"power": Axis([0, 1, 2])},
+    )
+
+
+def make_rows(points):
+    """The sweep of `rows`."""
+    grid, inner = Grid({"x": Axis(np.arange(float(points)))}), Axis(np.arange(MEGABYTE // 8))
+    return Sweep("rows", rows, grid, {"row": Variable(dims=("column",))}, coords={"column": inner})
+
+
+def start(cwd=HOME, **told):
+    """This program as the leader of a process group."""
+    path = os.pathsep.join([str(HOME), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [sys.executable, "-m", "tests.helpers.sweep_programs", json.dumps(told, default=str)],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for(process, word):
+    """Read the program's lines up to the one that begins with a word."""
+    for line in process.stdout:
+        if line.startswith(word):
+            return line
+    raise AssertionError(f"ended before {word!r}: {process.stderr.read()}")
+
+
+def main(told):
+    """Plan and run; one line for each thing that happens."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    cut()
+    if "file_size" in told:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (told["file_size"], resource.RLIM_INFINITY))
+    cluster.PATIENCE = told.get("patience", cluster.PATIENCE)
+    print("ready", flush=True)
+    wanted = {key: told[key] for key in ("points", "log", "pause", "long") if key in told}
+    sweep = make_rows(told["points"]) if told.get("rows") else make(parent=told.get("parent", 0), **wanted)
+    store = Store(told.get("store", "none.nc"))
+    try:
+        plan = sweep.plan(told.get("store"))
+        print("planned", flush=True)
+        time.sleep(told.get("wait", 0.0))
+        plan.run(
+            told.get("scheduler", "threads"),
+            told.get("workers", 2),
+            lambda snapshot: print(f"progress {snapshot.done} {snapshot.stopping} {snapshot.now}", flush=True),
+            fail_fast=told.get("fail_fast", False),
+        )
+    except AbandonedError:
+        print("AbandonedError", flush=True)
+        if "linger" in told:
+            print(f"before {sorted(os.listdir(store.parts))}", flush=True)
+            time.sleep(told["linger"])
+            print(f"after {sorted(os.listdir(store.parts))}", flush=True)
+        os._exit(130)
+    except KeyboardInterrupt:
+        print("KeyboardInterrupt", flush=True)
+        return 130
+    except (LockedError, StoreError, SchedulerError, SweepStoppedError) as problem:
+        print(f"{type(problem).__name__}: {problem}", flush=True)
+        return 3
+    # Of this process alone: what `getrusage` tells it has from its parent.
+    status = dict(line.split(":") for line in Path("/proc/self/status").read_text().splitlines())
+    print(f"peak {int(status['VmHWM'].split()[0]) // 1024}", flush=True)
+    print("done", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    # By its name, for the code of `__main__` is not that of this module.
+    from tests.helpers import sweep_programs
+
+    sys.exit(sweep_programs.main(json.loads(sys.argv[1])))

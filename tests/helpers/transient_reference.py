@@ -1,0 +1,166 @@
+"""The published scheme a second time: finite-element coordinates, dense matrices, one plain loop.
+
+Section 3.3 of the paper with beta2 in both of its places and damping implicit: Newmark's method with
+beta = 0 and gamma = beta2, contact by Lagrange multipliers at the end of each step, simplified Prakash-Clifton
+friction. Of fivcore's only the arguments are used (a rig, a scene's numbers), and, to carry a state across,
+the shapes of the modes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from fivcore.beams.modes import rig_bases
+from tests.helpers.reference import assemble, element
+
+SEPARATION, STICK, SLIP = 0, 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteElements:
+    """Both beams of a rig.
+
+    Attributes
+    ----------
+    K, M, C : ndarray, (n, n)
+    normal, tangential : ndarray, (n,)
+        Rows that read g_N and g_T (without the clamp's own motion).
+    weight : ndarray, (n,)
+        Force of a unit load on A, along -y.
+    thrown : ndarray, (n,)
+        Force on P2's free nodes of a unit acceleration of its clamp, for motion relative to the clamp.
+    point_b : ndarray, (n,)
+        Row that reads the displacement of B along x.
+    """
+
+    K: np.ndarray
+    M: np.ndarray
+    C: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+    weight: np.ndarray
+    thrown: np.ndarray
+    point_b: np.ndarray
+
+
+def finite_elements(rig: Any, theta: float) -> FiniteElements:
+    """Assemble; P1's nodes run from C to A, of which only y is free, P2's from the first after the clamp."""
+    K, M, normal, tangential = assemble(rig, theta)
+    n1 = 3 * rig.p1.elements + 1
+    weight, point_b, along = np.zeros((3, len(K)))
+    weight[n1 - 1] = -1.0
+    along[n1::3] = 1.0
+    # All of P2 moves with the clamp, the clamped node too: its column of the first element's mass counts.
+    thrown = -M @ along
+    thrown[n1] -= element(rig.p2)[1][3][0]
+    place = rig.point_b * rig.p1.elements
+    node = min(int(place), rig.p1.elements - 1)
+    point_b[3 * node] = 1.0 - (place - node)
+    if node + 1 < rig.p1.elements:
+        point_b[3 * node + 3] = place - node
+    return FiniteElements(K, M, rig.d1 * M + rig.d2 * K, normal, tangential, weight, thrown, point_b)
+
+
+def nodal(rig: Any, theta: float, modal: np.ndarray) -> np.ndarray:
+    """Modal coordinates of the separate beams as displacements in the order of `finite_elements`."""
+    upper, lower = rig_bases(rig, theta)
+    split = len(upper.stiffness)
+    first, second = upper.shapes @ modal[:split], lower.shapes @ modal[split:]
+    return np.concatenate([first[:0:-1].ravel(), first[0, 1:2], second[1:].ravel()])
+
+
+def clamp(t: float, V: float, ramp: float) -> float:
+    """Displacement of the clamp."""
+    return V * t * t / (2.0 * ramp) if t < ramp else V * (t - ramp / 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What every step left behind; q holds the displacements at the ends of the steps asked for."""
+
+    N: np.ndarray
+    T: np.ndarray
+    slip_velocity: np.ndarray
+    velocity_B: np.ndarray
+    state: np.ndarray
+    q: dict[int, np.ndarray]
+
+
+def published_scheme(
+    fe: FiniteElements,
+    *,
+    V: float,
+    mu: float,
+    F: float,
+    ramp: float,
+    q: np.ndarray,
+    v: np.ndarray,
+    contact: int,
+    steps: int,
+    dt: float = 2e-8,
+    b: float = 0.8,
+    tau: float = 1e-7,
+    keep: tuple[int, ...] = (),
+) -> Motion:
+    """Run the scheme from displacements q and velocities v (of P2 relative to its clamp).
+
+    The first prediction needs an acceleration: that of the load and the structure alone, without the drive's; for
+    surfaces that touch with the force that keeps the gap from accelerating, and where they slip its friction.
+    """
+    GN, GT = fe.normal, fe.tangential
+    implicit = cho_factor(fe.M + b * dt * fe.C)
+    per_N, per_T = cho_solve(implicit, GN), cho_solve(implicit, GT)
+    closing = dt**2 * (b + 0.5) * np.array([[GN @ per_N, GN @ per_T], [GT @ per_N, GT @ per_T]])
+    r = dt / tau
+    out = np.zeros((5, steps))
+    kept = {}
+
+    mass = cho_factor(fe.M)
+    a = cho_solve(mass, F * fe.weight - fe.K @ q - fe.C @ v)
+    last_T = 0.0
+    if contact != SEPARATION:
+        m = 0.0
+        if contact == SLIP:
+            m = -mu * np.sign(GT @ v)
+        push = cho_solve(mass, GN + m * GT)
+        N = -(GN @ a) / (GN @ push)
+        a, last_T = a + push * N, m * N
+    if ramp == 0.0:
+        v = v + V * cho_solve(mass, fe.thrown)
+    ramp_ends = round(ramp / dt)
+    last_gT = GT @ q
+    for i in range(steps):
+        load = F * fe.weight + (V / ramp * fe.thrown if i < ramp_ends else 0.0)
+        v_star = v + dt * (1.0 - b) * a
+        a_star = cho_solve(implicit, load - fe.K @ q - fe.C @ v_star)
+        q_free = q + dt * (v_star + b * dt * a_star) + dt**2 / 2.0 * a_star
+        gap = np.array([GN @ q_free, GT @ q_free - clamp((i + 1) * dt, V, ramp)])
+        state, force = _contact(gap, closing, last_gT, last_T, mu, r)
+        a = a_star + per_N * force[0] + per_T * force[1]
+        v = v_star + b * dt * a
+        q = q + dt * v + dt**2 / 2.0 * a
+        gT = GT @ q - clamp((i + 1) * dt, V, ramp)
+        out[:, i] = *force, (gT - last_gT) / dt, fe.point_b @ v, state
+        last_gT, last_T = gT, force[1]
+        if i + 1 in keep:
+            kept[i + 1] = q
+    return Motion(*out[:4], out[4].astype(int), kept)
+
+
+def _contact(
+    gap: np.ndarray, closing: np.ndarray, last_gT: float, last_T: float, mu: float, r: float
+) -> tuple[int, np.ndarray]:
+    """Separation, stick or slip, and (N, T), from the gaps at the end of a step without contact."""
+    if gap[0] > 0.0:
+        return SEPARATION, np.zeros(2)
+    stick = np.linalg.solve(closing, np.array([0.0, last_gT]) - gap)
+    if stick[0] > 0.0 and abs(stick[1]) < mu * stick[0]:
+        return STICK, stick
+    # N and T from g_N = 0 and (1 + r) T - r s mu N = T_last.
+    s = 1.0 if stick[1] > 0.0 else -1.0
+    slip = np.linalg.solve([closing[0], [-r * s * mu, 1.0 + r]], [-gap[0], last_T])
+    return (SLIP, slip) if slip[0] > 0.0 else (SEPARATION, np.zeros(2))

@@ -1,0 +1,355 @@
+"""Planes of regimes: what ensembles agree on, how that compares with linear stability, and how it is shown."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import beta
+
+from fivcore import Rig, Scene, flutter_onsets
+from studies import registry
+from studies.gallery.regimes import compare_linear as regimes_verdicts
+from studies.gallery.regimes import figure as regimes_figure
+from studies.gallery.regimes import study as regimes
+from studies.gallery.regimes.compare_linear import VERDICTS
+from studies.motion import ensembles, transients
+from studies.motion.jobs import run_all
+from studies.motion.transients import REGIMES
+from studies.plotting import figures, planes
+
+# Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
+SHORT = {"least": 0.6, "load_ups": 1.0, "members": 2.0}
+FIXED = {"method": "fast", "ramp": 1e-3, "cutoff": 0.0}
+STUDY = registry.load("regimes")
+QUIET, INTERMITTENT, PERIODIC, IRREGULAR = (
+    REGIMES.index(name) for name in ("steady sliding", "intermittent", "periodic", "irregular")
+)
+
+
+def computed(tmp_path, given):
+    """The study's dataset, with a file."""
+    return STUDY.sweep(SHORT | given).plan(tmp_path / "regimes.nc").run("sync")
+
+
+@pytest.mark.parametrize(
+    ("V", "mu", "regime"),
+    [
+        (1e-3, 0.2, "intermittent"),
+        (2e-3, 0.2, "irregular"),
+        (5e-3, 0.2, "irregular"),
+        (5e-4, 0.3, "intermittent"),
+        (5e-3, 0.05, "steady sliding"),
+    ],
+)
+def test_all_members_of_a_scene_far_from_a_border_are_in_its_regime(V, mu, regime):
+    """At mu = 0.2 sustained intermittence ends between 1.3 and 1.6 mm/s."""
+    scene = Scene(V, 5.0, mu, 9.0)
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 8.0, 8.0)))
+    assert REGIMES[found["regime"]] == regime
+    np.testing.assert_array_equal(found["member_regime"], found["regime"])
+    np.testing.assert_allclose(found["mean_normal_force"], 9.0, rtol=0.02)
+    if regime == "irregular":
+        assert found["stick_fraction_std"] < 0.05
+        assert 2.5e3 < found["dominant_frequency"] < 2.7e3
+
+
+@pytest.mark.parametrize("theta", [2.0, 5.0, 10.0])
+def test_the_motion_is_what_stability_of_all_simulated_modes_says(theta):
+    """Vibration sets in where the first simulated mode grows, which may be one above 10 kHz."""
+    onset = flutter_onsets(Rig(), theta, 10e3).mu[0]
+    for mu in onset * np.array([0.9, 0.95, 1.05, 1.2]):
+        scene = Scene(5e-3, theta, float(mu), 9.0)
+        found = regimes.stability(scene, 0.0)
+        assert (found["growth_rate"] > 0.0) == (mu > onset)
+        assert (found["unstable_modes"] > 0) == (mu > onset)
+        (run,) = run_all(ensembles.ensemble(scene, 1, FIXED, 2.0, 0.0, 8.0))
+        quiet = run.summary["regime"] == "steady sliding"
+        assert quiet == (found["model_growth_rate"] < 0.0)
+
+
+def test_next_to_the_onset_motion_and_stability_agree(tmp_path):
+    """The first mode grows from mu = 0.1112 on, below 10 kHz; in the model that is run, too."""
+    given = {"V": [2e-3, 5e-3], "mu": [0.1, 0.11, 0.113, 0.15], "theta": [-5.0, 5.0], "least": 2.0, "members": 1.0}
+    data = computed(tmp_path, given)
+    words = np.array(VERDICTS)[data["verdict"].squeeze("F").values.astype(int)]
+    np.testing.assert_array_equal(words, "agree")
+    np.testing.assert_array_equal(data["regime"].sel(theta=-5.0), QUIET)
+    grows = data["model_growth_rate"].sel(theta=5.0).squeeze("F").isel(V=0)
+    np.testing.assert_array_equal(grows > 0.0, [False, False, True, True])
+    np.testing.assert_allclose(data["model_growth_frequency"].sel(mu=0.113, theta=5.0), 2802.0, rtol=0.001)
+    onset = flutter_onsets(Rig(), 5.0, 10e3)
+    np.testing.assert_allclose(data["onset_mu"], [np.nan, onset.mu[0]])
+    np.testing.assert_allclose(data["onset_frequency"], [np.nan, onset.frequency[0]])
+    assert "Motion and stability agree at 16 of 16 scenes." in STUDY.report(data)
+
+
+def test_what_only_modes_above_the_band_explain_is_named_so(tmp_path):
+    """With modes up to 375 kHz, undamped by the published scheme, one at 95.6 kHz grows first."""
+    given = {"V": [5e-3], "mu": [0.11], "theta": [5.0], "cutoff": 375e3, "members": 1.0}
+    data = computed(tmp_path, given)
+    assert VERDICTS[int(data["verdict"].squeeze())] == "unstable above the band"
+    np.testing.assert_allclose(data["model_growth_frequency"], 95.6e3, rtol=0.01)
+    report = STUDY.report(data)
+    assert "Motion and stability agree at 0 of 1 scenes." in report
+    assert "Vibrating though stable below 10 kHz: 1." in report
+    assert "near 95.6 kHz, in the model that is run; subcritical are 0." in report
+
+
+def test_a_stable_scene_loses_its_slowest_mode_at_half_of_d1():
+    """Damping on the mass alone leaves the lowest modes -d1 / 2."""
+    found = regimes.stability(Scene(5e-3, 5.0, 0.05, 9.0), 0.0)
+    np.testing.assert_allclose([found["growth_rate"], found["model_growth_rate"]], -0.5 * Rig().d1, rtol=1e-3)
+
+
+def test_copies_have_the_bits_of_one_scene_and_its_size(tmp_path):
+    ratio = 10.0 ** (1.0 / 3.0)
+    given = {"V": 4e-3 * ratio ** np.arange(2), "mu": [0.05, 0.2], "F": 3.7 * ratio ** np.arange(2)}
+    sweep = STUDY.sweep(SHORT | given)
+    plan = sweep.plan(tmp_path / "regimes.nc")
+    assert (plan.points, plan.distinct) == (8, 6)
+    data = plan.run("sync").squeeze("theta")
+    left, right = data.isel(V=0, F=0), data.isel(V=1, F=1)
+    factor = right["F"].values / left["F"].values
+    for name, variable in regimes.VARIABLES.items():
+        if variable.scale:
+            np.testing.assert_allclose(right[name], left[name] * factor, rtol=1e-4)
+        else:
+            np.testing.assert_array_equal(right[name], left[name])
+    assert data["duration"].dtype == np.float32
+    # Alone, or in another batch, a point has the same bits.
+    for k, F in enumerate(given["F"]):
+        one = SHORT | {"V": given["V"][k], "mu": 0.2, "F": F}
+        alone = STUDY.sweep(one).plan().run("sync")
+        for name in regimes.VARIABLES:
+            at = data[name].sel(mu=0.2).isel(V=k, F=k)
+            np.testing.assert_array_equal(alone[name].squeeze(("V", "mu", "theta", "F")), at, err_msg=name)
+
+
+def test_the_figures_of_an_ensemble_are_those_of_its_members():
+    scene, duration = Scene(5e-3, 5.0, 0.2, 9.0), 0.4
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 0.0, duration)))
+    alone = [run_all([ensembles.member(scene, k, FIXED, duration)]) for k in (1, 2, 3)]
+    runs = [transients.figures_of(run) for (run,) in alone]
+    assert set(found) >= {"regime", "regime_certainty", *transients.SUMMARY}
+    for name in regimes.FIGURES:
+        values = np.array([run[name] for run in runs], dtype=float)
+        values = values[np.isfinite(values)]
+        how = {**dict.fromkeys(regimes.LARGEST, np.max), **dict.fromkeys(regimes.MIDDLE, np.median)}
+        expected = how.get(name, np.mean)(values) if len(values) else np.nan
+        if name in regimes.MIDDLE and len(values) == 2:
+            expected = values.min()
+        np.testing.assert_allclose(found[name], expected, rtol=1e-14, err_msg=name)
+    spread = np.std([run["velocity_rms"] for run in runs], ddof=1)
+    np.testing.assert_allclose(found["velocity_rms_std"], spread, rtol=1e-12)
+    assert spread > 0.0
+
+
+def test_one_member_has_no_spread():
+    found = regimes.ensemble_figures(run_all([ensembles.member(Scene(5e-3, 5.0, 0.2, 9.0), 1, FIXED, 0.2)]))
+    assert all(np.isnan(found[f"{name}_std"]) for name in regimes.SPREAD)
+    assert found["regime_share"].max() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("members", "regime"),
+    [
+        ([INTERMITTENT] * 4, INTERMITTENT),
+        ([INTERMITTENT, IRREGULAR, INTERMITTENT], INTERMITTENT),
+        ([INTERMITTENT, IRREGULAR], IRREGULAR),
+        ([IRREGULAR, QUIET, QUIET, IRREGULAR], IRREGULAR),
+        ([0, 0, QUIET, QUIET], QUIET),
+        ([0, 0, QUIET], 0),
+        ([INTERMITTENT, PERIODIC, IRREGULAR], IRREGULAR),
+    ],
+)
+def test_most_members_decide_and_the_later_regime_where_as_many(members, regime):
+    for order in (members, members[::-1]):
+        assert regimes.majority(np.array(order))["regime"] == regime
+
+
+@given(st.lists(st.integers(0, len(REGIMES) - 1), min_size=1, max_size=30))
+def test_certainty_is_the_posterior_that_more_than_half_are_in_the_regime(members):
+    found = regimes.majority(np.array(members))
+    inside = members.count(found["regime"])
+    assert inside == max(members.count(k) for k in set(members))
+    posterior = beta(inside + 0.5, len(members) - inside + 0.5)
+    np.testing.assert_allclose(found["regime_certainty"], posterior.sf(0.5), rtol=1e-9)
+    np.testing.assert_allclose(found["regime_share"].sum(), 1.0)
+    # One more member in the regime makes it surer.
+    assert regimes.majority(np.array([*members, found["regime"]]))["regime_certainty"] > found["regime_certainty"]
+
+
+def plane(regime, growth, model=-25.0, status=1, duration=4.0):
+    """A dataset of one row of points, as far as verdicts read it."""
+    count = len(regime)
+    columns = {"regime": regime, "growth_rate": growth, "model_growth_rate": model, "status": status}
+    columns |= {"duration": duration, "first_slip_time": 0.1}
+    return xr.Dataset(
+        {name: ("V", np.broadcast_to(values, count).astype(float)) for name, values in columns.items()}
+    )
+
+
+@pytest.mark.parametrize(
+    ("point", "verdict"),
+    [
+        ({"regime": [QUIET], "growth": -25.0}, "agree"),
+        ({"regime": [INTERMITTENT], "growth": 300.0, "model": 300.0}, "agree"),
+        ({"regime": [PERIODIC], "growth": 300.0, "model": 300.0}, "agree"),
+        ({"regime": [IRREGULAR], "growth": -25.0}, "subcritical"),
+        ({"regime": [IRREGULAR], "growth": -25.0, "model": np.nan}, "subcritical"),
+        ({"regime": [IRREGULAR], "growth": -25.0, "model": -1.0}, "no verdict"),
+        ({"regime": [IRREGULAR], "growth": -25.0, "duration": 0.5}, "no verdict"),
+        ({"regime": [IRREGULAR], "growth": -25.0, "model": 5.0}, "unstable above the band"),
+        ({"regime": [QUIET], "growth": 300.0, "model": 300.0}, "quiet though unstable"),
+        ({"regime": [QUIET], "growth": 1.0, "model": 1.0}, "no verdict"),
+        ({"regime": [REGIMES.index("undecided")], "growth": 300.0}, "no verdict"),
+        ({"regime": [REGIMES.index("stuck")], "growth": 300.0}, "no verdict"),
+        ({"regime": [np.nan], "growth": np.nan, "status": 2}, "failed"),
+        ({"regime": [np.nan], "growth": np.nan, "status": 0}, None),
+    ],
+)
+def test_verdicts(point, verdict):
+    (code,) = regimes_verdicts.verdicts(plane(**point))
+    assert (np.isnan(code) and verdict is None) or VERDICTS[int(code)] == verdict
+
+
+@settings(max_examples=50)
+@given(st.lists(st.lists(st.booleans(), min_size=4, max_size=4), min_size=1, max_size=5))
+def test_an_outline_closes_about_what_is_inside(rows):
+    inside = np.array(rows)
+    x, y = np.arange(5.0), np.arange(len(rows) + 1.0)
+    sides = regimes_figure.outline(inside, x, y)
+    ends = [end for side in sides for end in side]
+    # Closed lines meet every corner an even number of times.
+    assert all(ends.count(corner) % 2 == 0 for corner in set(ends))
+    padded = np.pad(inside, 1).astype(int)
+    assert len(sides) == np.abs(np.diff(padded, axis=0)).sum() + np.abs(np.diff(padded, axis=1)).sum()
+    assert (len(sides) == 0) == (not inside.any())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"V": [-1e-3, 1e-3]}, r"^V = -0\.001: it must be above 0; the mirror image"),
+        ({"V": 0.0}, r"^V = 0: it must be above 0"),
+        ({"mu": [0.1, -0.2]}, r"^mu = -0\.2: it must be"),
+        ({"theta": [0.0, 95.0]}, r"^theta = 95\.0: it must be"),
+        ({"F": [0.0, 9.0]}, r"^F = 0\.0: it must be"),
+        ({"V": [1e-12, 1e-3]}, r"^V / F = 1\.1.*e-13: it must be"),
+        ({"members": 0.0}, r"^members = 0\.0: it must be a whole number from 1 to 100"),
+        ({"members": 2.5}, r"^members = 2\.5: it must be a whole number"),
+        ({"members": 101.0}, r"^members = 101\.0: it must be a whole number"),
+        ({"least": -1.0}, r"^least = -1\.0: it must be"),
+        ({"most": 0.0}, r"^most = 0\.0: it must be"),
+        ({"cutoff": -1.0}, r"^cutoff = -1\.0: it must be"),
+        ({"ramp": -1.0}, r"^ramp = -1\."),
+        ({"p2_length": -1.0}, r"^p2_length = -1\.0: it must be"),
+        ({"duration": 1.0}, r"^duration: study regimes has no such axis"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_before_anything_is_planned(given, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        STUDY.sweep(given)
+    assert "\n" not in str(caught.value)
+
+
+GRIDS = {
+    "one scene": {"V": 5e-3, "mu": 0.2},
+    "along V": {"V": [2e-3, 5e-3, 1e-2], "mu": 0.2},
+    "along mu": {"V": 5e-3, "mu": np.linspace(0.0, 0.4, 5)},
+    "along theta": {"V": 5e-3, "mu": 0.2, "theta": [-5.0, 5.0, 10.0]},
+    "a plane": {"V": [2e-3, 5e-3], "mu": [0.05, 0.11, 0.2]},
+    "over theta": {"V": 5e-3, "mu": [0.1, 0.2, 0.3], "theta": [0.0, 5.0, 10.0]},
+    "over F and theta": {"V": 5e-3, "mu": 0.2, "theta": [0.0, 5.0], "F": [4.5, 9.0]},
+    "planes": {"V": [2e-3, 5e-3], "mu": [0.1, 0.2], "theta": [0.0, 5.0, 10.0]},
+    "planes down": {"V": [2e-3, 5e-3], "mu": [0.1, 0.2], "theta": [0.0, 5.0], "F": [4.5, 9.0]},
+    "some failed": {"V": [2e-3, 5e-3], "mu": [0.2, 5.0], "theta": 40.0},
+    "all failed": {"V": [2e-3, 5e-3], "mu": [4.0, 5.0], "theta": 40.0},
+    "a failed row": {"V": [2e-3, 5e-3], "mu": 5.0, "theta": 40.0},
+    "another rig": {"V": [2e-3, 5e-3], "mu": [0.1, 0.2], "head_mass": 2.0},
+    "undecided": {"V": [1e-4, 2e-4], "mu": [0.2, 0.3]},
+}
+PANELS = {"a plane": 8, "over theta": 8, "over F and theta": 8, "planes": 3, "planes down": 4, "some failed": 8}
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_every_grid_has_its_figure_and_report(grid, tmp_path):
+    data = computed(tmp_path, {"least": 0.0, "load_ups": 0.0, "most": 0.12} | GRIDS[grid])
+    with figures.style():
+        figure = STUDY.draw(data)
+        figure.savefig(tmp_path / "figure.png")
+    if grid in PANELS:
+        assert len(figure.axes) == PANELS[grid]
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+    assert {text.get_text() for legend in legends for text in legend.get_texts()} & {*planes.KINDS}
+    count = data["regime"].size
+    lines = STUDY.report(data).splitlines()
+    assert lines[0].startswith(f"{count} scene")
+    assert ("another rig" in lines[0]) == (grid == "another rig")
+    heads = lines[3].split()
+    assert heads[:2] == ["regime", "scenes"]
+    table = lines[4 : next(k for k, line in enumerate(lines) if line.startswith("Of a regime"))]
+    assert sum(int(next(cell for cell in row.split() if cell.isdigit())) for row in table) == count
+    failed = int((data["status"] == 2).sum())
+    assert (failed > 0) == ("failed" in grid)
+    if grid == "undecided":
+        assert "Undecided: 4 of 4 (100.0 %)." in lines
+        assert "undecided: 4 of 4" in figure.get_suptitle()
+
+
+def test_a_plane_half_done_is_shown_as_far_as_it_goes(tmp_path):
+    data = computed(tmp_path, GRIDS["a plane"])
+    data["status"][0] = 0
+    for name in regimes.VARIABLES:
+        data[name] = data[name].astype(float)
+        data[name][0] = np.nan
+    data = regimes_verdicts.with_verdicts(data, rig=Rig())
+    assert np.isnan(data["verdict"][0]).all()
+    assert np.isfinite(data["verdict"][1]).all()
+    with figures.style():
+        STUDY.draw(data)
+    assert "pending" in STUDY.report(data)
+
+
+def test_the_paper_stands_beside_its_own_rig_only(tmp_path):
+    with_paper = {"V": [1e-3, 2e-3, 5e-3], "mu": [0.19, 0.22], "most": 0.2}
+    lines = STUDY.report(computed(tmp_path, with_paper)).splitlines()
+    head = next(k for k, line in enumerate(lines) if line.split()[:3] == ["V", "mm/s", "nearest"])
+    assert [line.split()[-1] for line in lines[head + 1 : head + 4]] == [
+        "intermittent",
+        "intermittent",
+        "periodic",
+    ]
+    assert [line.split()[2] for line in lines[head + 1 : head + 4]] == ["0.19"] * 3
+    other = STUDY.report(computed(tmp_path / "other", with_paper | {"theta": 6.0}))
+    assert "paper:" not in other
+    assert "periodic" not in other
+
+
+def test_a_file_explains_itself_and_grows(tmp_path):
+    computed(tmp_path, {"V": [2e-3, 5e-3], "mu": [0.1, 0.2], "most": 0.3})
+    data = computed(tmp_path, {"V": [2e-3, 5e-3], "mu": [0.1, 0.2, 0.3], "most": 0.3})
+    assert int((data["status"] == 1).sum()) == 6
+    with xr.open_dataset(tmp_path / "regimes.nc") as plain:
+        assert plain["regime"].dims == ("V", "mu", "theta", "F")
+        assert plain["regime_share"].dims == ("V", "mu", "theta", "F", "kind")
+        assert plain["member_regime"].dims == ("V", "mu", "theta", "F", "member")
+        assert list(plain["kind"].values.astype(str)) == list(REGIMES)
+        np.testing.assert_array_equal(plain["regime_share"].sum("kind"), 1.0)
+        assert plain["onset_mu"].dims == ("theta",)
+        for name, words in (("regime", REGIMES), ("member_regime", REGIMES), ("verdict", VERDICTS)):
+            assert plain[name].attrs["flag_meanings"].split() == [word.replace(" ", "_") for word in words]
+            assert plain[name].encoding["dtype"] == np.int8
+        for name, variable in transients.SUMMARY.items():
+            if name != "regime":
+                assert plain[name].attrs["units"] == variable.units
+                assert plain[name].dtype == np.float32
+
+
+def test_what_it_cost_is_told_without_copies(tmp_path):
+    data = computed(tmp_path, {"V": [4e-3, 8e-3], "mu": 0.2, "F": [4.5, 9.0], "most": 0.2})
+    line = next(line for line in STUDY.report(data).splitlines() if line.startswith("Computed: "))
+    assert line.startswith("Computed: 3 distinct, 1.2 s of motion in ")
+    spent = float(data["wall_time"].sum())
+    assert f" in {spent:.4g} s of computing: {spent / 1.2:.4f} s per simulated second" in line

@@ -1,0 +1,353 @@
+"""Grids of scenes: copies have the bits of their own simulation, and what is recorded is what happens."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from fivcore import ContactError, Rig, Scene, critical_mu, simulate, simulate_many
+from fivcore.contact import reduced
+from studies import registry
+from studies.gallery.scenes import study as scenes
+from studies.motion import jobs as runs
+from studies.motion import recording, transients
+from studies.plotting import figures
+
+# One geometric ratio for V and F, no power of two, and with it the same V / F again and again.
+RATIO = 10.0 ** (1.0 / 3.0)
+SHORT = {"duration": 0.15, "settle": 0.02}
+
+
+def computed(tmp_path, given, name="scenes", **recorded):
+    """A study's dataset, with a file."""
+    sweep = registry.load(name).sweep(given, **recorded)
+    return sweep.plan(tmp_path / f"{name}.nc").run("sync")
+
+
+def direct(V, theta, mu, F, rig=None, **given):
+    """One scene as anyone would simulate it."""
+    return simulate(Scene(V, theta, mu, F, rig or Rig()), SHORT["duration"], settle=SHORT["settle"], **given)
+
+
+def test_every_point_has_the_bits_of_its_own_simulation(tmp_path):
+    axes = {
+        "V": np.concatenate([[-7e-3], 4e-3 * RATIO ** np.arange(3)]),
+        "theta": [-5.0, 0.0, 5.0],
+        "mu": [0.2, 0.3],
+        "F": 3.7 * RATIO ** np.arange(3),
+    }
+    data = computed(tmp_path, SHORT | axes | {"head_mass": 2.0})
+    assert data["velocity_rms"].dims == ("V", "theta", "mu", "F")
+    for place in list(np.ndindex(*data["velocity_rms"].shape))[::2]:
+        at = data.isel(dict(zip(data["velocity_rms"].dims, place, strict=True)))
+        run = direct(*(float(at[name]) for name in transients.SCENE), rig=Rig(head_mass=2.0))
+        for name, value in transients.figures_of(run).items():
+            np.testing.assert_array_equal(at[name].values, value, err_msg=f"{name} at {place}")
+
+
+def test_a_grid_is_planned_as_its_distinct_scenes():
+    axes = {
+        "V": 1e-3 * RATIO ** np.arange(10),
+        "theta": np.linspace(-15.0, 15.0, 13),
+        "mu": np.linspace(0.05, 0.55, 11),
+        "F": 0.9 * RATIO ** np.arange(10),
+    }
+    plan = scenes.STUDY.sweep(axes | {"duration": 1e-3}).plan()
+    assert plan.points == 10 * 13 * 11 * 10
+    assert plan.distinct == 19 * 13 * 11
+
+
+@pytest.mark.slow
+def test_the_whole_grid_of_four_axes_has_the_bits_of_direct_simulations(tmp_path):
+    axes = {
+        "V": 2e-3 * RATIO ** np.arange(10),
+        "theta": np.linspace(-15.0, 15.0, 13),
+        "mu": np.linspace(0.05, 0.55, 11),
+        "F": 2.7 * RATIO ** np.arange(10),
+    }
+    plan = scenes.STUDY.sweep(SHORT | axes).plan(tmp_path / "scenes.nc")
+    assert (plan.points, plan.distinct) == (14_300, 19 * 13 * 11)
+    data = plan.run()
+    assert np.all(data["status"] == 1)
+    random = np.random.default_rng(4)
+    for _ in range(100):
+        at = data.isel({name: random.integers(data.sizes[name]) for name in transients.SCENE})
+        run = direct(*(float(at[name]) for name in transients.SCENE))
+        for name, value in transients.figures_of(run).items():
+            np.testing.assert_array_equal(at[name].values, value, err_msg=name)
+
+
+def test_a_basis_is_built_once_for_each_inclination(tmp_path):
+    for cached in (reduced.full_model, reduced.reduced_model, reduced.relaxation_time):
+        cached.cache_clear()
+    computed(tmp_path, SHORT | {"V": [4e-3, 6e-3, 8e-3], "theta": [2.0, 4.0, 6.0], "mu": [0.2, 0.3], "F": 9.0})
+    # One for the run and one for its onset, where the damping is the published scheme's.
+    assert reduced.reduced_model.cache_info().misses == 2 * 3
+    # Besides, an upright P1 tells the relaxation time.
+    assert reduced.full_model.cache_info().misses == 2 * (3 + 1)
+
+
+def test_a_mirror_image_is_a_copy_and_another_theta_is_not(tmp_path):
+    given = SHORT | {"V": [-6e-3, 6e-3], "theta": [-5.0, 0.0, 5.0], "mu": 0.2, "F": 9.0}
+    sweep = scenes.STUDY.sweep(given)
+    plan = sweep.plan(tmp_path / "scenes.nc")
+    assert (plan.points, plan.distinct) == (6, 3)
+    data = plan.run("sync")
+    for name in transients.SUMMARY:
+        left, right = data[name].sel(V=-6e-3), data[name].sel(V=6e-3)
+        np.testing.assert_array_equal(left.values[::-1], right.values)
+    # Digging in, it vibrates; trailing, it slides.
+    assert float(data["velocity_rms"].sel(V=-6e-3, theta=-5.0).squeeze()) > 1e-3
+    assert float(data["velocity_rms"].sel(V=-6e-3, theta=5.0).squeeze()) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"V": [-1e-3, 0.0, 1e-3]}, r"^V = 0\.0: it must be a speed"),
+        ({"theta": [0.0, 95.0]}, r"^theta = 95\.0: it must be"),
+        ({"mu": [0.1, -0.2]}, r"^mu = -0\.2: it must be"),
+        ({"F": [0.0, 9.0]}, r"^F = 0\.0: it must be"),
+        ({"V": [1e-12, 1e-3]}, r"^V / F = 1\.1.*e-13: it must be"),
+        ({"F": [1e-12, 1.0]}, r"^V / F = 8e\+09: it must be"),
+        ({"duration": 0.0}, r"^duration = 0\.0: it must be a number from"),
+        ({"settle": 1e7}, r"^settle = 10000000\.0: it must be"),
+        ({"cutoff": -1.0}, r"^cutoff = -1\.0: it must be"),
+        ({"p1_length": -1.0}, r"^p1_length = -1\.0: it must be"),
+        ({"rho": 1.0}, r"^rho: study scenes has no such axis; "),
+    ],
+)
+def test_what_cannot_be_run_is_refused_before_anything_is_planned(given, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        scenes.STUDY.sweep(given)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
+    ran = []
+    monkeypatch.setattr(runs, "simulate_many", lambda s, *a, **k: ran.extend(s) or simulate_many(s, *a, **k))
+    given = SHORT | {"theta": 40.0, "mu": [0.1, 0.2, 0.3, 5.0, 6.0], "V": [5e-3, 1e-2], "F": [4.5, 9.0]}
+    sweep = scenes.STUDY.sweep(given)
+    ran.clear()
+    points = {name: np.array([value] * 5) for name, value in (("V", 1e-3), ("theta", 40.0), ("F", 9.0))}
+    found = sweep.function(points | {"mu": np.array([0.1, 5.0, 0.2, 6.0, 0.3])}, **sweep.constants)
+    assert len(ran) == 5
+    assert [type(error) for error in found["error"]] == [
+        type(None),
+        ContactError,
+        type(None),
+        ContactError,
+        type(None),
+    ]
+    assert np.all(found["wall_time"] > 0.0)
+
+    data = sweep.plan(tmp_path / "scenes.nc").run("sync")
+    np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, :3], 1)
+    np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, 3:], 2)
+    texts = data["error"].sel(mu=5.0).values.ravel()
+    limit = f"ContactError: mu = 5: from {critical_mu(Rig(), 40.0):.6g} on"
+    assert all(text.startswith(limit) and "is a copy of" in text for text in texts)
+    assert np.all(np.isnan(data["velocity_rms"].sel(mu=5.0)))
+    report = scenes.STUDY.report(data)
+    assert "20 scenes of 0.15 s on the paper's rig, 15 computed" in report
+    assert report.count("failed: V") == 5
+    assert "and 3 more failed." in report
+
+
+def test_the_line_that_reproduces_a_failure_raises_it_again():
+    from sweeps.compute.batch import Task
+
+    sweep = scenes.STUDY.sweep(SHORT | {"mu": [0.2, 5.0], "theta": -40.0, "V": -1e-3, "F": 9.0})
+    task = Task(sweep.name, sweep.function, sweep.constants, sweep.variables, dict.fromkeys(sweep.variables, ()))
+    result = task.compute(sweep.grid.points())
+    assert list(result.failures) == [1]
+    line = result.failures[1].reproduce
+    with pytest.raises(ContactError, match="mu = 5"):
+        exec(line, {})
+    # Of a point that does not fail the same line gives the figures.
+    found = {}
+    exec(line.replace("motions({", "found = motions({").replace("array([5.0])", "array([0.2])"), found)
+    assert found["found"]["velocity_rms"] == result.values["velocity_rms"][0]
+
+
+@pytest.mark.parametrize("V", [6e-3, -6e-3])
+def test_what_is_recorded_is_the_motion(V, tmp_path):
+    theta = 5.0 if V > 0 else -5.0
+    rate, given = 40e3, SHORT | {"V": [V, 3.1 * V], "theta": [theta, -theta], "mu": 0.2, "F": [3.0, 9.0]}
+    data = computed(tmp_path, given, record=tuple(recording.SERIES), sample_rate=rate)
+    times = data["elapsed"].values
+    np.testing.assert_array_equal(times, np.arange(6000) / rate)
+    assert data["elapsed"].attrs["units"] == "s"
+    for F in (3.0, 9.0):
+        at = data.sel(V=V, theta=theta, mu=0.2, F=F)
+        run = direct(V, theta, 0.2, F, record=True, sample_rate=1e6)
+        for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
+            assert data[name].dims == ("V", "theta", "mu", "F", "elapsed")
+            assert data[name].dtype == np.float32
+            assert data[name].attrs["units"] == recording.SERIES[name].units
+            # Rounded to four digits once before it is multiplied and once after.
+            expected = np.interp(times, run.time, getattr(run, name))
+            np.testing.assert_allclose(at[name], expected, rtol=1.1e-4, atol=1e-30)
+        earlier = np.maximum(np.searchsorted(run.time, times, side="right") - 1, 0)
+        np.testing.assert_array_equal(at["state"], run.state[earlier])
+    assert data["state"].attrs["flag_meanings"] == "separation stick slip"
+    assert "flag_values" in data["regime"].attrs
+    assert "6000 samples at 40000 Hz" in scenes.STUDY.report(data)
+    plain = scenes.STUDY.sweep(given).plan().run("sync")
+    for name in transients.SUMMARY:
+        np.testing.assert_array_equal(data[name], plain[name])
+
+
+def test_nothing_is_recorded_that_was_not_asked_for(monkeypatch):
+    told = []
+    monkeypatch.setattr(runs, "simulate_many", lambda *a, **k: told.append(k) or simulate_many(*a, **k))
+    one = SHORT | {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0}
+    sweep = scenes.STUDY.sweep(one)
+    assert not sweep.coords
+    assert set(sweep.variables) == set(transients.SUMMARY)
+    assert "record" not in sweep.constants
+    assert "sample_rate" not in sweep.constants
+    found = sweep.function(sweep.grid.points(), **sweep.constants)
+    assert set(found) == {*transients.SUMMARY, "error", "wall_time"}
+    assert not any(each.get("record") for each in told)
+    sweep = scenes.STUDY.sweep(one, record=["state"])
+    found = sweep.function(sweep.grid.points(), **sweep.constants)
+    assert set(found) == {*transients.SUMMARY, "state", "error", "wall_time"}
+    assert found["state"].shape == (1, round(SHORT["duration"] * recording.SAMPLE_RATE))
+    assert told[-1]["record"] == ("state",)
+    assert len(told[-1]["sample_times"]) == found["state"].size
+
+
+@pytest.mark.parametrize(("name", "axis"), [("fig7", "V"), ("fig11", "theta")])
+def test_a_study_with_times_of_its_own_records_there(name, axis, tmp_path):
+    study, value = registry.load(name), {"V": 5e-3, "theta": 10.0}[axis]
+    given = {"duration": 0.12, axis: value}
+    data = computed(tmp_path, given, name, record=("normal_force", "velocity_B", "state"), sample_rate=20e3)
+    assert data.sizes["elapsed"] == 2400
+    plain = study.sweep(given | {"sample_rate": 20e3}).plan().run("sync")
+    for variable in plain.data_vars:
+        if variable != "wall_time":
+            np.testing.assert_array_equal(data[variable], plain[variable])
+    held = json.loads(data.attrs["configuration"])["constants"]
+    assert held["record"] == ["normal_force", "state"]
+    scene = Scene(value if axis == "V" else held["V"], value if axis == "theta" else held["theta"], 0.2, 9.0)
+    run = simulate(scene, 0.12, record=True, sample_rate=1e6)
+    expected = np.interp(data["elapsed"], run.time, run.normal_force)
+    np.testing.assert_allclose(data["normal_force"].squeeze(), expected, rtol=1e-4)
+    assert data["state"].attrs["flag_meanings"] == "separation stick slip"
+    if name == "fig7":
+        assert data["long_stick"].attrs["flag_meanings"] == "no yes"
+    # What it keeps anyway adds nothing.
+    alone = study.sweep(given, record="velocity_B")
+    assert set(alone.variables) == set(plain.data_vars) - {"status", "error", "wall_time", "glued_frequency"}
+    assert "record" not in alone.constants
+    with figures.style():
+        study.draw(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "record", "rate", "message"),
+    [
+        (
+            "scenes",
+            {},
+            ["velocity_b"],
+            None,
+            "^record = 'velocity_b': there is no such series; did you mean velocity_B",
+        ),
+        (
+            "fig7",
+            {},
+            ["force"],
+            None,
+            "^record = 'force': there is no such series; .*the series are velocity_B, normal",
+        ),
+        ("fig5", {}, ["velocity_B"], None, "^study fig5 has no motion in time to record"),
+        ("fig6", {}, (), 1e4, "^study fig6 has no motion in time to record"),
+        ("table4", {}, ["state"], 1e4, "^study table4 has no motion in time to record"),
+        ("scenes", {}, (), 1e4, "^sample_rate = 10000.0: it is for what is recorded, and nothing is"),
+        ("fig7", {}, (), 1e4, "^sample_rate = 10000.0: it is for what is recorded"),
+        ("scenes", {}, ["state"], 99.0, "^sample_rate = 99.0: it must be a number from 100 to 1e"),
+        ("scenes", {}, ["state"], 2e6, "^sample_rate = 2000000.0: it must be a number from 100 to 1e"),
+        ("scenes", {}, ["state"], "fast", "^sample_rate = 'fast': it must be a number"),
+        (
+            "scenes",
+            {"duration": 40.0},
+            ["state"],
+            None,
+            r"^sample_rate = 50000: over duration = 40 s it must be at most 25000",
+        ),
+        (
+            "scenes",
+            {"duration": 1e-3},
+            ["state"],
+            500.0,
+            r"^sample_rate = 500: over duration = 0.001 s it must be at least",
+        ),
+        ("fig7", {"sample_rate": 1e4}, ["state"], 2e4, "^sample_rate = 20000.0: study fig7 has it as a setting"),
+        ("fig11", {}, ["state"], 200.0, "^sample_rate = 200.0: it must be a number from 1000 to"),
+        ("contact", {}, ["state"], 1e5, "^record = state: study contact keeps its series in a window already"),
+        ("contact", {}, ["stat"], 1e5, "^record = 'stat': there is no such series; did you mean state"),
+    ],
+)
+def test_what_cannot_be_recorded_is_told(name, given, record, rate, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        registry.load(name).sweep(given, record=record, sample_rate=rate)
+    assert "\n" not in str(caught.value)
+
+
+GRIDS = {
+    "one scene": {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0},
+    "one axis": {"V": 5e-3, "theta": [-5.0, 0.0, 5.0], "mu": 0.2, "F": 9.0},
+    "one wide axis": {"V": [1e-4, 1e-3, 1e-2], "theta": 5.0, "mu": 0.2, "F": 9.0},
+    "two axes": {"V": [-5e-3, 5e-3], "theta": [5.0, 40.0], "mu": 5.0, "F": 9.0},
+    "two long axes": {"V": np.linspace(2e-3, 8e-3, 12), "theta": [0.0, 5.0], "mu": 0.2, "F": 9.0},
+    "three axes": {"V": [2e-3, 5e-3], "theta": [5.0, 10.0], "mu": np.linspace(0.1, 0.4, 6), "F": 9.0},
+    "four axes": {"V": [2e-3, 4e-3], "theta": [5.0, 10.0], "mu": [0.2, 0.3], "F": np.arange(1.0, 6.0)},
+    "all failed": {"V": [2e-3, 4e-3], "theta": [40.0, 41.0], "mu": 5.0, "F": 9.0},
+    "a row failed": {"V": [2e-3, 4e-3], "theta": 40.0, "mu": 5.0, "F": 9.0},
+    "one failed": {"V": 2e-3, "theta": 40.0, "mu": 5.0, "F": 9.0},
+}
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_every_grid_has_its_figure_and_report(grid, tmp_path):
+    data = computed(tmp_path, {"duration": 0.05, "settle": 0.0} | GRIDS[grid])
+    with figures.style():
+        figure = scenes.STUDY.draw(data)
+        figure.savefig(tmp_path / "figure.png")
+    maps = {"two axes": 1, "two long axes": 1, "three axes": 2, "four axes": 4}
+    if grid in maps:
+        assert len(figure.axes) == maps[grid]
+    lines = scenes.STUDY.report(data).splitlines()
+    count = int(np.prod([data.sizes[name] for name in transients.SCENE]))
+    assert lines[0].startswith(f"{count} scene")
+    assert lines[3].split()[:2] == ["V", "mm/s"]
+    rows = min(count, scenes.MOST_ROWS)
+    assert (f"and {count - rows} more in the file." in lines) == (count > rows)
+    told = next(line for line in lines if line.startswith("Scenes: ")).removeprefix("Scenes: ").rstrip(".")
+    assert sum(int(part.split()[0]) for part in told.split(", ")) == count
+    if "failed" in grid:
+        assert told == f"{count} failed"
+
+
+def test_axes_of_maps_are_named_with_their_units(tmp_path):
+    data = computed(
+        tmp_path, {"duration": 0.02, "settle": 0.0, "F": 9.0, "mu": [0.2, 0.3], "V": [1e-3, 2e-3, 5e-3]}
+    )
+    figure = scenes.STUDY.draw(data)
+    assert {axes.get_xlabel() for axes in figure.axes} == {"θ / °"}
+    assert "V / mm/s" in {axes.get_ylabel() for axes in figure.axes}
+    assert figure.axes[0].get_title(loc="left") == "μ = 0.2"
+    assert "F = 9 N" in figure.get_suptitle()
+
+
+def test_a_file_of_scenes_explains_itself(tmp_path):
+    computed(tmp_path, SHORT | GRIDS["one axis"], record=("normal_force",))
+    with xr.open_dataset(tmp_path / "scenes.nc") as plain:
+        assert plain["normal_force"].attrs["long_name"] == "normal force on P1, sampled"
+        assert plain["regime"].attrs["flag_meanings"].split()[2] == "steady_sliding"
+        for name, variable in transients.SUMMARY.items():
+            if name != "regime":
+                assert plain[name].attrs["units"] == variable.units

@@ -1,0 +1,315 @@
+"""Rows of results as they are printed: table, CSV and JSON, and the command that does it."""
+
+import csv
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from studies import registry
+from studies.query import output as writing
+from studies.query.query import query, select
+from tests import HOME
+from tests.benchmarks import query as benchmark_query
+from tests.cli import test_messages
+from tests.cli.test_cli import FIV, begun
+from tests.helpers.trials import sweep
+from tests.helpers.waves import interrupted
+from tests.studies.query import test_query
+from tests.studies.query.test_query import pairs, points
+
+# Runs `fiv` in an empty folder.
+here = test_messages.here
+file, data = test_query.file, test_query.data
+
+
+def test_csv_reads_back_bit_for_bit(data):
+    text = io.StringIO(newline="")
+    chosen = select(data, show="a,b,size,share,kind,count,error")
+    assert writing.write_csv(chosen.columns, chosen.rows(), text) == 20
+    assert text.getvalue().count("\r\n") == 21
+    read = list(csv.DictReader(io.StringIO(text.getvalue(), newline="")))
+    frame = query(data, show="a,b,size,share,kind,count,error")
+    assert len(read) == 20
+    for line, row in zip(read, frame.to_dict("records"), strict=True):
+        for name in ("a", "b", "size"):
+            assert line[name] == ("" if np.isnan(row[name]) else repr(row[name]))
+        if line["share"]:
+            assert np.float32(line["share"]) == np.float32(row["share"])
+            assert len(line["share"]) <= len("0.00033333333")
+        assert line["kind"] == ("" if row["kind"] is np.nan else row["kind"])
+        assert line["count"] == ("" if np.isnan(row["count"]) else str(int(row["count"])))
+        assert line["error"] == row["error"]
+    assert read[14]["error"] == 'ValueError: no result, "really";\nnone'
+
+
+def test_json_is_a_list_of_objects(data):
+    text = io.StringIO()
+    chosen = select(data, "a >= 3 and b >= 0.1", show="a,b,share,kind,count")
+    writing.write_json(chosen.columns, chosen.rows(), text)
+    found = json.loads(text.getvalue(), parse_constant=pytest.fail)
+    share = float(str(np.float32(1.0 / 3.0)))
+    assert found[0] == {"a": 3.0, "b": 0.1, "share": None, "kind": None, "count": None}
+    assert found[1] == {"a": 3.0, "b": 1.0, "share": share, "kind": "calm", "count": 30}
+    text = io.StringIO()
+    chosen = select(data, "a > 9")
+    assert writing.write_json(chosen.columns, chosen.rows(), text) == 0
+    assert json.loads(text.getvalue()) == []
+
+
+def test_single_precision_keeps_its_digits():
+    rng = np.random.default_rng(5)
+    values = np.concatenate([rng.normal(size=2000), 10.0 ** rng.uniform(-44, 38, 2000)]).astype(np.float32)
+    values[:6] = [0.1, np.nan, np.inf, -0.0, 16777217, 1e-45]
+    found = writing.shortest(values)
+    np.testing.assert_array_equal(found.astype(np.float32), values)
+    assert repr(float(found[0])) == "0.1"
+    assert np.signbit(found[3])
+    usual = np.abs(np.log10(np.abs(values[6:2000].astype(float)))) < 10
+    written = [repr(float(value)) for value in found[6:2000][usual]]
+    assert written == [repr(float(str(value))) for value in values[6:2000][usual]]
+
+
+def test_a_table_is_aligned_below_names_and_units(data):
+    text = io.StringIO()
+    chosen = select(data, "a >= 3 and b >= 0.1", show="a,a_name,size,kind,count,error")
+    writing.write_table(chosen.columns, chosen.rows(), text)
+    assert text.getvalue().splitlines() == [
+        "a  a_name     size  kind            count  error",
+        "m                m",
+        '3  three         -  -                   -  ValueError: no result, "really"; none',
+        "3  three         3  calm               30",
+        "4  four    1.26491  steady sliding     40",
+        "4  four          4  steady sliding     40",
+    ]
+
+
+def test_texts_of_a_file_do_not_reach_the_terminal_as_they_are():
+    assert writing._cell("a\x1b[31mred\nb\tc\x00") == "a [31mred b c"
+    assert writing._cell("μ and θ") == "μ and θ"
+    assert writing._cell("x" * 100) == "x" * 57 + "..."
+
+
+def test_a_narrow_terminal_gets_the_columns_that_fit(data):
+    chosen = select(data)
+    found = list(chosen.rows())
+    # a, b, a_name and size take 1 + 5 + 6 + 9 letters, with gaps of two.
+    for width, count in ((1, 1), (8, 2), (15, 2), (16, 3), (1000, 8)):
+        kept = writing.fitting(chosen.columns, found, width)
+        assert len(kept) == count
+        text = io.StringIO()
+        writing.write_table(kept, found, text)
+        assert count == 1 or max(map(len, text.getvalue().splitlines())) <= width
+
+
+# --- the command
+
+
+def test_every_format_of_the_command(file, here):
+    ask = ("query", str(file), "--where", "a == 4 and b > 0.05", "--show", "b,size", "--sort", "-b")
+    assert here(*ask).stdout == "  b     size\n  s        m\n  1        4\n0.1  1.26491\n"
+    assert here(*ask, "--format", "csv").stdout.splitlines() == ["b,size", "1.0,4.0", "0.1,1.2649110640673518"]
+    assert json.loads(here(*ask, "--format", "json").stdout) == [
+        {"b": 1.0, "size": 4.0},
+        {"b": 0.1, "size": 1.2649110640673518},
+    ]
+    done = here(*ask, "--limit", "1", "--format", "csv")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == ["b,size", "1.0,4.0"]
+
+
+def test_settings_have_the_units_that_their_study_declares(here):
+    done = here("query", f"{HOME}/results/fig5/fig5.nc", "--show", "theta,d1,p1_length,head_mass,fmax")
+    assert done.stdout.splitlines()[0].split() == ["theta", "d1", "p1_length", "head_mass", "fmax"]
+    assert done.stdout.splitlines()[1].split() == ["degree", "s-1", "m", "kg"]
+    assert done.stdout.splitlines()[2].split() == ["5", "50", "0.05", "2.9434", "10000"]
+
+
+def test_an_empty_result_is_its_header(file, here):
+    for form, header in (("table", "a  b\nm  s\n"), ("csv", "a,b\r\n"), ("json", "[]\n")):
+        done = here("query", str(file), "--where", "a > 9", "--show", "a,b", "--format", form)
+        assert (done.returncode, done.stdout, done.stderr) == (0, header, "fiv: no row\n")
+    quiet = here("query", str(file), "--where", "a > 9", "--show", "a,b", "-q")
+    assert (quiet.returncode, quiet.stderr) == (0, "")
+    far = here("query", str(file), "--where", "a == 2.5 and b < 1", "--show", "a")
+    assert far.stderr == "fiv: a == 2.5: a has no such value; the nearest is 2\nfiv: no row\n"
+    assert far.stdout == "a\nm\n"
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (("--where", "sise > 1"), "where = 'sise': nothing is called so; did you mean size?"),
+        (("--where", "a == 'x'"), "'x' is a text and a a number"),
+        (("--where", "open('x')"), "'(' at letter 5 cannot stand there; nothing can be called"),
+        (("--show", "sise"), "show = 'sise': nothing is called so; did you mean size?"),
+        (("--sort", "-sise"), "sort = 'sise': nothing is called so; did you mean size?"),
+        (("--limit", "-1"), "Invalid value for '--limit': -1 is not in the range x>=0."),
+        (("--limit", "many"), "Invalid value for '--limit'"),
+        (("--format", "xml"), "'xml' is not one of 'table', 'csv', 'json'."),
+        (("--show", "mode_size,member_kind"), "they have no rows in common"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_exit_2(file, here, given, told):
+    done = here("query", str(file), *given)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert told in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_targets_that_are_not_there(here, tmp_path):
+    for target, told in (
+        ("fig5", "fig5.nc: there is no such file; make it with: fiv run fig5"),
+        ("fig55", "did you mean fig5?"),
+        ("no.nc", "no.nc: there is no such file"),
+    ):
+        done = here("query", target)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert told in done.stderr
+        assert done.stderr.count("\n") == 1
+    xr.Dataset({"x": ("n", [1.0])}).to_netcdf(tmp_path / "other.nc")
+    assert "it is not the result of a sweep" in here("query", "other.nc").stderr
+
+
+def test_out_and_the_environment_say_where_a_study_is(here, tmp_path, monkeypatch):
+    assert here("run", "table4", "--out", "there", "-q").returncode == 0
+    asked = ("query", "table4", "--show", "mode,frequency_paper", "--limit", "1")
+    shown = ["mode  frequency_paper", "                   Hz", "   1               16"]
+    assert here(*asked, "--out", "there").stdout.splitlines() == shown
+    assert here(*asked).returncode == 2
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_a_result_that_is_half_done(tmp_path, here):
+    path = tmp_path / "half.nc"
+    interrupted(sweep().plan(path), 8)
+    assert not path.exists()
+    done = here("query", str(path), "--show", "a,b,size,status", "--format", "csv")
+    found = pd.read_csv(io.StringIO(done.stdout))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert pairs(found) == points(lambda a, b: True)
+    pending = found["status"] == "pending"
+    assert 0 < pending.sum() <= 12
+    assert np.array_equal(found["size"].isna(), found["status"] != "done")
+    some = here("query", str(path), "--where", "status == 'pending'", "--show", "a,b", "--format", "csv")
+    assert pairs(pd.read_csv(io.StringIO(some.stdout))) == pairs(found[pending])
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_what_is_half_done_has_words_for_its_codes(tmp_path, here):
+    given = {"V": [1e-3, 2e-3, 4e-3, 8e-3], "theta": 5.0, "mu": [0.1, 0.2], "F": 9.0, "duration": 2e-3}
+    path = tmp_path / "scenes.nc"
+    planned = registry.load("scenes").sweep(given, record=("state",), sample_rate=1e4).plan(path)
+    interrupted(planned, 1)
+    asked = ("query", str(path), "--where", "regime == 'undecided'", "--show", "V,mu,regime", "--format", "csv")
+    done = here(*asked)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert 1 < len(lines) < 9
+    assert all(line.endswith(",undecided") for line in lines[1:])
+    states = here("query", str(path), "--where", "state == 'stick'", "--show", "V,state", "--limit", "2")
+    assert states.stdout.split()[-1] == "stick"
+
+
+def test_a_damaged_file_is_one_line(tmp_path, here, monkeypatch):
+    monkeypatch.setattr("sweeps.storage.netcdf.READ_AT_ONCE", 100)
+    shutil.copy(f"{HOME}/results/stability/stability.nc", tmp_path / "damaged.nc")
+    with open(tmp_path / "damaged.nc", "r+b") as file:
+        # The head is whole; of the first chunk of a variable after it some bytes are not.
+        file.seek(60_000)
+        file.write(b"\xff" * 20_000)
+    done = here("query", "damaged.nc", "--show", "growth_rate,frequency,unstable_modes,wall_time")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert re.match(r"fiv: \w+: it cannot be read, the file is damaged: ", done.stderr)
+
+
+def test_a_study_that_is_running(tmp_path):
+    running = begun(tmp_path, "run", "fig5", "--set", "mu=0:0.5:31", "-q")
+    try:
+        command = [FIV, "query", "fig5", "--where", "status == 'done' and mode == 1", "--format", "csv"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert running.poll() is None
+    finally:
+        running.kill()
+        running.communicate()
+    assert (done.returncode, done.stderr) == (0, "")
+    found = pd.read_csv(io.StringIO(done.stdout))
+    assert 4 <= len(found) < 31
+    assert list(found) == ["mu", "mode", "frequency", "growth_rate", "status"]
+    assert found["frequency"].between(10.0, 20.0).all()
+
+
+def test_a_refined_map(here):
+    asked = ("--x", "theta=-10:20:5", "--y", "mu=0:0.5:5", "--quantity", "growth_rate", "--refine", "1")
+    assert here("map", *asked, "-q").returncode == 0
+    file = "results/map/growth_rate-theta-mu.nc"
+    every = pd.read_csv(io.StringIO(here("query", file, "--format", "csv").stdout))
+    assert list(every) == ["theta", "mu", "growth_rate", "status"]
+    assert len(every) == 81
+    assert set(every["status"]) == {"done", "interpolated"}
+    done = here("query", file, "--where", "status == 'interpolated' and growth_rate > 0", "--format", "csv")
+    expected = every[(every["status"] == "interpolated") & (every["growth_rate"] > 0)]
+    assert len(expected) > 0
+    pd.testing.assert_frame_equal(pd.read_csv(io.StringIO(done.stdout)), expected.reset_index(drop=True))
+
+
+def test_a_closed_pipe_ends_quietly():
+    file = f"{HOME}/results/stability/stability.nc"
+    for form in ("table", "csv", "json"):
+        running = subprocess.Popen(
+            [FIV, "query", file, "--format", form], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert running.stdout.readline()
+        running.stdout.close()
+        assert running.stderr.read() == ""
+        running.stderr.close()
+        assert running.wait(timeout=60) == 0
+
+
+def test_a_terminal_is_told_what_is_left_out():
+    pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
+    leader, follower = pty.openpty()
+    command = [FIV, "query", f"{HOME}/results/regimes/regimes.nc", "--limit", "1"]
+    environment = os.environ | {"COLUMNS": "60"}
+    done = subprocess.run(command, stdout=follower, stderr=subprocess.PIPE, text=True, env=environment)
+    os.close(follower)
+    shown = os.read(leader, 10_000).decode()
+    os.close(leader)
+    assert shown.splitlines()[0].split()[:4] == ["V", "mu", "theta", "F"]
+    assert max(map(len, shown.splitlines())) <= 60
+    assert "\x1b" not in shown
+    left = re.fullmatch(r"fiv: too wide for this terminal and left out: (.*); choose with --show\n", done.stderr)
+    assert left[1].split(", ")[-1] == "status"
+
+
+def test_the_command_does_not_import_what_it_does_not_need(tmp_path):
+    program = (
+        "import sys\nfrom studies.cli.main import main\n"
+        f"sys.argv = ['fiv', 'query', {HOME + '/results/regimes/regimes.nc'!r}, '--where', 'mu > 0.3', '-q']\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "heavy = {'matplotlib', 'numba', 'scipy', 'fivcore', 'distributed'} & set(sys.modules)\n"
+        "print(sorted(heavy), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path)
+    assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.slow
+def test_a_million_points_take_two_seconds_and_a_gigabyte(tmp_path):
+    benchmark_query.make(tmp_path / "large.nc", 1_000_000)
+    for asked in list(benchmark_query.QUERIES.values())[:4]:
+        # The machine may do something else besides: the best of three.
+        found = [benchmark_query.measured(tmp_path / "large.nc", *asked) for _ in range(3)]
+        assert min(taken for taken, _, _ in found) <= benchmark_query.MOST_SECONDS
+        assert max(most for _, most, _ in found) <= benchmark_query.MOST_BYTES
+    _, most, rows = benchmark_query.measured(tmp_path / "large.nc")
+    assert rows == 1_000_000
+    assert most <= benchmark_query.MOST_BYTES

@@ -1,0 +1,84 @@
+"""What every figure shares: long series keep their peaks, short ones are drawn as they are."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from studies.plotting import figures
+
+COLUMNS = 1500
+
+
+def drawn(y, columns=COLUMNS):
+    """The axes with a series drawn in them."""
+    _, (axes,) = figures.panels(1, 1, 17.0, 8.0)
+    figures.trace(axes, np.arange(len(y)) * 1e-6, y, columns)
+    return axes
+
+
+def outline(axes):
+    """The points that stand for a long series."""
+    return np.concatenate([path.vertices for path in axes.collections[0].get_paths()])
+
+
+@pytest.mark.parametrize("place", [0, 1, 2_499_999, 4_999_999])
+@pytest.mark.parametrize("peak", [1e3, -1e3])
+def test_a_spike_of_one_sample_among_five_million_is_drawn(place, peak):
+    y = np.zeros(5_000_000, dtype=np.float32)
+    y[place] = peak
+    points = outline(drawn(y))
+    height = points[:, 1]
+    assert (height.max() if peak > 0 else height.min()) == peak
+    at = points[height == peak, 0]
+    assert np.abs(at - place * 1e-6).max() <= 5.0 / COLUMNS
+
+
+def test_no_pixel_column_has_more_than_four_points():
+    y = np.random.default_rng(1).normal(size=1_000_000)
+    across = outline(drawn(y))[:-1, 0]  # the last closes the outline
+    column = np.round(across * COLUMNS)
+    assert np.unique(column, return_counts=True)[1].max() <= 4
+    assert len(across) <= 2 * COLUMNS + 2
+
+
+def test_five_million_samples_take_less_than_a_second():
+    y = np.random.default_rng(1).normal(size=5_000_000)
+    begin = time.perf_counter()
+    figures.envelope(np.arange(len(y)), y, COLUMNS)
+    assert time.perf_counter() - begin < 1.0
+
+
+@pytest.mark.parametrize("count", [1, 2, 4 * COLUMNS])
+def test_a_short_series_is_drawn_bit_for_bit(count):
+    y = np.random.default_rng(2).normal(size=count)
+    axes = drawn(y)
+    assert not axes.collections
+    assert np.array_equal(axes.lines[0].get_ydata(), y)
+
+
+def test_gaps_stay_gaps_and_swallow_nothing_beside_them():
+    y = np.ones(100_000)
+    y[30_000:40_000] = np.nan
+    y[::1000] = np.nan
+    y[70_001] = 9.0
+    x, low, high = figures.envelope(np.arange(len(y)), y, 100)
+    empty = (x >= 30_000) & (x < 40_000)
+    assert np.array_equal(np.isnan(low), empty)
+    assert np.array_equal(np.isnan(high), empty)
+    assert high[70] == 9.0
+    axes = drawn(y, 100)
+    assert len(axes.collections[0].get_paths()) == 2
+
+
+@given(hnp.arrays(float, st.integers(50, 400), elements=st.floats(-1e6, 1e6)), st.integers(1, 50))
+def test_each_column_has_the_range_of_its_samples_and_touches_the_next(y, columns):
+    x, low, high = figures.envelope(np.arange(len(y)), y, columns)
+    assert np.all(np.diff(x) > 0)
+    bounds = [*x, len(y)]
+    for k in range(columns):
+        part = y[bounds[k] : bounds[k + 1] + 1]
+        assert (low[k], high[k]) == (part.min(), part.max())

@@ -1,0 +1,79 @@
+"""Jobs of the studies: each has the result that `simulate` gives it, whatever the other jobs ask for."""
+
+from dataclasses import replace
+from traceback import extract_tb
+
+import numpy as np
+import pytest
+
+from fivcore import ContactError, Rig, Scene, Transient, simulate, simulate_many
+from studies.motion import jobs as runs
+from studies.motion.jobs import Job, outcomes, run_all
+
+SCENE, SLOW = Scene(5e-3, 5.0, 0.2, 9.0), Scene(1e-3, 12.0, 0.35, 9.0)
+TIMES = np.linspace(0.0, 5e-3, 7)
+UNSOLVABLE = Job(Scene(5e-3, 40.0, 5.0, 9.0), 5e-3, {"method": "fast", "ramp": 1e-3})
+JOBS = [
+    Job(SCENE, 0.05, {"method": "fast", "ramp": 1e-3}),
+    Job(SLOW, 5e-3, {"method": "fast", "record": ("velocity_B",), "sample_times": TIMES}),
+    UNSOLVABLE,
+    Job(SLOW, 0.06, {"method": "fast", "ramp": 2e-3}),
+    Job(SCENE, 1e-3, {"method": "paper", "step": 1e-8}),
+    Job(SCENE, 5e-3, {"method": "fast", "record": ("velocity_B",), "sample_times": TIMES.copy()}),
+    Job(SCENE, 5e-3, {"method": "fast", "record": ("velocity_B",), "sample_times": TIMES[:3]}),
+]
+
+
+def test_jobs_with_equal_options_share_a_call_and_keep_their_bits(monkeypatch):
+    calls = []
+    monkeypatch.setattr(runs, "simulate_many", lambda s, *a, **k: calls.append(s) or simulate_many(s, *a, **k))
+    for job, run in zip(JOBS, run_all(JOBS), strict=True):
+        if job is UNSOLVABLE:
+            assert isinstance(run, ContactError)
+            continue
+        own = simulate(job.scene, job.duration, **job.options)
+        assert run.scene is job.scene
+        np.testing.assert_array_equal(run.velocity_B, own.velocity_B)
+        np.testing.assert_equal(run.summary, own.summary)
+    assert [len(scenes) for scenes in calls] == [3, 2, 1, 1]
+    assert run_all([]) == []
+
+
+def test_a_bad_argument_is_raised():
+    with pytest.raises(ValueError, match=r"^duration = -1\.0: it must be"):
+        run_all([JOBS[0], Job(SCENE, -1.0, {})])
+
+
+@pytest.mark.parametrize(
+    ("rig", "options", "text"),
+    [
+        (Rig(p1=replace(Rig().p1, elements=60)), {"method": "paper", "step": 2e-8}, "step = 2e-08: with this rig"),
+        (Rig(p2=replace(Rig().p2, thickness=0.1)), {"method": "exact", "cutoff": 2e3}, "cutoff = 2000: it must"),
+        (Rig(d2=0.0), {"method": "exact", "cutoff": 20e3}, "cutoff = 20000: the relaxation time"),
+    ],
+)
+def test_an_option_that_does_not_suit_one_scene_fails_that_scene_alone(rig, options, text):
+    bad = replace(SCENE, rig=rig)
+    good, error = run_all([Job(SCENE, 1e-4, options), Job(bad, 1e-4, options)])
+    assert isinstance(good, Transient)
+    assert isinstance(error, ValueError)
+    assert error.scene == bad
+    assert str(error).startswith(text)
+    assert "; scene V = 0.005 m/s, theta = 5 degrees" in str(error)
+    with pytest.raises(ValueError, match=f"^{text}"):
+        simulate(bad, 1e-4, **options)
+
+
+def test_a_point_fails_with_the_first_error_of_its_runs():
+    def values(jobs, found):
+        assert all(isinstance(run, Transient) for run in found)
+        return {"time": sum(job.duration for job in jobs)}
+
+    whole = outcomes([[JOBS[0], JOBS[3]], [JOBS[0], UNSOLVABLE]], values, copies=True)
+    assert whole["time"][0] == pytest.approx(0.11)
+    assert whole["error"][0] is None
+    assert str(whole["error"][1]).endswith("which this is a copy of")
+    assert "fivcore" in extract_tb(whole["error"][1].__traceback__)[-1].filename
+    assert whole["wall_time"][0] == pytest.approx(2.0 * whole["wall_time"][1])
+    with pytest.raises(ContactError, match="mu = 5"):
+        outcomes([[UNSOLVABLE]], values)

@@ -1,0 +1,377 @@
+"""The predefined studies: what they find, what they store, what they draw and what they say."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import studies
+from fivcore import Beam, Rig, flutter_onsets, sliding_modes
+from studies import paper, registry, runner, spec
+from studies.accuracy.study import COSTS
+from studies.stress.checks import CHECKS
+from sweeps import StoreError
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("FIV_RESULTS", raising=False)
+
+
+# Those that take minutes as they are.
+SMALLER = {
+    "table6": {"theta": [-5.0, 5.0, 15.0], "members": 2, "least": 0.3, "load_ups": 1.0},
+    "stick_time": {"V": [1e-3, 2e-3], "member": [1, 2], "mu": 0.2, "F": 9.0, "least": 0.3},
+    "stability": {"theta": [-5.0, 5.0, 15.0], "mu": [0.0, 0.2, 0.4]},
+    "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2], "members": 2, "least": 0.3, "load_ups": 1.0},
+    "accuracy": {
+        "method": [0],
+        "setting": [0, 8],
+        "scene": 2,
+        "duration": 0.25,
+        "variant_duration": 0.25,
+        "members": 2,
+        "recorded": 1,
+    },
+    "stress": {"case": [2, 33, 92]},
+}
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_every_study_runs_to_a_file_and_a_figure(name, tmp_path):
+    data = studies.run(name, **SMALLER.get(name, {}))
+    folder = tmp_path / "results" / name
+    assert sorted(p.name for p in folder.iterdir()) == [f"{name}.nc", f"{name}.png"]
+    assert np.all(data["status"] == 1)
+    xr.testing.assert_equal(studies.open(name), data)
+    xr.testing.assert_equal(studies.open(str(folder / f"{name}.nc")), data)
+    assert (folder / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    with xr.open_dataset(folder / f"{name}.nc") as plain:
+        for variable in plain.data_vars.values():
+            assert "long_name" in variable.attrs
+            assert "units" in variable.attrs or variable.dtype.kind in "OUT" or "flag_values" in variable.attrs
+        for text in (plain.attrs["configuration"], plain.attrs["history"], plain.attrs["source"]):
+            assert str(tmp_path) not in text
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_every_study_states_its_question_and_the_papers_answer(name):
+    study = registry.load(name)
+    assert study.name == name
+    assert study.question.endswith("?")
+    assert "Section" in study.paper
+    shown = study.statement()
+    assert study.paper in shown
+    for name, axis in study.axes.items():
+        assert f"axis     {name} " in shown
+        assert axis.long_name in shown
+    for name, setting in study.settings.items():
+        assert f"setting  {name} " in shown
+        assert setting.long_name in shown
+
+
+def test_a_figure_is_drawn_from_the_file_alone(tmp_path):
+    data = studies.run("fig6", mu=np.linspace(0.0, 0.15, 31))
+    file = tmp_path / "results" / "fig6" / "fig6.nc"
+    drawn = file.with_suffix(".png").read_bytes()
+    file.with_suffix(".png").unlink()
+    runner.plot(registry.load("fig6"), studies.open("fig6"), file)
+    assert file.with_suffix(".png").read_bytes() == drawn
+    assert len(data["mu"]) == 31
+
+
+@pytest.mark.parametrize("form", runner.FORMATS)
+def test_a_figure_is_drawn_as_a_picture_or_in_lines_and_the_same_each_time(form, tmp_path):
+    data = studies.run("fig5", mu=np.linspace(0.0, 0.3, 31))
+    file = tmp_path / "fig5.nc"
+    drawn = [runner.plot(registry.load("fig5"), data, file, form).read_bytes() for _ in range(2)]
+    assert drawn[0] == drawn[1]
+    assert drawn[0].lstrip()[:5] == {"png": b"\x89PNG\r", "svg": b"<?xml", "pdf": b"%PDF-"}[form]
+
+
+def test_fig5_has_ten_modes_and_the_papers_onsets():
+    data = studies.run("fig5")
+    assert data["frequency"].dims == ("mu", "mode")
+    assert data["frequency"].shape == (501, 10)
+    np.testing.assert_allclose(data["onset_mu"], [0.11123, 0.15298, 0.22365], atol=1e-5)
+    np.testing.assert_allclose(data["onset_frequency"], [2802.0, 398.0, 7705.0], atol=0.5)
+    at = data.sel(mu=paper.MU, method="nearest")
+    modes = sliding_modes(Rig(), 5.0, paper.MU)
+    np.testing.assert_allclose(at["frequency"], modes.frequency[:10], rtol=1e-12)
+    np.testing.assert_allclose(at["growth_rate"], modes.growth_rate[:10], rtol=1e-9)
+    # Every onset lies where the grid says that the number of growing modes rises.
+    growing = (data["growth_rate"] > 0.0).sum("mode").values
+    rises = data["mu"].values[1:][np.diff(growing) > 0]
+    assert np.all((rises - data["onset_mu"].values >= 0.0) & (rises - data["onset_mu"].values <= 1e-3))
+
+
+def test_another_rig_can_be_set_number_by_number():
+    data = studies.run(
+        "fig5", p1_length=0.06, p2_thickness=0.004, p2_elements=40, d1=20.0, mu=[0.1, 0.3], theta=8.0
+    )
+    rig = Rig(Beam(0.06, 0.01, 0.0015, 185e9, 7900.0, 30), Beam(0.15, 0.015, 0.004, 185e9, 7900.0, 40), d1=20.0)
+    expected = sliding_modes(rig, 8.0, [0.1, 0.3])
+    np.testing.assert_array_equal(data["frequency"], expected.frequency[:, :10])
+
+
+def test_fig5_without_any_instability():
+    data = studies.run("fig5", theta=-5.0, mu=[0.0, 0.1, 0.2])
+    assert data.sizes["onset"] == 0
+    assert "stable over this range" in registry.load("fig5").report(data)
+    with pytest.raises(StoreError, match=r"theta = -5.0 there, 5.0 here"):
+        studies.run("fig5", mu=0.0)
+    assert studies.run("fig5", fresh=True, mu=0.0).sizes["onset"] == 0
+
+
+def test_fig6_follows_modes_5_and_6_to_their_lock_in():
+    data = studies.run("fig6")
+    np.testing.assert_array_equal(data["mode"], [5, 6])
+    np.testing.assert_allclose(data["frequency"][0], [2530.0, 3087.0], atol=1.0)
+    onset = flutter_onsets(Rig(), 5.0)
+    assert float(data["lock_in_mu"]) == onset.mu[0]
+    assert float(data["lock_in_frequency"]) == onset.frequency[0]
+    after = data.sel(mu=slice(0.12, 0.2))
+    assert np.all(after["frequency"][:, 0] - after["frequency"][:, 1] < 1.0)
+    assert np.all(np.abs(after["growth_rate"].sum("mode") + 53.0) < 1.0)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"contact_position": 0.02}, {"theta": 20.0, "head_mass": 0.0}, {"theta": 2.0}, {"contact_position": 0.15}],
+)
+def test_fig6_never_leaves_its_two_modes(settings):
+    """Where other modes cross or couple nearby, the branches stay continuous and end as a pair."""
+    data = studies.run("fig6", mu=np.linspace(0.0, 0.6, 3001), **settings)
+    frequency, growth = data["frequency"].values, data["growth_rate"].values
+    inside = np.isfinite(frequency).all(axis=1)
+    assert inside[0]
+    steps = np.abs(np.diff(frequency[inside], axis=0))
+    # A pair on its way to a divergence falls steeply to zero, but never jumps.
+    assert np.all(steps < 0.02 * frequency[inside][1:] + 25.0)
+    after = inside & (data["mu"].values > float(data["lock_in_mu"]) + 1e-3)
+    assert np.all(growth[after, 1] > growth[after, 0])
+    # P2's axial mode crosses, and is not one of the two.
+    assert np.all(np.ptp(frequency[inside], axis=0) > 1.0)
+
+
+def test_fig6_has_the_same_bits_in_any_batch():
+    from studies.gallery import fig6
+
+    fixed = {"rig": Rig(), "theta": 5.0, "fmax": 10e3, "mu_end": 0.2}
+    mu = np.linspace(0.0, 0.2, 41)
+    together = fig6.pair({"mu": mu}, **fixed)
+    for k in range(len(mu)):
+        alone = fig6.pair({"mu": mu[k : k + 1]}, **fixed)
+        for name in together:
+            np.testing.assert_array_equal(together[name][k], alone[name][0])
+
+
+def test_fig6s_shape_keeps_the_contact_closed():
+    data = studies.run("fig6")
+    shape = np.stack([data[f"shape_{axis}_real"] + 1j * data[f"shape_{axis}_imag"] for axis in "xy"], axis=1)
+    at_contact = np.abs(data["node_x"].values) + np.abs(data["node_y"].values) < 1e-12
+    tip, below = shape[at_contact]
+    assert abs(tip[1] - below[1]) < 1e-9
+    # Tangential and normal motion are both large at the contact, as the paper's figure shows.
+    assert np.max(np.abs(shape)) == pytest.approx(1.0)
+    clamp = (data["beam"].values == 2).argmax()
+    np.testing.assert_array_equal(shape[clamp], 0.0)
+
+
+def test_fig6_says_when_nothing_locks_in():
+    with pytest.raises(ValueError, match=r"theta = -5: no two modes below 10 kHz lock in"):
+        studies.run("fig6", theta=-5.0)
+
+
+def test_table4_prints_both_positions_and_the_measured_column():
+    data = studies.run("table4")
+    text = registry.load("table4").report(data)
+    np.testing.assert_allclose(data["frequency"], data["frequency_paper"], rtol=0.0025)
+    assert "A contact at 80 mm, the position given in the paper's text, does not give" in text
+    for number in ("374", "4875", "361.7", "325.4"):
+        assert number in text
+    np.testing.assert_array_equal(data["frequency_measured"], paper.GLUED_MEASURED)
+
+
+def test_modes_that_the_paper_does_not_list_stay_empty():
+    data = studies.run("table4", mode=[8, 9])
+    assert np.isnan(data["frequency_paper"].values[1])
+    assert float(data["frequency"][1]) == pytest.approx(8237.0, abs=1.0)
+    assert registry.load("table4").report(data).splitlines()[-4].split()[:3] == ["9", "-", "-"]
+
+
+def test_results_go_where_the_environment_says(tmp_path, monkeypatch):
+    monkeypatch.setenv("FIV_RESULTS", str(tmp_path / "elsewhere"))
+    studies.run("table4")
+    assert (tmp_path / "elsewhere" / "table4" / "table4.nc").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("fig55", {}, "STUDY = 'fig55': there is no such study; did you mean fig5"),
+        ("fig5", {"mo": 0.2}, "mo: study fig5 has no such axis; did you mean mu"),
+        ("fig5", {"mu": -0.1}, "mu = -0.1: it must be a number from 0 to"),
+        ("fig5", {"mu": [0.1, float("nan")]}, "mu = nan: it must be finite"),
+        ("fig5", {"mu": "much"}, "mu = 'much': it must be a number"),
+        ("fig5", {"theta": 95.0}, "theta = 95.0: it must be a single angle between -90 and 90"),
+        ("fig5", {"theta": [1.0, 2.0]}, "it must be one number"),
+        ("fig5", {"contact_position": 0.2}, "contact_position = 0.2: it must be above 0 and at most"),
+        ("table4", {"mode": 0}, "mode = 0: it must be a whole number from 1 to 359"),
+        ("fig5", {"mu": []}, r"mu = \[\]: it must be a number or a list of numbers"),
+        ("fig5", {"mu": [0.1, [0.2]]}, r"mu = \[0.1, \[0.2\]\]: it must be a number or a list"),
+        ("fig5", {"mu": np.zeros((2, 2))}, "mu = array"),
+        ("fig5", {"mu": 1e308}, r"mu = 1e\+308: it must be a number from 0 to 1e\+06"),
+        ("fig5", {"d1": 1e300}, r"^d1 = 1e\+300: it must be a number from 0 to 1e\+12"),
+        (5, {}, "STUDY = 5: there is no such study"),
+        ("table4", {"mode": 1e30}, r"mode = 1e\+30: it must be a whole number"),
+        ("table4", {"mode": [1, 400]}, "mode = 400: it must be a whole number from 1 to 359"),
+        ("table4", {"mode": 1.5}, "mode = 1.5: it must be a whole number"),
+        ("table4", {"first_frequency": 1e4}, "first_frequency = 10000.0: it must be above"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_written(name, given, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        studies.run(name, **given)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("0.2", [0.2]),
+        ("1e-3,2e-3,5e-3", [1e-3, 2e-3, 5e-3]),
+        ("0:0.5:3", [0.0, 0.25, 0.5]),
+        ("log:1e-4:1e-2:3", [1e-4, 1e-3, 1e-2]),
+        ("-5:5:2", [-5.0, 5.0]),
+        ("3:3:1", [3.0]),
+    ],
+)
+def test_specs_are_read(text, values):
+    np.testing.assert_allclose(spec.parse(text, "mu"), values, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "a",
+        "1,,2",
+        "0:1",
+        "0:1:0",
+        "0:1:1",
+        "0:1:2.5",
+        "0:inf:3",
+        "nan",
+        "log:0:1:3",
+        "log:1",
+        "0:1:2:3",
+        "1:2:1e3",
+    ],
+)
+def test_malformed_specs_are_named(text):
+    with pytest.raises(ValueError, match=r"mu = '.*': .*; the forms are 0.2 \|") as caught:
+        spec.parse(text, "mu")
+    assert "\n" not in str(caught.value)
+    assert "0:0.5:101 (start:stop:count)" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("0:1", "a range must be start:stop:count"),
+        ("0:1:1", "a count of 1 must have one end, not two"),
+        ("0:1:99999999", "count must be a whole number from 1 to 10000000, not '99999999'"),
+        ("log:0:1:3", "both ends of a log: range must be above 0"),
+        ("0.1,x", "'x' must be a finite number"),
+        ("1_0", "'1_0' must be a finite number"),
+        ("-1e308:1e308:3", "the ends must not be so far apart"),
+    ],
+)
+def test_a_malformed_spec_is_told_why(text, why):
+    with pytest.raises(ValueError, match="mu = ") as caught:
+        spec.parse(text, "mu")
+    assert why in str(caught.value)
+
+
+# Those of every method take long.
+LONG = ("accuracy", "stress")
+QUICK = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in registry.NAMES]
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_study_has_the_same_bits_in_any_batch(name):
+    sweep = registry.load(name).sweep(SMALLER.get(name, {}))
+    points = sweep.grid.points()
+    whole = sweep.function(points, **sweep.constants)
+    rng = np.random.default_rng(0)
+    for size in (1, 7):
+        some = np.sort(rng.choice(sweep.grid.size, min(size, sweep.grid.size), replace=False))
+        part = sweep.function({axis: values[some] for axis, values in points.items()}, **sweep.constants)
+        # What a run costs is measured anew each time.
+        for variable in set(sweep.variables) - set(COSTS):
+            alone, together = part[variable], np.asarray(whole[variable])[some]
+            if (name, variable) == ("stress", "value"):
+                alone, together = (np.delete(each, list(CHECKS).index("cost"), 1) for each in (alone, together))
+            np.testing.assert_array_equal(alone, together)
+
+
+def test_figures_do_not_depend_on_the_users_matplotlib(tmp_path):
+    import matplotlib
+
+    data = studies.run("table4")
+    figure = tmp_path / "results" / "table4" / "table4.png"
+    plain = figure.read_bytes()
+    with matplotlib.rc_context({"axes.facecolor": "black", "savefig.transparent": True}):
+        runner.plot(registry.load("table4"), data, figure.with_suffix(".nc"))
+    assert figure.read_bytes() == plain
+
+
+def test_a_home_folder_is_understood(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    runner.run("table4", {}, "~/mine")
+    assert (tmp_path / "mine" / "table4" / "table4.nc").is_file()
+    assert not (tmp_path / "~").exists()
+
+
+def test_opening_takes_paths_and_checks_whose_the_file_is(tmp_path):
+    data = studies.run("table4")
+    file = tmp_path / "results" / "table4" / "table4.nc"
+    xr.testing.assert_equal(studies.open(file), data)
+    other = tmp_path / "results" / "fig5" / "fig5.nc"
+    other.parent.mkdir()
+    other.write_bytes(file.read_bytes())
+    with pytest.raises(ValueError, match="it holds the results of table4, not of fig5"):
+        studies.open("fig5")
+
+
+def test_a_file_that_lacks_something_is_told(tmp_path):
+    data = studies.run("fig5", mu=[0.1, 0.2]).drop_vars("onset_mu")
+    with pytest.raises(
+        ValueError, match=r"it lacks onset_mu, which the figure shows; make it whole with: fiv run fig5"
+    ):
+        runner.plot(registry.load("fig5"), data, tmp_path / "fig5.nc")
+
+
+def test_nothing_in_a_file_name_is_taken_for_a_study(tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        studies.open(str(tmp_path / "none.nc"))
+    with pytest.raises(ValueError, match="there is no such study"):
+        studies.open("fig55")
+
+
+def test_the_source_attribute_names_version_and_commit():
+    from sweeps.fingerprint import provenance
+
+    assert re.fullmatch(r"fiv \S+ \(commit \w+(-dirty)?\)", provenance.source())
+    assert provenance._built_from("g1a2b3c4") == "1a2b3c4"
+    assert provenance._built_from("g1a2b3c4.d20261120") == "1a2b3c4-dirty"
+    assert provenance._built_from("") == provenance._built_from("d20261120") == ""
+    home = Path(runner.__file__).parents[1]
+    if (home / ".git").exists():
+        head = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=home).stdout
+        assert provenance._checkout().removesuffix("-dirty") == head[:12]

@@ -1,0 +1,197 @@
+"""Whatever ends a run, at whatever moment: what was finished is kept, and the run goes on to the same result."""
+
+import os
+import shutil
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import open_results
+from sweeps.storage import lock
+from sweeps.storage.store import Store
+from tests.helpers.sweep_programs import cut, make, start, wait_for
+
+COMPARED = ["square", "powers", "status", "error"]
+
+
+@pytest.fixture(autouse=True)
+def _many_batches(monkeypatch):
+    cut(monkeypatch)
+
+
+def end(process):
+    """Kill a program with all that it has started."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def finished_points(store):
+    """What is in the shards, and need not be computed again."""
+    held = [store.folder.contents(name) for name in store.folder.names()]
+    # The points of `make` are the numbers from nought on.
+    return {float(x) for contents in held if contents is not None for x in contents.points}
+
+
+def check(path, points=60):
+    """The file is what an undisturbed run makes, and alone."""
+    whole = make(points=points).plan().run("sync")
+    xr.testing.assert_identical(open_results(path)[COMPARED].drop_attrs(), whole[COMPARED].drop_attrs())
+    assert sorted(p.name for p in path.parent.iterdir()) == [path.name]
+
+
+def kill_often(folder, scheduler, kills, longest, seed):
+    """Kill a run again and again at random moments, and see that nothing finished is computed again."""
+    path, log, moments = folder / "store" / "powers.nc", folder / "log", np.random.default_rng(seed)
+    store, done, whole, again = Store(path), 0, 0, {}
+    # Where the machine has other things to do, more of them until they are spread over the run.
+    while done < kills or (len(again) <= kills // 4 and done < 3 * kills):
+        before = finished_points(store)
+        log.unlink(missing_ok=True)
+        process = start(store=path, log=log, pause=0.02, scheduler=scheduler)
+        wait_for(process, "ready")
+        time.sleep(moments.uniform(0.0, longest))
+        ended = process.poll() is not None
+        end(process)
+        computed = {float(line) for line in log.read_text().split()} if log.exists() else set()
+        assert not before & computed
+        done += not ended
+        again[len(before)] = True
+        if path.exists() and not store.parts.exists():
+            make(log=log, pause=0.02).plan(path).run("sync")
+            check(path)
+            shutil.rmtree(path.parent)
+            whole += 1
+    process = start(store=path, log=log, pause=0.02, scheduler=scheduler)
+    wait_for(process, "done")
+    end(process)
+    check(path)
+    assert len(again) > kills // 4  # the moments were spread over the run
+
+
+def test_killed_at_any_moment_a_run_goes_on(tmp_path):
+    kill_often(tmp_path, "threads", 10, 0.5, 1)
+
+
+@pytest.mark.slow
+def test_killed_at_many_moments_a_run_goes_on(tmp_path):
+    kill_often(tmp_path, "threads", 40, 0.5, 3)
+
+
+@pytest.mark.slow
+def test_killed_with_its_workers_a_run_goes_on(tmp_path):
+    kill_often(tmp_path, "processes", 20, 3.0, 2)
+
+
+STEPS = [(os, "replace"), (os, "fsync"), (Path, "unlink"), (Path, "mkdir"), (shutil, "rmtree")]
+STEPS.append((xr.Dataset, "to_netcdf"))
+
+
+def killed_at(number, path, when):
+    """Run in a copy of this process that kills itself at the so-manyth step on the disk; whether it did."""
+    child = os.fork()
+    if child == 0:
+        count = 0
+
+        def step(original):
+            def counted(*arguments, **options):
+                nonlocal count
+                count += 1
+                if count == number and when == "before":
+                    os.kill(os.getpid(), signal.SIGKILL)
+                given = original(*arguments, **options)
+                if count == number and when == "after":
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return given
+
+            return counted
+
+        try:
+            for owner, name in STEPS:
+                setattr(owner, name, step(getattr(owner, name)))
+            make(points=5).plan(path).run("sync")
+        finally:
+            os._exit(0)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
+
+
+@pytest.mark.parametrize("when", ["before", pytest.param("after", marks=pytest.mark.slow)])
+def test_killed_at_each_step_on_the_disk(tmp_path, when):
+    number = 0
+    path = tmp_path / "store" / "powers.nc"
+    while number := number + 1:
+        killed = killed_at(number, path, when)
+        make(points=5).plan(path).run("sync")
+        check(path, 5)
+        shutil.rmtree(path.parent)
+        if not killed:
+            break
+    assert number > 20
+
+
+# A terminal's Ctrl-C goes to the whole group; only where there are other processes does it make a difference.
+@pytest.mark.parametrize(
+    ("scheduler", "group"),
+    [
+        ("sync", True),
+        ("threads", True),
+        ("processes", True),
+        pytest.param("processes", False, marks=pytest.mark.slow),
+    ],
+)
+def test_the_first_interrupt_lets_batches_finish(tmp_path, scheduler, group):
+    path, log = tmp_path / "powers.nc", tmp_path / "log"
+    process = start(store=path, log=log, points=30, pause=0.1, scheduler=scheduler)
+    wait_for(process, "progress 4")
+    (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
+    wait_for(process, "KeyboardInterrupt")
+    assert process.wait(20.0) == 130
+    told = process.stderr.read()
+    end(process)
+    assert told == ""
+    store = Store(path)
+    begun = [float(line) for line in log.read_text().split()]
+    assert len(begun) == len(set(begun)) < 12
+    # All that was begun is kept.
+    assert finished_points(store) == set(begun)
+    assert not lock.is_locked(store)
+    assert sorted(p.name for p in store.parts.iterdir()) == [*store.folder.names(), "manifest", "progress.json"]
+    make(points=30, log=log, pause=0.1).plan(path).run(workers=8)
+    log.unlink()
+    check(path, 30)
+
+
+@pytest.mark.parametrize("scheduler", ["sync", "threads", "processes"])
+def test_the_second_interrupt_ends_at_once(tmp_path, scheduler):
+    path = tmp_path / "powers.nc"
+    process = start(store=path, points=8, long=30.0, scheduler=scheduler)
+    wait_for(process, "progress 4")
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    wait_for(process, "progress 4 True")
+    time.sleep(0.2)
+    begin = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    wait_for(process, "AbandonedError" if scheduler == "threads" else "KeyboardInterrupt")
+    assert process.wait(10.0) == 130
+    assert time.monotonic() - begin < 4.0
+    assert process.stderr.read() == ""
+    assert not lock.is_locked(Store(path))
+    end(process)
+
+
+def test_threads_that_were_given_up_write_nothing_more(tmp_path):
+    process = start(store=tmp_path / "powers.nc", points=8, long=1.0, linger=2.0)
+    wait_for(process, "progress 4")
+    time.sleep(0.3)
+    os.kill(process.pid, signal.SIGINT)
+    wait_for(process, "progress 4 True")
+    os.kill(process.pid, signal.SIGINT)
+    before, after = wait_for(process, "before"), wait_for(process, "after")
+    assert before.split()[1:] == after.split()[1:]
+    assert process.communicate() == ("", "")

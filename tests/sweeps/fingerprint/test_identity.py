@@ -1,0 +1,495 @@
+"""Which code a function reaches, as digests that stay the same where it stays the same."""
+
+import json
+import shutil
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sweeps import Axis, Grid, Sweep, Variable
+from sweeps.fingerprint.code import differing, digests
+from sweeps.fingerprint.identity import differences, fingerprint
+from sweeps.fingerprint.provenance import versions, versions_differing
+from tests.helpers.identity_parts import HARMLESS, HOME, PROGRAM, edits, run
+
+# What makes no difference.
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("main.py", "# a remark", "# another remark, and a longer one"),
+        ("main.py", '"""What it gives."""', '"""What it really gives."""'),
+        ("main.py", '    """What it gives."""\n', ""),
+        ("main.py", '"""The module computes."""', '"""Another text."""'),
+        ("main.py", "np.sin(total) * factor", "(\n        np.sin( total )\n    ) * factor"),
+        ("main.py", 'points["x"]', "points['x']"),
+        (
+            "main.py",
+            "def compute(points, factor=DEFAULT):",
+            "def compute(points: dict, factor: float = DEFAULT) -> dict:",
+        ),
+        ("main.py", "SCALE = 2.0", "SCALE: float = 2.0"),
+        ("main.py", "total = SCALE", "total: float = SCALE"),
+        ("main.py", 'color="blue"', 'color="red"'),
+        ("main.py", "from ident.figures import Figure", "from ident.figures import Figure, Other"),
+        ("main.py", "import numpy as np\n", "import json\nimport numpy as np\nfrom ident import figures\n"),
+        ("main.py", "from ident import api, tools", "from ident import tools, api"),
+        (
+            "main.py",
+            "    return tools.paint(figure, color)",
+            "    return tools.paint(figure, color)\n\n\nEXTRA = 1",
+        ),
+        ("api.py", "helper as helper, other", "other, helper as helper"),
+        ("figures.py", "size = 8", "size = 9"),
+    ],
+)
+def test_what_is_not_run_makes_no_difference(package, name, old, new):
+    files = package()
+    compute = files.load("main").compute
+    before = digests(compute)
+    files.edit(name, old, new)
+    assert digests(compute) == before
+
+
+def test_order_of_imports_makes_no_difference(package):
+    files = package()
+    compute = files.load("main").compute
+    before = digests(compute)
+    files.edit("main.py", "from ident.api import helper\nfrom ident.decorators import doubled\n", "")
+    files.edit(
+        "main.py", "import ident.deep.inner\n", "import ident.deep.inner\nfrom ident.decorators import doubled\n"
+    )
+    files.edit("main.py", "import numpy as np\n", "from ident.api import helper\nimport numpy as np\n")
+    assert digests(compute) == before
+
+
+# What makes a difference, and where.
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("main.py", "np.sin(total)", "np.cos(total)"),
+        ("main.py", "SCALE = 2.0", "SCALE = 2.5"),
+        ("main.py", 'LIMITS["high"] = 9.0', 'LIMITS["low"] = 9.0'),
+        ("main.py", "factor=DEFAULT", "factor=ORDER"),
+        ("main.py", "@doubled\n", ""),
+        ("main.py", "import numpy as np\n", "import numpy.lib as np\n"),
+        ("core.py", "return x + 1", "return x + 2"),
+        ("api.py", "helper as helper", "other as helper"),
+        ("tools.py", "STEP = 1", "STEP = 2"),
+        ("tools.py", "x + STEP", "x - STEP"),
+        ("tools.py", "STEP = 1", "STEP = 1\nprint()"),
+        ("decorators.py", "f(*a, **k)", "2 * f(*a, **k)"),
+        ("models.py", "unit = 1.0", "unit = 2.0"),
+        ("models.py", "weight: float = 3.0", "weight: float = 4.0"),
+        ("models.py", "value: float", "value: int"),
+        ("settings.py", "DEFAULT = 1.5", "DEFAULT = 1.6"),
+        ("settings.py", "ORDER = 2", "ORDER = 3"),
+        ("deep/inner.py", "return 4", "return 44"),
+        ("late.py", "return 6", "return 66"),
+        # Another module counts as a whole, so do these of its statements that nothing uses.
+        ("core.py", "    return x\n", "    return -x\n"),
+        ("tools.py", "return color", "return color, figure"),
+        ("settings.py", "UNUSED = 7", "UNUSED = 8"),
+        ("deep/inner.py", "return 5", "return 55"),
+    ],
+)
+def test_what_is_run_makes_a_difference(package, name, old, new):
+    files = package()
+    compute = files.load("main").compute
+    before = digests(compute)
+    files.edit(name, old, new)
+    module = "ident." + name.removesuffix(".py").replace("/", ".")
+    assert module in differing(before, digests(compute))
+
+
+def test_what_packages_do_when_they_are_imported_counts(package):
+    files = package()
+    compute = files.load("main").compute
+    before = digests(compute)
+    files.write("deep/__init__.py", "import numpy\n\nUNUSED = 1\nnumpy.seterr(all='raise')\n")
+    after = digests(compute)
+    assert differing(before, after) == ["ident.deep"]
+    files.edit("deep/__init__.py", "UNUSED = 1", "UNUSED = 2")
+    assert digests(compute) == after
+
+
+def test_only_what_is_ours_is_named(package):
+    found = digests(package().load("main").compute)
+    assert list(found) == sorted(found)
+    assert set(found) == {
+        *("ident.main", "ident.api", "ident.core", "ident.tools", "ident.decorators", "ident.models"),
+        *("ident.settings", "ident.deep.inner", "ident.late"),
+    }
+    assert all(len(digest) == 16 for digest in found.values())
+
+
+def test_nothing_is_imported_for_it(package):
+    files = package({"__init__.py": "", "main.py": "def f(p):\n    from ident import late\n    return late.g()\n"})
+    files.write("late.py", "raise RuntimeError('imported')\ndef g():\n    return 1\n")
+    assert set(digests(files.load("main").f)) == {"ident.main", "ident.late"}
+    assert "ident.late" not in sys.modules
+
+
+def test_another_module_counts_as_a_whole(package):
+    text = "from ident import tools\n\n\ndef f(p):\n    return {}\n"
+    files = package({"__init__.py": "", "tools.py": "A = 1\nB = 2\n", "main.py": text.format("tools.A")})
+    f = files.load("main").f
+    for use in ("tools.A", "getattr(tools, 'A')", "tools.C"):
+        files.write("main.py", text.format(use))
+        files.write("tools.py", "A = 1\nB = 2\n")
+        before = digests(f)
+        files.write("tools.py", "A = 1\nB = 3\n")
+        assert digests(f) != before, use
+
+
+def test_stars_and_relative_imports_are_followed(package):
+    files = package(
+        {
+            "__init__.py": "from . import tools\nfrom .core import *\n",
+            "core.py": "def helper():\n    return 1\n",
+            "tools.py": "def shift():\n    return 1\n",
+            "sub/__init__.py": "from ..tools import shift\n",
+            "main.py": """
+                import ident
+                from .sub import shift
+                from . import helper
+
+                def f(p):
+                    return shift() + helper() + ident.tools.shift()
+                """,
+        }
+    )
+    f = files.load("main").f
+    before = digests(f)
+    assert {"ident", "ident.core", "ident.tools", "ident.sub", "ident.main"} == set(before)
+    files.edit("core.py", "return 1", "return 2")
+    files.edit("tools.py", "return 1", "return 2")
+    assert differing(before, digests(f)) == ["ident.core", "ident.tools"]
+
+
+def test_a_star_brings_whole_modules(package):
+    files = package(
+        {
+            "__init__.py": "from ident.first import *\nfrom ident.second import K\n__all__ = ['g', 'K']\n",
+            "first.py": "def g():\n    return 1\n\n\ndef unused():\n    return 1\n",
+            "second.py": "K = 1\n",
+            "third.py": "import ident.second\n\n\ndef h():\n    return ident.second.K\n",
+            "main.py": """
+                from math import *
+                from ident import *
+                from ident.third import *
+
+                def f(points):
+                    K = len(points)
+                    return g() + sin(K)
+
+                def whole(points):
+                    return h() + K
+                """,
+        }
+    )
+    main = files.load("main")
+    before, whole = digests(main.f), digests(main.whole)
+    assert set(before) >= {"ident", "ident.first", "ident.main"}
+    assert set(whole) >= {"ident", "ident.second", "ident.third", "ident.main"}
+    files.edit("second.py", "K = 1", "K = 2")
+    assert differing(whole, digests(main.whole)) == ["ident.second"]
+    files.edit("first.py", "g():\n    return 1", "g():\n    return 3")
+    assert "ident.first" in differing(before, digests(main.f))
+
+
+def test_a_star_brings_a_script_no_more_than_it_uses(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import json\nfrom sweeps import *\nfrom sweeps.fingerprint.code import digests\n"
+        "def f(points):\n    return points\nprint(json.dumps(digests(f)))\n"
+    )
+    assert set(json.loads(run(script, HOME))) == {"__main__"}
+
+
+def test_names_of_a_functions_own_lead_nowhere(package):
+    text = """
+        import time
+
+        a = b = c = d = e = g = time.time()
+        k = 1
+
+        def f(points, a=k):
+            (b, c), d = points, 1
+            for e in points:
+                g = lambda e: e
+            return [d for d in b] + [a, c, e, g, lambda g: g]
+        """
+    files = package({"__init__.py": "", "main.py": text})
+    f = files.load("main").f
+    before = digests(f)
+    files.edit("main.py", "= g = time.time()", "= time.time() + 1")
+    assert digests(f) == before
+    files.edit("main.py", "[d for d in b]", "[b for b in b]")
+    files.edit("main.py", "k = 1", "k = 2")
+    assert digests(f) != before
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "    return K\n",
+        "    return [K for K in points] + [K]\n",
+        "    return [1 for K in K]\n",
+        "    def g():\n        K = 1\n    return K\n",
+        "    K = 1\n    def g():\n        global K\n        return K\n    return g()\n",
+        "    return lambda p=K: p\n",
+        "    class C:\n        K = K\n    return C\n",
+    ],
+)
+def test_names_of_the_module_are_followed_from_any_depth(package, body):
+    files = package({"__init__.py": "", "main.py": f"K = 1\ndef f(points):\n{body}"})
+    f = files.load("main").f
+    before = digests(f)
+    files.edit("main.py", "K = 1\ndef", "K = 2\ndef")
+    assert digests(f) != before
+
+
+def test_modules_that_import_each_other(package):
+    files = package(
+        {
+            "__init__.py": "from ident.main import f\n",
+            "main.py": "import ident\nfrom ident import other\n\n\ndef f(p):\n    return other.g(p)\n",
+            "other.py": "import ident\n\n\ndef g(p):\n    return ident.f(p)\n",
+        }
+    )
+    assert set(digests(files.load("main").f)) == {"ident", "ident.main", "ident.other"}
+
+
+def test_a_global_set_elsewhere_in_the_module(package):
+    text = "STATE = 0\n\n\ndef f(p):\n    global STATE\n    STATE = 1\n\n\ndef g(p):\n    return STATE\n"
+    files = package({"__init__.py": "", "main.py": text})
+    main = files.load("main")
+    before = digests(main.f)
+    files.edit("main.py", "STATE = 0", "STATE = 5")
+    assert digests(main.f) != before
+
+
+def test_what_a_script_does_when_it_is_started_is_not_its_import(package):
+    text = "def f(p):\n    return p\n\n\nif __name__ == '__main__':\n    print({})\n"
+    files = package({"__init__.py": "", "main.py": text.format(1)})
+    f = files.load("main").f
+    before = digests(f)
+    files.write("main.py", text.format(2))
+    assert digests(f) == before
+
+
+def test_differing_names_what_differs():
+    assert differing({"a": "1", "b": "2", "c": "3"}, {"b": "2", "c": "4", "d": "5"}) == ["a", "c", "d"]
+    assert differing({"a": "1"}, {"a": "1"}) == []
+
+
+def test_the_project_itself(tmp_path):
+    for name in ("fivcore", "sweeps", "studies"):
+        shutil.copytree(HOME / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    printed = run(
+        """
+        import ast, json, pathlib
+        from studies import fig7
+        from sweeps.fingerprint.code import differing, digests
+
+        def changed(name, function):
+            path = pathlib.Path(name)
+            lines = path.read_text().splitlines()
+            body = next(n for n in ast.parse("\\n".join(lines)).body if getattr(n, "name", "") == function).body
+            first = body[1]  # after the docstring
+            lines.insert(first.lineno - 1, " " * first.col_offset + "unused = 1")
+            path.write_text("\\n".join(lines))
+            return differing(before, digests(fig7.histories))
+
+        before = digests(fig7.histories)
+        print(json.dumps([fig7.__file__, before,
+            changed("studies/fig7.py", "draw"), changed("studies/fig7.py", "findings"),
+            changed("fivcore/transient/fast_kernel.py", "advance"), changed("studies/fig7.py", "histories")]))
+        """,
+        tmp_path,
+    )
+    file, before, *changed = json.loads(printed)
+    assert Path(file).is_relative_to(tmp_path)
+    assert {
+        "fivcore.transient.fast",
+        "fivcore.transient.fast_kernel",
+        "studies.motion.transients",
+        "studies.gallery.fig7",
+    } <= set(before)
+    assert not {"studies.plotting.figures", "studies.registry", "matplotlib"} & set(before)
+    assert not [name for name in before if name.startswith("sweeps")]
+    assert changed == [
+        [],
+        [],
+        ["fivcore.transient.fast_kernel"],
+        ["fivcore.transient.fast_kernel", "studies.gallery.fig7"],
+    ]
+
+
+def test_a_run_leaves_the_projects_own_identity():
+    code = """
+        import json
+        from studies import fig7, scenes
+        from sweeps.fingerprint.code import digests
+        print(json.dumps(digests(fig7.histories, scenes.motions)))
+        from fivcore import Rig, Scene, simulate
+        simulate(Scene(1e-3, 10.0, 0.3, 20.0, Rig()), 1e-3)
+        print(json.dumps(digests(fig7.histories, scenes.motions)))
+        """
+    lines = run(code, HOME, PYTHONHASHSEED="1").splitlines()
+    assert lines == run(code, HOME / "tests", HOME, PYTHONHASHSEED="2").splitlines()
+    assert lines[0] == lines[1]
+
+
+# Every edit of a program of several modules.
+
+
+@pytest.fixture
+def program(package):
+    """The program's files, and its function's digests as a new process would find them."""
+    files = package(PROGRAM)
+
+    def found():
+        for name in [name for name in sys.modules if name.partition(".")[0] == "ident"]:
+            del sys.modules[name]
+        return digests(files.load("main").compute)
+
+    return files, found
+
+
+@pytest.fixture(autouse=True)
+def no_bytecode(monkeypatch):
+    # Edits within one tick of the clock would load what was compiled before.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+
+def test_each_edit_of_what_is_reached_counts(program):
+    files, found = program
+    before = found()
+    for name, line, edited in edits():
+        text = (files.folder / name).read_text()
+        files.edit(name, line.strip(), edited.strip())
+        assert found() != before, f"{name}: {edited}"
+        files.write(name, text)
+    assert found() == before
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_one_edit_counts_whatever_else_is_edited_that_does_not(program, data):
+    files, found = program
+    main = textwrap.dedent(PROGRAM["main.py"])
+    files.write("main.py", main)
+    blocks = main.strip("\n").split("\n\n")
+    ends = [k for k in range(1, len(blocks) + 1) if k == len(blocks) or not blocks[k].startswith(" ")]
+    before = found()
+    for place in sorted(data.draw(st.lists(st.sampled_from(ends), max_size=3, unique=True)), reverse=True):
+        blocks.insert(place, data.draw(st.sampled_from(HARMLESS)))
+    files.write("main.py", "\n\n".join(blocks) + "\n")
+    harmless = found()
+    assert harmless == before
+    name, line, edited = data.draw(st.sampled_from(list(edits())))
+    text = (files.folder / name).read_text()
+    files.edit(name, line.strip(), edited.strip())
+    assert found() != before
+    files.write(name, text)
+
+
+@pytest.mark.parametrize(
+    "main",
+    [
+        "from contextlib import contextmanager\nf = contextmanager(lambda: K)\nK = 1\n",
+        "class C:\n    __slots__ = ()\n    def __call__(self, p):\n        return K\nf = C()\nK = 1\n",
+        "class C:\n    def __getattr__(self, name):\n        return K\n    __call__ = print\nf = C()\nK = 1\n",
+        "import numpy as np\ndef g(x):\n    return K\nf = np.vectorize(g)\nK = 1\n",
+        "from typing import TYPE_CHECKING\nif not TYPE_CHECKING:\n    K = 1\ndef f(p):\n    return K\n",
+        "from ident.star import *\ndef f(p):\n    return sum(p)\n",
+        "def f(p, K=None):\n    import ident.star as other\n    return other.sum(p)\n",
+        "try:\n    from ident.star import sum as s\nfinally:\n    pass\ndef f(p):\n    return s\n",
+        "try:\n    from ident.star import *\nfinally:\n    pass\ndef f(p):\n    return sum(p)\n",
+        "T = []\n@T.append\ndef g(p):\n    return K\nK = 1\ndef f(p):\n    return T[0](p)\n",
+        (
+            "T = []\nif T is not None:\n    @T.append\n    def g():\n        return K\nK = 1\ndef f(p):\n"
+            "    return T[0]()\n"
+        ),
+        (
+            "import contextlib\nT = []\ndef fill():\n    T.append(lambda: K)\n"
+            "    return contextlib.nullcontext()\nwith fill():\n    K = 1\ndef f(p):\n    return T[0]()\n"
+        ),
+        "T = []\ndef fill(name):\n    T.append(lambda: K)\nfill(__name__)\nK = 1\ndef f(p):\n    return T[0]()\n",
+        "T = U = []\nU += [lambda: K]\nK = 1\ndef f(p):\n    return T[0]()\n",
+        "class C:\n    global g\n    def g():\n        return K\nK = 1\ndef f(p):\n    return g()\n",
+        (
+            "def sum(p):\n    return 0\ntry:\n    from ident.star import *\nfinally:\n    pass\ndef f(p):\n"
+            "    return sum(p)\n"
+        ),
+        (
+            "import functools\nclass C:\n    def __init__(self, g):\n"
+            "        functools.update_wrapper(self, g)\n        self.k = K\n    def __call__(self, p):\n"
+            "        return self.k\nK = 1\nf = C(print)\n"
+        ),
+        "T = []\nK = 1\nfor k in (K, 0):\n    def f(p, k=k):\n        return k\n    T.append(f)\nf = T[0]\n",
+        "K = 1\nf = eval(f'lambda p{K}: 0')\n",
+        "exec('def f(p):\\n    from ident.star import sum\\n    return sum(p)\\n')\n",
+        (
+            "class C:\n    def __init__(self):\n        self.me, self.k = self, K\n"
+            "    def __call__(self, p):\n        return self.k\nK = 1\nf = C()\n"
+        ),
+        "try:\n    from ...none import g\nexcept ImportError:\n    K = 1\ndef f(p):\n    return K\n",
+    ],
+)
+def test_ways_to_reach_a_constant(package, main):
+    files = package({"__init__.py": "", "star.py": "K = 1\n\n\ndef sum(p):\n    return K\n", "main.py": main})
+    before = digests(files.load("main").f)
+    name = "main.py" if "K = 1" in main else "star.py"
+    files.edit(name, "K = 1", "K = 2")
+    for loaded in ("ident.main", "ident.star", "ident"):
+        sys.modules.pop(loaded, None)
+    assert digests(files.load("main").f) != before
+
+
+# What is recorded of a sweep.
+
+
+def test_the_code_of_a_constants_class_counts(package):
+    files = package(
+        {
+            "__init__.py": "",
+            "models.py": "from dataclasses import dataclass\n\n@dataclass\nclass Model:\n    size: float\n\n"
+            "    def area(self):\n        return self.size**2\n",
+            "main.py": "def f(points, **constants):\n    return {'y': constants['models'][0].area()}\n",
+        }
+    )
+    model = files.load("models").Model(2.0)
+    grid, variables = Grid({"x": Axis([1.0])}), {"y": Variable()}
+    sweep = Sweep("areas", files.load("main").f, grid, variables, {"models": [model]})
+    before = fingerprint(sweep, ())
+    files.edit("models.py", "self.size**2", "self.size**3")
+    assert differences(before, fingerprint(sweep, ())) == "the code of ident.models has changed"
+
+
+def test_the_class_of_an_array_does_not_make_its_library_the_projects(package):
+    files = package({"__init__.py": "", "main.py": "def f(points, table):\n    return {'y': table}\n"})
+    grid, variables = Grid({"x": Axis([1.0])}), {"y": Variable()}
+    sweep = Sweep("tables", files.load("main").f, grid, variables, {"table": np.arange(3.0)})
+    assert set(fingerprint(sweep, ())["sources"]) == {"ident.main", "numpy"}
+
+
+def test_versions_of_libraries_are_told_and_compared():
+    found = versions(["tests.helpers.waves", "fivcore.jit"])
+    assert {"python", "numpy", "scipy", "numba"} <= set(found)
+    assert not {"fivcore", "tests", "sys"} & set(found)
+    assert versions_differing(found, found) == ""
+    other = {**found, "numpy": "1.0"}
+    del other["scipy"]
+    told = f"numpy 1.0 there, {found['numpy']} here; scipy none there, {found['scipy']} here"
+    assert versions_differing(other, found) == told

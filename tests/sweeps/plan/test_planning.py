@@ -1,0 +1,140 @@
+"""Plans: what they cost, that they compute nothing, and how batches are cut and sized."""
+
+import math
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sweeps import Axis, Grid, Sweep, Variable
+from sweeps.plan import batches
+from sweeps.plan.batches import BatchSizes, Queue
+from tests.sweeps.test_sweeps import size_of_batch
+
+CALLS: list[int] = []
+
+
+def counted(points):
+    CALLS.append(len(points["x"]))
+    return {"y": 2.0 * points["x"]}
+
+
+def sweep(size, function=counted, **changes):
+    side = round(math.sqrt(size))
+    grid = Grid({"x": Axis(np.arange(float(side))), "z": Axis(np.arange(float(side)))})
+    return Sweep("planned", function, grid, {"y": Variable()}, **changes)
+
+
+def test_planning_calls_nobody(tmp_path):
+    CALLS.clear()
+    plan = sweep(100).plan(tmp_path / "p.nc")
+    assert CALLS == []
+    assert math.isnan(plan.seconds)
+    assert "time to expect  unknown: no earlier run tells" in repr(plan)
+    timed = plan.timed()
+    assert 0 < sum(CALLS) < 100
+    assert timed.seconds > 0.0
+    assert (timed.todo, timed.points) == (plan.todo, plan.points)
+    # What a few points have given is thrown away.
+    CALLS.clear()
+    timed.run("sync")
+    assert sum(CALLS) == 100
+
+
+def test_earlier_runs_tell_the_time(tmp_path):
+    path = tmp_path / "p.nc"
+
+    def slow(points):
+        return {"y": points["x"], "wall_time": np.full(len(points["x"]), 0.5)}
+
+    sweep(100, slow).plan(path).run("sync")
+    plan = sweep(144, slow).plan(path)
+    assert plan.todo == 44
+    assert plan.seconds == pytest.approx(22.0)
+    assert "time to expect  22 s on one core" in repr(plan)
+
+
+@pytest.mark.parametrize(("size", "seconds"), [(10_000, 0.1), (1_000_000, 1.0)])
+def test_plans_take_no_time(tmp_path, size, seconds):
+    sweep(4).plan(tmp_path / "first.nc")
+    begin = time.process_time()
+    assert sweep(size).plan(tmp_path / "p.nc").todo == size
+    assert time.process_time() - begin < seconds
+
+
+@pytest.mark.parametrize(
+    ("changes", "most"),
+    [
+        ({}, 20.0),
+        ({"order_by": ("z",)}, 20.0),
+        ({"key": lambda points: points["x"] * 0.0 + points["z"]}, 80.0),
+    ],
+)
+def test_a_plan_is_flags_and_no_more(changes, most):
+    size = 4_000_000
+    one = sweep(size, **changes)
+    tracemalloc.start()
+    try:
+        plan = one.plan()
+        queue = Queue(plan.manifest.grid, plan.due, one.order_by)
+        while queue.left:
+            queue.take(200_000)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak / size < most
+
+
+@given(
+    st.lists(st.integers(1, 7), min_size=1, max_size=3),
+    st.data(),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_queue_gives_every_point_once_and_in_order(shape, data):
+    names = "abc"[: len(shape)]
+    axes = {n: Axis(data.draw(st.permutations(range(k)))) for n, k in zip(names, shape, strict=True)}
+    grid = Grid(axes)
+    due = np.array(data.draw(st.lists(st.booleans(), min_size=grid.size, max_size=grid.size)))
+    order_by = tuple(data.draw(st.lists(st.sampled_from(names), unique=True)))
+    queue, taken = Queue(grid, due, order_by), []
+    assert queue.left == np.count_nonzero(due)
+    while queue.left:
+        taken.append(queue.take(data.draw(st.integers(1, 9))))
+    every = np.concatenate([np.zeros(0, dtype=int), *taken])
+    assert sorted(every.tolist()) == np.flatnonzero(due).tolist()
+    points = grid.points(every)
+    rows = list(zip(*(points[name].tolist() for name in order_by), every.tolist(), strict=True))
+    assert rows == sorted(rows)
+
+
+def test_batches_grow_as_far_as_those_that_finished_allow(monkeypatch):
+    sizes = BatchSizes(8.0, 1)
+    assert sizes.next(10**6, 2) == 1
+    # Two workers that had to compile first, then what a point costs.
+    for seconds in (30.0, 30.0):
+        sizes.finished(1, seconds)
+        assert sizes.next(10**6, 2) == 1
+    for _ in range(3):
+        sizes.finished(1, 1e-3)
+    found = []
+    for _ in range(5):
+        found.append(sizes.next(10**6, 2))
+        sizes.finished(found[-1], 1e-3 * found[-1])
+    assert found == [8, 64, 512, 1000, 1000]
+    # A batch holds no more than fits into memory, and as many as are computed side by side.
+    assert size_of_batch(10**6, 1e-3, row_bytes=batches.BATCH_BYTES / 10) == 10
+    assert size_of_batch(10**6, 10.0, multiple=16) == 16
+    assert size_of_batch(5, 10.0, multiple=16) == 5
+    assert BatchSizes(multiple=16).next(10**6, 2) == 16
+
+
+def test_the_first_batches_are_small_and_size_the_next():
+    CALLS.clear()
+    sweep(10_000).plan().run("sync")
+    assert CALLS[0] == 1
+    assert max(CALLS) > 1000
+    assert sum(CALLS) == 10_000
+    assert all(now <= batches.GROWTH * max(CALLS[:k]) for k, now in enumerate(CALLS) if k)

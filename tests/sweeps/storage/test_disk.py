@@ -1,0 +1,344 @@
+"""Disks that are full, damaged or closed to us, and runs that want the same place."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from sweeps import LockedError, StoreError, open_results
+from sweeps.storage import lock
+from sweeps.storage.parts import PartFolder
+from sweeps.storage.store import Store
+from tests.helpers.sweep_programs import cut, make, start, wait_for
+from tests.sweeps.compute.test_crashes import check, end, finished_points
+
+KEPT = r"could not be written: .*; (what was finished is kept, and the same run goes on|all points are kept)"
+
+
+@pytest.fixture(autouse=True)
+def _many_batches(monkeypatch):
+    cut(monkeypatch)
+
+
+@pytest.fixture
+def half(tmp_path, monkeypatch):
+    """A store of twenty points that was interrupted in the middle."""
+    path = tmp_path / "powers.nc"
+    with monkeypatch.context() as patch:
+        patch.setattr(PartFolder, "put", stops_after(4))
+        with pytest.raises(StoreError):
+            make(points=20).plan(path).run("sync")
+    assert 0 < len(finished_points(Store(path))) < 20
+    return Store(path)
+
+
+def stops_after(count, problem=OSError(28, "No space left on device")):  # noqa: B008
+    """`PartFolder.put` on a disk that is full after so many."""
+    original, done = PartFolder.put, []
+
+    def put(self, name, content):
+        done.append(1)
+        if len(done) > count:
+            raise problem
+        original(self, name, content)
+
+    return put
+
+
+@pytest.mark.parametrize("scheduler", ["sync", "threads"])
+@pytest.mark.parametrize("problem", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")])
+def test_a_disk_full_of_shards(tmp_path, monkeypatch, scheduler, problem):
+    path = tmp_path / "powers.nc"
+    with monkeypatch.context() as patch:
+        patch.setattr(PartFolder, "put", stops_after(3, problem))
+        with pytest.raises(StoreError, match=KEPT) as caught:
+            make(points=20).plan(path).run(scheduler, 2)
+    assert "\n" not in str(caught.value)
+    assert len(Store(path).folder.names()) == 3
+    assert not lock.is_locked(Store(path))
+    plan = make(points=20).plan(path)
+    assert plan.cached > 0
+    plan.run(scheduler, 2)
+    check(path, 20)
+
+
+@pytest.mark.parametrize("problem", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")])
+def test_a_disk_full_at_the_end(tmp_path, monkeypatch, problem):
+    path = tmp_path / "powers.nc"
+    make(points=10).plan(path).run()
+    before = path.read_bytes()
+
+    def full(self, name, **options):
+        Path(name).write_bytes(b"half")
+        raise problem
+
+    with monkeypatch.context() as patch:
+        patch.setattr(xr.Dataset, "to_netcdf", full)
+        with pytest.raises(StoreError, match=KEPT):
+            make(points=20).plan(path).run()
+    assert path.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["powers.nc", "powers.parts"]
+    plan = make(points=20).plan(path)
+    assert plan.todo == 0
+    plan.run()
+    check(path, 20)
+
+
+@pytest.mark.parametrize("size", [100, 12_000, 18_000])
+def test_files_that_may_not_grow(tmp_path, size):
+    path = tmp_path / "powers.nc"
+    process = start(store=path, points=20, file_size=size)
+    told = wait_for(process, "StoreError")
+    assert process.wait(10) == 3
+    assert re.search(KEPT, told)
+    assert process.stderr.read() == ""
+    end(process)
+    assert not path.exists()
+    again = start(store=path, points=20)
+    wait_for(again, "done")
+    end(again)
+    check(path, 20)
+
+
+def test_places_that_cannot_be_written_to(tmp_path):
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file" / "a.nc", Path("/proc/sweeps/a.nc"), Path("/proc/a.nc")):
+        with pytest.raises(StoreError, match="choose another folder"):
+            make(points=3).plan(place).run()
+
+
+def as_anybody(action):
+    """What `action` returns, in a process for which permissions count: for root they do not."""
+    if os.geteuid() != 0:
+        return action()
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setgroups([])
+            os.setgid(65534)
+            os.setuid(65534)
+            os.write(writing, action().encode())
+            os._exit(0)
+        finally:
+            os._exit(1)
+    os.close(writing)
+    with open(reading) as told:
+        answer = told.read()
+    assert os.waitpid(child, 0)[1] == 0
+    return answer
+
+
+def test_a_folder_without_permission():
+    def refused():
+        try:
+            make(points=3).plan(folder / "a.nc").run("sync")
+        except StoreError as problem:
+            return str(problem)
+        return "written"
+
+    # Not below pytest's own folder, which is closed to others.
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        assert as_anybody(refused) == f"{folder} cannot be written to; choose another folder"
+        assert list(folder.iterdir()) == []
+        folder.chmod(0o700)
+
+
+def test_a_folder_that_is_closed_after_planning(tmp_path):
+    folder = tmp_path / "deep"
+    plan = make(points=3).plan(folder / "a.nc")
+    folder.write_text("")
+    with pytest.raises(StoreError, match=r"cannot be written: .*; choose another folder"):
+        plan.run()
+
+
+def flip(path):
+    """Change one bit."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 4
+    path.write_bytes(content)
+
+
+DAMAGES = {
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-100]),
+    "flipped": flip,
+    "empty": lambda path: path.write_bytes(b""),
+    "another": lambda path: path.write_bytes(b"no netCDF at all"),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGES)
+def test_a_damaged_shard_is_computed_again(half, how):
+    name = half.folder.names()[1]
+    lost = set(half.folder.contents(name).points.tolist())
+    whole = finished_points(half)
+    DAMAGES[how](half.parts / name)
+    plan = make(points=20).plan(half.file)
+    assert plan.damaged == (name,)
+    assert f"damaged         {name}: its points are computed again" in repr(plan)
+    assert plan.cached == len(whole - lost)
+    plan.run()
+    check(half.file, 20)
+
+
+def test_a_shard_that_has_gone_is_computed_again(half):
+    (half.parts / half.folder.names()[0]).unlink()
+    plan = make(points=20).plan(half.file)
+    assert plan.cached == len(finished_points(half))
+    plan.run()
+    check(half.file, 20)
+
+
+def test_a_shard_that_goes_bad_during_the_run_is_not_passed_over(half):
+    name, plan = half.folder.names()[0], make(points=20).plan(half.file)
+
+    def spoil(snapshot):
+        DAMAGES["cut"](half.parts / name)
+
+    with pytest.raises(StoreError, match=f"{name} in .* got damaged; plan and run again"):
+        plan.run(progress=spoil)
+    make(points=20).plan(half.file).run()
+    check(half.file, 20)
+
+
+def test_rubbish_among_the_shards(half):
+    for name in (
+        "000900-00000000.part",
+        "12-abc.part",
+        "000901-zz.part",
+        "notes.txt",
+        ".000902-00000000.part.tmp",
+    ):
+        (half.parts / name).write_bytes(b"")
+    (half.parts / "000903-00000000.part").mkdir()
+    plan = make(points=20).plan(half.file)
+    assert plan.damaged == ("000900-00000000.part",)
+    plan.run()
+    check(half.file, 20)
+
+
+@pytest.mark.parametrize("how", DAMAGES)
+def test_a_damaged_layout_costs_its_shards(half, how):
+    DAMAGES[how](half.manifest)
+    make(points=20).plan(half.file).run()
+    check(half.file, 20)
+
+
+def test_shards_of_another_sweep_are_never_taken(half, tmp_path):
+    half.manifest.unlink()
+    changed = make(
+        lambda points, **constants: {"square": -points["x"], "powers": points["x"][:, None] * [1, 2, 3]}, 20
+    )
+    changed.plan(half.file).run()
+    assert open_results(half.file)["square"].values.tolist() == [-float(x) for x in range(20)]
+
+
+def test_the_second_run_is_refused_and_the_first_undisturbed(tmp_path):
+    path = tmp_path / "powers.nc"
+    process = start(store=path, points=20, long=0.2)
+    wait_for(process, "progress 3")
+    with pytest.raises(LockedError, match=rf"process {process.pid} on \S+, begun 20\S+Z; wait for it"):
+        make(points=20, long=0.2).plan(path).run()
+    assert lock.is_locked(Store(path))
+    wait_for(process, "done")
+    end(process)
+    check(path, 20)
+
+
+def test_the_lock_dies_with_its_holder(tmp_path):
+    path = tmp_path / "powers.nc"
+    process = start(store=path, points=20, long=0.2)
+    wait_for(process, "progress 3")
+    end(process)
+    assert Store(path).lock.exists()
+    assert not lock.is_locked(Store(path))
+    make(points=20, long=0.2).plan(path).run(workers=20)
+    check(path, 20)
+
+
+RACE = """
+import sys, time
+from sweeps import LockedError, StoreError
+from tests.helpers.sweep_programs import make
+print("ready", flush=True)
+for line in sys.stdin:
+    plan = make(points=6, pause=0.02).plan(line.strip())
+    print("planned", flush=True)
+    sys.stdin.readline()
+    try:
+        plan.run()
+        print("won", flush=True)
+    except StoreError as problem:
+        print(type(problem).__name__, flush=True)
+"""
+
+
+def test_of_two_that_race_one_wins(tmp_path):
+    command = [sys.executable, "-c", RACE]
+    pipe = subprocess.PIPE
+    racers = [subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) for _ in range(2)]
+
+    def say(text):
+        for racer in racers:
+            racer.stdin.write(f"{text}\n")
+            racer.stdin.flush()
+
+    def hear():
+        return sorted(racer.stdout.readline().strip() for racer in racers)
+
+    assert hear() == ["ready", "ready"]
+    for number in range(10):
+        path = tmp_path / str(number) / "powers.nc"
+        say(path)
+        assert hear() == ["planned", "planned"]
+        say("")
+        # Who comes when the other has finished hears that its plan is old.
+        assert hear() in (["LockedError", "won"], ["StoreError", "won"])
+        check(path, 6)
+    for racer in racers:
+        racer.communicate()
+
+
+def test_an_old_plan_is_refused(tmp_path):
+    path = tmp_path / "powers.nc"
+    old = make(points=6).plan(path)
+    make(points=6).plan(path).run()
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
+        old.run()
+    assert path.read_bytes() == before
+
+
+def test_progress_of_a_run_can_be_read_at_any_time(tmp_path):
+    store, states, over = Store(tmp_path / "powers.nc"), [], threading.Event()
+
+    def look():
+        while not over.is_set():
+            if store.progress.exists():
+                try:
+                    states.append(json.loads(store.progress.read_text()))
+                except FileNotFoundError:
+                    continue
+
+    watcher = threading.Thread(target=look)
+    watcher.start()
+    make(points=300, pause=0.005).plan(store.file).run()
+    over.set()
+    watcher.join()
+    assert len(states) > 10
+    assert all(state["pid"] == os.getpid() for state in states)
+    assert [state["done"] for state in states if "done" in state]
+    # Written now and then, not for each batch.
+    assert len({state["written"] for state in states}) <= 6
+    assert not store.parts.exists()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

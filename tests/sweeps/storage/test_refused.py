@@ -1,0 +1,148 @@
+"""Stores that hold something else, or are damaged, are refused in one line and stay as they are."""
+
+import dataclasses
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results
+from tests.helpers.waves import GRID, LOG, NAMES, VARIABLES, interrupted, product, sweep, wave
+
+pytestmark = pytest.mark.usefixtures("small_pieces")
+
+
+@dataclasses.dataclass(frozen=True)
+class Beam:
+    length: float = 0.05
+
+
+@dataclasses.dataclass(frozen=True)
+class Rig:
+    p1: Beam = Beam()
+    p2: Beam = Beam(0.1)
+
+
+def coarse(points, factor=1.0, rig=None):
+    return wave(points, factor, rig)
+
+
+MIXED = Grid({"x": Axis(GRID["x"], "m"), "y": Axis(GRID["y"], "mm")})
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"constants": {"factor": 2.0}}, "factor = 1.0 there, 2.0 here"),
+        (
+            {"constants": {"factor": 1.0}},
+            'rig = {"p1": {"length": 0.05}, "p2": {"length": 0.1}} there, nothing here',
+        ),
+        ({"constants": {"factor": 1.0, "rig": Rig(Beam(0.06))}}, "rig.p1.length = 0.05 there, 0.06 here"),
+        ({"grid": MIXED}, 'axes y.units = "m" there, "mm" here'),
+        ({"grid": {"x": ["a"], "y": [1.0]}}, "axes x.text = false there, true here"),
+        ({"grid": {"x": [1.0]}}, 'axes y = {"units": "m", "text": false} there, nothing here'),
+        (
+            {"grid": Grid({name: Axis([1.0], "m") for name in "xy"}, zipped=("x", "y"))},
+            'groups = [["x"], ["y"]] there, [["x", "y"]] here',
+        ),
+        ({"variables": VARIABLES | {"root": Variable("m", dtype="float32")}}, 'variables root.dtype = "float64"'),
+        (
+            {"variables": VARIABLES | {"root": Variable("m", digits=3)}},
+            "variables root.digits = null there, 3 here",
+        ),
+        ({"variables": VARIABLES | {"root": Variable("m", dims=("power",))}}, "variables root.dims = [] there"),
+        (
+            {"variables": VARIABLES | {"root": Variable("m", scale="s")}, "scale": lambda p: {"s": p["x"]}},
+            'variables root.scale = "" there, "s" here',
+        ),
+        ({"coords": {"power": Axis([1, 2, 4])}}, "coords power = "),
+        ({"function": coarse}, "the code of tests."),
+        ({"key": product}, "the code of tests."),
+    ],
+)
+def test_other_configurations_are_refused_and_named(tmp_path, changes, said):
+    path = tmp_path / "waves.nc"
+    base = {"constants": {"factor": 1.0, "rig": Rig()}}
+    for unfinished in (True, False):
+        if unfinished:
+            interrupted(sweep(**base).plan(path), 2)
+        else:
+            sweep(**base).plan(path).run()
+        before = {p.name: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+        LOG.clear()
+        with pytest.raises(StoreError) as caught:
+            sweep(**(base | changes)).plan(path)
+        assert said in str(caught.value)
+        assert "start over with fresh (--fresh)" in str(caught.value)
+        assert "\n" not in str(caught.value)
+        assert LOG == []
+        assert {p.name: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+def test_names_and_derived_figures_may_change(tmp_path):
+    path = tmp_path / "waves.nc"
+    old = sweep().plan(path).run()
+    LOG.clear()
+    axes = {"x": Axis(GRID["x"], "m", "width"), "y": Axis(GRID["y"], "m")}
+    named = VARIABLES | {"root": Variable("m", "square root")}
+    changed = sweep(
+        Grid(axes), variables=named, title="Waves", derive=lambda data: data.assign(top=data["root"].max())
+    )
+    planned = changed.plan(path)
+    assert planned.todo == 0
+    found = planned.run()
+    assert LOG == []
+    assert found.attrs["title"] == "Waves"
+    assert found["x"].attrs["long_name"] == "width"
+    assert found["root"].attrs["long_name"] == "square root"
+    assert float(found["top"]) == float(old["root"].max())
+    xr.testing.assert_equal(found[[*NAMES, "wall_time", "status"]], old[[*NAMES, "wall_time", "status"]])
+    xr.testing.assert_identical(open_results(path), found)
+
+
+def test_damaged_files_are_refused(tmp_path):
+    path = tmp_path / "waves.nc"
+    sweep().plan(path).run()
+    good = path.read_bytes()
+    grown = sweep({"x": [1.0, 2.0, 3.0, 4.0], "y": [1.0, 3.0]})
+    for content in (good[: len(good) // 2], good[:10], b"", b"no netCDF" * 100):
+        path.write_bytes(content)
+        for planned in (sweep(), grown):
+            with pytest.raises(StoreError, match=r"waves.nc is damaged"):
+                planned.plan(path).run()
+        with pytest.raises(ValueError, match=r"waves.nc: it is damaged"):
+            open_results(path)
+        assert path.read_bytes() == content
+        assert not (tmp_path / "waves.parts").exists()
+    path.write_bytes(good)
+    with netCDF4.Dataset(path, "a") as file:
+        file.delncattr("identity")
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="does not say what made it; start over with fresh"):
+        sweep().plan(path)
+    assert path.read_bytes() == before
+    with netCDF4.Dataset(path, "a") as file:
+        file.identity = "[1]"
+    with pytest.raises(StoreError, match="does not say what made it; start over with fresh"):
+        sweep().plan(path)
+    assert np.all(sweep().plan(path, fresh=True).run()["status"] == 1)
+
+
+def test_damaged_values_are_noticed(tmp_path):
+    """Check sums of the chunks: wrong values are never passed on."""
+    path = tmp_path / "waves.nc"
+    rng = np.random.default_rng(1)
+    random = Sweep(
+        "waves", lambda p: {"y": noise[p["x"]]}, Grid({"x": Axis(np.arange(40_000))}), {"y": Variable()}
+    )
+    noise = rng.random(50_000)
+    random.plan(path).run()
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF  # noise does not shrink, so this is in the midst of it
+    path.write_bytes(content)
+    for planned in (random, dataclasses.replace(random, grid=Grid({"x": Axis(np.arange(40_001))}))):
+        with pytest.raises(StoreError, match=r"waves.nc.* damaged"):
+            planned.plan(path).run()
+        assert path.read_bytes() == content

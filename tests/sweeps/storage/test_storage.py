@@ -1,0 +1,467 @@
+"""Parts and the file at real size: what is read of them and when, what is kept in them, and how they are cut."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from sweeps import Axis, Grid, LockedError, Refinement, StoreError, Sweep, Variable, open_results, refined, status
+from sweeps.compute.batch import BatchResult, Failure
+from sweeps.compute.values import residual, scaled, unscaled
+from sweeps.storage import lock
+from sweeps.storage.netcdf import CHUNK_BYTES, chunk
+from sweeps.storage.packed import HEAD, READ_AT_ONCE, Packed, pack
+from sweeps.storage.parts import PartFolder, encode
+from sweeps.storage.store import Store
+from tests.helpers import waves
+
+LOG: list[float] = []
+
+
+def test_what_is_derived_may_change_the_shape_of_a_variable(tmp_path):
+    grid, coords = Grid({"x": Axis(np.arange(3.0))}), {"elapsed": Axis(np.arange(10_000))}
+    made = Sweep(
+        "means",
+        lambda p: {"y": p["x"][:, None] + np.zeros(10_000)},
+        grid,
+        {"y": Variable(dims=("elapsed",))},
+        coords=coords,
+        derive=lambda data: data.assign(y=data["y"].mean("elapsed")),
+    )
+    found = made.plan(tmp_path / "m.nc").run()
+    assert found["y"].dims == ("x",)
+    np.testing.assert_array_equal(found["y"], np.arange(3.0))
+
+
+def contact(points):
+    """A state of the contact, a million samples a point."""
+    return {"state": np.broadcast_to(np.arange(1_000_000) % 3, (len(points["x"]), 1_000_000)).astype(np.int8)}
+
+
+def with_words(data):
+    data["state"].attrs |= {"flag_values": np.arange(3, dtype=np.int8), "flag_meanings": "apart stick slip"}
+    return data
+
+
+@pytest.mark.parametrize("count", [30, 35])
+def test_what_is_derived_of_a_variable_of_any_size_is_in_the_file(tmp_path, count):
+    coords = {"elapsed": Axis(np.arange(1_000_000))}
+    variables = {"state": Variable(dims=("elapsed",), dtype="int8")}
+    grid = Grid({"x": Axis(np.arange(count))})
+    Sweep("contact", contact, grid, variables, coords=coords, derive=with_words).plan(tmp_path / "c.nc").run()
+    with xr.open_dataset(tmp_path / "c.nc", decode_cf=False) as plain:
+        assert plain["state"].attrs["flag_meanings"] == "apart stick slip"
+        assert plain["state"].attrs["flag_values"].tolist() == [0, 1, 2]
+        assert plain["state"].dtype == np.int8
+
+
+def motion(points):
+    """A series of a unit load, as it is recorded."""
+    LOG.extend((points["V"] / points["F"]).tolist())
+    return {"series": np.sin(np.arange(50_000.0) * (points["V"] / points["F"])[:, None]).astype(np.float32)}
+
+
+def motions(loads):
+    axes = {"V": Axis(1e-3 * 2.0 ** np.arange(10), "m/s"), "F": Axis(loads, "N")}
+    return Sweep(
+        "motions",
+        motion,
+        Grid(axes),
+        {"series": Variable("N", dims=("elapsed",), dtype="float32", digits=4, scale="load")},
+        key=lambda points: points["V"] / points["F"],
+        scale=lambda points: {"load": points["F"]},
+        coords={"elapsed": Axis(np.arange(50_000))},
+    )
+
+
+def test_copies_of_large_results_are_not_computed_again(tmp_path):
+    LOG.clear()
+    path, loads = tmp_path / "m.nc", 3.0 * 2.0 ** np.arange(20)
+    motions(loads).plan(path).run()
+    assert len(LOG) == 29
+    before = path.stat().st_size
+    LOG.clear()
+    grown = motions([*loads, 3.0 * 2.0**20])
+    plan = grown.plan(path)
+    assert (plan.distinct, plan.todo) == (30, 1)
+    found = plan.run()
+    assert len(LOG) == 1
+    # The bits are those of a run that computes all of it.
+    alone = grown.plan(tmp_path / "alone.nc").run()
+    assert found["series"].values.tobytes() == alone["series"].values.tobytes()
+    found.close()
+    alone.close()
+    # What is kept for that takes little room.
+    with xr.open_dataset(path) as plain:
+        kept = plain["series"].encoding["source"]
+    assert os.path.getsize(kept) == path.stat().st_size < 1.3 * before
+
+
+@given(
+    st.sampled_from(["float32", "float64"]).flatmap(
+        lambda kind: hnp.arrays(kind, 5, elements=st.floats(width=32 if kind == "float32" else 64))
+    ),
+    st.floats(-1e3, 1e3),
+    st.one_of(st.none(), st.integers(1, 15)),
+)
+@settings(max_examples=300, deadline=None)
+def test_a_product_and_its_residual_are_the_value(values, factor, digits):
+    factors = np.full(5, factor)
+    with np.errstate(all="ignore"):
+        product = scaled(values, factors, digits)
+        again = unscaled(product, factors, digits, residual(values, factors, digits))
+    assert again.tobytes() == values.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("shape", "row"), [((21, 1000, 10), 8), ((5, 7), 8), ((1_000_000,), 8), ((300, 4), 1 << 16), ((3,), 1 << 24)]
+)
+def test_chunks_of_numbers_are_of_one_size_whatever_the_grid(shape, row):
+    lengths = chunk(shape, (1000,), row)[:-1]
+    assert all(1 <= length <= whole for length, whole in zip(lengths, shape, strict=True))
+    taken = np.prod(lengths) * row
+    assert taken <= max(CHUNK_BYTES, row)
+    assert taken > CHUNK_BYTES / 4 or np.prod(lengths) in (1, np.prod(shape)) or row > CHUNK_BYTES / 8
+
+
+def test_numbers_of_a_large_grid_are_in_large_chunks(tmp_path):
+    axes = {"a": Axis(np.arange(21)), "b": Axis(np.arange(20_000)), "c": Axis(np.arange(10))}
+    grid = Grid(axes)
+    Sweep("wide", lambda p: {"y": 1.0 * p["a"] + p["c"]}, grid, {"y": Variable()}).plan(tmp_path / "w.nc").run()
+    with open_results(tmp_path / "w.nc") as found:
+        assert found["y"].encoding["chunksizes"] == (1, 3276, 10)
+        assert found["error"].shape == grid.shape
+        np.testing.assert_array_equal(found["y"].isel(b=-1), axes["a"].values[:, None] + 1.0 * axes["c"].values)
+    assert (tmp_path / "w.nc").stat().st_size < 50e6
+
+
+def test_failures_of_a_large_grid_keep_their_reasons(tmp_path):
+    def picky(points):
+        errors = [ValueError(f"no {x}") if x % 1_000_000 == 7 else None for x in points["x"].tolist()]
+        return {"y": points["x"], "error": errors}
+
+    grid = Grid({"x": Axis(np.arange(4_100_000))})
+    found = Sweep("picky", picky, grid, {"y": Variable(dtype="int32")}).plan(tmp_path / "p.nc").run()
+    failed = np.flatnonzero(found["status"].values == 2)
+    assert failed.tolist() == [1_000_000 * k + 7 for k in range(5)]
+    assert found["error"][failed].values.tolist() == [f"ValueError: no {x}" for x in failed]
+    assert found["error"][8].item() == ""
+    assert found["failure_x"].values.tolist() == failed.tolist()
+
+
+ARRAYS = st.dictionaries(
+    st.text("abc _", min_size=1, max_size=4),
+    st.sampled_from(["<f8", "<f4", "|i1", "<i8", "|b1", "<U3"]).flatmap(
+        lambda kind: hnp.arrays(kind, hnp.array_shapes(min_dims=1, max_dims=3, min_side=0, max_side=4))
+    ),
+)
+
+
+@given(ARRAYS, st.booleans())
+@settings(max_examples=100, deadline=None)
+def test_packed_arrays_come_back_bit_for_bit(tmp_path_factory, arrays, deflated):
+    path = tmp_path_factory.mktemp("packed") / "file"
+    path.write_bytes(pack({"about": 1}, arrays, arrays if deflated else ()))
+    file = Packed(path)
+    assert file.about == {"about": 1}
+    for name, values in file.read(file.names).items():
+        assert values.tobytes() == arrays[name].tobytes()
+        assert (values.dtype, values.shape) == (arrays[name].dtype, arrays[name].shape)
+
+
+def test_a_part_is_checked_when_it_is_read_and_not_before(tmp_path):
+    folder = PartFolder(tmp_path)
+    result = BatchResult({"y": np.random.default_rng(1).normal(size=100_000)}, np.ones(100_000))
+    result.failures[7] = Failure("ValueError: no", "here", "again()")
+    name = folder.next_name()
+    folder.put(name, encode(result, 50 + np.arange(100_000), {"y": Variable()}, "token"))
+    contents = folder.contents(name)
+    assert (contents.points[0], contents.points[-1], contents.failed.tolist()) == (50, 100_049, [7])
+    assert contents.seconds == 100_000.0
+    found = folder.read(name, ["y"])
+    np.testing.assert_array_equal(found.values["y"], result.values["y"])
+    assert found.failures == result.failures
+    content = bytearray((tmp_path / name).read_bytes())
+    content[-1000] ^= 4
+    (tmp_path / name).write_bytes(content)
+    assert folder.contents(name) is not None
+    assert folder.read(name, []) is not None
+    assert folder.read(name, ["y"]) is None
+    (tmp_path / name).write_bytes(content[:-1])
+    assert folder.contents(name) is None
+
+
+def series(points):
+    LOG.extend(points["x"].tolist())
+    return {"y": points["x"][:, None] + np.arange(100_000.0)}
+
+
+def recorded(count=6):
+    coords = {"elapsed": Axis(np.arange(100_000))}
+    grid = Grid({"x": Axis(np.arange(float(count)))})
+    return Sweep("recorded", series, grid, {"y": Variable(dims=("elapsed",))}, coords=coords)
+
+
+def interrupted(tmp_path, count=6):
+    def stop(snapshot):
+        if snapshot.done >= count // 2:
+            raise KeyboardInterrupt
+
+    path = tmp_path / "r.nc"
+    with pytest.raises(KeyboardInterrupt):
+        recorded(count).plan(path).run("sync", progress=stop)
+    return Store(path)
+
+
+def test_a_part_that_rots_costs_its_points_and_no_more(tmp_path):
+    store = interrupted(tmp_path)
+    name = store.folder.names()[-1]
+    lost = store.folder.contents(name).points
+    content = bytearray((store.parts / name).read_bytes())
+    content[-1000] ^= 4
+    (store.parts / name).write_bytes(content)
+    LOG.clear()
+    # A reader leaves out what is damaged; a run finds it when it writes the file, and the next computes it again.
+    assert np.all(open_results(store.file)["status"].values[lost] == 0)
+    with pytest.raises(StoreError, match=f"{name} in .* got damaged; plan and run again"):
+        recorded().plan(store.file).run("sync")
+    assert not set(LOG) & set(lost.tolist())
+    LOG.clear()
+    found = recorded().plan(store.file).run("sync")
+    assert lost.tolist() == LOG
+    np.testing.assert_array_equal(found["y"], series(recorded().grid.points())["y"])
+
+
+def test_status_of_ten_gigabytes_of_parts_reads_their_headers(tmp_path):
+    coords = {"elapsed": Axis(np.arange(50_000))}
+    grid = Grid({"x": Axis(np.arange(30_000.0))})
+    variables = {"y": Variable(dims=("elapsed",))}
+    sweep = Sweep("recorded", series, grid, variables, coords=coords)
+    plan = sweep.plan(tmp_path / "r.nc")
+    store = Store(plan.store)
+    store.parts.mkdir()
+    plan.manifest.save(store.manifest)
+    # As a run of 25 000 points leaves them, but for the values: the files have holes in their place.
+    for begin in range(0, 25_000, 30):
+        points = begin + np.arange(30)
+        result = BatchResult({"y": np.zeros((30, 1))}, np.full(30, 0.5))
+        content = encode(result, points, variables, plan.manifest.token)
+        _, length, _ = HEAD.unpack_from(content)
+        header = json.loads(content[HEAD.size : HEAD.size + length])
+        header["arrays"]["value_y"] = ["<f8", [30, 50_000], "raw", header["arrays"]["value_y"][3], 12_000_000, 0]
+        name = store.folder.next_name()
+        with open(store.parts / name, "wb") as file:
+            file.write(_headed(header))
+            file.truncate(file.tell() + header["arrays"]["value_y"][3] + 12_000_000)
+    assert sum(path.stat().st_size for path in store.parts.iterdir()) > 10e9
+    begin = time.process_time()
+    found = status(store.file)
+    assert time.process_time() - begin < 1.0
+    assert (found.state, found.done, found.pending) == ("interrupted", 25_020, 4_980)
+    again = sweep.plan(store.file)
+    assert (again.todo, again.cached) == (4_980, 25_020)
+    assert again.seconds == pytest.approx(0.5 * 4_980)
+
+
+def _headed(header):
+    import zlib
+
+    text = json.dumps(header).encode()
+    return HEAD.pack(b"sweeps-1", len(text), zlib.crc32(text)) + text
+
+
+def test_nobody_writes_into_the_file_of_the_lock(tmp_path):
+    store = Store(tmp_path / "a.nc")
+    with lock.locked(store):
+        assert store.lock.read_bytes() == b""
+        assert lock.is_locked(store)
+        assert f"process {os.getpid()} on " in str(lock.taken(store))
+    assert os.listdir(tmp_path) == []
+
+
+def test_of_many_that_want_the_lock_one_has_it_at_a_time(tmp_path):
+    store, inside, most = Store(tmp_path / "a.nc"), [0], [0]
+
+    def hold(_):
+        for _ in range(20):
+            try:
+                with lock.locked(store):
+                    inside[0] += 1
+                    most[0] = max(most[0], inside[0])
+                    time.sleep(0.001)
+                    inside[0] -= 1
+            except StoreError:
+                continue
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(hold, range(4)))
+    assert most == [1]
+    assert os.listdir(tmp_path) == []
+
+
+def test_the_lock_removes_no_file_but_its_own(tmp_path):
+    store = Store(tmp_path / "a.nc")
+    with lock.locked(store):
+        store.lock.unlink()
+        assert not lock.is_locked(store)
+        store.lock.write_bytes(b"another run's")
+    assert store.lock.read_bytes() == b"another run's"
+    with lock.locked(store), pytest.raises(LockedError, match=f"process {os.getpid()} on "), lock.locked(store):
+        pass
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_lock_whose_file_is_removed_while_it_is_waited_for_is_not_taken(tmp_path, monkeypatch):
+    store, files = Store(tmp_path / "a.nc"), []
+
+    def slow(descriptor, blocking):
+        # The run before ends between our opening the file and locking it.
+        if not files:
+            store.lock.unlink()
+        files.append(os.fstat(descriptor).st_ino)
+        return True
+
+    monkeypatch.setattr(lock, "lock_descriptor", slow)
+    with lock.locked(store):
+        assert len(files) == 2
+        assert store.lock.stat().st_ino == files[1]
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_disk_without_locks_is_refused(tmp_path, monkeypatch):
+    def missing(descriptor, blocking):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr(lock, "lock_descriptor", missing)
+    with pytest.raises(StoreError, match=r"a.nc cannot be written: Function not implemented; choose another"):
+        recorded(1).plan(tmp_path / "a.nc").run("sync")
+
+
+def test_flags_of_a_variable_are_those_of_cf(tmp_path):
+    flags = {np.int64(0): "not asked", 1: "done", 7: "lost"}
+    variable = Variable("1", "state", dtype="int8", flags=flags)
+    grid = Grid({"x": Axis([0, 1, 7])})
+    sweep = Sweep("flagged", lambda p: {"s": p["x"]}, grid, {"s": variable})
+    waves.interrupted(sweep.plan(tmp_path / "f.nc"), 1)
+    # A file that is not finished has them as well.
+    assert open_results(tmp_path / "f.nc")["s"].attrs["flag_meanings"] == "not_asked done lost"
+    sweep.plan(tmp_path / "f.nc").run()
+    with xr.open_dataset(tmp_path / "f.nc", mask_and_scale=False) as found:
+        assert found["s"].attrs["flag_meanings"] == "not_asked done lost"
+        assert found["s"].attrs["flag_values"].tolist() == [0, 1, 7]
+        assert found["s"].attrs["flag_values"].dtype == found["s"].dtype == np.int8
+        assert "units" not in found["s"].attrs
+    for wrong in ({}, {0: ""}, {0.5: "half"}, {-128: "least"}):
+        with pytest.raises(ValueError, match="Variable: flags = "):
+            Variable(dtype="int8", flags=wrong)
+    with pytest.raises(ValueError, match="with a dtype of those"):
+        Variable(flags={0: "nought"})
+
+
+def test_a_plan_that_had_nothing_to_do_is_refused_when_the_file_has_grown(tmp_path):
+    def sweep(*values):
+        grid, coords = Grid({"x": Axis(values)}), {"k": Axis(range(100_000))}
+        return Sweep("rows", series, grid, {"y": Variable(dims=("k",))}, coords=coords)
+
+    path = tmp_path / "rows.nc"
+    sweep(1.0, 2.0, 3.0).plan(path).run("sync")
+    old = sweep(2.0, 3.0).plan(path)
+    assert old.whole
+    sweep(0.0, 1.0, 1.5, 2.0, 3.0).plan(path).run("sync")
+    with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
+        old.run("sync")
+    np.testing.assert_array_equal(sweep(2.0, 3.0).plan(path).run("sync")["x"], [2.0, 3.0])
+
+
+def test_a_refined_sweep_computes_again_what_rots(tmp_path):
+    def sweep():
+        axis = Axis(np.linspace(0.0, 1.0, 257))
+        whole = Sweep("disc", disc, Grid({"x": axis, "y": axis}), {"r": Variable()}, batch_multiple=20_000)
+        return refined(whole, Refinement("r", 1, thresholds=(0.5,)))
+
+    def stop(snapshot):
+        if snapshot.done >= 16_000:
+            raise KeyboardInterrupt
+
+    path = tmp_path / "disc.nc"
+    with pytest.raises(KeyboardInterrupt):
+        sweep().plan(path).run("sync", progress=stop)
+    part = next((tmp_path / "disc.parts").glob("*.part"))
+    content = bytearray(part.read_bytes())
+    assert len(content) > READ_AT_ONCE
+    content[-50] ^= 255
+    part.write_bytes(content)
+    plan = sweep().plan(path)
+    assert plan.damaged == (part.name,)
+    found = plan.run("sync")
+    for name in ("r", "status"):
+        np.testing.assert_array_equal(found[name], sweep().plan().run("sync")[name])
+
+
+def disc(points):
+    return {"r": np.hypot(points["x"], points["y"])}
+
+
+def test_parts_outlast_a_manifest_that_cannot_be_read_now(tmp_path, monkeypatch):
+    store = interrupted(tmp_path)
+    names, cached = store.folder.names(), recorded().plan(store.file).cached
+    with monkeypatch.context() as patched:
+        patched.setattr("sweeps.storage.manifest.Packed", full)
+        with pytest.raises(StoreError, match=r"manifest cannot be read: Too many open files"):
+            recorded().plan(store.file)
+    assert store.folder.names() == names
+    assert recorded().plan(store.file).cached == cached > 0
+
+
+def full(path):
+    raise OSError(24, "Too many open files")
+
+
+THREADS = """
+import importlib, pickle, sys, threading, time
+import numpy as np
+from sweeps import Axis, Grid, Sweep, Variable, open_results
+from sweeps.storage.sources import NETCDF
+
+for name, value in (("manifest.LARGE", 400_000), ("netcdf.LARGE", 400_000), ("netcdf.READ_AT_ONCE", 400_000)):
+    module, _, constant = name.partition(".")
+    setattr(importlib.import_module(f"sweeps.storage.{module}"), constant, value)
+
+def rows(points):
+    return {"y": points["x"][:, None] + np.arange(1000.0)}
+
+def sweep(count):
+    grid = Grid({"x": Axis(np.arange(float(count)))})
+    return Sweep("rows", rows, grid, {"y": Variable(dims=("k",), digits=4)}, coords={"k": Axis(range(1000))})
+
+def read():
+    while time.monotonic() < end:
+        np.testing.assert_array_equal(data["y"].values, expected)
+        done.append("read")
+
+assert pickle.loads(pickle.dumps(NETCDF)) is NETCDF
+data = sweep(200).plan(sys.argv[1] + "/a.nc").run("sync")
+assert not data["y"].variable._in_memory
+expected, end, done = data["y"].values, time.monotonic() + 3.0, []
+thread = threading.Thread(target=read)
+thread.start()
+while time.monotonic() < end:
+    sweep(210).plan(sys.argv[1] + "/b.nc", fresh=True).run("sync").close()
+    done.append("run")
+thread.join()
+print(*sorted(set(done)))
+"""
+
+
+def test_a_result_is_read_while_another_is_written(tmp_path):
+    done = subprocess.run([sys.executable, "-c", THREADS, str(tmp_path)], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "read run\n"), done.stderr
