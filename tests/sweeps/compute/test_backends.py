@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_info
 from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, open_results
 from sweeps.compute import cluster
 from sweeps.compute.cluster import Cluster
-from tests.helpers.sweep_programs import HOME, cut, make, start, wait_for
+from tests import HOME
+from tests.helpers.sweep_programs import cut, make, start, wait_for
 from tests.sweeps.compute.test_crashes import COMPARED, end
 
 QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}

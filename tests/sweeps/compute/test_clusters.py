@@ -17,7 +17,8 @@ from sweeps.compute import cluster
 from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.cluster import Cluster
 from sweeps.storage.parts import PartFolder
-from tests.helpers.sweep_programs import HOME, cut, make
+from tests import HOME
+from tests.helpers.sweep_programs import cut, make
 from tests.sweeps.compute.test_backends import QUIET, values
 from tests.sweeps.compute.test_crashes import end
 from tests.sweeps.test_sweeps import size_of_batch
