@@ -314,7 +314,8 @@ def test_the_project_itself(tmp_path):
         before = digests(fig7.histories)
         print(json.dumps([fig7.__file__, before,
             changed("studies/gallery/fig7.py", "draw"), changed("studies/gallery/fig7.py", "findings"),
-            changed("fivcore/transient/fast_kernel.py", "advance"), changed("studies/gallery/fig7.py", "histories")]))
+            changed("fivcore/transient/fast_kernel.py", "advance"),
+            changed("studies/gallery/fig7.py", "histories")]))
         """,
         tmp_path,
     )
