@@ -1,7 +1,18 @@
-"""Numbers printed in the paper that studies are compared with, and where they stand.
+"""Numbers printed in the paper, where they stand, and which results they can stand beside.
 
 Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853.
 """
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from fivcore import Rig
+from studies.study import constants
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 # Table 4: frequencies (Hz) of the beams glued at the contact.
 GLUED_NUMERICAL = (16.0, 362.0, 1665.0, 2060.0, 2924.0, 5035.0, 6624.0, 8030.0)
@@ -56,3 +67,14 @@ ANGLES_SIMULATED = {5.0: 2700.0}
 ANGLES_UNSTABLE = {5.0: (400.0, 2800.0)}
 # Section 3.6: steady sliding at angles below the first (degrees), and above the second.
 STEADY_ANGLES = (0.0, 12.0)
+
+
+def is_rig(dataset: xr.Dataset) -> bool:
+    """Whether a result is of the paper's own rig."""
+    return bool(constants(dataset)["rig"] == asdict(Rig()))
+
+
+def is_point(dataset: xr.Dataset, **point: float) -> bool:
+    """Whether a result is of the paper's own rig and was made with these values of its constants."""
+    given = constants(dataset)
+    return is_rig(dataset) and all(given[name] == value for name, value in point.items())

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
 from fivcore import Rig, flutter_onsets, sliding_modes
 from studies import paper
 from studies.plotting import figures
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Study, constants, is_papers, rig_of, rig_settings
+from studies.study import Study, constants
 from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MODES = 10
 BAND = 10e3
@@ -79,7 +81,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"{float(dataset['mu'].max()):g} ({dataset.sizes['mu']}), modes below {given['fmax'] / 1e3:g} kHz.",
         "",
     ]
-    beside = _paper_onsets(dataset) if is_papers(dataset) else {}
+    beside = _paper_onsets(dataset) if paper.is_point(dataset, theta=paper.THETA) else {}
     heading = "paper: first unstable mu on a grid of 0.01" if beside else ""
     found = list(zip(dataset["onset_mu"].values, dataset["onset_frequency"].values, strict=True))
     rows = [
@@ -140,7 +142,7 @@ def draw(dataset: xr.Dataset) -> Figure:
             va="top" if below else "bottom",
             color=figures.BLUE,
         )
-    if is_papers(dataset):
+    if paper.is_point(dataset, theta=paper.THETA):
         there = [onset for onset in paper.ONSETS if onset[0] <= mu.max()]
         if there:
             x, y = np.array(there).T
@@ -157,7 +159,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     given = constants(dataset)
     top.set_ylim(0.0, given["fmax"] / 1e3)
     top.set_ylabel("frequency / kHz")
-    whose = "" if given["rig"] == asdict(Rig()) else " (not the paper's rig)"
+    whose = "" if paper.is_rig(dataset) else " (not the paper's rig)"
     top.set_title(f"Modes of steady sliding, θ = {given['theta']:g}°{whose}")
     top.legend(loc="upper right", ncols=2)
     bottom.set_ylabel("growth rate / (1/s)")

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from fivcore import Rig, SlidingModes, flutter_onsets, node_positions, sliding_modes
 from studies import paper
 from studies.plotting import figures
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Study, constants, is_papers, rig_of, rig_settings
+from studies.study import Study, constants
 from studies.tables import Part
 from sweeps import Axis, Grid, Sweep, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BAND = 10e3
 MU_MAX = 1.0
@@ -155,7 +158,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"At mu = {float(start['mu']):g}: {low:.0f} Hz and {high:.0f} Hz.",
         f"Lock-in at mu = {float(dataset['lock_in_mu']):.4f}, {float(dataset['lock_in_frequency']):.0f} Hz.",
     ]
-    if is_papers(dataset):
+    if paper.is_point(dataset, theta=paper.THETA):
         (mu, frequency), (f5, f6) = paper.ONSETS[0], paper.MODES_5_AND_6
         lines.append(f"Paper: {f5:.0f} and {f6:.0f} Hz without friction, lock-in at {mu:g}, {frequency:.0f} Hz.")
     c, d = _at_contact(dataset)
@@ -189,7 +192,7 @@ def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
         color=figures.BLACK,
         label=f"lock-in, model: μ = {float(dataset['lock_in_mu']):.4f}",
     )
-    if is_papers(dataset):
+    if paper.is_point(dataset, theta=paper.THETA):
         axes.plot(
             [0.0, 0.0],
             paper.MODES_5_AND_6,

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
 from fivcore import Rig, Transient, glued_frequencies
 from studies import paper
-from studies.motion import recording, transients
+from studies.motion import recording, regimes, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, outcomes
 from studies.plotting import figures
-from studies.study import Setting, Study, constants, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting, Study, constants
 from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Rows of the figure; of more speeds it shows so many, evenly chosen.
 MOST_ROWS = 6
@@ -83,7 +86,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     fixed = transients.held(settings, rig, "theta", "mu", "F")
     sample_rate = settings["sample_rate"]
     grid = Grid(axes)
-    transients.check(grid, fixed, sample_rate)
+    transients.check(axes, fixed | {"sample_rate": sample_rate})
     return Sweep(
         "fig7",
         histories,
@@ -103,7 +106,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Kind of vibration, lines of the spectra and long sticks, beside the paper's."""
     given, text = constants(dataset), transients.text
-    papers = transients.is_papers(dataset, theta=paper.THETA)
+    papers = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
     lines: list[Part] = [
         f"Velocity of B, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s. Shares of time, RMS and spectra: from {transients.SETTLING:g} s after the "
@@ -117,7 +120,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         rows.append(
             [
                 f"{1e3 * speed:.4g}",
-                transients.regime_name(at),
+                regimes.kind(at),
                 said,
                 *(text(at[f"{name}_fraction"], 3) for name in transients.STATES[1:] + transients.STATES[:1]),
                 text(at["velocity_rms"], 1, 1e3),
@@ -160,7 +163,7 @@ def _differences(dataset: xr.Dataset) -> list[Part]:
     speeds = dataset["V"].values
     for k, speed in enumerate(speeds):
         at = dataset.isel(V=k)
-        regime, said = transients.regime_name(at), paper.VIBRATION.get(speed)
+        regime, said = regimes.kind(at), paper.VIBRATION.get(speed)
         main = float(at["dominant_frequency"])
         if np.isfinite(main):
             away = 100.0 * (main / paper.SIMULATED_LINE - 1.0)
@@ -206,10 +209,10 @@ def draw(dataset: xr.Dataset) -> Figure:
         gridspec_kw={"width_ratios": (1.35, 1.0)},
     )
     elapsed, frequency = dataset["elapsed"].values, dataset["frequency"].values / 1e3
-    papers = transients.is_papers(dataset, theta=paper.THETA)
+    papers = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
     for k, left, right in zip(rows, panels[::2], panels[1::2], strict=True):
         at = dataset.isel(V=k)
-        name = transients.regime_name(at)
+        name = regimes.kind(at)
         left.set_title(f"V = {1e3 * float(at['V']):.4g} mm/s: {name}", loc="left")
         left.set_ylabel("velocity of B / (mm/s)")
         right.set_ylabel("PSD / dB re 1 (m/s)²/Hz")

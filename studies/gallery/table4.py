@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
 from fivcore import Rig, glued_frequencies, tune_head_mass
 from fivcore.rig import P1, P2
@@ -17,6 +16,9 @@ from studies.plotting import figures
 from studies.study import Setting, Study, constants
 from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # The contact position at which the paper's frequencies are found again; its text says 80 mm.
 FITTING_POSITION = 0.085

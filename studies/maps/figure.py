@@ -18,6 +18,7 @@ from scipy.ndimage import distance_transform_edt
 
 from studies import paper
 from studies.maps.quantities import AXES, GROWTH, QUANTITIES, RIG
+from studies.motion import regimes
 from studies.plotting import figures, planes
 from studies.study import constants
 from sweeps import DONE, FAILED, INTERPOLATED, PENDING
@@ -142,7 +143,7 @@ def _draw_gaps(plane: Plane, found: NDArray[Any], status: NDArray[Any]) -> list[
             hatch=planes.HATCHES["failed"],
         )
         mesh.set_facecolor("none")
-        handles += planes.patches([planes.KINDS.index("failed")])
+        handles += planes.patches([regimes.KINDS.index("failed")])
     for label, there in (
         ("no value", (computed == DONE) & ~np.isfinite(found)),
         ("not computed", status == PENDING),

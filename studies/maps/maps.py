@@ -21,7 +21,8 @@ from studies.maps.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, check_jobs
 from studies.plotting import planes
-from studies.study import Study, constants, rig_of, suggest
+from studies.rig import rig_of
+from studies.study import Study, constants, suggest
 from studies.tables import Part
 from sweeps import (
     INTERPOLATED_FLAG,

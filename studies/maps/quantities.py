@@ -20,7 +20,8 @@ from studies.gallery.scenes import study as scenes
 from studies.gallery.stability import study as stability
 from studies.motion import ensembles, transients
 from studies.motion.jobs import Job, outcomes
-from studies.study import Setting, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting
 from sweeps import Variable
 
 Points = Mapping[str, Any]

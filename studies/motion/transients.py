@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,8 @@ from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.motion.jobs import Job, check_jobs
-from studies.study import Setting, constants
-from sweeps import Axis, Grid, Variable
+from studies.study import Setting
+from sweeps import Axis, Variable
 
 Array = NDArray[Any]
 
@@ -98,7 +97,7 @@ def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, *
     return Job(scene, fixed["duration"] if duration is None else duration, options | recording)
 
 
-def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
+def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     """Find out, before anything is planned, what cannot be run.
 
     A scene whose contact has no unique solution is not refused: its point fails by itself.
@@ -108,11 +107,16 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
     ValueError
         Naming the axis or setting.
     """
-    checks.between("sample_rate", sample_rate, 1e3, 1e6, "Hz")
+    sample_rate = checks.between("sample_rate", fixed["sample_rate"], 1e3, 1e6, "Hz")
     most = MOST_SAMPLES / sample_rate
     checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    check_jobs([job(scenes(grid.points(), fixed)[0], fixed, 1e-6)])
+    check_jobs([job(scenes({name: axis.values[:1] for name, axis in axes.items()}, fixed)[0], fixed, 1e-6)])
+
+
+def series_coords(*, duration: float, sample_rate: float, **_: Any) -> dict[str, Axis]:
+    """The axes of series kept from the start of the drive, and of their spectra."""
+    return {"elapsed": even_times(duration, sample_rate), "frequency": frequencies(sample_rate)}
 
 
 def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
@@ -243,13 +247,6 @@ def regime_name(point: xr.Dataset) -> str:
     """The regime of one point in words."""
     code = float(point["regime"])
     return "failed" if np.isnan(code) else REGIMES[int(code)]
-
-
-def is_papers(dataset: xr.Dataset, **also: float) -> bool:
-    """Whether the paper's numbers stand beside this result: its rig, load and friction, and `also` as given."""
-    given = constants(dataset)
-    wanted = {"mu": paper.MU, "F": paper.LOAD} | also
-    return given["rig"] == asdict(Rig()) and all(given[name] == value for name, value in wanted.items())
 
 
 def some(count: int, most: int) -> list[int]:

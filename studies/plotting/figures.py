@@ -1,16 +1,20 @@
-"""How every figure of the project looks: sizes, lines, and colours that colour blindness leaves apart."""
+"""How every figure of the project looks: sizes, lines, and colours that colour blindness leaves apart.
+
+Matplotlib is imported when something is drawn: workers and `fiv --help` never need it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib.style
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[Any]
 
@@ -40,12 +44,16 @@ STYLE: Any = {
 @contextmanager
 def style() -> Iterator[None]:
     """Draw and save in the project's style, whatever the user's own settings."""
+    import matplotlib.style
+
     with matplotlib.style.context(["default", STYLE]):
         yield
 
 
 def panels(rows: int, columns: int, width: float, height: float, **options: object) -> tuple[Figure, list[Axes]]:
     """A figure of `width` by `height` cm and its panels, row by row."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
     return figure, list(axes.ravel())

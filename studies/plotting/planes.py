@@ -6,17 +6,19 @@ Colours survive colour blindness and grey print: shades rise in lightness, class
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, Normalize
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from studies.motion import transients
+from studies.motion.regimes import KINDS
 from studies.plotting import figures
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
 # Symbol, unit and factor of what may be an axis, for a reader.
 SYMBOLS = {
@@ -42,8 +44,6 @@ for _beam in ("p1", "p2"):
     for _name, (_symbol, _unit, _factor) in BEAM_SYMBOLS.items():
         SYMBOLS[f"{_beam}_{_name}"] = (f"{_symbol} of {_beam.upper()}", _unit, _factor)
 
-# What a scene's motion can be, or not be.
-KINDS = (*transients.REGIMES, "failed", "pending")
 # Of Okabe and Ito's colours; light and dark ones alternate.
 COLOURS = ("#d9d9d9", "#4d4d4d", "#a6dcf7", figures.ORANGE, figures.BLUE, figures.RED, "white", "white")
 DARK = ("stuck", "periodic", "irregular")
@@ -115,6 +115,8 @@ def shades(
 
 def classes(axes: Axes, x: str, xs: Any, y: str, ys: Any, codes: NDArray[Any], colours: Sequence[str]) -> None:
     """Classes, (y, x), each in its colour; white where there is none."""
+    from matplotlib.colors import ListedColormap
+
     axes.pcolormesh(
         edges(shown(x, xs)),
         edges(shown(y, ys)),
@@ -129,6 +131,8 @@ def classes(axes: Axes, x: str, xs: Any, y: str, ys: Any, codes: NDArray[Any], c
 
 def patches(kinds: Any) -> list[Patch]:
     """For a legend: the regimes that occur, by their places in KINDS."""
+    from matplotlib.patches import Patch
+
     return [
         Patch(
             facecolor=COLOURS[k], edgecolor="black", linewidth=0.5, hatch=HATCHES.get(KINDS[k], ""), label=KINDS[k]

@@ -13,7 +13,8 @@ from studies.maps.quantities import AXES
 from studies.motion import ensembles, recording, transients
 from studies.query.columns import Columns
 from studies.query.nearest import nearest
-from studies.study import constants, rig_of, suggest
+from studies.rig import rig_of
+from studies.study import constants, suggest
 
 if TYPE_CHECKING:
     import xarray as xr

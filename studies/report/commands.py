@@ -14,7 +14,8 @@ import xarray as xr
 from studies import registry, spec
 from studies.maps import maps
 from studies.maps.quantities import AXES, QUANTITIES
-from studies.study import BEAM_NUMBERS, RIG_NUMBERS, Study, constants
+from studies.rig import BEAM_NUMBERS, RIG_NUMBERS
+from studies.study import Study, constants
 from sweeps import Sweep, json_equal, plain
 
 # A list of more values than this is no command that anybody types.

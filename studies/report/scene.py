@@ -12,7 +12,8 @@ from studies.maps.quantities import AXES, QUANTITIES
 from studies.motion import transients
 from studies.plotting import planes
 from studies.report.commands import ELSEWHERE, numbers_of_rig, written
-from studies.study import BEAM_NUMBERS, RIG_NUMBERS, constants
+from studies.rig import BEAM_NUMBERS, RIG_NUMBERS
+from studies.study import constants
 
 # Simulated where the file says nothing of how long a run is, s.
 DURATION = 1.0

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies import paper
-from studies.motion import transients
+from studies.motion import regimes, transients
 from studies.plotting import figures
 from studies.study import constants
 
@@ -58,7 +58,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) -> None:
     """One column."""
     force, speed, normal, friction, slip, phase = column
-    name = transients.regime_name(at)
+    name = regimes.kind(at)
     force.set_title(f"V = {1e3 * float(at['V']):.4g} mm/s: {name}")
     force.set_ylabel("largest normal\nforce / N")
     speed.set_ylabel("largest slip\nspeed / (mm/s)")
@@ -74,7 +74,7 @@ def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) ->
     middle = at["interval"].values
     force.step(middle, at["largest_normal_force"].values, where="mid", color=figures.BLUE, linewidth=0.8)
     speed.step(middle, 1e3 * at["largest_slip_speed"].values, where="mid", color=figures.BLUE, linewidth=0.8)
-    papers = transients.is_papers(at, theta=paper.THETA)
+    papers = paper.is_point(at, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
     said = paper.CONTACT_PEAKS.get(float(at["V"])) if papers else None
     for axes, scale, value in ((force, 1.0, 0), (speed, 1e3, 1)):
         if said:

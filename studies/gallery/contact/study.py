@@ -11,10 +11,10 @@ from scipy.integrate import cumulative_trapezoid
 
 from fivcore import Transient, checks
 from studies import paper
-from studies.gallery.contact.figure import draw
-from studies.motion import recording, transients
+from studies.motion import recording, regimes, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, outcomes
-from studies.study import Setting, Study, constants, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting, Study, constants, deferred
 from studies.tables import Part, Table
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -128,7 +128,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
     fixed = transients.held(settings, rig, "theta", "mu", "F")
     shown = {name: settings[name] for name in ("window_start", "window", "overview", "sample_rate")}
     grid = Grid(axes)
-    transients.check(grid, fixed, shown["sample_rate"])
+    transients.check(axes, fixed | shown)
     most = transients.MOST_SAMPLES / RECORDED
     checks.between("window", shown["window"], 1e-5, 0.1, "s")
     checks.between("window_start", shown["window_start"], 0.0, most - shown["window"], "s")
@@ -151,7 +151,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
 def findings(dataset: xr.Dataset) -> list[Part]:
     """How hard the contact is loaded and how fast it slips, beside the paper's."""
     given, text = constants(dataset), transients.text
-    papers = transients.is_papers(dataset, theta=paper.THETA)
+    papers = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
     lines: list[Part] = [
         f"The contact, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s; from {transients.SETTLING:g} s after the first slip on unless said otherwise.",
@@ -164,7 +164,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         head = [f"{1e3 * speed:.4g}"]
         said = paper.CONTACT_PEAKS.get(speed, (np.nan, np.nan)) if papers else (np.nan, np.nan)
         order = transients.STATES[1:] + transients.STATES[:1]
-        shares.append([*head, transients.regime_name(at), *(text(at[f"{n}_fraction"], 3) for n in order)])
+        shares.append([*head, regimes.kind(at), *(text(at[f"{n}_fraction"], 3) for n in order)])
         forces.append(
             [*head, text(at["mean_normal_force"], 3)]
             + [text(at[name], 1) for name in ("normal_force_999", "max_normal_force", "start_up_normal_force")]
@@ -222,7 +222,7 @@ STUDY = Study(
     }
     | rig_settings(),
     build=build,
-    draw=draw,
+    draw=deferred("studies.gallery.contact.figure:draw"),
     findings=findings,
     record=recording.in_a_window,
 )

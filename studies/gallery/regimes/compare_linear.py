@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from fivcore import Rig
 from studies.gallery import fig5
-from studies.gallery.scenes.figure import FAILED, regimes
-from studies.motion import transients
+from studies.motion import regimes, transients
 from studies.motion.transients import REGIMES
+from sweeps import FAILED
 
 # What linear stability answers for.
 BELOW = f"below {transients.BAND / 1e3:g} kHz"
@@ -59,7 +59,7 @@ def verdicts(dataset: xr.Dataset) -> NDArray[np.float32]:
       stability differ, but the run is too short for a mode that dies or grows so slowly;
     - "failed".
     """
-    kinds = regimes(dataset)
+    kinds = regimes.kinds(dataset)
     vibrates, quiet = of_regime(kinds, *VIBRATING), of_regime(kinds, QUIET)
     below, model = (dataset[name].values for name in ("growth_rate", "model_growth_rate"))
     grows, above = below > 0.0, model > 0.0

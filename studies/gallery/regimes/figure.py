@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,14 +18,14 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from fivcore import Rig
 from studies import paper
 from studies.gallery.regimes.compare_linear import BELOW, VERDICTS, VIBRATING, of_regime, uncertain
-from studies.gallery.scenes.figure import DONE, regimes
-from studies.motion import transients
+from studies.motion import regimes, transients
+from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, KINDS, SYMBOLS, named
+from studies.plotting.planes import COLOURS, SYMBOLS, named
 from studies.study import constants
+from sweeps import DONE
 
 # Planes across and down a figure; of more values it shows so many, evenly chosen.
 MOST_ACROSS, MOST_DOWN = 4, 3
@@ -91,7 +90,7 @@ def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
 
 def _undecided(dataset: xr.Dataset) -> str:
     done = int((dataset["status"] == DONE).sum())
-    count = int(np.count_nonzero(regimes(dataset) == KINDS.index("undecided")))
+    count = int(np.count_nonzero(regimes.kinds(dataset) == KINDS.index("undecided")))
     return f"undecided: {count} of {done}"
 
 
@@ -153,7 +152,7 @@ def _in_order(handles: Sequence[Any]) -> list[Any]:
 
 def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
     """The plane of regimes and what is to be said of its cells; the handles of its legend."""
-    found, xs, ys = regimes(at), at[x].values, at[y].values
+    found, xs, ys = regimes.kinds(at), at[x].values, at[y].values
     planes.classes(axes, x, xs, y, ys, found, COLOURS)
     _one_two_five(axes.xaxis, axes.yaxis)
     ends = planes.edges(planes.shown(x, xs)), planes.edges(planes.shown(y, ys))
@@ -213,8 +212,7 @@ def outline(inside: NDArray[np.bool_], x: NDArray[Any], y: NDArray[Any]) -> list
 
 def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
     """The paper's scenes, where they are in the plane, marked by the kind of vibration it says."""
-    given = constants(at)
-    if (x, y) != ("V", "mu") or given["rig"] != asdict(Rig()):
+    if (x, y) != ("V", "mu") or not paper.is_rig(at):
         return []
     if not (np.isclose(at["theta"], paper.THETA) and np.isclose(at["F"], paper.LOAD)):
         return []
@@ -268,13 +266,13 @@ def _shown(at: xr.Dataset, name: str) -> NDArray[Any]:
     """A quantity in the unit that it is shown in, NaN where the motion has no such thing."""
     factor, _, vibrating = QUANTITIES[name]
     values = factor * at[name].values.astype(float)
-    return np.where(of_regime(regimes(at), *VIBRATING), values, np.nan) if vibrating else values
+    return np.where(of_regime(regimes.kinds(at), *VIBRATING), values, np.nan) if vibrating else values
 
 
 def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     """The same along one axis: what members spread about, marked by the regime."""
     figure, panels = figures.panels(len(QUANTITIES), 1, 15.0, 16.0, sharex=True)
-    values, found = planes.shown(x, at[x].values), regimes(at)
+    values, found = planes.shown(x, at[x].values), regimes.kinds(at)
     for axes, (name, (factor, text, _)) in zip(panels, QUANTITIES.items(), strict=True):
         heights, spread = _shown(at, name), factor * at[f"{name}_std"].values
         axes.plot(values, heights, color=figures.GREY, linewidth=0.8, zorder=1.5)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Rig
 from studies import paper
 from studies.gallery.regimes.compare_linear import BELOW, CERTAIN, VERDICTS, uncertain
-from studies.gallery.scenes.figure import DONE, regimes
-from studies.motion import transients
+from studies.motion import regimes, transients
 from studies.plotting import planes
 from studies.study import constants
 from studies.tables import Part, Table
+from sweeps import DONE
 
 # Inclinations up to which each has a line.
 MOST_ONSETS = 6
@@ -34,7 +32,7 @@ COLUMNS = {
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Regimes and how sure they are, the motion against linear stability, the paper's speeds, and the cost."""
     given = constants(dataset)
-    rig = "the paper's rig" if given["rig"] == asdict(Rig()) else "another rig than the paper's"
+    rig = "the paper's rig" if paper.is_rig(dataset) else "another rig than the paper's"
     everywhere = np.ones(dataset["regime"].shape, dtype=bool)
     lines: list[Part] = [
         f"{everywhere.size} scene{'s' if everywhere.size > 1 else ''} on {rig}: "
@@ -70,9 +68,9 @@ def where(dataset: xr.Dataset, chosen: NDArray[np.bool_], everything: bool = Fal
 
 def _regimes(dataset: xr.Dataset) -> list[Part]:
     """A row for each regime that occurs: its size, its uncertain scenes, and medians of figures."""
-    found, unsure = regimes(dataset), uncertain(dataset)
+    found, unsure = regimes.kinds(dataset), uncertain(dataset)
     rows = []
-    for kind, name in enumerate(planes.KINDS):
+    for kind, name in enumerate(regimes.KINDS):
         inside = found == kind
         if not inside.any():
             continue
@@ -100,7 +98,7 @@ def _median(dataset: xr.Dataset, name: str, inside: NDArray[np.bool_]) -> str:
 def _certainty(dataset: xr.Dataset, given: dict[str, Any]) -> list[str]:
     """Where the members differ, what is undecided, and which runs were cut short."""
     done = dataset["status"].values == DONE
-    undecided = done & (regimes(dataset) == transients.REGIMES.index("undecided"))
+    undecided = done & (regimes.kinds(dataset) == transients.REGIMES.index("undecided"))
     unsure = uncertain(dataset)
     # Durations are kept to six digits.
     capped = dataset["duration"].values >= (1.0 - 1e-5) * given["most"]
@@ -164,7 +162,7 @@ def _onsets(dataset: xr.Dataset) -> list[str]:
 
 def _paper(dataset: xr.Dataset, given: dict[str, Any]) -> list[Part]:
     """The regimes at the paper's speeds; nothing where the grid does not hold its operating point."""
-    if given["rig"] != asdict(Rig()) or not _holds(dataset, "theta", paper.THETA, exactly=True):
+    if not paper.is_rig(dataset) or not _holds(dataset, "theta", paper.THETA, exactly=True):
         return []
     if not (_holds(dataset, "F", paper.LOAD, exactly=True) and _holds(dataset, "mu", paper.MU)):
         return []
@@ -173,14 +171,14 @@ def _paper(dataset: xr.Dataset, given: dict[str, Any]) -> list[Part]:
         if not _holds(dataset, "V", V):
             continue
         at = dataset.sel(V=V, mu=paper.MU, theta=paper.THETA, F=paper.LOAD, method="nearest")
-        kind = int(regimes(at))
+        kind = int(regimes.kinds(at))
         share, line = float(at["regime_share"].max()), float(at["dominant_frequency"])
         rows.append(
             [
                 f"{1e3 * V:g}",
                 f"{1e3 * float(at['V']):.4g}",
                 f"{float(at['mu']):.4g}",
-                planes.KINDS[kind],
+                regimes.KINDS[kind],
                 transients.text(share * given["members"], 0) + f" of {given['members']}",
                 transients.text(at["stick_fraction"], 3),
                 transients.text(line, 0),

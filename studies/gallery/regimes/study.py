@@ -15,14 +15,13 @@ from fivcore.contact.reduced import reduced_model
 from fivcore.transient.steady import steady_sliding
 from studies import paper
 from studies.gallery.regimes.compare_linear import BELOW, with_verdicts
-from studies.gallery.regimes.figure import draw
-from studies.gallery.regimes.findings import findings
 from studies.gallery.scenes import study as scenes
 from studies.gallery.stability.study import largest_growth
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly, logarithmically
-from studies.study import Setting, Study, rig_of, rig_settings
+from studies.study import Setting, Study, deferred
 from sweeps import Axis, Grid, Sweep, Variable
 
 MOST_MEMBERS = 100
@@ -228,6 +227,6 @@ STUDY = Study(
     | ensembles.settings(least=2.0, load_ups=10.0, most=8.0)
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
-    draw=draw,
-    findings=findings,
+    draw=deferred("studies.gallery.regimes.figure:draw"),
+    findings=deferred("studies.gallery.regimes.findings:findings"),
 )

@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from studies.motion import transients
+from studies.motion import regimes, transients
+from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, DARK, HATCHES, KINDS, SYMBOLS, named
+from studies.plotting.planes import COLOURS, DARK, HATCHES, SYMBOLS, named
 from studies.study import constants
 
-DONE, FAILED = 1, 2
 STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
 # Maps across and down a figure; of more values it shows so many, evenly chosen.
 MOST_ACROSS, MOST_DOWN = 4, 3
@@ -49,14 +49,6 @@ def draw(dataset: xr.Dataset) -> Figure:
         at = dataset.isel({name: 0 for name in transients.SCENE if name != along})
         return _draw_row(at, along, f"Scenes along {SYMBOLS[along][0]}: {about}")
     return _draw_maps(dataset, varying, f"Regime of the motion: {about}")
-
-
-def regimes(dataset: xr.Dataset) -> NDArray[np.intp]:
-    """Of each scene the place of its regime in KINDS."""
-    status, found = dataset["status"].values, dataset["regime"].values.astype(float)
-    done = (status == DONE) & np.isfinite(found)
-    other = np.where(status == FAILED, KINDS.index("failed"), KINDS.index("pending"))
-    return np.where(done, np.where(done, found, 0.0), other).astype(np.intp)
 
 
 def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figure:
@@ -101,7 +93,7 @@ def _extent(count: int, written: bool) -> float:
 
 def _draw_map(axes: Axes, at: xr.Dataset, x: str, y: str, written: bool) -> NDArray[np.intp]:
     """One map, its cells of equal size whatever the steps of the axes; the kinds that occur in it."""
-    kinds = regimes(at)
+    kinds = regimes.kinds(at)
     axes.pcolormesh(
         np.arange(kinds.shape[1] + 1) - 0.5,
         np.arange(kinds.shape[0] + 1) - 0.5,
@@ -143,7 +135,7 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     """Shares of time and RMS along the one axis that varies."""
     symbol_factor = SYMBOLS[along][2]
     values = symbol_factor * at[along].values
-    kinds = regimes(at)
+    kinds = regimes.kinds(at)
     figure, (shares, rms) = figures.panels(2, 1, 15.0, 13.0, sharex=True)
     edges = planes.edges(values)
     below = np.zeros(len(values))
@@ -187,7 +179,7 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
 
 def _draw_one(at: xr.Dataset, title: str) -> Figure:
     """The shares of time of a single scene as a bar, and its other figures as a table."""
-    kind = KINDS[int(regimes(at))]
+    kind = KINDS[int(regimes.kinds(at))]
     figure, (bar, table) = figures.panels(2, 1, 15.0, 12.0, gridspec_kw={"height_ratios": (1.0, 5.0)})
     begin = 0.0
     for state in ("stick", "slip", "separation"):

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, Transient, checks
+from fivcore import Scene, Transient, checks
 from fivcore.transient.normalised import Normalised
 from studies import paper
-from studies.gallery.scenes.figure import DONE, FAILED, draw, regimes
-from studies.motion import recording, transients
+from studies.motion import recording, regimes, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
-from studies.study import Setting, Study, constants, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting, Study, constants, deferred
 from studies.tables import Part, Table
-from sweeps import Axis, Grid, Sweep, Variable
+from sweeps import DONE, FAILED, Axis, Grid, Sweep, Variable
 
 # What F = 1 is multiplied by; the other figures are the same for every copy of a scene.
 SCALED = (
@@ -137,7 +137,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     status = dataset["status"].values.ravel()
     some = np.flatnonzero((status == DONE) | (status == FAILED))
     distinct = len(np.unique(key({name: values[some] for name, values in points.items()}), axis=0))
-    rig = "the paper's rig" if given["rig"] == asdict(Rig()) else "another rig than the paper's"
+    rig = "the paper's rig" if paper.is_rig(dataset) else "another rig than the paper's"
     copies = f"{distinct} computed" + (", of which the others are copies" if distinct < len(some) else "")
     settle = given["settle"]
     since = f"{transients.SETTLING:g} s after the first slip" if settle is None else f"{settle:g} s"
@@ -149,7 +149,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "",
     ]
     words = np.append(transients.REGIMES, ["failed", "pending"])
-    counts = np.bincount(regimes(dataset).ravel(), minlength=len(words))
+    counts = np.bincount(regimes.kinds(dataset).ravel(), minlength=len(words))
     lines.append("Scenes: " + ", ".join(f"{n} {word}" for n, word in zip(counts, words, strict=True) if n) + ".")
     failed = np.flatnonzero(status == FAILED)
     for k in failed[:MOST_FAILURES]:
@@ -171,7 +171,7 @@ def _table(dataset: xr.Dataset, points: Mapping[str, Any], status: NDArray[Any])
     names = (*(f"{state}_fraction" for state in transients.STATES), *COLUMNS)
     found = {name: dataset[name].values.ravel()[:count] for name in names}
     words = (*transients.REGIMES, "failed", "pending")
-    kinds, text = regimes(dataset).ravel(), transients.text
+    kinds, text = regimes.kinds(dataset).ravel(), transients.text
     # What is left of a vibration that dies has a strongest line too, but none that sounds.
     steady = transients.REGIMES.index("steady sliding")
     found["dominant_frequency"] = np.where(kinds[:count] == steady, np.nan, found["dominant_frequency"])
@@ -206,7 +206,7 @@ STUDY = Study(
     | {"settle": Setting(-1.0, "s", "when statistics start; below 0: 0.1 s after the first slip")}
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
-    draw=draw,
+    draw=deferred("studies.gallery.scenes.figure:draw"),
     findings=findings,
     record=recording.whole_runs,
 )

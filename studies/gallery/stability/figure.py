@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from fivcore import Rig
 from studies import paper
 from studies.plotting import figures, planes
 from studies.study import constants
@@ -90,7 +88,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def _title(dataset: xr.Dataset) -> str:
-    whose = "" if constants(dataset)["rig"] == asdict(Rig()) else " (not the paper's rig)"
+    whose = "" if paper.is_rig(dataset) else " (not the paper's rig)"
     return f"Steady sliding, modes below {constants(dataset)['fmax'] / 1e3:g} kHz{whose}"
 
 
@@ -151,7 +149,7 @@ def _draw_bound(panels: list[Axes], dataset: xr.Dataset) -> list[Line2D]:
 
 def _draw_statements(axes: Axes, dataset: xr.Dataset) -> list[Line2D]:
     """What the paper says: its onsets, and at its friction where the rig vibrates and where it slides steadily."""
-    if constants(dataset)["rig"] != asdict(Rig()):
+    if not paper.is_rig(dataset):
         return []
     frame = {name: (dataset[name].values[0], dataset[name].values[-1]) for name in ("theta", "mu")}
     steady = [angle for angle, frequency in paper.ANGLES.items() if np.isnan(frequency)]

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Rig
 from studies import paper
 from studies.motion import transients
 from studies.study import constants
@@ -34,11 +31,6 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         *_plane(dataset),
         *_beside_the_text(dataset),
     ]
-
-
-def is_papers(dataset: xr.Dataset) -> bool:
-    """Whether the paper's numbers stand beside this result: its rig."""
-    return bool(constants(dataset)["rig"] == asdict(Rig()))
 
 
 def growing(dataset: xr.Dataset) -> NDArray[np.bool_]:
@@ -93,7 +85,7 @@ def _branches(dataset: xr.Dataset) -> list[Part]:
 
 def _paper_onsets(dataset: xr.Dataset) -> dict[tuple[str, int], list[str]]:
     """The onset at the paper's inclination, and the paper's, by branch."""
-    if not is_papers(dataset) or paper.THETA not in dataset["theta"].values:
+    if not paper.is_rig(dataset) or paper.THETA not in dataset["theta"].values:
         return {}
     at = dataset.sel(theta=paper.THETA)
     beside = {}
@@ -185,7 +177,7 @@ def _agreement(dataset: xr.Dataset, grows: NDArray[np.bool_]) -> list[str]:
 def _beside_the_text(dataset: xr.Dataset) -> list[Part]:
     """What the paper's text says of inclinations at its friction, beside the windows."""
     theta = dataset["theta"].values
-    if not is_papers(dataset) or float(dataset["window_mu"]) != paper.MU or len(theta) == 1:
+    if not paper.is_rig(dataset) or float(dataset["window_mu"]) != paper.MU or len(theta) == 1:
         return []
     ends = dataset["window_from"].values, dataset["window_to"].values
     rows = []

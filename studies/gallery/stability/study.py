@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from fivcore import OnsetCurve, OnsetCurves, Rig, checks, onset_curves, sliding_modes
 from studies import paper
-from studies.gallery.stability.figure import draw
-from studies.gallery.stability.findings import findings
 from studies.gallery.table6.windows import ENDS as WINDOW_ENDS
 from studies.gallery.table6.windows import WINDOWS, windows
 from studies.motion import transients
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Study, rig_of, rig_settings
+from studies.study import Study, deferred
 from sweeps import Axis, Grid, Sweep, Variable
 
 Array = NDArray[Any]
@@ -191,6 +190,6 @@ STUDY = Study(
     },
     settings={name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
-    draw=draw,
-    findings=findings,
+    draw=deferred("studies.gallery.stability.figure:draw"),
+    findings=deferred("studies.gallery.stability.findings:findings"),
 )

@@ -10,13 +10,12 @@ import numpy as np
 from fivcore import Scene, Transient, checks
 from studies import paper
 from studies.gallery.scenes import study as scenes
-from studies.gallery.stick_time.figure import draw
-from studies.gallery.stick_time.findings import findings
 from studies.gallery.stick_time.fit import with_laws
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Study, rig_of, rig_settings
+from studies.study import Study, deferred
 from sweeps import Axis, Grid, Sweep, Variable
 
 # Of one member so many sticks are kept one by one; its counts and totals are of all.
@@ -143,6 +142,6 @@ STUDY = Study(
     },
     settings=ensembles.settings(least=1.0, load_ups=3.0, most=30.0) | rig_settings(),
     build=build,
-    draw=draw,
-    findings=findings,
+    draw=deferred("studies.gallery.stick_time.figure:draw"),
+    findings=deferred("studies.gallery.stick_time.findings:findings"),
 )

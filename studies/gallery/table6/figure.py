@@ -12,11 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from studies.gallery.scenes.figure import DONE, FAILED, STATE_COLOURS
+from studies.gallery.scenes.figure import STATE_COLOURS
 from studies.gallery.table6.windows import SLIDES, STEADY, VIBRATES
+from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, HATCHES, KINDS
+from studies.plotting.planes import COLOURS, HATCHES
 from studies.study import constants
+from sweeps import DONE, FAILED
 
 # Pairs at neighbouring angles whose frequencies are nearer than this share are one branch.
 SAME = 0.25

@@ -10,12 +10,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from studies import paper
-from studies.gallery.scenes.figure import DONE, FAILED, regimes
 from studies.gallery.table6.windows import NOT_STATED, SLIDES, STATED, STEADY, VIBRATES, VIBRATING
-from studies.motion import transients
-from studies.plotting.planes import KINDS
+from studies.motion import regimes, transients
+from studies.motion.regimes import KINDS
 from studies.study import constants
 from studies.tables import Part, Table
+from sweeps import DONE, FAILED
 
 # Rows of the table, angles named in a sentence, and failures told.
 MOST_ROWS, MOST_NAMED, MOST_FAILURES = 31, 8, 5
@@ -26,7 +26,7 @@ RIVAL = 0.05
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Stability and motion at each inclination, windows of instability, and the paper's text beside them."""
     given = constants(dataset)
-    papers = transients.is_papers(dataset, V=paper.ANGLES_SPEED)
+    papers = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
     lines: list[Part] = [
         f"Steady sliding and motion at {_count(dataset.sizes['theta'])}, V = {1e3 * given['V']:g} mm/s, "
         f"mu = {given['mu']:g}, F = {given['F']:g} N; modes below {transients.BAND / 1e3:g} kHz, "
@@ -48,7 +48,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 def _table(dataset: xr.Dataset, papers: bool) -> list[Part]:
     """A line for each inclination; of many, evenly chosen ones and those of which the paper gives a number."""
-    theta, text, kinds = dataset["theta"].values, transients.text, regimes(dataset)
+    theta, text, kinds = dataset["theta"].values, transients.text, regimes.kinds(dataset)
     named = np.flatnonzero(np.isin(theta, [*paper.ANGLES_MEASURED, *paper.ANGLES]))
     rows = sorted({*transients.some(len(theta), MOST_ROWS), *(int(k) for k in named)})
     heads = ["theta deg", "unstable Hz (1/s)", "fastest 1/s", "vibration", "runs", "main line Hz", "of all"]
@@ -136,7 +136,7 @@ def _outside(dataset: xr.Dataset) -> list[str]:
 
 def _stability_beside_motion(dataset: xr.Dataset) -> list[str]:
     """Whether the rig vibrates where a mode grows, and there alone."""
-    theta, kinds = dataset["theta"].values, regimes(dataset)
+    theta, kinds = dataset["theta"].values, regimes.kinds(dataset)
     done = dataset["status"].values == DONE
     unstable = dataset["unstable_modes"].values > 0
     moves, rests = np.isin(kinds, VIBRATING), kinds == STEADY
@@ -182,7 +182,7 @@ def _members(dataset: xr.Dataset) -> list[str]:
 
 def _beside_paper(dataset: xr.Dataset) -> list[str]:
     """Where the paper's text and the model part, and what the text leaves open."""
-    theta, kinds = dataset["theta"].values, regimes(dataset)
+    theta, kinds = dataset["theta"].values, regimes.kinds(dataset)
     said = dataset["stated_paper"].values
     silent = theta[said == NOT_STATED]
     lines = []

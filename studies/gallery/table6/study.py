@@ -12,13 +12,12 @@ import numpy as np
 from fivcore import Scene, Transient, checks, sliding_modes
 from studies import paper
 from studies.gallery import fig11
-from studies.gallery.table6.figure import draw
-from studies.gallery.table6.findings import findings
 from studies.gallery.table6.windows import PAIRS, VIBRATING, beside
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Setting, Study, rig_of, rig_settings
+from studies.study import Setting, Study, deferred
 from sweeps import Axis, Grid, Sweep, Variable
 
 MOST_MEMBERS = 1000
@@ -149,6 +148,6 @@ STUDY = Study(
     | ensembles.settings(least=2.0, load_ups=10.0, most=8.0)
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},
     build=build,
-    draw=draw,
-    findings=findings,
+    draw=deferred("studies.gallery.table6.figure:draw"),
+    findings=deferred("studies.gallery.table6.findings:findings"),
 )

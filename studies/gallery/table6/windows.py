@@ -57,7 +57,7 @@ def beside(dataset: xr.Dataset, *, rig: Rig, mu: float, V: float) -> xr.Dataset:
         dataset[f"window_{name}"] = ("window", found[name], {"units": units, "long_name": long_name})
     if comment:
         dataset["window_from"].attrs["comment"] = comment
-    papers = transients.is_papers(dataset, V=paper.ANGLES_SPEED)
+    papers = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
     said = stated(theta if papers else np.full(len(theta), np.nan))
     for name, (dims, units, long_name) in STATEMENTS.items():
         dataset[f"{name}_paper"] = (dims, said[name], {"units": units, "long_name": long_name})

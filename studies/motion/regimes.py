@@ -1,0 +1,41 @@
+"""Regimes of the motion: which of them vibrate, and the regime of each point of a result."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from studies.motion.transients import REGIMES
+from sweeps import DONE, FAILED
+
+# What a point of a result can be: in a regime, or without one.
+KINDS = (*REGIMES, "failed", "pending")
+VIBRATING = ("intermittent", "periodic", "irregular")
+STEADY = "steady sliding"
+
+
+def kinds(dataset: xr.Dataset) -> NDArray[np.intp]:
+    """The place in KINDS of each point."""
+    status, regime = dataset["status"].values, dataset["regime"].values.astype(float)
+    done = (status == DONE) & np.isfinite(regime)
+    other = np.where(status == FAILED, KINDS.index("failed"), KINDS.index("pending"))
+    return np.where(done, np.where(done, regime, 0.0), other).astype(np.intp)
+
+
+def kind(point: xr.Dataset) -> str:
+    """The regime of one point in words."""
+    return KINDS[int(kinds(point))]
+
+
+def is_of(codes: Any, *names: str) -> NDArray[np.bool_]:
+    """Which points are in one of the regimes called `names`; `codes` are places in REGIMES or KINDS."""
+    return np.isin(codes, [KINDS.index(name) for name in names])
+
+
+def main_line(dataset: xr.Dataset) -> xr.DataArray:
+    """Main line of the points that vibrate, Hz: what is left of a vibration that dies has one too, unheard."""
+    line: xr.DataArray = dataset["dominant_frequency"]
+    return line.where(is_of(dataset["regime"].values, *VIBRATING))
