@@ -80,7 +80,7 @@ def _cell(row: xr.Dataset, column: Column) -> str:
     if callable(column):
         words: str = column(row)
         return words
-    value = row[column[0]] if isinstance(column[0], str) else column[0](row)
+    value: Any = row[column[0]] if isinstance(column[0], str) else column[0](row)
     if "flag_meanings" in getattr(value, "attrs", {}):
         return word(value)
     return number(value, *column[1:])
