@@ -72,7 +72,7 @@ def word(point: xr.DataArray) -> str:
     """The meaning of one whole number with flags; a dash for NaN."""
     if np.isnan(float(point)):
         return "-"
-    place = np.asarray(point.attrs["flag_values"]).tolist().index(int(point))
+    place: int = np.asarray(point.attrs["flag_values"]).tolist().index(int(point))
     return str(point.attrs["flag_meanings"]).split()[place].replace("_", " ")
 
 
