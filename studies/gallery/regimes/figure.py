@@ -19,7 +19,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from studies import paper
-from studies.gallery.regimes.compare_linear import BELOW, VERDICTS, VIBRATING, of_regime, uncertain
+from studies.gallery.regimes.compare_linear import BELOW, VERDICTS, uncertain
 from studies.motion import regimes, transients
 from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
@@ -266,7 +266,7 @@ def _shown(at: xr.Dataset, name: str) -> NDArray[Any]:
     """A quantity in the unit that it is shown in, NaN where the motion has no such thing."""
     factor, _, vibrating = QUANTITIES[name]
     values = factor * at[name].values.astype(float)
-    return np.where(of_regime(regimes.kinds(at), *VIBRATING), values, np.nan) if vibrating else values
+    return np.where(regimes.is_of(regimes.kinds(at), *regimes.VIBRATING), values, np.nan) if vibrating else values
 
 
 def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
