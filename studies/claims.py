@@ -38,21 +38,24 @@ class Claim:
     """
 
     variable: str
-    at: Mapping[str, float]
+    at: Mapping[str, float | str]
     value: float | str
     section: str
 
 
-def beside(dataset: xr.Dataset, claims: Sequence[Claim]) -> list[Part]:
-    """A table of the claims that a result of the paper's rig answers; nothing where it answers none."""
+def beside(dataset: xr.Dataset, claims: Sequence[Claim], cells: bool = False) -> list[Part]:
+    """A table of the claims that a result of the paper's rig answers; nothing where it answers none.
+
+    With `cells` a value of an axis stands for all about it: the nearest one within the axis's range answers.
+    """
     if not paper.is_rig(dataset):
         return []
-    rows = [_row(claim, point) for claim in claims if (point := _answer(dataset, claim)) is not None]
+    rows = [_row(claim, point) for claim in claims if (point := _answer(dataset, claim, cells)) is not None]
     heads = ["beside the paper", "at", "paper", "here", "difference", "section"]
     return ["", Table(heads, rows, words=2)] if rows else []
 
 
-def _answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
+def _answer(dataset: xr.Dataset, claim: Claim, cells: bool) -> xr.DataArray | None:
     """The value that a claim speaks of; None where the result does not hold it."""
     if claim.variable not in dataset:
         return None
@@ -60,12 +63,14 @@ def _answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
     for name, value in (POINT | dict(claim.at)).items():
         if name in answer.dims and name in dataset.coords:
             if dataset[name].dtype.kind in "iuf":
-                value, is_there = nearest(dataset[name].values, float(value))
-                if not is_there:
+                values = dataset[name].values
+                near, is_there = nearest(values, float(value))
+                if not (is_there or (cells and values.min() <= value <= values.max())):
                     return None
+                value = near
             answer = answer.sel({name: value})
         elif name in answer.dims:
-            if value >= dataset.sizes[name]:
+            if int(value) >= dataset.sizes[name]:
                 return None
             answer = answer.isel({name: int(value)})
         elif name in given and given[name] != value:
@@ -74,7 +79,7 @@ def _answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
 
 
 def _row(claim: Claim, answer: xr.DataArray) -> list[str]:
-    where = ", ".join(_named(answer, name, value) for name, value in claim.at.items() if name in answer.coords)
+    where = ", ".join(_named(answer, name) for name in claim.at if name in answer.coords)
     name = str(answer.attrs["long_name"])
     if isinstance(claim.value, str):
         here = word(answer)
@@ -88,9 +93,11 @@ def _row(claim: Claim, answer: xr.DataArray) -> list[str]:
     return [f"{name}{shown and f', {shown}'}", where, f"{value:.4g}", here, difference, claim.section]
 
 
-def _named(answer: xr.DataArray, name: str, value: Any) -> str:
-    """A coordinate of a claim, in the units of a reader."""
+def _named(answer: xr.DataArray, name: str) -> str:
+    """A coordinate of the answer, in the units of a reader."""
+    value: Any = answer[name].item()
     if isinstance(value, str):
         return value.replace("_", " ")
-    units, factor = READABLE.get(str(answer[name].attrs.get("units", "1")), ("", 1.0))
-    return f"{name} = {factor * value:g} {units}".strip()
+    units = str(answer[name].attrs.get("units", "1"))
+    shown, factor = READABLE.get(units, (units, 1.0))
+    return f"{name} = {factor * value:.4g} {shown}".strip()
