@@ -79,7 +79,12 @@ def _answer(dataset: xr.Dataset, claim: Claim, cells: bool) -> xr.DataArray | No
 
 
 def _row(claim: Claim, answer: xr.DataArray) -> list[str]:
-    where = ", ".join(_named(answer, name) for name in claim.at if name in answer.coords)
+    # Of what the claim does not name only what is not the paper's.
+    names = [
+        *claim.at,
+        *(name for name, value in POINT.items() if name in answer.coords and answer[name] != value),
+    ]
+    where = ", ".join(_named(answer, name) for name in dict.fromkeys(names) if name in answer.coords)
     name = str(answer.attrs["long_name"])
     if isinstance(claim.value, str):
         here = word(answer)
