@@ -46,7 +46,7 @@ def parse(spec: str, name: str) -> NDArray[Any]:
         If it is none of the forms; the message names the axis, what was written, why, and the forms.
     """
     try:
-        if spec.startswith("log:") or ":" in spec:
+        if ":" in spec:
             return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
         return np.array([_finite(part) for part in spec.split(",")])
     except ValueError as problem:
