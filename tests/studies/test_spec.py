@@ -73,7 +73,7 @@ def test_values_of_a_range_are_those_that_one_would_write():
 @pytest.mark.parametrize("text", ["mu", "=0.2", " =0.2"])
 def test_an_assignment_has_a_name_and_a_value(text):
     assert spec.split(" mu = 0.2 ") == ("mu", "0.2")
-    with pytest.raises(ValueError, match="--fix .*: it must be AXIS=SPEC"):
+    with pytest.raises(ValueError, match=r"--fix .*: it must be AXIS=SPEC"):
         spec.split(text, "--fix")
 
 
