@@ -110,8 +110,9 @@ def draw_map(
     with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)
         plane = maps.plane_of(x, y, halvings)
-        sweep = maps.sweep_of(plane, quantity, maps.fixed_of(fixed), halvings, tolerance)
-        file = maps.file_of(plane, quantity, out)
+        held = maps.fixed_of(fixed)
+        sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance)
+        file = maps.file_of(plane, quantity, out, held)
         check_free(file)
         planned = sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
 

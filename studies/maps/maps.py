@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,8 @@ NAME = "map"
 # Largest error of interpolation of a refined map, in units of the range of its values.
 TOLERANCE = 0.02
 MOST_POINTS = 4_000_000
+# Of a file's name; file systems allow 255 bytes, and other endings take its place.
+MOST_LETTERS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,7 @@ def sweep_of(
         Naming the argument; nothing is planned then.
     """
     known = _known(quantity)
-    given = _settings(plane, quantity, known, fixed)
+    given = _settings(plane, quantity, fixed)
     limit = _tolerance(quantity, known, halvings, tolerance)
     count = len(plane.xs) * len(plane.ys)
     if count > MOST_POINTS:
@@ -161,9 +164,25 @@ def execute(
     return runner.Finished(STUDY, dataset, plan.store, runner.plot(STUDY, whole, plan.store))
 
 
-def file_of(plane: Plane, quantity: str, out: str | Path | None = None) -> Path:
-    """Where a map is kept."""
-    return runner.results_folder(out) / NAME / f"{quantity}-{plane.x}-{plane.y}.nc"
+def file_of(
+    plane: Plane, quantity: str, out: str | Path | None = None, fixed: Mapping[str, float] | None = None
+) -> Path:
+    """Where a map is kept: its name tells what is fixed at other values than the paper's.
+
+    So maps that differ in what they fix are kept beside each other, whatever the order it was given in.
+    """
+    own = defaults(quantity)
+    given = fixed or {}
+    changed = [f"{name}={spec.typed(given[name])}" for name in own if given.get(name, own[name]) != own[name]]
+    name = "-".join([quantity, plane.x, plane.y, *changed])
+    if len(name) > MOST_LETTERS:
+        name = f"{quantity}-{plane.x}-{plane.y}-{sha256(name.encode()).hexdigest()[:16]}"
+    return runner.results_folder(out) / NAME / f"{name}.nc"
+
+
+def defaults(quantity: str) -> dict[str, float]:
+    """What can be fixed in a map of this quantity, by name, with the values that they have otherwise."""
+    return {name: each.value for name, each in (AXES | dict(_known(quantity).settings)).items()}
 
 
 def _known(quantity: str) -> Quantity:
@@ -175,7 +194,7 @@ def _known(quantity: str) -> Quantity:
     return QUANTITIES[quantity]
 
 
-def _settings(plane: Plane, quantity: str, known: Quantity, fixed: Mapping[str, float]) -> dict[str, Any]:
+def _settings(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> dict[str, Any]:
     """What is the same at all points."""
     for side, name in (("x", plane.x), ("y", plane.y)):
         if name not in AXES:
@@ -185,7 +204,7 @@ def _settings(plane: Plane, quantity: str, known: Quantity, fixed: Mapping[str, 
             raise ValueError(f"--{side} mu: {quantity} is found over all mu, which cannot be an axis then")
     if plane.x == plane.y:
         raise ValueError(f"--y {plane.y}: it is the axis --x already; a map has two")
-    given = {name: each.value for name, each in (AXES | dict(known.settings)).items()}
+    given = defaults(quantity)
     for name, value in fixed.items():
         if name in (plane.x, plane.y):
             raise ValueError(f"--fix {name}: it is an axis of this map; leave it out")
@@ -273,10 +292,17 @@ def _found(quantity: str, values: NDArray[Any]) -> list[str]:
 
 
 def _not_here(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    raise ValueError(f"STUDY = {NAME!r}: a map has no axes of its own; make one with: fiv map --x ... --y ...")
+    raise ValueError(f"STUDY = {NAME!r}: maps are made by a command of their own: fiv map --help tells how")
 
 
-STUDY = Study(
+class _Maps(Study):
+    """By what files of maps are drawn and told; whatever is set, a map is not made as a study is."""
+
+    def sweep(self, given: Mapping[str, Any], **series: Any) -> Sweep:
+        return self.build(self.axes, {})
+
+
+STUDY = _Maps(
     name=NAME,
     title="Maps: one quantity over any two axes",
     question="How does a quantity change over a plane?",
