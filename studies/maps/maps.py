@@ -171,10 +171,8 @@ def file_of(
 
     So maps that differ in what they fix are kept beside each other, whatever the order it was given in.
     """
-    own = defaults(quantity)
-    given = fixed or {}
-    changed = [f"{name}={spec.typed(given[name])}" for name in own if given.get(name, own[name]) != own[name]]
-    name = "-".join([quantity, plane.x, plane.y, *changed])
+    other = (f"{key}={spec.typed(value)}" for key, value in changed(quantity, fixed or {}).items())
+    name = "-".join([quantity, plane.x, plane.y, *other])
     if len(name) > MOST_LETTERS:
         name = f"{quantity}-{plane.x}-{plane.y}-{sha256(name.encode()).hexdigest()[:16]}"
     return runner.results_folder(out) / NAME / f"{name}.nc"
@@ -183,6 +181,11 @@ def file_of(
 def defaults(quantity: str) -> dict[str, float]:
     """What can be fixed in a map of this quantity, by name, with the values that they have otherwise."""
     return {name: each.value for name, each in (AXES | dict(_known(quantity).settings)).items()}
+
+
+def changed(quantity: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What of the given values can be fixed in a map of this quantity, and is not the default."""
+    return {name: given[name] for name, own in defaults(quantity).items() if given.get(name, own) != own}
 
 
 def _known(quantity: str) -> Quantity:
