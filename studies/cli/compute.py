@@ -118,7 +118,7 @@ def draw_map(
 
     def execute() -> Finished:
         with progress(planned.todo, quiet) as told:
-            return maps.execute(planned, backend, told, fail_fast)
+            return runner.execute(planned, *backend, told, fail_fast=fail_fast)
 
     carry_out(planned, execute, yes, quiet, verbose)
 
