@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -28,29 +27,23 @@ ELSEWHERE = " --out one-point --fresh"
 DURATION = 1.0
 
 
-@dataclass(frozen=True)
-class Again:
-    """How a result is made again.
+class Again(NamedTuple):
+    """Commands that make a result again, and one of its points, with {V} where the value of the axis V goes.
 
-    Attributes
-    ----------
-    whole : str
-        The command; "" if its axes have too many values to be written.
-    point : str
-        The command for one of its points, with {V} where the value of the axis V goes.
+    A command is "" where there is none, or where the values of its axes are too many to be written.
     """
 
-    whole: str
-    point: str
+    whole: str = ""
+    point: str = ""
 
 
-def again(dataset: xr.Dataset) -> Again | None:
-    """The commands, or None where none gives this file's configuration."""
+def again(dataset: xr.Dataset) -> Again:
+    """The commands that give this file's configuration."""
     try:
         study = registry.load(dataset.attrs["sweep"])
         return _map(dataset) if study is maps.STUDY else _study(study, dataset)
     except (KeyError, ValueError, TypeError, ArithmeticError):
-        return None
+        return Again()
 
 
 def spec_of(values: Any, halvings: int = 0) -> str:
@@ -102,7 +95,7 @@ def scene_lines(dataset: xr.Dataset) -> tuple[dict[str, str], dict[str, str]] | 
     }
 
 
-def _study(study: Study, dataset: xr.Dataset) -> Again | None:
+def _study(study: Study, dataset: xr.Dataset) -> Again:
     given = constants(dataset)
     known = given | _rig_numbers(given)
     if known.get("settle", 0.0) is None:
@@ -116,7 +109,7 @@ def _study(study: Study, dataset: xr.Dataset) -> Again | None:
     record = tuple(given.get("record", ()))
     rate = given["sample_rate"] if record and "sample_rate" not in study.settings else None
     if not _gives(study.sweep(settings | axes, record=record, sample_rate=rate), dataset):
-        return None
+        return Again()
     options = _options(settings)
     options += f" --record {shlex.quote(','.join(record))}" if record else ""
     options += f" --sample-rate {spec.typed(rate)}" if rate is not None else ""
@@ -126,7 +119,7 @@ def _study(study: Study, dataset: xr.Dataset) -> Again | None:
     return Again(whole, f"{command}{_options({name: f'{{{name}}}' for name in axes})}{options}{ELSEWHERE}")
 
 
-def _map(dataset: xr.Dataset) -> Again | None:
+def _map(dataset: xr.Dataset) -> Again:
     given = constants(dataset)
     refinement = json.loads(dataset.attrs["configuration"])["refinement"]
     quantity, levels = str(given["quantity"]), int(refinement["levels"])
@@ -135,7 +128,7 @@ def _map(dataset: xr.Dataset) -> Again | None:
     plane = maps.Plane(x, y, dataset[x].values, dataset[y].values)
     fixed = maps.changed(quantity, given)
     if not _gives(maps.sweep_of(plane, quantity, fixed, levels, tolerance), dataset):
-        return None
+        return Again()
     options = f" --quantity {quantity}{_options(fixed, '--fix')}"
     x_spec, y_spec = (spec_of(values, levels) for values in (plane.xs, plane.ys))
     whole = f"fiv map --x {x}={x_spec} --y {y}={y_spec}{options}"

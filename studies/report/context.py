@@ -92,8 +92,8 @@ def overview(results: Sequence[Result]) -> dict[str, Any]:
 
 def shown(result: Result) -> dict[str, Any]:
     """All of one result; what cannot be shown is None, and `no_` and its name say why."""
-    lines = again(result.dataset)
-    told: dict[str, Any] = {
+    commands = again(result.dataset)
+    context: dict[str, Any] = {
         "anchor": result.anchor,
         "target": result.target,
         "title": result.title,
@@ -102,20 +102,20 @@ def shown(result: Result) -> dict[str, Any]:
         "unfinished": UNFINISHED.get(result.state),
         "failures": _failures(result),
         "facts": _facts(result),
-        "command": lines.whole if lines else "",
+        "command": commands.whole,
     }
     parts: dict[str, Callable[[], Any]] = {
         "figure": lambda: b64encode(_figure(result)).decode(),
         "findings": lambda: _findings(result.study.findings(result.dataset), result.title),
-        "points": lambda: _points(result.dataset, lines.point if lines else ""),
+        "points": lambda: points_of(result.dataset, commands.point),
     }
     for name, make in parts.items():
         try:
-            told |= {name: make(), f"no_{name}": ""}
+            context |= {name: make(), f"no_{name}": ""}
         except UNUSABLE as problem:
             reason = f"it lacks {problem}" if isinstance(problem, KeyError) else str(problem)
-            told |= {name: None, f"no_{name}": reason}
-    return told
+            context |= {name: None, f"no_{name}": reason}
+    return context
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> dict[str, Any]:
@@ -176,17 +176,6 @@ def _flowing(lines: Sequence[str]) -> list[str]:
             flowing[-1] += " " + line.strip()
         before = line
     return flowing
-
-
-def _points(dataset: xr.Dataset, point_command: str) -> dict[str, Any]:
-    """What the page's script fills the table and the map with, and how much of all the points that is."""
-    points = points_of(dataset, point_command)
-    size = f"{points.total} points"
-    if points.strides:
-        ordinals = {2: "second", 3: "third"}
-        every = " and ".join(f"{ordinals.get(n, f'{n}th')} value of {axis}" for axis, n in points.strides.items())
-        size = f"{points.embedded} of {points.total} points, every {every}, to keep this page small"
-    return {"data": points.data, "size": size}
 
 
 def _failures(result: Result) -> dict[str, Any] | None:

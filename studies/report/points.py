@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -28,24 +27,11 @@ PLAIN = ("status", "error", "wall_time")
 DIGITS = 6
 
 
-@dataclass(frozen=True)
-class Points:
-    """What is embedded of a result.
-
-    Attributes
-    ----------
-    data : dict
-        For JSON: `axes`, `columns`, and `plane` where the points are a plane of scenes, else None.
-    embedded, total : int
-        Points.
-    strides : dict of str to int
-        Of which axes only every so many-th value is embedded.
-    """
+class Points(NamedTuple):
+    """What is embedded of a result: `axes`, `columns` and `plane`, for JSON; and how many points that is."""
 
     data: dict[str, Any]
-    embedded: int
-    total: int
-    strides: dict[str, int]
+    size: str
 
 
 def points_of(dataset: xr.Dataset, point_command: str = "") -> Points:
@@ -60,12 +46,12 @@ def points_of(dataset: xr.Dataset, point_command: str = "") -> Points:
     columns = [each for each in columns if each["name"] != "error" or each.get("fill") != "" or each["at"]]
     axes = [_axis(dataset, dim, coarse[dim]) for dim in dims]
     plane = _plane(dataset, [each["name"] for each in columns], point_command)
-    return Points(
-        {"axes": axes, "columns": columns, "plane": plane},
-        math.prod(len(each["values"]) for each in axes),
-        status.size,
-        {dim: stride for dim, stride in strides.items() if stride > 1},
-    )
+    size = f"{status.size} points"
+    if any(stride > 1 for stride in strides.values()):
+        ordinals = {2: "second", 3: "third"}
+        every = " and ".join(f"{ordinals.get(n, f'{n}th')} value of {dim}" for dim, n in strides.items() if n > 1)
+        size = f"{status[coarse].size} of {size}, every {every}, to keep this page small"
+    return Points({"axes": axes, "columns": columns, "plane": plane}, size)
 
 
 def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
