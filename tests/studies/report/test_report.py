@@ -5,9 +5,7 @@ import math
 import re
 import shlex
 import shutil
-import subprocess
 import sys
-import zipfile
 from base64 import b64decode
 from html.parser import HTMLParser
 from importlib.resources import files
@@ -26,7 +24,6 @@ from studies.report import page as report
 from studies.report import points as report_points
 from studies.report.commands import again, spec_of
 from studies.report.points import points_of
-from tests import HOME
 from tests.helpers.reports import made
 
 HOSTILE = "</script><script>alert(1)</script><b onclick='x'>&amp;\"'"
@@ -418,23 +415,3 @@ def test_an_interrupted_run_is_shown_as_far_as_it_is(tmp_path, monkeypatch):
 def _interrupt(snapshot):
     if snapshot.done > 4:
         raise KeyboardInterrupt
-
-
-def test_style_and_script_are_part_of_the_package():
-    for name in ("page.css", "page.html.j2", *report.SCRIPTS):
-        assert files("studies.report").joinpath(name).read_text().strip()
-
-
-@pytest.mark.slow
-def test_style_and_script_are_in_the_wheel(tmp_path):
-    home = HOME
-    copy = tmp_path / "copy"
-    for name in ("fivcore", "sweeps", "studies"):
-        shutil.copytree(home / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md"):
-        shutil.copy(home / name, copy)
-    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", str(tmp_path), str(copy)]
-    subprocess.run(build, check=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    names = zipfile.ZipFile(wheel).namelist()
-    assert {f"studies/{name}" for name in ("page.css", "page.html.j2", *report.SCRIPTS)} <= set(names)
