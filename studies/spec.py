@@ -107,6 +107,11 @@ def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
     return _written(np.geomspace(start, stop, count))
 
 
+def typed(value: float) -> str:
+    """A number as one types it, all its digits kept."""
+    return repr(float(value)).removesuffix(".0")
+
+
 def _written(values: NDArray[Any]) -> NDArray[Any]:
     return np.array([float(f"{value:.15g}") for value in values])
 
