@@ -44,11 +44,6 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     ]
 
 
-def growing(dataset: xr.Dataset) -> NDArray[np.bool_]:
-    """Points at which a mode grows, (theta, mu)."""
-    return np.asarray(dataset["growth_rate"].transpose("theta", "mu").values > 0.0)
-
-
 def expected(dataset: xr.Dataset) -> NDArray[np.intp]:
     """How many pairs are unstable by the branches alone, (theta, mu): onsets below less recoveries below."""
     mu = dataset["mu"].values[:, None]
@@ -64,13 +59,13 @@ def _branches(dataset: xr.Dataset) -> list[Part]:
     comment = dataset["pair_onset_mu"].attrs.get("comment", "")
     if comment:
         return [f"The onsets could not be followed over theta: {comment}."]
-    over = dataset["trace_theta"].groupby(dataset["trace_branch"])
     rows = []
     for kind, dim in {"onset": "pair", "recovery": "recovery"}.items():
         lowest = (dataset[f"{dim}_lowest_{name}"].values for name in ("frequency", "mu", "theta"))
         rows += [[kind, f"{f:.0f}", f"{mu:.4f}", f"{theta:.3f}"] for f, mu, theta in zip(*lowest, strict=True)]
     if not rows:
         return ["No flutter onset in this range."]
+    over = dataset["trace_theta"].groupby(dataset["trace_branch"])
     ends = zip(over.min().values, over.max().values, strict=True)
     rows = [[*row, f"{low:.2f}", f"{high:.2f}"] for row, (low, high) in zip(rows, ends, strict=True)]
     return [Table(["branch", "Hz", "lowest mu", "at deg", "from deg", "to deg"], rows, words=1)]
@@ -78,9 +73,9 @@ def _branches(dataset: xr.Dataset) -> list[Part]:
 
 def _plane(dataset: xr.Dataset) -> list[Part]:
     """The unstable part of the plane, the bound tan(theta) = mu, and whether grid and branches agree."""
-    at, grows = dataset.transpose("theta", "mu", ...), growing(dataset)
+    at = dataset.transpose("theta", "mu", ...)
     growth, modes, frequency = (at[name].values for name in ("growth_rate", "unstable_modes", "frequency"))
-    known, tangent = np.isfinite(growth), np.tan(np.radians(at["theta"].values))[:, None]
+    known, grows, tangent = np.isfinite(growth), growth > 0.0, np.tan(np.radians(at["theta"].values))[:, None]
     if not known.any():
         return ["No point has been computed yet."]
     count, inside = known.sum(), (tangent > 0.0) & (tangent < at["mu"].values)
@@ -91,11 +86,9 @@ def _plane(dataset: xr.Dataset) -> list[Part]:
         "growing outside 0 < tan(theta) < mu": f"{(grows & ~inside).sum()}",
     }
     if grows.any():
-        top = at.isel(
-            dict(zip(("theta", "mu"), np.unravel_index(np.nanargmax(growth), growth.shape), strict=True))
-        )
-        where = f"theta = {float(top['theta']):g} degrees, mu = {float(top['mu']):g}"
-        rows["largest growth rate"] = f"{np.nanmax(growth):.0f} 1/s at {where}, {float(top['frequency']):.0f} Hz"
+        top = at.isel(at["growth_rate"].argmax(["theta", "mu"]))
+        rate, hertz, theta, mu = (float(top[name]) for name in ("growth_rate", "frequency", "theta", "mu"))
+        rows["largest growth rate"] = f"{rate:.0f} 1/s, {hertz:.0f} Hz at theta = {theta:g} degrees, mu = {mu:g}"
     if dataset.sizes["trace"]:
         ratio = np.tan(np.radians(dataset["trace_theta"].values)) / dataset["trace_mu"].values
         rows["largest tan(theta) / mu of an onset or recovery"] = f"{ratio.max():.4f}"
