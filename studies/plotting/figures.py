@@ -92,11 +92,21 @@ def shows(image: bytes, digest: str) -> bool:
 
 def panels(rows: int, columns: int, width: float, height: float, **options: object) -> tuple[Figure, list[Axes]]:
     """A figure of `width` by `height` cm and its panels, row by row."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
+    figure = _figure(width, height)
     axes = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
     return figure, list(axes.ravel())
+
+
+def mosaic(layout: Any, width: float, height: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
+    """A figure of `width` by `height` cm and its panels by their names in `layout`."""
+    figure = _figure(width, height)
+    return figure, figure.subplot_mosaic(layout, **options)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
 
 
 def trace(axes: Axes, x: Any, y: Any, columns: int = 1500, **options: Any) -> None:
