@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,83 +35,75 @@ class Claim:
         In the variable's units; the word of a variable with flags.
     section : str
         Of the paper: section, figure or table.
-    over : mapping, optional
-        Where the value stands that this one is divided by, of a claim about a ratio.
     """
 
     variable: str
-    at: Mapping[str, float]
+    at: Mapping[str, float | str]
     value: float | str
     section: str
-    over: Mapping[str, float] = field(default_factory=dict)
 
 
-def beside(dataset: xr.Dataset, claims: Sequence[Claim]) -> list[Part]:
-    """A table of the claims that a result of the paper's rig answers; nothing where it answers none."""
+def beside(dataset: xr.Dataset, claims: Sequence[Claim], cells: bool = False) -> list[Part]:
+    """A table of the claims that a result of the paper's rig answers; nothing where it answers none.
+
+    With `cells` a value of an axis stands for all about it: the nearest one within the axis's range answers.
+    """
     if not paper.is_rig(dataset):
         return []
-    rows = [row for claim in claims if (row := _row(dataset, claim))]
+    rows = [_row(claim, point) for claim in claims if (point := _answer(dataset, claim, cells)) is not None]
     heads = ["beside the paper", "at", "paper", "here", "difference", "section"]
     return ["", Table(heads, rows, words=2)] if rows else []
 
 
-def _answer(dataset: xr.Dataset, variable: str, at: Mapping[str, float]) -> xr.DataArray | None:
-    """The value of a variable at a place; None where the result does not hold it."""
-    if variable not in dataset:
+def _answer(dataset: xr.Dataset, claim: Claim, cells: bool) -> xr.DataArray | None:
+    """The value that a claim speaks of; None where the result does not hold it."""
+    if claim.variable not in dataset:
         return None
-    given, answer = constants(dataset), dataset[variable]
-    for name, value in (POINT | dict(at)).items():
+    given, answer = constants(dataset), dataset[claim.variable]
+    for name, value in (POINT | dict(claim.at)).items():
         if name in answer.dims and name in dataset.coords:
             if dataset[name].dtype.kind in "iuf":
-                value, is_there = nearest(dataset[name].values, float(value))
-                if not is_there:
+                values = dataset[name].values
+                near, is_there = nearest(values, float(value))
+                if not (is_there or (cells and values.min() <= value <= values.max())):
                     return None
+                value = near
             answer = answer.sel({name: value})
         elif name in answer.dims:
-            if value >= dataset.sizes[name]:
+            if int(value) >= dataset.sizes[name]:
                 return None
-            answer = answer.isel({name: int(value)})
+            # Counted from 1 where it is named.
+            answer = answer.isel({name: int(value)}).assign_coords({name: int(value) + 1})
         elif name in given and given[name] != value:
             return None
     return answer
 
 
-def _row(dataset: xr.Dataset, claim: Claim) -> list[str] | None:
-    answer = _answer(dataset, claim.variable, claim.at)
-    if answer is None:
-        return None
-    name, units = str(answer.attrs["long_name"]), str(answer.attrs.get("units", "1"))
-    where = _where(dataset, answer, claim.at)
+def _row(claim: Claim, answer: xr.DataArray) -> list[str]:
+    # Of what the claim does not name only what is not the paper's.
+    names = [
+        *claim.at,
+        *(name for name, value in POINT.items() if name in answer.coords and answer[name] != value),
+    ]
+    where = ", ".join(_named(answer, name) for name in dict.fromkeys(names) if name in answer.coords)
+    name = str(answer.attrs["long_name"])
     if isinstance(claim.value, str):
         here = word(answer)
         return [name, where, claim.value, here, "none" if here == claim.value else "differs", claim.section]
+    units = str(answer.attrs.get("units", "1"))
     shown, factor = READABLE.get(units, (units, 1.0))
-    here_value = factor * float(answer)
-    if claim.over:
-        other = _answer(dataset, claim.variable, claim.over)
-        if other is None:
-            return None
-        where += f" over {_where(dataset, other, claim.over)}"
-        shown, factor, here_value = "", 1.0, float(answer) / float(other)
-    value = factor * claim.value
+    value, here_value = factor * claim.value, factor * float(answer)
     away = 100.0 * (here_value / value - 1.0) if value else np.nan
     difference = "-" if np.isnan(away) else f"{away:+.1f} %"
     here = "-" if np.isnan(here_value) else f"{here_value:.4g}"
     return [f"{name}{shown and f', {shown}'}", where, f"{value:.4g}", here, difference, claim.section]
 
 
-def _where(dataset: xr.Dataset, answer: xr.DataArray, at: Mapping[str, float]) -> str:
-    """The coordinates of a claim; places along a dimension without values are counted from 1."""
-    named = [_named(answer, name, value) for name, value in at.items() if name in answer.coords]
-    placed = [
-        f"{name} {int(value) + 1}" for name, value in at.items() if name in set(dataset.dims) - set(dataset.coords)
-    ]
-    return ", ".join(named + placed)
-
-
-def _named(answer: xr.DataArray, name: str, value: Any) -> str:
-    """A coordinate of a claim, in the units of a reader."""
+def _named(answer: xr.DataArray, name: str) -> str:
+    """A coordinate of the answer, in the units of a reader."""
+    value: Any = answer[name].item()
     if isinstance(value, str):
         return value.replace("_", " ")
-    units, factor = READABLE.get(str(answer[name].attrs.get("units", "1")), ("", 1.0))
-    return f"{name} = {factor * value:g} {units}".strip()
+    units = str(answer[name].attrs.get("units", "1"))
+    shown, factor = READABLE.get(units, (units, 1.0))
+    return f"{name} = {factor * value:.4g} {shown}".strip()

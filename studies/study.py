@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -100,12 +100,21 @@ class Study:
         """What the paper says and what can be varied, as lines."""
         lines = [f"Paper: {self.paper}"]
         for name, axis in self.axes.items():
-            ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
+            if name in self.texts:
+                ends = ", ".join(self.texts[name])
+                ends = ends if len(ends) <= 22 else f"{len(axis)} texts"
+            else:
+                ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
             lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}")
         for name, setting in self.settings.items():
             units = "" if setting.units == "1" else f" {setting.units}"
             lines.append(f"setting  {name:<17} {f'{setting.value:g}{units}':<22} {setting.long_name}")
         return "\n".join(lines)
+
+    @property
+    def texts(self) -> dict[str, list[str]]:
+        """The values of the axes that are of texts; a run may ask for some of them, and for no others."""
+        return {name: axis.values.tolist() for name, axis in self.axes.items() if axis.values.dtype.kind == "U"}
 
     def sweep(
         self, given: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
@@ -187,7 +196,15 @@ def suggest(name: str, known: list[str]) -> str:
 
 
 def _axis(name: str, value: Any, own: Axis) -> Axis:
-    """The axis with other values, sorted, each once."""
+    """The axis with other values, sorted, each once; of one of texts some of its own, in its own order."""
+    if own.values.dtype.kind == "U":
+        texts = np.atleast_1d(np.asarray(value, dtype=object))
+        for text in texts.ravel().tolist():
+            if text not in own.values.tolist():
+                known = own.values.tolist()
+                near = suggest(str(text), known) or f"it must be one of {', '.join(known[:8])}"
+                raise ValueError(f"{name} = {text!r}: there is no such {name}; {near.rstrip()}")
+        return replace(own, values=own.values[np.isin(own.values, texts.astype(str))])
     values = _numbers(name, value, "a number or a list of numbers")
     if own.values.dtype.kind == "i":
         whole = (values == np.rint(values)) & (np.abs(values) < 2**53)

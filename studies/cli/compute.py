@@ -133,12 +133,13 @@ def _planned(
     retry_failed: bool,
 ) -> Plan:
     """The plan; whatever is wrong with the input shows here, before anything is written."""
-    from studies import runner, spec
+    from studies import registry, runner, spec
 
     with InputErrors(verbose):
         given: dict[str, Any] = {}
+        texts = registry.load(study).texts
         for text in assignments:
-            name, values = spec.assignment(text)
+            name, values = spec.assignment(text, texts)
             if name in given:
                 raise ValueError(f"--set {text!r}: {name} is set already; give all its values at once")
             given[name] = values

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from fivcore import Rig, Scene, Transient, critical_mu, flutter_onsets, glued_frequencies
 from studies import paper
 from studies.gallery.regimes import study as regimes
-from studies.gallery.scenes import study as scenes
 from studies.gallery.stability import study as stability
-from studies.motion import ensembles, transients
+from studies.motion import ensembles, normalised, transients
 from studies.motion.jobs import Job, outcomes
 from studies.rig import rig_of, rig_settings
 from studies.study import Setting
@@ -116,7 +115,7 @@ def motion(
 ) -> dict[str, Any]:
     """What an ensemble of runs of each point's canonical scene says; in units of F where F is an axis."""
     every = _complete(points, fixed)
-    canonical = zip(*scenes.canonical(every), strict=True)
+    canonical = zip(*normalised.coordinates(every), strict=True)
     chosen = [
         Scene(float(pace), float(theta), float(mu), 1.0, rig)
         for (pace, theta, mu), rig in zip(canonical, _rig_of_each(every), strict=True)
@@ -127,7 +126,7 @@ def motion(
 
     jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in chosen]
     found = outcomes(jobs, values, copies=True)
-    if quantity in scenes.SCALED and "F" not in points:
+    if quantity in normalised.SCALED and "F" not in points:
         found[quantity] = found[quantity] * fixed["F"]
     return found
 
@@ -145,7 +144,7 @@ def same_sliding(points: Points) -> NDArray[Any]:
 
 def same_motion(points: Points) -> NDArray[Any]:
     """Equal rows for copies of one scene of one rig."""
-    return _columns(points, *scenes.canonical(_complete(points, SAME)))
+    return _columns(points, *normalised.coordinates(_complete(points, SAME)))
 
 
 def load(points: Points) -> dict[str, NDArray[Any]]:

@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 Array = NDArray[Any]
 
+# From this ratio of its ends on a logarithmic axis has ticks at powers of ten only.
+MANY_DECADES = 200.0
 # Okabe and Ito's palette; told apart in grey by lightness and by the markers used with it.
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
@@ -89,6 +92,18 @@ def envelope(x: Any, y: Any, columns: int) -> tuple[Array, Array, Array]:
     low, high = np.fmin.reduceat(y, edges), np.fmax.reduceat(y, edges)
     ends = np.where(np.isnan(low), np.nan, y[after])
     return x[edges], np.fmin(low, ends), np.fmax(high, ends)
+
+
+def one_two_five(*sides: Axis) -> None:
+    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for side in sides:
+        if side.get_scale() == "log":
+            low, high = side.get_view_interval()
+            side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+            side.set_major_formatter("{x:g}")
+            side.set_minor_formatter(NullFormatter())
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:

@@ -5,16 +5,18 @@ Colours survive colour blindness and grey print: shades rise in lightness, class
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.motion import transients
 from studies.motion.regimes import KINDS
 from studies.plotting import figures
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
@@ -48,6 +50,10 @@ for _beam in ("p1", "p2"):
 COLOURS = ("#d9d9d9", "#4d4d4d", "#a6dcf7", figures.ORANGE, figures.BLUE, figures.RED, "white", "white")
 DARK = ("stuck", "periodic", "irregular")
 HATCHES = {"failed": "xxxx"}
+# Of the regimes along an axis.
+MARKERS = "svo^Dp"
+# Panels across and down a figure; of more values it shows so many, evenly chosen.
+MOST_ACROSS, MOST_DOWN = 4, 3
 # From this ratio of its ends on an axis is logarithmic.
 WIDE = 20.0
 
@@ -127,6 +133,88 @@ def classes(axes: Axes, x: str, xs: Any, y: str, ys: Any, codes: NDArray[Any], c
         rasterized=True,
     )
     set_axes(axes, x, xs, y, ys)
+
+
+def multiples(
+    dataset: xr.Dataset,
+    x: str,
+    y: str,
+    others: Sequence[str],
+    size: Callable[[int, int], tuple[float, float]],
+    draw: Callable[[Axes, xr.Dataset], Any],
+) -> tuple[Figure, list[Any], str]:
+    """A panel of x and y for each value of up to two other axes, across and down.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Over V, theta, mu and F.
+    x, y : str
+        Axes of each panel.
+    others : sequence of str
+        Axes of the panels; of what is neither, the first value is shown.
+    size : callable
+        `size(across, down)` returns the figure's width and height, cm.
+    draw : callable
+        `draw(axes, at)` draws one panel of what `at` holds, (y, x, ...).
+
+    Returns
+    -------
+    figure : Figure
+    returned : list
+        What `draw` returned for each panel.
+    left_out : str
+        Of how many values not all are shown, like "4 of 13 θ"; else nothing.
+    """
+    picked = {
+        name: transients.some(dataset.sizes[name], most)
+        for name, most in zip(others, (MOST_ACROSS, MOST_DOWN), strict=False)
+    }
+    across, down = (picked.get(name, [0]) for name in [*others, "", ""][:2])
+    figure, panels = figures.panels(
+        len(down), len(across), *size(len(across), len(down)), sharex=True, sharey=True
+    )
+    returned = []
+    for k, axes in enumerate(panels):
+        place = dict(zip(others, (across[k % len(across)], down[k // len(across)]), strict=False))
+        at = dataset.isel({name: place.get(name, 0) for name in transients.SCENE if name not in (x, y)})
+        returned.append(draw(axes, at.transpose(y, x, ...)))
+        axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
+        axes.label_outer()
+    left_out = ", ".join(
+        f"{len(shown)} of {dataset.sizes[name]} {SYMBOLS[name][0]}"
+        for name, shown in picked.items()
+        if len(shown) < dataset.sizes[name]
+    )
+    return figure, returned, left_out
+
+
+def along(
+    axes: Axes, x: Any, heights: NDArray[Any], codes: NDArray[Any], spread: Any = None, size: float = 5.0
+) -> None:
+    """A quantity along one axis, each point marked by its regime (a place in KINDS), or by a cross."""
+    axes.plot(x, heights, color=figures.GREY, linewidth=0.8, zorder=1.5)
+    for code in np.unique(codes):
+        chosen = codes == code
+        if KINDS[code] in ("failed", "pending"):
+            look: dict[str, Any] = {"color": "black", "transform": axes.get_xaxis_transform(), "clip_on": False}
+            axes.plot(x[chosen], np.zeros(chosen.sum()), "x", label=KINDS[code], **look)
+            continue
+        axes.errorbar(
+            x[chosen],
+            heights[chosen],
+            None if spread is None else spread[chosen],
+            linestyle="none",
+            marker=MARKERS[code],
+            markersize=size,
+            color=COLOURS[code],
+            ecolor=figures.GREY,
+            markeredgecolor="black",
+            markeredgewidth=0.5,
+            label=KINDS[code],
+            clip_on=False,
+            zorder=2.5,
+        )
 
 
 def patches(kinds: Any) -> list[Patch]:

@@ -56,7 +56,10 @@ def written(value: float) -> str:
 
 def spec_of(values: Any, halvings: int = 0) -> str:
     """The SPEC that stands for these values once its intervals are halved so often; "" if it would be too long."""
-    values = np.asarray(values, dtype=float)
+    values = np.asarray(values)
+    if values.dtype.kind in "OU":
+        return shlex.quote(",".join(values.tolist())) if len(values) <= MOST_VALUES else ""
+    values = values.astype(float)
     coarse = values[:: 2**halvings]
     ends = f"{written(coarse[0])}:{written(coarse[-1])}:{len(coarse)}"
     ranges = [ends, f"log:{ends}"] if values[0] > 0.0 else [ends]

@@ -21,12 +21,8 @@ from studies.plotting.planes import COLOURS, DARK, HATCHES, SYMBOLS, named
 from studies.study import constants
 
 STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
-# Maps across and down a figure; of more values it shows so many, evenly chosen.
-MOST_ACROSS, MOST_DOWN = 4, 3
 # Cells along a side up to which each bears a number, and ticks.
 MOST_WRITTEN, MOST_TICKS = 10, 8
-# Of the regimes along a row.
-MARKERS = "svo^Dp"
 # What the table of a single scene shows.
 FIGURES = tuple(
     name
@@ -54,35 +50,20 @@ def draw(dataset: xr.Dataset) -> Figure:
 def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figure:
     """The longest axis across and the next one up in every map; the others go from map to map."""
     x, y, *others = varying
-    limits = zip(others, (MOST_ACROSS, MOST_DOWN), strict=False)
-    picked = {name: transients.some(dataset.sizes[name], most) for name, most in limits}
-    across, down = (picked.get(name, [0]) for name in [*others, "", ""][:2])
     written = max(dataset.sizes[x], dataset.sizes[y]) <= MOST_WRITTEN
     wide, high = (_extent(dataset.sizes[name], written) for name in (x, y))
-    figure, panels = figures.panels(
-        len(down),
-        len(across),
-        max(2.0 + wide * len(across), 13.0),
-        3.6 + high * len(down),
-        sharex=True,
-        sharey=True,
+    figure, kinds, left_out = planes.multiples(
+        dataset,
+        x,
+        y,
+        others,
+        lambda across, down: (max(2.0 + wide * across, 13.0), 3.6 + high * down),
+        lambda axes, at: _draw_map(axes, at, x, y, written),
     )
-    kinds: set[int] = set()
-    for k, axes in enumerate(panels):
-        place = dict(zip(others, (across[k % len(across)], down[k // len(across)]), strict=False))
-        at = dataset.isel({name: place.get(name, 0) for name in transients.SCENE if name not in (x, y)})
-        kinds.update(_draw_map(axes, at.transpose(y, x, ...), x, y, written))
-        axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
-        axes.label_outer()
-    handles = planes.patches(kinds)
+    handles = planes.patches(np.unique(np.concatenate(kinds)))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
-    shown = ", ".join(
-        f"{len(ks)} of {dataset.sizes[n]} {SYMBOLS[n][0]}"
-        for n, ks in picked.items()
-        if len(ks) < dataset.sizes[n]
-    )
     note = "\nnumbers: RMS of the velocity of B / (mm/s)" if written else ""
-    figure.suptitle(title + (f" ({shown})" if shown else "") + note)
+    figure.suptitle(title + (f" ({left_out})" if left_out else "") + note)
     return figure
 
 
@@ -133,9 +114,7 @@ def _short(value: float) -> str:
 
 def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     """Shares of time and RMS along the one axis that varies."""
-    symbol_factor = SYMBOLS[along][2]
-    values = symbol_factor * at[along].values
-    kinds = regimes.kinds(at)
+    values, kinds = planes.shown(along, at[along].values), regimes.kinds(at)
     figure, (shares, rms) = figures.panels(2, 1, 15.0, 13.0, sharex=True)
     edges = planes.edges(values)
     below = np.zeros(len(values))
@@ -148,21 +127,7 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
         }
         shares.bar(edges[:-1], share, np.diff(edges), bottom=below, align="edge", label=state, **look)
         below += share
-    rms.plot(values, 1e3 * at["velocity_rms"].values, color=figures.GREY, linewidth=0.8, zorder=1.5)
-    marks: dict[str, Any] = {
-        "markeredgecolor": "black",
-        "markeredgewidth": 0.5,
-        "clip_on": False,
-        "markersize": 6.0 if len(values) <= 60 else 4.0,
-    }
-    for code in np.unique(kinds):
-        chosen = kinds == code
-        if KINDS[code] in ("failed", "pending"):
-            rms.plot(values[chosen], np.zeros(chosen.sum()), "x", color="black", label=KINDS[code], clip_on=False)
-        else:
-            height = 1e3 * at["velocity_rms"].values[chosen]
-            marker = MARKERS[code]
-            rms.plot(values[chosen], height, marker, color=COLOURS[code], label=KINDS[code], zorder=2.5, **marks)
+    planes.along(rms, values, 1e3 * at["velocity_rms"].values, kinds, size=6.0 if len(values) <= 60 else 4.0)
     if planes.is_logarithmic(values):
         rms.set_xscale("log")
         rms.xaxis.set_major_formatter("{x:g}")
