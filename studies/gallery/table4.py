@@ -84,12 +84,10 @@ def computed(dataset: xr.Dataset) -> list[tuple[str, str, float]]:
 def largest(dataset: xr.Dataset) -> str:
     """The largest difference of each computed variable, in words."""
     if not np.any(np.isfinite(dataset["frequency_paper"])):
-        return "The paper lists none of these modes."
-    each = [
-        f"{float(np.abs(deviation(dataset, name)).max()):.2f} % at {position}"
-        for name, position, _ in computed(dataset)
-    ]
-    return f"Largest difference: {', '.join(each)}"
+        return "the paper lists none of these modes"
+    each = [(float(np.abs(deviation(dataset, name)).max()), position) for name, position, _ in computed(dataset)]
+    words = [f"{value:.{2 if value < 1.0 else 1}f} % at {position}" for value, position in each]
+    return f"largest difference: {', '.join(words)}"
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
@@ -110,7 +108,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"({', '.join(masses)}); Hz, and differences from the paper's numerical column.",
         "",
         Table.of(dataset, "mode", columns),
-        largest(dataset),
+        largest(dataset).capitalize(),
     ]
 
 
