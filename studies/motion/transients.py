@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.motion.jobs import Job, check_jobs
+from studies.rig import rig_of
 from studies.study import Setting
 from sweeps import FAILED, Axis, Variable
 
@@ -79,6 +80,16 @@ def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]
     """What every scene of a sweep has in common: the rig, the run, and the settings called `names`."""
     chosen = ("duration", "ramp", "cutoff", "leap", *names)
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
+
+
+def constants(*names: str) -> Callable[[Mapping[str, float]], dict[str, Any]]:
+    """`Study.constants` of scenes with one rig: what they have in common, and the settings called `names`."""
+
+    def of(settings: Mapping[str, float]) -> dict[str, Any]:
+        rig, _ = rig_of({"theta": paper.THETA, **settings})
+        return held(settings, rig, *names)
+
+    return of
 
 
 def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
