@@ -8,7 +8,7 @@ import sweeps
 from studies import registry, runner
 from tests import HOME
 
-# Root mean square over the pixels, of 255: another version of Matplotlib may draw letters otherwise. A missing line
+# Root mean square over the pixels, of 255: another Matplotlib may draw letters otherwise; a line that is missing
 # makes more (`test_a_line_that_is_missing_shows`).
 TOLERANCE = 1.0
 
