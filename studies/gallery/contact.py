@@ -166,7 +166,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"The contact, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s; from {transients.SETTLING:g} s after the first slip on unless said otherwise.",
         "",
-        "Shares of time, and changes of state in a period of the main line; the paper's four phases have four.",
+        "Shares of time, and changes of state in a period of the main line (stick, slip, separation, slip: 4).",
         Table.of(dataset, "V", speed | {"vibration": regimes.kind, **regimes.SHARES, "changes": (changes, ".0f")}),
         "",
         "Normal force and slip speed: 99.9 %, not passed for that share of the time; start-up, the largest within "

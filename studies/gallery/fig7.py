@@ -75,7 +75,7 @@ def with_glued_modes(dataset: xr.Dataset, *, rig: Rig, theta: float, **_: Any) -
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Kind of vibration, lines of the spectra and long sticks, beside the paper's."""
     given, glued = constants(dataset), dataset["glued_frequency"].values
-    near = [f"{glued[np.abs(glued - f).argmin()]:.0f}" for f in paper.OTHER_LINES]
+    near = [f"{glued[np.abs(glued - f).argmin()]:.0f} Hz nearest to {f:.0f}" for f in paper.OTHER_LINES]
     speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
     motion: dict[str, Column] = {
         "vibration": regimes.kind,
@@ -104,8 +104,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "",
         Table.of(dataset, "V", speed | motion),
         "",
-        "Lines of the spectra, Hz: three while vibrating, two within long sticks, where the glued rig rings: its "
-        f"modes nearest to the paper's other lines are at {' and '.join(near)} Hz.",
+        "Lines of the spectra, Hz: three while vibrating, two within long sticks, where the glued rig rings "
+        f"(modes: {', '.join(near)}).",
         tones,
         *beside(dataset, CLAIMS),
     ]

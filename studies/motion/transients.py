@@ -112,7 +112,7 @@ def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, *
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Find out, before anything is planned, what cannot be run.
+    """Find out, before anything is planned, what a study with one axis cannot run.
 
     A scene whose contact has no unique solution is not refused: its point fails by itself.
 
@@ -125,7 +125,8 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     most = MOST_SAMPLES / sample_rate
     checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    check_jobs([job(scenes({name: axis.values[:1] for name, axis in axes.items()}, fixed)[0], fixed, 1e-6)])
+    every = scenes({name: axis.values for name, axis in axes.items()}, fixed)
+    check_jobs([job(every[0], fixed, 1e-6)])
 
 
 def series_coords(*, duration: float, sample_rate: float, **_: Any) -> dict[str, Axis]:
