@@ -79,7 +79,8 @@ def _answer(dataset: xr.Dataset, claim: Claim, cells: bool) -> xr.DataArray | No
         elif name in answer.dims:
             if int(value) >= dataset.sizes[name]:
                 return None
-            answer = answer.isel({name: int(value)})
+            # Counted from 1 where it is named.
+            answer = answer.isel({name: int(value)}).assign_coords({name: int(value) + 1})
         elif name in given and given[name] != value:
             return None
     return answer

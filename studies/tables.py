@@ -27,14 +27,11 @@ class Table:
         Each as long as `heads`.
     words : int
         How many of the first columns are words, flush left; numbers are flush right.
-    form : str
-        How `str.format` writes a line where columns are not to be as wide as what they hold.
     """
 
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
     words: int = 0
-    form: str = ""
 
     @classmethod
     def of(cls, dataset: xr.Dataset, along: str, columns: Mapping[str, Column], words: int = 0) -> Table:
@@ -58,7 +55,7 @@ class Table:
         every = [self.heads, *self.rows]
         widths = [max(map(len, column)) for column in zip(*every, strict=True)]
         sides = "<" * self.words + ">" * (len(widths) - self.words)
-        form = self.form or "  ".join(f"{{:{side}{width}}}" for side, width in zip(sides, widths, strict=True))
+        form = "  ".join(f"{{:{side}{width}}}" for side, width in zip(sides, widths, strict=True))
         return "\n".join(form.format(*row).rstrip() for row in every)
 
 

@@ -13,9 +13,9 @@ from studies import paper
 from studies.claims import Claim, beside
 from studies.gallery.stability.study import largest_growth
 from studies.motion import recording, regimes, transients
-from studies.motion.jobs import BATCH_MULTIPLE, Job, outcomes
-from studies.plotting import figures
-from studies.rig import rig_of, rig_settings
+from studies.motion.jobs import BATCH_MULTIPLE
+from studies.plotting import figures, planes
+from studies.rig import rig_settings
 from studies.study import Setting, Study, constants
 from studies.tables import Column, Part, Table
 from sweeps import Axis, Variable
@@ -54,35 +54,18 @@ def histories(
     points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
 ) -> dict[str, Any]:
     """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
-    times = transients.even_times(fixed["duration"], sample_rate).values
 
-    own = {"record": ("velocity_B",), "sample_rate": transients.OVERSAMPLING * sample_rate}
-
-    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
-        run = runs[0]
-        series = transients.velocity(run, times, sample_rate)
+    def values(run: Transient, series: np.ndarray, times: np.ndarray) -> dict[str, Any]:
         spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)
-        return (
-            {"velocity_B": series, "spectrum": spectrum}
-            | dict(zip(STABILITY, fastest(run.scene), strict=True))
-            | recording.series(runs[-1], record)
-            | transients.figures_of(run)
-        )
+        return {"spectrum": spectrum} | dict(zip(STABILITY, fastest(run.scene), strict=True))
 
-    every = transients.scenes(points, fixed)
-    return outcomes([recording.jobs(scene, fixed, own, record, times) for scene in every], values)
+    return recording.histories(points, fixed, values, ("velocity_B",), record, sample_rate)
 
 
 def fastest(scene: Scene) -> tuple[float, float]:
     """Growth rate (1/s) and frequency (Hz) of the mode of steady sliding that grows fastest."""
     growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, transients.BAND)
     return float(growth), float(frequency)
-
-
-def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
-    """The rig, the run and the rest of each scene."""
-    rig, _ = rig_of(dict(settings) | {"theta": paper.THETA})
-    return transients.held(settings, rig, "V", "mu", "F", "sample_rate")
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
@@ -116,51 +99,35 @@ def draw(dataset: xr.Dataset) -> Figure:
     top, growth, tones = figure.subplot_mosaic(
         [["top", "top"], ["growth", "tones"]], gridspec_kw={"height_ratios": (1.0, 1.1)}
     ).values()
-    elapsed = dataset["elapsed"].values
     for k, (colour, style) in zip(some, LOOKS, strict=False):
         at = dataset.isel(theta=k)
-        name = regimes.kind(at)
-        main = float(at["dominant_frequency"])
-        lined = "" if name == "steady sliding" or np.isnan(main) else f", main line {main:.0f} Hz"
-        label = f"θ = {float(at['theta']):g}°: {name}{lined}"
-        if name == "failed":
+        kind, main = regimes.kind(at), float(regimes.main_line(at))
+        label = f"{planes.named('theta', at['theta'])}: {kind}" + (
+            f", main line {main:.0f} Hz" if main > 0.0 else ""
+        )
+        if kind == "failed":
             top.plot([], [], color=colour, linestyle=style, label=label)
             continue
+        velocity = 1e3 * at["velocity_B"].values.astype(float)
         # A quiet trace would vanish under a loud one.
-        loud = float(np.ptp(at["velocity_B"].values[len(elapsed) // 2 :]))
-        figures.trace(
-            top, elapsed, 1e3 * at["velocity_B"].values.astype(float), color=colour, label=label, zorder=3.0 - loud
-        )
+        above = 3.0 - 1e-3 * float(np.ptp(velocity[len(velocity) // 2 :]))
+        figures.trace(top, at["elapsed"].values, velocity, color=colour, label=label, zorder=above)
         _draw_growth(growth, at, colour, float(given["V"]))
-        power = 10.0 * np.log10(np.maximum(at["spectrum"].values.astype(float), 1e-30))
-        tones.plot(dataset["frequency"].values / 1e3, power, style, color=colour, linewidth=1.0)
-    top.set_xlim(0.0, given["duration"])
-    top.set_xlabel("time since the drive started / s")
+        tones.plot(at["frequency"] / 1e3, figures.decibels(at["spectrum"]), style, color=colour, linewidth=1.0)
+    top.set(xlim=(0.0, given["duration"]), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")
-    growth.set_yscale("log")
-    growth.set_xlabel("time since the first slip / s")
-    growth.set_ylabel("velocity of B about its mean,\nlargest in 0.5 ms / (m/s)")
     growth.plot([], [], color=figures.RED, linestyle="--", label="growth of the fastest mode of steady sliding")
-    growth.set_xlim(0.0, FOLLOWED)
+    growth.set(yscale="log", xlim=(0.0, FOLLOWED), xlabel="time since the first slip / s")
+    growth.set_ylabel("velocity of B about its mean,\nlargest in 0.5 ms / (m/s)")
     if paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED):
-        for said in {f for f in paper.ANGLES.values() if np.isfinite(f)}:
-            tones.axvline(
-                said / 1e3,
-                color=figures.RED,
-                linestyle=":",
-                linewidth=1.4,
-                zorder=3.0,
-                label="paper: measured at 10°",
-            )
+        look: dict[str, Any] = {"color": figures.RED, "linestyle": ":", "linewidth": 1.4, "zorder": 3.0}
+        tones.axvline(paper.ANGLES[10.0] / 1e3, **look, label="paper: measured at 10°")
     tones.set_xlim(0.0, transients.BAND / 1e3)
     tones.set_ylim(bottom=max(tones.get_ylim()[0], tones.get_ylim()[1] - 200.0))
-    tones.set_xlabel("frequency / kHz")
-    tones.set_ylabel("PSD / dB re 1 (m/s)²/Hz")
+    tones.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
     figures.legend_below(figure, [top, growth, tones], 2)
-    figure.suptitle(
-        f"Velocity of B along x, V = {1e3 * given['V']:g} mm/s, μ = {given['mu']:g}, F = {given['F']:g} N"
-        + transients.of_all(some, dataset.sizes["theta"])
-    )
+    where = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
+    figure.suptitle(f"Velocity of B along x, {where}{transients.of_all(some, dataset.sizes['theta'])}")
     return figure
 
 
@@ -201,7 +168,7 @@ STUDY = Study(
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},
     function=histories,
     variables=VARIABLES,
-    constants=constants_of,
+    constants=transients.constants("V", "mu", "F", "sample_rate"),
     coords=transients.series_coords,
     check=transients.check,
     options={"batch_multiple": BATCH_MULTIPLE},

@@ -9,12 +9,16 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from studies.motion.transients import REGIMES
+from studies.tables import Column
 from sweeps import DONE, FAILED
 
 # What a point of a result can be: in a regime, or without one.
 KINDS = (*REGIMES, "failed", "pending")
 VIBRATING = ("intermittent", "periodic", "irregular")
 STEADY = "steady sliding"
+
+# Columns of a table: shares of time.
+SHARES: dict[str, Column] = {name: (f"{name}_fraction", ".3f") for name in ("stick", "slip", "separation")}
 
 
 def kinds(dataset: xr.Dataset) -> NDArray[np.intp]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.motion.jobs import Job, check_jobs
+from studies.rig import rig_of
 from studies.study import Setting
 from sweeps import FAILED, Axis, Variable
 
@@ -81,6 +82,16 @@ def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
 
 
+def constants(*names: str) -> Callable[[Mapping[str, float]], dict[str, Any]]:
+    """`Study.constants` of scenes with one rig: what they have in common, and the settings called `names`."""
+
+    def of(settings: Mapping[str, float]) -> dict[str, Any]:
+        rig, _ = rig_of({"theta": paper.THETA, **settings})
+        return held(settings, rig, *names)
+
+    return of
+
+
 def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
     """One scene a point; what the points do not say is fixed."""
     count = len(next(iter(points.values())))
@@ -101,7 +112,7 @@ def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, *
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Find out, before anything is planned, what cannot be run.
+    """Find out, before anything is planned, what a study with one axis cannot run.
 
     A scene whose contact has no unique solution is not refused: its point fails by itself.
 
@@ -114,7 +125,8 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     most = MOST_SAMPLES / sample_rate
     checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    check_jobs([job(scenes({name: axis.values[:1] for name, axis in axes.items()}, fixed)[0], fixed, 1e-6)])
+    every = scenes({name: axis.values for name, axis in axes.items()}, fixed)
+    check_jobs([job(every[0], fixed, 1e-6)])
 
 
 def series_coords(*, duration: float, sample_rate: float, **_: Any) -> dict[str, Axis]:

@@ -153,6 +153,11 @@ def one_two_five(*sides: Axis) -> None:
             side.set_minor_formatter(NullFormatter())
 
 
+def decibels(power: Any) -> Array:
+    """A power spectral density in decibels, with a floor far below any motion."""
+    return np.asarray(10.0 * np.log10(np.maximum(np.asarray(power, dtype=float), 1e-30)))
+
+
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:
     """One legend under the whole figure, each label once."""
     found: dict[str, Any] = {}
