@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import sweeps
 from studies import registry
-from sweeps import check_backend
+from studies.results import file_of, open_dataset, results_file, results_folder, study_of
+from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,6 +22,24 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Progress
 
+
+__all__ = [
+    "FORMATS",
+    "Finished",
+    "backend",
+    "check_free",
+    "drawn",
+    "execute",
+    "format_of",
+    "open_dataset",
+    "plan",
+    "plot",
+    "results_file",
+    "results_folder",
+    "run",
+    "study_of",
+    "written",
+]
 
 # What a figure may be written as, and what keeps its date out of it: the same result is the same file.
 UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
@@ -42,11 +61,6 @@ class Finished:
         return int((self.dataset["status"] == 2).sum())
 
 
-def results_folder(out: str | Path | None = None) -> Path:
-    """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
-    return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
-
-
 def plan(
     study: str | Study,
     given: Mapping[str, Any],
@@ -57,43 +71,31 @@ def plan(
     record: Sequence[str] = (),
     sample_rate: float | None = None,
 ) -> sweeps.Plan:
-    """The plan of a study, by its name or one's own, with its file in the results folder.
+    """The plan of a study (`registry.resolve`), with its file in the results folder.
 
     Raises
     ------
-    ValueError
+    InputError
         For a study of one's own that has another's name, or whose sweep is not called as it is.
     """
-    own = _own(study)
-    one = own or registry.load(cast(str, study))
-    if own is not None and one.name in (*registry.NAMES, *registry.UNLISTED):
-        raise ValueError(f"name = {one.name!r}: a predefined study is called so; choose another")
+    one = registry.resolve(study)
     sweep = one.sweep(given, record=record, sample_rate=sample_rate)
     if sweep.name != one.name:
-        raise ValueError(
+        raise InputError(
             f"build: the sweep is called {sweep.name!r}; it must be called as the study, {one.name!r}"
         )
-    file = results_folder(out) / one.name / f"{one.name}.nc"
-    return sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
+    return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed)
 
 
 def run(
     study: str | Study, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False
 ) -> Finished:
-    """Plan and execute a study, by its name or one's own."""
-    return execute(plan(study, given, out, fresh=fresh), *backend(None, None), study=_own(study))
-
-
-def _own(study: str | Study) -> Study | None:
-    """A study that is given as such, and not by its name."""
-    from studies.study import Study
-
-    return study if isinstance(study, Study) else None
+    """Plan and execute a study, by its name, the file that defines it, or as it is."""
+    return execute(plan(study, given, out, fresh=fresh), *backend(None, None))
 
 
 def check_free(name: str, out: str | Path | None = None) -> None:
     """Refuse, before anything is planned, a study that another run is writing."""
-    registry.load(name)
     sweeps.check_free(results_file(name, out))
 
 
@@ -104,7 +106,7 @@ def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None
 
     Raises
     ------
-    ValueError
+    InputError
         If they do not go together.
     """
     if scheduler is None:
@@ -112,10 +114,10 @@ def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None
 
         address = dask.config.get("scheduler-address", None)
         if address is not None and "://" not in str(address):
-            raise ValueError(f"DASK_SCHEDULER_ADDRESS = {address!r}: it must be an address like tcp://host:8786")
+            raise InputError(f"DASK_SCHEDULER_ADDRESS = {address!r}: it must be an address like tcp://host:8786")
         scheduler = "processes" if workers is not None else (address or "threads")
     if "://" in scheduler and workers is not None:
-        raise ValueError(f"--workers {workers}: the cluster at {scheduler} has workers of its own; leave it out")
+        raise InputError(f"--workers {workers}: the cluster at {scheduler} has workers of its own; leave it out")
     check_backend(scheduler, workers)
     return scheduler, workers
 
@@ -127,61 +129,13 @@ def execute(
     progress: Progress | None = None,
     *,
     fail_fast: bool = False,
-    study: Study | None = None,
 ) -> Finished:
-    """Run a study's plan, then draw what its file holds, which may be more than was asked for now.
-
-    A predefined study is known by its plan; one's own is given.
-    """
-    study = registry.load(planned.sweep.name) if study is None else study
+    """Run a study's plan, then draw what its file holds, which may be more than was asked for now."""
+    study = registry.load(planned.sweep.name)
     assert planned.store is not None
     dataset = planned.run(scheduler, workers, progress, fail_fast=fail_fast)
     whole = dataset if planned.points == planned.manifest.grid.size else sweeps.open_results(planned.store)
     return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
-
-
-def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
-    """The kept results of a study, by name or by path, whole or as far as they are."""
-    file = results_file(name, out)
-    if str(name) in registry.NAMES:
-        try:
-            dataset = sweeps.open_results(file)
-        except FileNotFoundError:
-            raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}") from None
-        if dataset.attrs.get("sweep") != name:
-            raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
-        return dataset
-    return sweeps.open_results(file)
-
-
-def results_file(name: str | Path, out: str | Path | None = None) -> Path:
-    """The netCDF file that a STUDY or a PATH names; a study of one's own, or a map, is found by its name too."""
-    text, folder = os.fspath(name), results_folder(out)
-    if text in registry.NAMES:
-        return folder / text / f"{text}.nc"
-    if not (text.endswith(".nc") or os.sep in text):
-        for found in (folder / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)):
-            if found.exists() or found.with_suffix(".parts").exists():
-                return found
-        registry.load(text)  # raises, with a suggestion
-    return Path(text).expanduser()
-
-
-def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
-    """The study that a dataset is the result of.
-
-    Raises
-    ------
-    ValueError
-        If it is none of fiv's own.
-    """
-    name = str(dataset.attrs.get("sweep", ""))
-    try:
-        return registry.load(name)
-    except ValueError:
-        raise ValueError(
-            f"{whose}: {name!r} is no study of fiv, which can query it; what it shows is drawn where it is defined"
-        ) from None
 
 
 def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
@@ -189,7 +143,7 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
 
     Raises
     ------
-    ValueError
+    InputError
         If the dataset lacks something that the figure shows.
     """
     from studies.plotting import figures
@@ -200,7 +154,7 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
         except KeyError as missing:
             # xarray lists everything that there is.
             name = re.sub(r"^No variable named '?([^']*)'?\..*$", r"\1", str(missing.args[0]), flags=re.DOTALL)
-            raise ValueError(
+            raise InputError(
                 f"{whose}: it lacks {name}, which the figure shows; make it whole with: fiv run {study.name}"
             ) from None
 
@@ -210,12 +164,12 @@ def format_of(path: str | Path, form: str | None = None) -> str:
 
     Raises
     ------
-    ValueError
+    InputError
         If that is none of `FORMATS`.
     """
     chosen = form or Path(path).suffix.removeprefix(".") or FORMATS[0]
     if chosen not in FORMATS:
-        raise ValueError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")
+        raise InputError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")
     return chosen
 
 
@@ -226,7 +180,7 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
 
     Raises
     ------
-    ValueError
+    InputError
         If the file lacks something that the figure shows.
     StoreError
         If the figure cannot be written.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @command("plan", "Dry run: what a run would compute and cost.")
-@click.argument("study", shell_complete=completion.STUDY)
+@click.argument("study", shell_complete=completion.study)
 @what_options
 @click.option("--time", "timed", is_flag=True, help="Compute a few points now, to tell how long all would take.")
 def show_plan(study: str, timed: bool, quiet: bool, verbose: bool, **what: Any) -> None:
@@ -35,7 +35,7 @@ def show_plan(study: str, timed: bool, quiet: bool, verbose: bool, **what: Any) 
 
 
 @command("run", "Compute a study, store it, draw it, tell its numbers.")
-@click.argument("study", shell_complete=completion.STUDY)
+@click.argument("study", shell_complete=completion.study)
 @what_options
 @where_options
 def run(

@@ -14,7 +14,7 @@ from studies.cli.options import InputErrors, out_option, query_options
 
 
 @command("list", "Studies: what each asks, its size and its time.")
-@click.argument("study", required=False, shell_complete=completion.STUDY)
+@click.argument("study", required=False, shell_complete=completion.study)
 def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
     """Studies: what each asks, its size, and its time as probed now.
 
@@ -28,7 +28,7 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
     from sweeps import duration
 
     with InputErrors(verbose):
-        studies = [registry.load(name) for name in ((study,) if study else registry.NAMES)]
+        studies = [registry.resolve(name) for name in ((study,) if study else registry.names())]
     for one in studies:
         click.echo(f"{one.name:<10} {one.title}")
         if not quiet:
@@ -40,7 +40,7 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
 
 
 @command("status", "How far a study is, also while it runs.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.studies_or_paths)
+@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
 @out_option
 def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbose: bool) -> None:
@@ -54,11 +54,11 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
     from json import dumps
     from math import isnan
 
-    from studies import runner
+    from studies import results
     from sweeps import status
 
     with InputErrors(verbose):
-        found = status(runner.results_file(target, out))
+        found = status(results.results_file(target, out))
     told = asdict(found)
     if isnan(told["run"].get("left", 0.0)):
         told["run"]["left"] = None  # JSON has no NaN
@@ -66,7 +66,7 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
 
 
 @command("query", "Rows of a result as a table, CSV or JSON.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.studies_or_paths)
+@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @query_options
 def query_rows(
     target: str,
@@ -100,7 +100,7 @@ def query_rows(
     nan in it. Without --show the columns are the axes and all that has one value for each row; with it they are
     those, and whatever tells the entries apart.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import runner
+    from studies import results
     from studies.query.printing import print_rows
     from studies.query.query import select
 
@@ -109,13 +109,13 @@ def query_rows(
             click.echo(f"fiv: {text}", err=True)
 
     with InputErrors(verbose):
-        dataset = runner.open_dataset(target, out)
+        dataset = results.open_dataset(target, out)
         chosen = select(dataset, where, show=show, sort=sort, limit=limit, note=note)
         print_rows(chosen, form, show is None, note)
 
 
 @command("plot", "Draw the figure of a study or map again.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.studies_or_paths)
+@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @click.option("--out", type=click.Path(), help="Results folder of a STUDY; of a PATH, where the figure goes.")
 @click.option(
     "--format",
@@ -132,20 +132,20 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     fiv plot fig5 --format svg
     fiv plot results/map/growth_rate-theta-mu.nc
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import runner
+    from studies import results, runner
 
     with InputErrors(verbose):
-        dataset = runner.open_dataset(target, out)
-        file = runner.results_file(target, out)
-        study = runner.study_of(dataset, str(file))
-        if out and (target.endswith(".nc") or "/" in target):
-            file = runner.results_folder(out) / file.name
+        dataset = results.open_dataset(target, out)
+        file = results.results_file(target, out)
+        study = results.study_of(dataset, str(file))
+        if out and results.is_path(target):
+            file = results.results_folder(out) / file.name
         drawn = runner.plot(study, dataset, file, form)
     click.echo(str(drawn))
 
 
 @command("report", "One HTML page of every result.")
-@click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.studies_or_paths)
+@click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.study)
 @out_option
 @click.option(
     "--file", type=click.Path(dir_okay=False), help="The page; default: report.html in the results folder."

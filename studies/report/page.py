@@ -62,7 +62,7 @@ def write(
 
 def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[str]]:
     """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
-    targets = list(dict.fromkeys(names)) or [*registry.NAMES, *_maps(out)]
+    targets = list(dict.fromkeys(names)) or [*registry.names(), *_maps(out)]
     results, missing, problems = [], [], []
     for target in targets:
         file = runner.results_file(target, out)
@@ -71,7 +71,7 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
             study = runner.study_of(dataset, str(file))
             state = sweeps.status(file).state
         except FileNotFoundError:
-            if target not in registry.NAMES:
+            if target not in registry.names():
                 raise
             missing.append(target)
         except (KeyError, ValueError) as problem:

@@ -54,6 +54,14 @@ def test_studies_or_files():
     assert (item.type, item.value) == ("file", "results/")
 
 
+def test_a_file_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "figures.py").write_text("print('not offered')\nfrom studies.gallery.fig5 import STUDY\n")
+    (tmp_path / "figures.txt").touch()
+    assert offered("run", "fig") == ["fig5", "fig6", "fig7", "fig11", "figures.py"]
+    assert offered("run", "figures.py", "--set", "m") == ["mu="]
+
+
 @pytest.mark.parametrize("shell", SHELLS)
 def test_the_words_of_each_shell(shell):
     words = script(fiv, shell)
