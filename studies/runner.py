@@ -6,12 +6,13 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sweeps
 from studies import registry
+from studies.config import request
 from studies.results import file_of, open_dataset, results_file, results_folder, study_of
 from sweeps import InputError, check_backend
 
@@ -84,6 +85,7 @@ def plan(
         raise InputError(
             f"build: the sweep is called {sweep.name!r}; it must be called as the study, {one.name!r}"
         )
+    sweep = replace(sweep, request=request(one, given, tuple(record), sample_rate))
     return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed)
 
 

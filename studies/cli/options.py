@@ -36,6 +36,14 @@ def what_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return _with(
         function,
         set_option,
+        click.option(
+            "--config",
+            "config_file",
+            type=click.Path(dir_okay=False),
+            metavar="FILE.toml",
+            help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
+            "prints a result's.",
+        ),
         out_option,
         click.option(
             "--record",

@@ -42,13 +42,17 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
 @command("status", "How far a study is, also while it runs.")
 @click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@click.option(
+    "--toml", "as_toml", is_flag=True, help="What it was asked for, as fiv run --config FILE.toml reads it."
+)
 @out_option
-def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbose: bool) -> None:
+def show_status(target: str, as_json: bool, as_toml: bool, out: str | None, quiet: bool, verbose: bool) -> None:
     """How far a study is: running, interrupted or complete; from any shell, while it runs.
 
     \b
     fiv status regimes
     fiv status elsewhere/scenes/scenes.nc --json
+    fiv status scenes --toml > scenes.toml && fiv run scenes --config scenes.toml --out again
     """  # noqa: D301 - the backspace tells click to keep the lines
     from dataclasses import asdict
     from json import dumps
@@ -58,7 +62,13 @@ def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbos
     from sweeps import status
 
     with InputErrors(verbose):
-        found = status(results.results_file(target, out))
+        file = results.results_file(target, out)
+        if as_toml:
+            from studies import config
+
+            click.echo(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
+            return
+        found = status(file)
     told = asdict(found)
     if isnan(told["run"].get("left", 0.0)):
         told["run"]["left"] = None  # JSON has no NaN

@@ -27,7 +27,8 @@ def configuration(sweep: Declaration, grid: Grid) -> str:
     The axes are those of the file's grid; their values are the coordinates of the same file.
     """
     axes = {name: _summary(axis) for name, axis in grid.axes.items()}
-    return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)})
+    asked = {"request": plain(sweep.request)} if sweep.request else {}
+    return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)} | asked)
 
 
 def _summary(axis: Axis) -> Any:

@@ -7,20 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-FIV = str(Path(sys.executable).with_name("fiv"))
-
-
-def fiv(folder, *arguments, command=(FIV,)):
-    environment = {k: v for k, v in os.environ.items() if k != "FIV_RESULTS"}
-    return subprocess.run([*command, *arguments], cwd=folder, capture_output=True, text=True, env=environment)
-
-
-def written(folder) -> list[str]:
-    return sorted(str(p.relative_to(folder)) for p in Path(folder).rglob("*") if p.is_file())
+from tests.helpers.commands import fiv, written
 
 
 def test_run_prints_numbers_and_leaves_file_and_figure(tmp_path):

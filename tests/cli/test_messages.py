@@ -3,29 +3,10 @@
 In this process, through the command's own entry point: a second of imports is saved each time.
 """
 
-import subprocess
-import sys
-
 import pytest
 
 from studies import registry
-from studies.cli.main import main
-from tests.cli.test_cli import written
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch, capsys):
-    """Run `fiv` in an empty folder."""
-
-    def run(*arguments):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.delenv("FIV_RESULTS", raising=False)
-        monkeypatch.setattr(sys, "argv", ["fiv", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return subprocess.CompletedProcess(arguments, ended.value.code, *capsys.readouterr())
-
-    return run
+from tests.helpers.commands import written
 
 
 def test_plan_writes_nothing(tmp_path, here):

@@ -11,7 +11,7 @@ import pytest
 import studies
 from studies import registry
 from sweeps import InputError
-from tests.cli.test_cli import fiv
+from tests.helpers.commands import fiv
 
 FILE = """
 import numpy as np
