@@ -46,8 +46,8 @@ class Declaration:
         How many points the function computes side by side at little more than the cost of one: batches hold as
         many, where there are.
     request : mapping
-        What the sweep was asked for where its constants follow from that; kept in the file's configuration, as
-        JSON holds it, and compared with nothing.
+        What the sweep was asked for, where its constants follow from that, as JSON holds it. It is kept in the
+        file's configuration. Sweeps of one request may have constants that differ by rounding.
     refinement : Refinement, optional
         What decides which points are computed; given by `sweeps.refined`. Without it all are.
     """
