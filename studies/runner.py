@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import sweeps
 from studies import registry
 from studies.config import request
-from studies.results import file_of, open_dataset, results_file, results_folder, study_of
+from studies.results import command, file_of, open_dataset, results_file, results_folder, study_of
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def execute(
     return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
 
 
-def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
+def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset", out: Path | None = None) -> Figure:
     """The study's figure.
 
     Raises
@@ -156,8 +156,9 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
         except KeyError as missing:
             # xarray lists everything that there is.
             name = re.sub(r"^No variable named '?([^']*)'?\..*$", r"\1", str(missing.args[0]), flags=re.DOTALL)
+            again = command("run", study.name, out)
             raise InputError(
-                f"{whose}: it lacks {name}, which the figure shows; make it whole with: fiv run {study.name}"
+                f"{whose}: it lacks {name}, which the figure shows; make it whole with: {again}"
             ) from None
 
 
@@ -192,7 +193,9 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
 
     target = beside.with_suffix(f".{form}")
     with figures.style():
-        figure = drawn(study, dataset, whose or str(beside))
+        folder = beside.parent.parent if beside.parent.name == study.name else None
+        out = None if folder is None or folder.resolve() == results_folder().resolve() else folder
+        figure = drawn(study, dataset, whose or str(beside), out)
         with written(target) as temporary:
             figure.savefig(temporary, format=form, dpi=200, metadata=UNDATED[form])
     return target

@@ -11,8 +11,9 @@ import click
 
 from studies.cli import completion
 from studies.cli.app import command
+from studies.cli.errors import InputErrors
 from studies.cli.execution import carry_out
-from studies.cli.options import InputErrors, MapCommand, map_options, what_options, where_options
+from studies.cli.options import MapCommand, map_options, what_options, where_options
 
 if TYPE_CHECKING:
     from studies.config import Config

@@ -9,8 +9,9 @@ import click
 
 from studies.cli import completion
 from studies.cli.app import command, fiv
+from studies.cli.errors import InputErrors
 from studies.cli.execution import status_text
-from studies.cli.options import InputErrors, out_option, query_options
+from studies.cli.options import out_option, query_options
 
 
 @command("list", "Studies: what each asks, its size and its time.")

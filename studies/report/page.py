@@ -14,6 +14,7 @@ from studies.maps import maps
 from studies.report.markup import Markup, code, tag
 from studies.report.parts import command, table
 from studies.report.section import Result, section
+from studies.results import command as typed
 from sweeps import duration
 
 SCRIPTS = ("page.js", "table.js", "map.js")
@@ -52,7 +53,8 @@ def write(
         told(problem)
     if not results:
         first = missing[0]
-        raise ValueError(f"{folder}: nothing of this has been computed there yet; begin with: fiv run {first}")
+        begin = typed("run", first, out)
+        raise ValueError(f"{folder}: nothing of this has been computed there yet; begin with: {begin}")
     target = Path(file).expanduser() if file else folder / "report.html"
     whole = page(results, missing)
     with runner.written(target) as temporary:

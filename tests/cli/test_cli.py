@@ -186,7 +186,8 @@ def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path):
     _, said = running.communicate(timeout=60)
     assert running.returncode == 130
     kept = re.fullmatch(
-        r"fiv: interrupted; (\d+) of 31 points are kept, and the same command goes on from there", said.strip()
+        r"fiv: interrupted; (\d+) of 31 points are kept; go on from there with: fiv run fig5 --set mu=0:0.5:31 -q",
+        said.strip(),
     )
     assert kept
     status = json.loads(fiv(tmp_path, "status", "fig5", "--json").stdout)

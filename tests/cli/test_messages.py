@@ -118,6 +118,17 @@ def test_wrong_input_is_one_clear_line(tmp_path, here, arguments, message):
     assert written(tmp_path) == []
 
 
+@pytest.mark.parametrize("command", ["plan", "run"])
+def test_a_grid_that_no_memory_holds_is_one_line(tmp_path, here, command):
+    done = here(command, "scenes", "--set", "V=1e-3:1e-2:1000", "--set", "mu=0.1:0.3:1000", "--set", "F=1:9:1000")
+    assert done.returncode == 2
+    assert done.stderr == (
+        "fiv: grid = V 1000 x theta 4 x mu 1000 x F 1000: 4e+09 points are more than the 2e+08 that one plan can "
+        "hold; take fewer values, or run parts of them into folders of their own\n"
+    )
+    assert written(tmp_path) == []
+
+
 def test_what_is_there_is_not_computed_again(here):
     here("run", "fig5", "--set", "mu=0:0.5:11", "-q")
     planned = here("plan", "fig5", "--set", "mu=0:0.5:21").stdout
