@@ -6,11 +6,13 @@ only who types the path of a file has it loaded.
 
 from __future__ import annotations
 
+import json
 import re
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from studies.study import Study
@@ -39,6 +41,7 @@ ELSEWHERE = {"map": "maps.maps", "accuracy": "accuracy.study", "stress": "stress
     name: f"gallery.{name}.study" for name in ("contact", "table6", "stick_time", "stability", "regimes", "scenes")
 }
 GROUP = "fiv.studies"
+CATALOGUE = Path(__file__).with_name("catalogue.json")
 # Studies of one's own that this process was given, by name.
 _given: dict[str, Study] = {}
 
@@ -48,6 +51,12 @@ def installed() -> dict[str, EntryPoint]:
     """Studies that installed packages bring along, by name; none of them is imported."""
     taken = (*NAMES, *UNLISTED)
     return {each.name: each for each in entry_points(group=GROUP) if each.name not in taken}
+
+
+def catalogue() -> dict[str, dict[str, Any]]:
+    """What `fiv list` says of each predefined study, without its import: title, question, points, usual time."""
+    found: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
+    return found
 
 
 def names() -> list[str]:
@@ -95,7 +104,7 @@ def given(study: Study, where: str = "name") -> Study:
         if study is load(study.name):
             return study
         raise InputError(f"{where}: a predefined study is called {study.name!r}; choose another name")
-    if not re.fullmatch(r"\w[\w-]*", study.name):
+    if not re.fullmatch(r"\w[\w-]*", study.name) or study.name == "reference":
         raise InputError(f"{where}: a study cannot be called {study.name!r}; use letters, digits, _ and -")
     _given[study.name] = study
     return study

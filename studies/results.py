@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from studies.study import Study
 
 
+# The repository's own outcomes, in the results folder.
+FOLDER = "reference"
+
+
 def results_folder(out: str | Path | None = None) -> Path:
     """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
     return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
@@ -32,17 +36,44 @@ def file_of(study: str, out: str | Path | None = None) -> Path:
     return results_folder(out) / study / f"{study}.nc"
 
 
+def reference_folder(out: str | Path | None = None) -> Path:
+    """The repository's own outcomes: below the results folder, else below `results` of the current folder."""
+    own = results_folder(out) / FOLDER
+    return own if own.is_dir() else Path("results") / FOLDER
+
+
+def is_reference(file: Path) -> bool:
+    """Whether a file is one of the repository's own outcomes."""
+    return file.parent.parent.name == FOLDER
+
+
+def notice(file: Path, out: str | Path | None = None) -> str:
+    """What to say of a file that stands in for a result of one's own; "" of any other."""
+    if not is_reference(file):
+        return ""
+    return f"{results_folder(out) / file.stem} has no result; this is the reference, {file}"
+
+
+def is_there(file: Path) -> bool:
+    """Whether there is a result, finished or not."""
+    return file.exists() or file.with_suffix(".parts").exists()
+
+
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:
-    """The netCDF file that a STUDY or a PATH names; a study of one's own, or a map, is found by its name too."""
+    """The netCDF file that a STUDY or a PATH names; a study of one's own, or a map, is found by its name too.
+
+    Where nothing of one's own is there, it is that of the reference, if there is one.
+    """
     text, folder = os.fspath(name), results_folder(out)
     if is_path(text):
         return Path(text).expanduser()
     if registry.is_file(text):
         return file_of(registry.resolve(text).name, out)
     if text in registry.names():
-        return file_of(text, out)
+        own, kept = file_of(text, out), reference_folder(out) / text / f"{text}.nc"
+        return kept if kept.exists() and not is_there(own) else own
     for found in (folder / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)):
-        if found.exists() or found.with_suffix(".parts").exists():
+        if is_there(found):
             return found
     return file_of(registry.load(text).name, out)  # raises, unless this process was given it
 

@@ -12,8 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import sweeps
 from studies import registry
+from studies.comparison import compared
 from studies.config import request
-from studies.results import command, file_of, open_dataset, results_file, results_folder, study_of
+from studies.results import (
+    FOLDER,
+    command,
+    file_of,
+    open_dataset,
+    reference_folder,
+    results_file,
+    results_folder,
+    study_of,
+)
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -56,6 +66,15 @@ class Finished:
     file: Path
     figure: Path
 
+    def beside_reference(self) -> str:
+        """How far it is from the reference, in a line; "" where there is none."""
+        name = self.study.name
+        kept = reference_folder(self.file.parent.parent) / name / f"{name}.nc"
+        if not kept.exists():
+            return ""
+        with sweeps.open_results(kept) as reference:
+            return compared(name, self.dataset, reference)
+
     @property
     def failed(self) -> int:
         """Points that failed."""
@@ -71,14 +90,18 @@ def plan(
     retry_failed: bool = False,
     record: Sequence[str] = (),
     sample_rate: float | None = None,
+    reference: bool = False,
 ) -> sweeps.Plan:
     """The plan of a study (`registry.resolve`), with its file in the results folder.
 
     Raises
     ------
     InputError
-        For a study of one's own that has another's name, or whose sweep is not called as it is.
+        For a study of one's own that has another's name, or whose sweep is not called as it is; for the folder of
+        the reference, unless it is to be made.
     """
+    if results_folder(out).name == FOLDER and not reference:
+        raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
     one = registry.resolve(study)
     sweep = one.sweep(given, record=record, sample_rate=sample_rate)
     if sweep.name != one.name:
@@ -98,7 +121,7 @@ def run(
 
 def check_free(name: str, out: str | Path | None = None) -> None:
     """Refuse, before anything is planned, a study that another run is writing."""
-    sweeps.check_free(results_file(name, out))
+    sweeps.check_free(file_of(registry.load(name).name, out))
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:

@@ -49,6 +49,8 @@ def carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: 
     click.echo(finished.study.report(finished.dataset))
     if not quiet:
         click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
+        if beside := finished.beside_reference():
+            click.echo(beside, err=True)
     if finished.failed:
         _list_failures(finished.dataset, verbose)
         sys.exit(SOME_FAILED)
