@@ -23,7 +23,7 @@ def offered(*words):
 
 @pytest.fixture(autouse=True)
 def results(monkeypatch):
-    monkeypatch.setenv("FIV_RESULTS", str(HOME / "results"))
+    monkeypatch.setenv("FIV_RESULTS", str(HOME / "results" / "reference"))
 
 
 @pytest.mark.parametrize(

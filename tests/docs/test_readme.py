@@ -36,11 +36,11 @@ kill "$@" 2> /dev/null || true
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """An empty folder with the results that are kept here, and commands that find this environment's `fiv`."""
+    """An empty folder with the reference, and commands that find this environment's `fiv`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("FIV_RESULTS", raising=False)
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    shutil.copytree(HOME / "results", tmp_path / "results")
+    shutil.copytree(HOME / "results" / "reference", tmp_path / "results" / "reference")
     return tmp_path
 
 
