@@ -6,6 +6,9 @@ Whatever goes wrong meanwhile offers nothing: a shell that completes is no place
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import redirect_stdout
+from glob import escape, glob
+from io import StringIO
 
 import click
 from click.shell_completion import CompletionItem
@@ -45,16 +48,19 @@ def _argument(context: click.Context, name: str) -> str:
     return context.args[0] if given is None else given
 
 
-def _studies(context: click.Context) -> Iterable[str]:
-    from studies.registry import NAMES
+def study(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Studies, and files of Python; any file where nothing of these begins so."""
+    from studies.registry import names
 
-    return NAMES
+    found = [name for name in names() if name.startswith(incomplete)] + sorted(glob(f"{escape(incomplete)}*.py"))
+    return [*map(CompletionItem, found)] or [CompletionItem(incomplete, type="file")]
 
 
 def _settable(context: click.Context) -> Iterable[str]:
     from studies import registry
 
-    study = registry.load(_argument(context, "study"))
+    with redirect_stdout(StringIO()):  # what a file prints is not offered
+        study = registry.resolve(_argument(context, "study"))
     return [*study.axes, *study.settings]
 
 
@@ -83,18 +89,12 @@ def _quantities(context: click.Context) -> Iterable[str]:
 
 
 def _columns(context: click.Context) -> Iterable[str]:
-    from studies import runner
+    from studies import results
 
-    with runner.open_dataset(_argument(context, "target"), context.params.get("out")) as dataset:
+    with results.open_dataset(_argument(context, "target"), context.params.get("out")) as dataset:
         return [str(name) for name in (*dataset.coords, *dataset.data_vars)]
 
 
-def studies_or_paths(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """A study; a file where no study begins so."""
-    return STUDY(context, parameter, incomplete) or [CompletionItem(incomplete, type="file")]
-
-
-STUDY = _offering(_studies)
 SETTABLE = _offering(_settable, end="=")
 SERIES_LIST = _offering(_series, listed=True)
 MAP_AXIS = _offering(_map_axes, end="=")

@@ -1,4 +1,4 @@
-"""What the commands have in common: options, exit codes, and one clear line for wrong input.
+"""What the commands have in common: their options.
 
 Nothing heavy is imported: `fiv --help` answers at once.
 """
@@ -6,14 +6,12 @@ Nothing heavy is imported: `fiv --help` answers at once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from traceback import print_exception
 from typing import Any
 
 import click
 
 from studies.cli import completion
 
-SOME_FAILED, WRONG_INPUT, STORE_TAKEN, INTERRUPTED = 1, 2, 3, 130
 ASK_SECONDS, ASK_BYTES = 300.0, 1e9
 
 set_option = click.option(
@@ -36,6 +34,14 @@ def what_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return _with(
         function,
         set_option,
+        click.option(
+            "--config",
+            "config_file",
+            type=click.Path(dir_okay=False),
+            metavar="FILE.toml",
+            help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
+            "prints a result's.",
+        ),
         out_option,
         click.option(
             "--record",
@@ -162,22 +168,6 @@ class MapCommand(click.Command):
         for head, names in (("Quantities", QUANTITIES), ("Axes", AXES), ("Settings of runs", RUN)):
             with formatter.section(head):
                 formatter.write_text(", ".join(names))
-
-
-class InputErrors:
-    """Turn what the checks of input raise into a usage error of one line."""
-
-    def __init__(self, verbose: bool) -> None:
-        self.verbose = verbose
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, problem: BaseException | None, traceback: Any) -> None:
-        if isinstance(problem, (ValueError, ArithmeticError, FileNotFoundError)):
-            if self.verbose:
-                print_exception(problem)
-            raise click.UsageError(str(problem)) from None
 
 
 def _with(function: Callable[..., Any], *options: Callable[..., Any]) -> Callable[..., Any]:

@@ -23,7 +23,7 @@ def offered(*words):
 
 @pytest.fixture(autouse=True)
 def results(monkeypatch):
-    monkeypatch.setenv("FIV_RESULTS", str(HOME / "results"))
+    monkeypatch.setenv("FIV_RESULTS", str(HOME / "results" / "reference"))
 
 
 @pytest.mark.parametrize(
@@ -52,6 +52,14 @@ def test_studies_or_files():
     assert offered("plot", "") == [*registry.NAMES]
     (item,) = ShellComplete(fiv, {}, "fiv", "_FIV_COMPLETE").get_completions(["plot"], "results/")
     assert (item.type, item.value) == ("file", "results/")
+
+
+def test_a_file_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "figures.py").write_text("print('not offered')\nfrom studies.gallery.fig5 import STUDY\n")
+    (tmp_path / "figures.txt").touch()
+    assert offered("run", "fig") == ["fig5", "fig6", "fig7", "fig11", "figures.py"]
+    assert offered("run", "figures.py", "--set", "m") == ["mu="]
 
 
 @pytest.mark.parametrize("shell", SHELLS)

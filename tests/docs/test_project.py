@@ -162,6 +162,6 @@ def test_both_commands_stand_on_the_readmes_first_screen():
 
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_the_results_kept_here_are_those_of_this_code(name):
-    sweep, file = registry.load(name).sweep({}), HOME / "results" / name / f"{name}.nc"
+    sweep, file = registry.load(name).sweep({}), HOME / "results" / "reference" / name / f"{name}.nc"
     plan = sweep.plan(file)
     assert (plan.todo, plan.failed, plan.whole) == (0, 0, True)

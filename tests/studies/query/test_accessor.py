@@ -19,7 +19,7 @@ from studies.query.query import query
 from tests import HOME
 from tests.helpers.boundaries import refine
 
-RESULTS = HOME / "results"
+RESULTS = HOME / "results" / "reference"
 # What a short run has figures of.
 FIGURES = ("velocity_rms", "stick_fraction", "max_normal_force", "first_slip_time")
 

@@ -128,10 +128,12 @@ def test_what_has_no_rows_in_common_is_refused(data):
 
 
 def test_without_numbers_of_their_own_points_have_rows_of_entries():
-    found = runner.open_dataset(f"{HOME}/results/fig5/fig5.nc").pipe(query, "mu == 0.2 and growth_rate > 0")
+    found = runner.open_dataset(f"{HOME}/results/reference/fig5/fig5.nc").pipe(
+        query, "mu == 0.2 and growth_rate > 0"
+    )
     assert list(found) == ["mu", "mode", "frequency", "growth_rate"]
     assert [round(f) for f in found["frequency"]] == [398, 2794]
-    whole = query(runner.open_dataset(f"{HOME}/results/fig6/fig6.nc"))
+    whole = query(runner.open_dataset(f"{HOME}/results/reference/fig6/fig6.nc"))
     assert list(whole) == ["mu", "mode", "frequency", "growth_rate"]
     assert len(whole) == 2 * 2001
 

@@ -127,7 +127,7 @@ def test_every_format_of_the_command(file, here):
 
 
 def test_settings_have_the_units_that_their_study_declares(here):
-    done = here("query", f"{HOME}/results/fig5/fig5.nc", "--show", "theta,d1,p1_length,head_mass,fmax")
+    done = here("query", f"{HOME}/results/reference/fig5/fig5.nc", "--show", "theta,d1,p1_length,head_mass,fmax")
     assert done.stdout.splitlines()[0].split() == ["theta", "d1", "p1_length", "head_mass", "fmax"]
     assert done.stdout.splitlines()[1].split() == ["degree", "s-1", "m", "kg"]
     assert done.stdout.splitlines()[2].split() == ["5", "50", "0.05", "2.9434", "10000"]
@@ -221,7 +221,7 @@ def test_what_is_half_done_has_words_for_its_codes(tmp_path, here):
 
 def test_a_damaged_file_is_one_line(tmp_path, here, monkeypatch):
     monkeypatch.setattr("sweeps.storage.netcdf.READ_AT_ONCE", 100)
-    shutil.copy(f"{HOME}/results/stability/stability.nc", tmp_path / "damaged.nc")
+    shutil.copy(f"{HOME}/results/reference/stability/stability.nc", tmp_path / "damaged.nc")
     with open(tmp_path / "damaged.nc", "r+b") as file:
         # The head is whole; of the first chunk of a variable after it some bytes are not.
         file.seek(60_000)
@@ -262,7 +262,7 @@ def test_a_refined_map(here):
 
 
 def test_a_closed_pipe_ends_quietly():
-    file = f"{HOME}/results/stability/stability.nc"
+    file = f"{HOME}/results/reference/stability/stability.nc"
     for form in ("table", "csv", "json"):
         running = subprocess.Popen(
             [FIV, "query", file, "--format", form], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -277,7 +277,7 @@ def test_a_closed_pipe_ends_quietly():
 def test_a_terminal_is_told_what_is_left_out():
     pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
     leader, follower = pty.openpty()
-    command = [FIV, "query", f"{HOME}/results/regimes/regimes.nc", "--limit", "1"]
+    command = [FIV, "query", f"{HOME}/results/reference/regimes/regimes.nc", "--limit", "1"]
     environment = os.environ | {"COLUMNS": "60"}
     done = subprocess.run(command, stdout=follower, stderr=subprocess.PIPE, text=True, env=environment)
     os.close(follower)
@@ -291,9 +291,10 @@ def test_a_terminal_is_told_what_is_left_out():
 
 
 def test_the_command_does_not_import_what_it_does_not_need(tmp_path):
+    file = f"{HOME}/results/reference/regimes/regimes.nc"
     program = (
         "import sys\nfrom studies.cli.main import main\n"
-        f"sys.argv = ['fiv', 'query', '{HOME}/results/regimes/regimes.nc', '--where', 'mu > 0.3', '-q']\n"
+        f"sys.argv = ['fiv', 'query', {file!r}, '--where', 'mu > 0.3', '-q']\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         "heavy = {'matplotlib', 'numba', 'scipy', 'fivcore', 'distributed'} & set(sys.modules)\n"
         "print(sorted(heavy), file=sys.stderr)"

@@ -215,14 +215,14 @@ def f(points):
 
 
 def bare(text):
-    names = {"__name__": "__main__"}
+    names = {"__name__": "nowhere"}
     exec(text, names)
     return digests(names["f"])
 
 
 def test_code_without_a_source_counts_as_it_was_compiled():
     found = bare(BARE)
-    assert set(found) == {"__main__"}
+    assert set(found) == {"nowhere"}
     for old, new in {"A text": "Another", "UNUSED = 2.0": "UNUSED = 2.0 "}.items():
         assert bare(BARE.replace(old, new)) == found, old
     assert bare("# a remark\n" + BARE.replace("(x):", "(x: float):")) == found
@@ -274,7 +274,7 @@ def test_a_script_is_read_from_its_file(tmp_path):
     for old, new in (("", ""), ("return FACTOR", "return FACTOR  # twice"), ("FACTOR = 2", "FACTOR = 3")):
         script.write_text(textwrap.dedent(text).replace(old, new))
         found.append(run(script, HOME))
-    assert set(json.loads(found[0])) == {"__main__"}
+    assert set(json.loads(found[0])) == {"script"}
     assert found[0] == found[1] != found[2]
 
 
@@ -296,7 +296,7 @@ def test_what_a_script_changes_in_place_counts_where_it_is_used(tmp_path):
         old, _, new = edit.partition(" -> ")
         script.write_text(textwrap.dedent(text).replace(old, new) if old else textwrap.dedent(text))
         found[edit] = run(script, HOME)
-    assert set(json.loads(found[""])) == {"__main__"}
+    assert set(json.loads(found[""])) == {"script"}
     assert found[""] == found["= 3 -> = 5"]
     assert len({*found.values()}) == 3
 
