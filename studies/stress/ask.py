@@ -119,10 +119,11 @@ def question_of(case: Case, method: str) -> tuple[Question, float]:
         # The clamp has then moved by V (t - ramp / 2), after the ramp.
         distance = slip_distance(Normalised.of(question.scene)) * question.numbers["F"]
         question = question.changed(V=distance / (case.slips_at - 0.5 * question.ramp))
-    if not case.edge:
+    fits = case.edge == "fitting step"
+    if not case.edge or (fits and method != "paper"):
         return question, float("nan")
     value = case.share * LIMITS[case.edge](question)
-    if case.edge == "fitting step" and (method != "paper" or value >= published.STEP):
+    if fits and value >= published.STEP:
         return question, float("nan")
     assert np.isfinite(value) or case.edge == "reach", f"no limit of {case.edge} is known"
     return _at(question, case.edge, value), value

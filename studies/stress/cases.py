@@ -99,15 +99,13 @@ GROUPED: dict[str, list[Case]] = {
     "friction": [
         *_numbers(*MU, 0.0, 1e-12),
         *_numbers(*MU, 1.0, 2.0, also={"V": 1.0}, run=BRIEF),
-        *(
-            Case(f"{share:.7g} of critical mu, {theta:g}°",
-                 f"{share:.7g} times the coefficient of friction at which the contact force stops being unique, "
-                 f"at {theta:g} degrees and 1 m/s",
-                 # "exact" says so where slip would grow faster than events may follow each other.
-                 {"V": 1.0, "theta": theta}, BRIEF, edge="mu", share=share, names="mu",
-                 expected=CONTACT if share > 1.0 else {"exact": CONTACT} if 1.0 - share < 1e-6 else PASSES)
-            for theta, share in product((5.0, 20.0, -20.0), (0.5, 0.999, 0.9999999, 1.001))
-        ),
+        *(Case(f"{share:.7g} of critical mu, {theta:g}°",
+               f"{share:.7g} times the coefficient of friction at which the contact force stops being unique, "
+               f"at {theta:g} degrees and 1 m/s",
+               # "exact" says so where slip would grow faster than events may follow each other.
+               {"V": 1.0, "theta": theta}, BRIEF, edge="mu", share=share, names="mu",
+               expected=CONTACT if share > 1.0 else {"exact": CONTACT} if 1.0 - share < 1e-6 else PASSES)
+          for theta, share in product((5.0, 20.0, -20.0), (0.5, 0.999, 0.9999999, 1.001))),
         Case("mu = 1e6, upright",
              "the largest coefficient of friction that a scene takes, where nothing couples the directions",
              {"mu": 1e6, "theta": 0.0, "V": 1.0}, BRIEF),
@@ -124,20 +122,16 @@ GROUPED: dict[str, list[Case]] = {
         *_numbers("V", "V = {:g}", DRIVE, 0.0, INFINITE, NAN, expected=VALUE),
     ],
     "load": [
-        *(
-            Case(f"F = {F:g} N, same V/F",
-                 f"a load of {F:g} N at the operating point's V / F: the same motion in another size",
-                 {"F": F, "V": POINT["V"] * F / POINT["F"]}, copy=True)
-            for F in (1e-3, 1.0, 1e6)
-        ),
+        *(Case(f"F = {F:g} N, same V/F",
+               f"a load of {F:g} N at the operating point's V / F: the same motion in another size",
+               {"F": F, "V": POINT["V"] * F / POINT["F"]}, copy=True)
+          for F in (1e-3, 1.0, 1e6)),
         *_numbers("F", "F = {:g} N", LOAD, 1e-3, 1e6),
         *_numbers("F", "F = {:g}", LOAD, 0.0, -9.0, NAN, expected=VALUE),
-        *(
-            Case(f"{share:g} of the {edge} V/F", f"{share:g} times the {edge} V / F that is resolved",
-                 edge=f"{edge} V/F", share=share, expected=expected, names="V / F")
-            for edge, share, expected in (("least", 1.001, PASSES), ("least", 0.999, VALUE),
-                                          ("largest", 0.999, PASSES), ("largest", 1.001, VALUE))
-        ),
+        *(Case(f"{share:g} of the {edge} V/F", f"{share:g} times the {edge} V / F that is resolved",
+               edge=f"{edge} V/F", share=share, expected=expected, names="V / F")
+          for edge, share, expected in (("least", 1.001, PASSES), ("least", 0.999, VALUE),
+                                        ("largest", 0.999, PASSES), ("largest", 1.001, VALUE))),
     ],
     **{
         group: [

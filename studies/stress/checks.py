@@ -144,7 +144,8 @@ def _gap(evidence: Evidence) -> Judged:
     replay, question, run = evidence.replay, evidence.question, evidence.plain
     if replay is None:
         return None
-    peak, compliance = float(run.normal_force.max()) / question.numbers["F"], _compliance(question)
+    peak, K = float(run.normal_force.max()) / question.numbers["F"], _usual(question).K
+    compliance = float(np.linalg.inv(K)[0, 0]) if K.any() else 0.0
     unit, bound = question.step * replay.closing + compliance * peak, GAP[question.method]
     if not compliance:
         bound = RIGID_GAP
@@ -172,7 +173,7 @@ def _exact_gap(evidence: Evidence) -> Judged:
     last = np.maximum.accumulate(np.where(touching, index, -len(index)))
     long_ago = ((index - last) * question.step > FORGOTTEN * tau + 2.0 * question.step)[at]
     wrong = np.where(touching[at], np.abs(carried), np.where(long_ago, np.maximum(-opening, 0.0), 0.0))
-    unit = _compliance(question) * float(N.max()) + tau * float(np.abs(rate).max())
+    unit = float(across[0]) * float(N.max()) + tau * float(np.abs(rate).max())
     return (float(wrong.max()) / unit if unit > 0.0 else 0.0), GAP["exact"]
 
 
@@ -235,12 +236,6 @@ def _changed(evidence: Evidence) -> float:
     pairs = [(evidence.run.summary[name], value) for name, value in evidence.summary.items()]
     same = [a == b if isinstance(b, str) else np.array_equal(a, b, equal_nan=True) for a, b in pairs]
     return float(len(same) - sum(same))
-
-
-def _compliance(question: Question) -> float:
-    """Static flexibility along the normal of what stands for the modes that are not kept, m/N."""
-    K = _usual(question).K
-    return float(np.linalg.inv(K)[0, 0]) if K.any() else 0.0
 
 
 def _usual(question: Question) -> ReducedModel:

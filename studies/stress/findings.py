@@ -16,7 +16,6 @@ from sweeps import DONE, FAILED
 # asked, for another reason or as too dear. The last is for what is not known yet, and no outcome of a run.
 OUTCOMES = (*EXPECTED, "fails", "not asked", "too dear", "pending")
 PASSES, FAILS, NOT_ASKED, DEAR, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
-LEAST = 0.01  # smaller margins are not worth a word
 
 
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
@@ -43,14 +42,11 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         for m in range(len(methods)):
             words = [f"{n} {OUTCOMES[code]}" for code, n in enumerate(np.bincount(outcome[mine, m])) if n]
             k = mine[np.argmax(np.where(outcome[mine, m] == PASSES, margin[mine, m], -1.0))]
-            if outcome[k, m] == PASSES and margin[k, m] >= LEAST:
+            if outcome[k, m] == PASSES and margin[k, m] >= 0.01:
                 words[0] += f" ({check[k, m]} {margin[k, m]:.2g})"
             cells.append(", ".join(words))
         rows.append([str(group), *cells])
-    lines = [
-        "",
-        "In brackets: the check that came nearest to failing, cost apart, in units of what it may be. Which:",
-    ]
+    lines = ["", "In brackets: the check that came nearest to failing, cost apart, in units of its bound. Cases:"]
     lines.append('fiv query stress --where "margin > 0.5" --show case,method,check,margin,asked')
     reasons = {CASES[str(dataset["case"].values[k])].not_asked[methods[m]]: methods[m]
                for k, m in np.argwhere(outcome == NOT_ASKED)}  # fmt: skip

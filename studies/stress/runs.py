@@ -87,22 +87,17 @@ def gathered(question: Question, is_copy: bool = False) -> Evidence:
     replay, states, instants = None, None, np.zeros(0, dtype=np.intp)
     if question.method == "exact":
         instants = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int))
-        states = _gaps(question, run.time[instants])
+        scene, model, given = Normalised.of(question.scene), question.model, question.initial
+        initial = None if given is None else State(given[0] / scene.load, given[1] / scene.load, given[2])
+        own: dict[str, Any] = {"cutoff": question.options.get("cutoff"), "initial": initial, "ramp": question.ramp}
+        q, v = np.split(states_at(scene, run.time[instants], **own), 2, axis=1)
+        states = np.stack([(q + model.rest) @ model.normal, v @ model.normal])
     elif "contact_motion" not in question.options:
         load, sense = question.numbers["F"], float(np.sign(question.numbers["V"]))
         replay = replayed(question, plain.time, plain.normal_force / load, sense * plain.tangential_force / load)
     original = question.changed(**POINT).ask(settle=0.0).summary if is_copy else None
     whole, cost = most == question.duration and long is None, _cost(question)
     return Evidence(question, run, summary, whole, long, plain, replay, instants, states, original, cost)
-
-
-def _gaps(question: Question, times: Array) -> Array:
-    """g_N and its rate at given times, from the states of "exact" itself."""
-    scene, model, given = Normalised.of(question.scene), question.model, question.initial
-    initial = None if given is None else State(given[0] / scene.load, given[1] / scene.load, given[2])
-    states = states_at(scene, times, ramp=question.ramp, cutoff=question.options.get("cutoff"), initial=initial)
-    q, v = np.split(states, 2, axis=1)
-    return np.stack([(q + model.rest) @ model.normal, v @ model.normal])
 
 
 def _cost(question: Question) -> float:
