@@ -227,24 +227,13 @@ def test_the_mean_of_the_normal_force_is_the_load():
 # The replay: the motion from the forces alone.
 
 
-@pytest.fixture
-def moved():
-    """The run of a question, what its forces do, and the compliance under the largest of them."""
-
-    def moved(question):
-        run = question.ask(sample_rate=min(1.0 / question.step, 1e9), **EVERY)
-        replay = runs.replayed(question, run.time, run.normal_force / 9.0, run.tangential_force / 9.0)
-        model = reduced_model(question.rig, question.theta) if question.method == "paper" else question.model
-        return run, replay, np.linalg.inv(model.K)[0, 0] * run.normal_force.max() / 9.0
-
-    return moved
-
-
 @pytest.mark.parametrize("V", [20e-3, 1.0])
-def test_an_elastic_contact_gives_way_exactly_as_its_forces_say(moved, V):
+def test_an_elastic_contact_gives_way_exactly_as_its_forces_say(V):
     """The impulses of `fast` are the replay's own and u = K^-1 (N, T): rounding is left, and what skips leave."""
     question = Question("fast", {**POINT, "V": V}, Rig(), 20e-3, {"termination": "elastic", "cutoff": 75e3})
-    run, replay, unit = moved(question)
+    run = question.ask(sample_rate=1.0 / question.step, **EVERY)
+    replay = runs.replayed(question, run.time, run.normal_force / 9.0, run.tangential_force / 9.0)
+    unit = np.linalg.inv(question.model.K)[0, 0] * run.normal_force.max() / 9.0
     touching = run.state > 0
     assert np.abs(replay.gap[touching]).max() < 1e-6 * unit
     assert replay.gap[~touching].min() > -1e-6 * unit
