@@ -37,7 +37,7 @@ SMALLER = {
         "members": 2,
         "recorded": 1,
     },
-    "stress": {"case": [2, 33, 92]},
+    "stress": {"case": ["step 0.9 of the largest", "theta = 90°", "3 and 3 elements"]},
 }
 
 
