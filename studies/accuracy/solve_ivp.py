@@ -1,36 +1,86 @@
 """SciPy's solve_ivp with events on the reduced model: the obvious tool, used as its documentation says.
 
-Each regime of `studies.accuracy.odes` is integrated until one of its events: the gap closes, the normal force
-vanishes, the friction cone is reached, slip stops. What comes next is decided from the state. Nothing keeps the
-integrator from stepping over two events that lie within one of its steps, and where events follow each other
-without time going on (chatter on the tip of the cone, an impact that does not end) it gives up.
+Each regime is a linear system, written from the contact law alone (`fivcore.contact.law`), and integrated until one
+of its events: the gap closes, the normal force vanishes, the friction cone is reached, slip stops. What comes next
+is decided from the state. Nothing keeps the integrator from stepping over two events that lie within one of its
+steps, and where events follow each other without time going on (chatter on the tip of the cone, an impact that does
+not end) it gives up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy import integrate
 
-from fivcore import Scene
+from fivcore import Scene, Transient
 from fivcore.contact.reduced import ReducedModel
 from fivcore.transient.normalised import Normalised
-from studies.accuracy.odes import SEPARATION, SLIP_DOWN, SLIP_UP, STICK, System, systems
-from studies.accuracy.trajectory import Track
 
 Array = NDArray[np.float64]
+SEPARATION, STICK, SLIP_UP, SLIP_DOWN = range(4)
 NORMAL, TANGENTIAL, GAP, SLIP = range(4)
 # So many events in a row, each within so short a time of the last one (s), are none that it gets past.
 MOST_EVENTS, NO_TIME = 100, 1e-12
 
 
+class System(NamedTuple):
+    """One regime: y' = A y + B (1, X', X''), for y = (q, v, u_N, u_T) from rest under a load of 1 N.
+
+    X is the displacement of P2's clamp. `signals` and `drift`, (4, m) and (4, 3), give N, T, gap and slip rate from
+    y and from (1, X', X'').
+    """
+
+    A: Array
+    B: Array
+    signals: Array
+    drift: Array
+
+
+def systems(model: ReducedModel, mu: float) -> list[System]:
+    """Separation, stick, slip with T = mu N and slip with T = -mu N, for a model with an absorbing element."""
+    if not model.C.any():
+        raise ValueError("model: it must have an absorbing element")
+    n = len(model.stiffness)
+    size = 2 * n + 2
+    unit, one = np.eye(size + 3), size
+    v, u, clamp = unit[n : 2 * n], unit[2 * n : size], unit[size + 1]
+    rate_N, rate_T = model.normal @ v, model.tangential @ v - clamp
+    found = []
+    for regime, m in ((SEPARATION, 0.0), (STICK, 0.0), (SLIP_UP, mu), (SLIP_DOWN, -mu)):
+        if regime == SEPARATION:
+            load = np.stack([unit[one], 0.0 * unit[one]])
+            rate = -np.linalg.solve(model.C, model.K @ u + load)
+        else:
+            rate = np.stack([-rate_N, -rate_T])
+            if regime != STICK:
+                # T - m N = 0 for the rate of u_T.
+                K, C = model.K[1] - m * model.K[0], model.C[1] - m * model.C[0]
+                rate[1] = -(K @ u + C[0] * rate[0] - m * unit[one]) / C[1]
+        force = model.K @ u + model.C @ rate
+        whole = np.zeros((size, size + 3))
+        whole[:n] = v
+        whole[n : 2 * n] = (
+            -model.stiffness[:, None] * unit[:n]
+            - model.damping[:, None] * v
+            + np.outer(model.normal, force[0])
+            + np.outer(model.tangential, force[1])
+            + np.outer(model.inertia, unit[size + 2])
+        )
+        whole[2 * n :] = rate
+        gap = model.normal @ unit[:n] + u[0]
+        signals = np.stack([force[0] + unit[one], force[1], gap, rate_T + rate[1]])
+        found.append(System(whole[:, :size], whole[:, size:], signals[:, :size], signals[:, size:]))
+    return found
+
+
 def run(
     scene: Scene, model: ReducedModel, duration: float, ramp: float, tolerance: float, times: Array
-) -> tuple[Track, float]:
+) -> tuple[Transient, float]:
     """Integrate from rest under the load, for V > 0 and a ramp, and read the motion at `times`.
 
     Also when the run ended, s: it may give up before `duration`, and with it what can be read.
@@ -42,7 +92,7 @@ class _Run:
     """One run in progress, for a load of 1 N."""
 
     def __init__(self, scene: Scene, model: ReducedModel, ramp: float, tolerance: float) -> None:
-        self.scene = Normalised.of(scene)
+        self.scene, self.speed = scene, Normalised.of(scene).speed_per_load
         self.mu, self.ramp, self.tolerance = scene.mu, ramp, tolerance
         self.model, self.systems = model, systems(model, scene.mu)
         n = len(model.stiffness)
@@ -50,20 +100,19 @@ class _Run:
         # What a velocity of the drive's size is in every coordinate.
         slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
         frequency = np.maximum(np.sqrt(model.stiffness), slowest)
-        size = self.scene.speed_per_load / float(np.abs(model.tangential).max())
-        slow = self.scene.speed_per_load / model.contact_frequency
+        size = self.speed / float(np.abs(model.tangential).max())
+        slow = self.speed / model.contact_frequency
         self.scale = np.concatenate([size / frequency, np.full(n, size), np.full(2, slow)])
-        self.firsts = np.full(2, np.nan)
+        self.firsts = {"first_slip_time": float("nan"), "first_separation_time": float("nan")}
 
-    def through(self, duration: float, times: Array) -> tuple[Track, float]:
-        """The whole run."""
+    def through(self, duration: float, times: Array) -> tuple[Transient, float]:
+        """The whole run: the ramp, and what follows it."""
         t, idle = 0.0, 0
-        heard: list[tuple[Array, Array, Array]] = []
+        parts: list[tuple[Array, Array, Array]] = []
         for begin, end in pairwise([0.0, min(self.ramp, duration), duration]):
-            t = begin
             while t < end and idle < MOST_EVENTS:
                 system = self.systems[self.regime]
-                found = solve_ivp(
+                found = integrate.solve_ivp(
                     self._rate(system, begin),
                     (t, end),
                     self.y,
@@ -72,28 +121,22 @@ class _Run:
                     dense_output=True,
                     events=self._events(system, begin),
                 )
-                heard.append(self._read(system, begin, found, times))
+                parts.append(self._read(system, begin, found, times))
                 after = float(found.t[-1])
                 idle = idle + 1 if after - t < NO_TIME and found.status == 1 else 0
                 t, self.y = after, found.y[:, -1]
                 if found.status == 1:
-                    hit = next(k for k, each in enumerate(found.t_events) if len(each))
-                    self._switch(hit, t, begin)
+                    self._switch(next(k for k, each in enumerate(found.t_events) if len(each)), t, begin)
                 elif found.status < 0:
                     idle = MOST_EVENTS
-            if idle >= MOST_EVENTS:
-                break
-        F = self.scene.load
-        time, velocity, force = (np.concatenate(part) for part in zip(*heard, strict=True))
-        return Track(time, F * velocity, F * force, *(float(first) for first in self.firsts)), t
+        time, velocity, force = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return Transient(self.scene, self.firsts, time, self.scene.F * velocity, self.scene.F * force), t
 
     def _drive(self, t: Any, begin: float) -> Array:
-        """1, X' and X'' of the stretch that began at `begin`: the ramp's, or after it."""
-        pace, ramping = self.scene.speed_per_load, begin < self.ramp
-        one = np.ones_like(np.asarray(t, dtype=float))
-        return np.stack(
-            [one, pace * (t / self.ramp if ramping else one), one * (pace / self.ramp if ramping else 0.0)]
-        )
+        """1, X' and X'' of the segment that began at `begin`: the ramp's, or after it."""
+        one, ramping = np.ones_like(np.asarray(t, dtype=float)), begin < self.ramp
+        speed, acceleration = (t / self.ramp, self.speed / self.ramp) if ramping else (one, 0.0)
+        return np.stack([one, self.speed * speed, one * acceleration])
 
     def _rate(self, system: System, begin: float) -> Callable[[float, Array], Array]:
         return lambda t, y: system.A @ y + system.B @ self._drive(t, begin)
@@ -115,31 +158,28 @@ class _Run:
         if self.regime == SEPARATION:
             return [watch(lambda s: s[GAP])]
         if self.regime == STICK:
-            return [
-                watch(lambda s: s[NORMAL]),
-                watch(lambda s: self.mu * s[NORMAL] - s[TANGENTIAL]),
-                watch(lambda s: self.mu * s[NORMAL] + s[TANGENTIAL]),
-            ]
+            cone = [watch(lambda s, sign=sign: self.mu * s[NORMAL] + sign * s[TANGENTIAL]) for sign in (-1.0, 1.0)]
+            return [watch(lambda s: s[NORMAL]), *cone]
         # T = mu N acts on P1 while it moves backwards over P2.
         sign = -1.0 if self.regime == SLIP_UP else 1.0
         return [watch(lambda s: s[NORMAL]), watch(lambda s: sign * s[SLIP])]
 
     def _switch(self, hit: int, t: float, begin: float) -> None:
         """The regime after an event."""
-        if self.regime != SEPARATION and hit == 0:
+        if self.regime == SEPARATION:
+            self.regime = self._touchdown(t, begin)
+        elif hit == 0:
             self.regime = SEPARATION
         elif self.regime == STICK:
             self.regime = SLIP_UP if hit == 1 else SLIP_DOWN
-        elif self.regime == SEPARATION:
-            self.regime = self._landed(t, begin)
         else:
             # Forces are continuous where slip ends: there sticking needs just what the cone has.
             self.regime = STICK
-        first = {SLIP_UP: 0, SLIP_DOWN: 0, SEPARATION: 1}.get(self.regime)
-        if first is not None and np.isnan(self.firsts[first]):
-            self.firsts[first] = t
+        if self.regime != STICK:
+            first = f"first_{'separation' if self.regime == SEPARATION else 'slip'}_time"
+            self.firsts[first] = t if np.isnan(self.firsts[first]) else self.firsts[first]
 
-    def _landed(self, t: float, begin: float) -> int:
+    def _touchdown(self, t: float, begin: float) -> int:
         """Stick if it needs no more than the cone has; else slip, the way sticking would have been broken."""
         N, T = self._signals(self.systems[STICK], t, self.y, begin)[:2]
         if abs(T) <= self.mu * N:
@@ -149,7 +189,7 @@ class _Run:
         return regime if N > 0.0 else SEPARATION
 
     def _read(self, system: System, begin: float, found: Any, times: Array) -> tuple[Array, Array, Array]:
-        """Times within a stretch, the velocity of B and the normal force there."""
+        """Times within a segment, the velocity of B and the normal force there."""
         chosen = times[(times >= found.t[0]) & (times < found.t[-1])]
         if not len(chosen):
             return chosen, chosen, chosen
