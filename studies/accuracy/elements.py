@@ -7,7 +7,8 @@ arithmetic it is `method="paper"`, which does the same in the modes of the separ
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,22 +26,11 @@ Array = NDArray[np.float64]
 BAND = 5
 
 
-class Assembled(NamedTuple):
-    """Both beams of a rig, P1's nodes from C to A (of which only y is free), then P2's without the clamped one.
-
-    K and M, (6, n), are bands of the symmetric matrices: row d holds the d-th diagonal below the main one. The
-    rows `normal` and `tangential`, (n,), read the gap and the shift of the surfaces without the clamp's own;
-    `point_b` reads the displacement of B. `weight` is the force of a unit load, `inertia` that of a unit
-    acceleration of the clamp, for motion relative to it.
-    """
-
-    K: Array
-    M: Array
-    normal: Array
-    tangential: Array
-    point_b: Array
-    weight: Array
-    inertia: Array
+# Both beams of a rig, P1's nodes from C to A (of which only y is free), then P2's without the clamped one. K and M,
+# (6, n): row d of a band is the d-th diagonal below the main one. Rows (n,) that read the gap (normal), the shift of
+# the surfaces without the clamp's own (tangential) and the displacement of B. Forces (n,) of a unit load (weight) and
+# of a unit acceleration of the clamp, for motion relative to it (inertia).
+Assembled = namedtuple("Assembled", "K M normal tangential point_b weight inertia")
 
 
 def element_matrices(beam: Beam) -> tuple[Array, Array]:
@@ -88,15 +78,11 @@ def assemble(rig: Rig, theta: float) -> Assembled:
     # At A only y is free; P2's first node is clamped.
     free = np.ones(n1 + n2, dtype=bool)
     free[[n1 - 3, n1 - 1, n1, n1 + 1, n1 + 2]] = False
-    bands = [_banded(part[np.ix_(free, free)]) for part in (K, M)]
+    bands = [
+        np.array([np.pad(np.diag(part[np.ix_(free, free)], -d), (0, d)) for d in range(BAND + 1)])
+        for part in (K, M)
+    ]
     return Assembled(*bands, *(row[free] for row in (normal, tangential, point_b, weight, inertia)))
-
-
-def _banded(matrix: Array) -> Array:
-    band = np.zeros((BAND + 1, len(matrix)))
-    for d in range(BAND + 1):
-        band[d, : len(matrix) - d] = np.diag(matrix, -d)
-    return band
 
 
 def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Transient:

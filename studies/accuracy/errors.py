@@ -8,7 +8,7 @@ error of a difference follows from both ensembles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -76,13 +76,13 @@ class Ensembles(NamedTuple):
     def minus(self, reference: Ensembles) -> tuple[xr.DataArray, xr.DataArray]:
         """Difference of the means and its standard error; NaN where either has no value or nothing tells."""
         both = (self, reference)
-        freedom = sum(np.maximum(each.number - 1.0, 0.0) for each in both)
-        spread = sum(np.maximum(each.number - 1.0, 0.0) * each.variance * each.time for each in both)
+        freedom = sum((each.number - 1.0).clip(min=0.0) for each in both)
+        spread = sum((each.number - 1.0).clip(min=0.0) * each.variance * each.time for each in both)
         per_time = spread / freedom.where(freedom > 0.0)
         shares = sum(1.0 / (each.number * each.time).where(each.number > 0.0) for each in both)
         return self.mean - reference.mean, np.sqrt(per_time * shares)
 
-    def at(self, place: dict[str, str]) -> Ensembles:
+    def at(self, place: Mapping[Hashable, str]) -> Ensembles:
         """One method and setting, for comparison with all."""
         return Ensembles(*(part.sel(place, drop=True) for part in self))
 
@@ -94,7 +94,7 @@ def with_errors(dataset: xr.Dataset, *, rig: Rig) -> xr.Dataset:
     data = dataset.transpose(*DIMS, ...).assign_coords(cutoff=("setting", cutoffs, told))
     reference, undamped = ({"method": PAPER, "setting": setting} for setting in (DEFAULT, UNDAMPED))
     found = _stability(data) if LINEAR in data["method"] else {}
-    if not _holds(data, reference):
+    if _others(data, reference).all():
         return _assigned(data, found)
     observed = data["observed_time"]
     time = Ensembles.of(observed.where(observed > 0.0)).mean
@@ -104,7 +104,7 @@ def with_errors(dataset: xr.Dataset, *, rig: Rig) -> xr.Dataset:
         found[f"{figure.name}_error"] = error, f"error of {figure.name}, {how}"
         found[f"{figure.name}_deviation"] = error / standard, f"error of {figure.name} in standard errors"
     found |= _mismatches(compared, "", "")
-    if _holds(data, undamped):
+    if not _others(data, undamped).all():
         found |= _mismatches(_compared(data, time, undamped), "_undamped", ", against paper with beta2 = 0.5")
     others = _others(data, reference)
     more = _sticks(data, reference) | _spectra(data, time, reference) | _first_times(data, reference)
@@ -126,17 +126,13 @@ def _assigned(data: xr.Dataset, found: Errors) -> xr.Dataset:
     )
 
 
-def _holds(data: xr.Dataset, place: dict[str, str]) -> bool:
-    return all(name in data[dim] for dim, name in place.items())
-
-
-def _others(data: xr.Dataset, reference: dict[str, str]) -> xr.DataArray:
-    """Where something else than the reference is."""
-    return (data["method"] != reference["method"]) | (data["setting"] != reference["setting"])
+def _others(data: xr.Dataset, place: Mapping[Hashable, str]) -> xr.DataArray:
+    """Where something else than this method and setting is."""
+    return (data["method"] != place["method"]) | (data["setting"] != place["setting"])
 
 
 def _compared(
-    data: xr.Dataset, time: xr.DataArray, reference: dict[str, str]
+    data: xr.Dataset, time: xr.DataArray, reference: Mapping[Hashable, str]
 ) -> list[tuple[xr.DataArray, xr.DataArray]]:
     """Of each of FIGURES the error and its standard error; the reference has none."""
     # Single sticks, as if they were independent; nothing where there is only a handful.
@@ -167,7 +163,7 @@ def _mismatches(compared: Sequence[tuple[xr.DataArray, xr.DataArray]], kind: str
         f"mismatch{kind}_scatter": (
             root_mean_square(scatters, "of"), f"mismatch that scatter alone would make{text}"
         ),
-        f"worst_mismatch{kind}": (np.abs(shares).max("of"), f"largest of the {what}{text}"),
+        f"worst_mismatch{kind}": (abs(shares).max("of"), f"largest of the {what}{text}"),
     }  # fmt: skip
 
 
@@ -180,15 +176,15 @@ def root_mean_square(values: xr.DataArray, dim: str = "scene") -> xr.DataArray:
 
 def _within(compared: Sequence[tuple[xr.DataArray, xr.DataArray]], first_slip: xr.DataArray) -> xr.DataArray:
     """YES where every figure that is known is within its tolerance and scatter, UNKNOWN where none is known."""
-    known, right = xr.zeros_like(first_slip, dtype=bool), ~(np.abs(first_slip) > FIRST_SLIP)
+    known, right = xr.zeros_like(first_slip, dtype=bool), ~(abs(first_slip) > FIRST_SLIP)
     for figure, (error, standard) in zip(FIGURES, compared, strict=True):
         if figure in BOUNDED:
             known |= error.notnull()
-            right &= ~(np.abs(error) > figure.tolerance + ERRORS_ALLOWED * standard.fillna(0.0))
+            right &= ~(abs(error) > figure.tolerance + ERRORS_ALLOWED * standard.fillna(0.0))
     return xr.where(known, xr.where(right, YES, NO), UNKNOWN).astype(np.int8)
 
 
-def _sticks(data: xr.Dataset, reference: dict[str, str]) -> Errors:
+def _sticks(data: xr.Dataset, reference: Mapping[Hashable, str]) -> Errors:
     """Two-sample distances of the long sticks from the reference's."""
 
     def distances(own: np.ndarray, known: np.ndarray) -> tuple[float, float, float]:
@@ -209,12 +205,12 @@ def _sticks(data: xr.Dataset, reference: dict[str, str]) -> Errors:
     return {name: (values, text) for (name, text), values in zip(texts.items(), found, strict=True)}
 
 
-def _spectra(data: xr.Dataset, time: xr.DataArray, reference: dict[str, str]) -> Errors:
+def _spectra(data: xr.Dataset, time: xr.DataArray, reference: Mapping[Hashable, str]) -> Errors:
     """Spectra in bands: what of the power lies elsewhere, and by how many standard errors a band is off."""
     bands = [Ensembles.of(data["band_power"].isel(band=k, drop=True), time) for k in range(data.sizes["band"])]
     pairs = [(own.at(reference).mean, *own.minus(own.at(reference))) for own in bands]
     power, error, standard = (xr.concat(each, "band") for each in zip(*pairs, strict=True))
-    elsewhere = np.abs(error).sum("band", skipna=False) / power.sum("band", skipna=False)
+    elsewhere = abs(error).sum("band", skipna=False) / power.sum("band", skipna=False)
     text = "difference of a band in standard errors, root mean square over bands"
     return {
         "spectrum_error": (elsewhere, "sum of the differences of third-octave bands over their sum"),
@@ -222,7 +218,7 @@ def _spectra(data: xr.Dataset, time: xr.DataArray, reference: dict[str, str]) ->
     }
 
 
-def _first_times(data: xr.Dataset, reference: dict[str, str]) -> Errors:
+def _first_times(data: xr.Dataset, reference: Mapping[Hashable, str]) -> Errors:
     """Errors of first slip and first separation, member by member, for these are no chance."""
     slip = data["first_slip_time"]
     times = {
@@ -247,6 +243,6 @@ def _stability(data: xr.Dataset) -> Errors:
     found = {}
     for name, what in (("onset_mu", "onset"), ("growth_rate", "growth")):
         against = at[name].reindex(setting=known).assign_coords(setting=at["setting"])
-        error = np.abs(at[name] / against - 1.0).where(at["setting"] != finest)
+        error = abs(at[name] / against - 1.0).where(at["setting"] != finest)
         found[f"{what}_error"] = error, f"error of the {what} of sliding's flutter, over it"
     return found

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from fivcore import Scene, flutter_onsets, sliding_modes
 from fivcore.contact.reduced import TERMINATIONS, ReducedModel, full_model, reduced_model
-from studies.accuracy.settings import Option, cutoff_of, meshed
+from studies.accuracy.settings import Option, cutoff_of
 from studies.accuracy.solve_ivp import SLIP_UP, systems
 from studies.motion import transients
 
@@ -25,15 +25,12 @@ def stability(scene: Scene, option: Option) -> dict[str, Any]:
 
     Without a cut-off all modes are kept, and all terminations are the same.
     """
-    own = meshed(scene, option)
-    rig, theta, mu = own.rig, own.drive_theta, own.mu
-    onsets = flutter_onsets(rig, theta, fmax=transients.BAND).mu
-    onset = float(onsets[0]) if len(onsets) else np.nan
+    rig, theta, mu = scene.rig, scene.drive_theta, scene.mu
+    onset = float(next(iter(flutter_onsets(rig, theta, fmax=transients.BAND).mu), np.nan))
     if option.kind != "cut-off":
         growth = float(np.max(sliding_modes(rig, theta, mu, fmax=transients.BAND).growth_rate))
-        alike = np.ones(len(TERMINATIONS))
-        count = len(full_model(rig, theta).stiffness)
-        return {"onset_mu": onset * alike, "growth_rate": growth * alike, "modes": count}
+        alike, modes = np.ones(len(TERMINATIONS)), len(full_model(rig, theta).stiffness)
+        return {"onset_mu": onset * alike, "growth_rate": growth * alike, "modes": modes}
     models = [reduced_model(rig, theta, cutoff_of(option, rig), kind) for kind in TERMINATIONS]
     return {
         "onset_mu": np.array([onset_of(model, onset) for model in models]),

@@ -20,13 +20,13 @@ def table(data: xr.Dataset) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        `method`, `setting`, `label` (the setting for a reader), `cutoff` (Hz), `step` (s), `modes`; `alone`, `batch`:
-        processor time per simulated second of a run alone and of each of an ensemble's; `cost`: `batch`, else
-        `alone`; `ratio`: that of `paper` by default over it. `mismatch`, `scatter`, `undamped`: errors of the figures
-        in units of their tolerances, what chance alone would make of it, errors against the scheme without numerical
-        damping; `half_way`: that of the velocity in the first burst. `right`: scenes at which every figure is within
-        its tolerance and scatter, of `known` ones. Besides every error, the largest over scenes with its sign, and
-        every deviation, root mean square over scenes.
+        `method`, `setting`, `label` (the setting for a reader), `cutoff` (Hz), `step` (s), `modes`; `alone`,
+        `batch`: processor time per simulated second of a run alone and of each of an ensemble's; `cost`: `batch`,
+        else `alone`; `ratio`: that of `paper` by default over it. `mismatch`, `scatter`, `undamped`: errors of the
+        figures in units of their tolerances, what chance alone would make of it, errors against the scheme without
+        numerical damping; `half_way`: error of the velocity in the first burst. `right`: scenes at which every
+        figure is within its tolerance and scatter, of `known` ones. Besides every error, the largest over scenes
+        with its sign, and every deviation, root mean square over scenes.
     """
     missing = xr.full_like(data["cpu_per_second"], np.nan)
     within = data.get("within", xr.full_like(missing, UNKNOWN))
@@ -46,7 +46,7 @@ def table(data: xr.Dataset) -> pd.DataFrame:
 def largest(values: xr.DataArray) -> xr.DataArray:
     """Of the largest magnitude over scenes, with its sign; NaN where there is none."""
     values = values.drop_vars("scene")
-    return values.isel(scene=np.abs(values).fillna(-1.0).argmax("scene"))
+    return values.isel(scene=abs(values).fillna(-1.0).argmax("scene"))
 
 
 def label(setting: str, cutoff: float) -> str:

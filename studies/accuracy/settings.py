@@ -43,13 +43,13 @@ class Option:
     @property
     def name(self) -> str:
         """The setting on its axis."""
-        value = f" {self.value:.3g}" if isinstance(self.value, float) else f" {self.value}".rstrip()
-        return f"{self.kind}{value}" + (f" step {self.share:g}" if self.share else "")
+        value = f"{self.value:.3g}" if isinstance(self.value, float) else self.value
+        return f"{self.kind} {value}".rstrip() + (f" step {self.share:g}" if self.share else "")
 
     @property
     def size(self) -> float | None:
         """Factor of the mesh, 1 by default; None where something else is set."""
-        return {"default": 1.0, "mesh": self.value}.get(self.kind)  # type: ignore[return-value]
+        return float(self.value) if self.kind == "mesh" else 1.0 if self.kind == "default" else None
 
 
 OPTIONS = {

@@ -1,10 +1,10 @@
 """SciPy's solve_ivp with events on the reduced model: the obvious tool, used as its documentation says.
 
-Each regime is a linear system, written from the contact law alone (`fivcore.contact.law`), and integrated until one
-of its events: the gap closes, the normal force vanishes, the friction cone is reached, slip stops. What comes next
-is decided from the state. Nothing keeps the integrator from stepping over two events that lie within one of its
-steps, and where events follow each other without time going on (chatter on the tip of the cone, an impact that does
-not end) it gives up.
+Each regime is a linear system, written from the contact law alone (`fivcore.contact.law`), and integrated until
+one of its events: the gap closes, the normal force vanishes, the friction cone is reached, slip stops. What comes
+next is decided from the state. Nothing keeps the integrator from stepping over two events that lie within one of
+its steps, and where events follow each other without time going on (chatter on the tip of the cone, an impact that
+does not end) it gives up.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ MOST_EVENTS, NO_TIME = 100, 1e-12
 class System(NamedTuple):
     """One regime: y' = A y + B (1, X', X''), for y = (q, v, u_N, u_T) from rest under a load of 1 N.
 
-    X is the displacement of P2's clamp. `signals` and `drift`, (4, m) and (4, 3), give N, T, gap and slip rate from
-    y and from (1, X', X'').
+    X is the displacement of P2's clamp. `signals` and `drift`, (4, m) and (4, 3), give N, T, gap and slip rate
+    from y and from (1, X', X'').
     """
 
     A: Array
@@ -50,7 +50,7 @@ def systems(model: ReducedModel, mu: float) -> list[System]:
     unit, one = np.eye(size + 3), size
     v, u, clamp = unit[n : 2 * n], unit[2 * n : size], unit[size + 1]
     rate_N, rate_T = model.normal @ v, model.tangential @ v - clamp
-    found = []
+    found = list[System]()
     for regime, m in ((SEPARATION, 0.0), (STICK, 0.0), (SLIP_UP, mu), (SLIP_DOWN, -mu)):
         if regime == SEPARATION:
             load = np.stack([unit[one], 0.0 * unit[one]])
@@ -85,115 +85,100 @@ def run(
 
     Also when the run ended, s: it may give up before `duration`, and with it what can be read.
     """
-    return _Run(scene, model, ramp, tolerance).through(duration, times)
+    speed, mu = Normalised.of(scene).speed_per_load, scene.mu
+    regimes, regime = systems(model, mu), STICK
+    y, t, idle = np.zeros(len(regimes[STICK].A)), 0.0, 0
+    absolute = tolerance * _scale(model, speed)
+    firsts = {"first_slip_time": np.nan, "first_separation_time": np.nan}
+    parts: list[tuple[Array, Array, Array]] = []
+    for begin, end in pairwise([0.0, min(ramp, duration), duration]):
+
+        def drive(t: Any, ramping: bool = begin < ramp) -> Array:
+            """1, X' and X''."""
+            one = np.ones_like(np.asarray(t, dtype=float))
+            shape, acceleration = (t / ramp, speed / ramp) if ramping else (one, 0.0)
+            return np.stack([one, speed * shape, one * acceleration])
+
+        while t < end and idle < MOST_EVENTS:
+            system = regimes[regime]
+            found = integrate.solve_ivp(
+                lambda t, y, system=system, drive=drive: system.A @ y + system.B @ drive(t),
+                (t, end),
+                y,
+                rtol=tolerance,
+                atol=absolute,
+                dense_output=True,
+                events=_events(regime, system, mu, drive),
+            )
+            chosen = times[(times >= t) & (times < found.t[-1])]
+            parts.append(_read(system, model, found, chosen, drive))
+            idle = idle + 1 if found.t[-1] - t < NO_TIME and found.status == 1 else 0
+            t, y = float(found.t[-1]), found.y[:, -1]
+            if found.status == 1:
+                hit = next(k for k, each in enumerate(found.t_events) if len(each))
+                regime = _after(regime, hit, mu, [each.signals @ y + each.drift @ drive(t) for each in regimes])
+                if regime != STICK:
+                    name = f"first_{'separation' if regime == SEPARATION else 'slip'}_time"
+                    firsts[name] = t if np.isnan(firsts[name]) else firsts[name]
+            elif found.status < 0:
+                idle = MOST_EVENTS
+    time, velocity, force = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Transient(scene, firsts, time, scene.F * velocity, scene.F * force), t
 
 
-class _Run:
-    """One run in progress, for a load of 1 N."""
+def _scale(model: ReducedModel, speed: float) -> Array:
+    """A velocity of the drive's size, in every coordinate."""
+    slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
+    frequency = np.maximum(np.sqrt(model.stiffness), slowest)
+    size = speed / float(np.abs(model.tangential).max())
+    slow = speed / model.contact_frequency
+    return np.concatenate([size / frequency, np.full(len(frequency), size), np.full(2, slow)])
 
-    def __init__(self, scene: Scene, model: ReducedModel, ramp: float, tolerance: float) -> None:
-        self.scene, self.speed = scene, Normalised.of(scene).speed_per_load
-        self.mu, self.ramp, self.tolerance = scene.mu, ramp, tolerance
-        self.model, self.systems = model, systems(model, scene.mu)
-        n = len(model.stiffness)
-        self.y, self.regime = np.zeros(2 * n + 2), STICK
-        # What a velocity of the drive's size is in every coordinate.
-        slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
-        frequency = np.maximum(np.sqrt(model.stiffness), slowest)
-        size = self.speed / float(np.abs(model.tangential).max())
-        slow = self.speed / model.contact_frequency
-        self.scale = np.concatenate([size / frequency, np.full(n, size), np.full(2, slow)])
-        self.firsts = {"first_slip_time": float("nan"), "first_separation_time": float("nan")}
 
-    def through(self, duration: float, times: Array) -> tuple[Transient, float]:
-        """The whole run: the ramp, and what follows it."""
-        t, idle = 0.0, 0
-        parts: list[tuple[Array, Array, Array]] = []
-        for begin, end in pairwise([0.0, min(self.ramp, duration), duration]):
-            while t < end and idle < MOST_EVENTS:
-                system = self.systems[self.regime]
-                found = integrate.solve_ivp(
-                    self._rate(system, begin),
-                    (t, end),
-                    self.y,
-                    rtol=self.tolerance,
-                    atol=self.tolerance * self.scale,
-                    dense_output=True,
-                    events=self._events(system, begin),
-                )
-                parts.append(self._read(system, begin, found, times))
-                after = float(found.t[-1])
-                idle = idle + 1 if after - t < NO_TIME and found.status == 1 else 0
-                t, self.y = after, found.y[:, -1]
-                if found.status == 1:
-                    self._switch(next(k for k, each in enumerate(found.t_events) if len(each)), t, begin)
-                elif found.status < 0:
-                    idle = MOST_EVENTS
-        time, velocity, force = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return Transient(self.scene, self.firsts, time, self.scene.F * velocity, self.scene.F * force), t
+def _events(regime: int, system: System, mu: float, drive: Callable[[float], Array]) -> list[Callable[..., float]]:
+    """Functions that are positive within the regime."""
+    # T = mu N acts on P1 while it moves backwards over P2.
+    sign = -1.0 if regime == SLIP_UP else 1.0
 
-    def _drive(self, t: Any, begin: float) -> Array:
-        """1, X' and X'' of the segment that began at `begin`: the ramp's, or after it."""
-        one, ramping = np.ones_like(np.asarray(t, dtype=float)), begin < self.ramp
-        speed, acceleration = (t / self.ramp, self.speed / self.ramp) if ramping else (one, 0.0)
-        return np.stack([one, self.speed * speed, one * acceleration])
+    def normal(s: Array) -> float:
+        return float(s[NORMAL])
 
-    def _rate(self, system: System, begin: float) -> Callable[[float, Array], Array]:
-        return lambda t, y: system.A @ y + system.B @ self._drive(t, begin)
+    limits: dict[int, list[Callable[[Array], float]]] = {
+        SEPARATION: [lambda s: s[GAP]],
+        STICK: [normal, lambda s: mu * s[NORMAL] - s[TANGENTIAL], lambda s: mu * s[NORMAL] + s[TANGENTIAL]],
+    }
 
-    def _signals(self, system: System, t: float, y: Array, begin: float) -> Array:
-        return np.asarray(system.signals @ y + system.drift @ self._drive(t, begin))
+    def event(limit: Callable[[Array], float]) -> Callable[..., float]:
+        def value(t: float, y: Array) -> float:
+            return float(limit(system.signals @ y + system.drift @ drive(t)))
 
-    def _events(self, system: System, begin: float) -> list[Callable[[float, Array], float]]:
-        """Functions that are positive within the regime."""
+        value.terminal, value.direction = True, -1.0  # type: ignore[attr-defined]
+        return value
 
-        def watch(what: Callable[[Array], float]) -> Callable[[float, Array], float]:
-            def event(t: float, y: Array) -> float:
-                return float(what(self._signals(system, t, y, begin)))
+    return [event(limit) for limit in limits.get(regime, [normal, lambda s: sign * s[SLIP]])]
 
-            event.terminal = True  # type: ignore[attr-defined]
-            event.direction = -1.0  # type: ignore[attr-defined]
-            return event
 
-        if self.regime == SEPARATION:
-            return [watch(lambda s: s[GAP])]
-        if self.regime == STICK:
-            cone = [watch(lambda s, sign=sign: self.mu * s[NORMAL] + sign * s[TANGENTIAL]) for sign in (-1.0, 1.0)]
-            return [watch(lambda s: s[NORMAL]), *cone]
-        # T = mu N acts on P1 while it moves backwards over P2.
-        sign = -1.0 if self.regime == SLIP_UP else 1.0
-        return [watch(lambda s: s[NORMAL]), watch(lambda s: sign * s[SLIP])]
-
-    def _switch(self, hit: int, t: float, begin: float) -> None:
-        """The regime after an event."""
-        if self.regime == SEPARATION:
-            self.regime = self._touchdown(t, begin)
-        elif hit == 0:
-            self.regime = SEPARATION
-        elif self.regime == STICK:
-            self.regime = SLIP_UP if hit == 1 else SLIP_DOWN
-        else:
-            # Forces are continuous where slip ends: there sticking needs just what the cone has.
-            self.regime = STICK
-        if self.regime != STICK:
-            first = f"first_{'separation' if self.regime == SEPARATION else 'slip'}_time"
-            self.firsts[first] = t if np.isnan(self.firsts[first]) else self.firsts[first]
-
-    def _touchdown(self, t: float, begin: float) -> int:
-        """Stick if it needs no more than the cone has; else slip, the way sticking would have been broken."""
-        N, T = self._signals(self.systems[STICK], t, self.y, begin)[:2]
-        if abs(T) <= self.mu * N:
+def _after(regime: int, hit: int, mu: float, signals: list[Array]) -> int:
+    """The regime after an event; `signals` are what each regime would have there."""
+    if regime == SEPARATION:
+        # Stick if it needs no more than the cone has; else slip, the way sticking would have been broken.
+        N, T = signals[STICK][:2]
+        if abs(T) <= mu * N:
             return STICK
-        regime = SLIP_UP if T > 0.0 else SLIP_DOWN
-        N = self._signals(self.systems[regime], t, self.y, begin)[NORMAL]
-        return regime if N > 0.0 else SEPARATION
+        slip = SLIP_UP if T > 0.0 else SLIP_DOWN
+        return slip if signals[slip][NORMAL] > 0.0 else SEPARATION
+    if hit == 0:
+        return SEPARATION
+    # Forces are continuous where slip ends: there sticking needs just what the cone has.
+    return (SLIP_UP if hit == 1 else SLIP_DOWN) if regime == STICK else STICK
 
-    def _read(self, system: System, begin: float, found: Any, times: Array) -> tuple[Array, Array, Array]:
-        """Times within a segment, the velocity of B and the normal force there."""
-        chosen = times[(times >= found.t[0]) & (times < found.t[-1])]
-        if not len(chosen):
-            return chosen, chosen, chosen
-        y = found.sol(chosen)
-        n = len(self.model.stiffness)
-        N = system.signals[NORMAL] @ y + system.drift[NORMAL] @ self._drive(chosen, begin)
-        return chosen, self.model.point_b @ y[n : 2 * n], N
+
+def _read(
+    system: System, model: ReducedModel, found: Any, times: Array, drive: Callable[[Array], Array]
+) -> tuple[Array, Array, Array]:
+    """Times within a segment, the velocity of B and the normal force there."""
+    if not len(times):
+        return times, times, times
+    y, n = found.sol(times), len(model.stiffness)
+    N = system.signals[NORMAL] @ y + system.drift[NORMAL] @ drive(times)
+    return times, model.point_b @ y[n : 2 * n], N

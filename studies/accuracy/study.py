@@ -30,8 +30,6 @@ COSTS = {
     "wall_per_second": "wall time of one run alone",
     "batch_cpu_per_second": "processor time of each run of an ensemble computed together",
 }
-PEAK = "largest error of the {} {}, over its largest value"
-HALF, WHOLE = "half-way to the first separation", "to the first separation"
 VARIABLES = {
     **{name: Variable("1", f"{what} per simulated second") for name, what in COSTS.items()},
     "step": Variable("s", "time step"),
@@ -43,13 +41,12 @@ VARIABLES = {
     },
     "observed_time": Variable("s", "time simulated after settling, of each member", ("member",)),
     "stick_time": Variable("s", "duration of each long stick", ("member", "stick"), "float32", digits=5),
-    "band_power": Variable(
-        "m2 s-2", "mean square of the velocity of B in a third-octave band, of each member", ("member", "band")
-    ),
-    "slip_velocity_error": Variable("1", PEAK.format("velocity of B", HALF)),
-    "slip_force_error": Variable("1", PEAK.format("normal force", HALF)),
-    "burst_velocity_error": Variable("1", PEAK.format("velocity of B", WHOLE)),
-    "burst_force_error": Variable("1", PEAK.format("normal force", WHOLE)),
+    "band_power": Variable("m2 s-2", "mean square of the velocity of B in a third octave", ("member", "band")),
+    **{
+        f"{stretch}_{name}_error": Variable("1", f"largest error of the {what} {when}, over its largest value")
+        for stretch, when in (("slip", "half-way to the first separation"), ("burst", "to the first separation"))
+        for name, what in (("velocity", "velocity of B"), ("force", "normal force"))
+    },
     "burst_delay_error": Variable("1", "error of the time from first slip to first separation, over it"),
     "gave_up_time": Variable("s", "when an integrator could not go on"),
     "onset_mu": Variable("1", "lowest coefficient of friction at which sliding flutters", ("termination",)),
@@ -60,35 +57,32 @@ VARIABLES = {
 def points(points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
     """Costs, figures and errors of each method, setting and scene: one point at a time, for they are timed."""
     values = []
-    for place in zip(*(points[name].tolist() for name in ("method", "setting", "scene")), strict=True):
+    for method, setting, scene in zip(points["method"], points["setting"], points["scene"], strict=True):
         with runs.turn():
             start = time.perf_counter()
-            values.append(point(*place, fixed))
-            values[-1]["wall_time"] = time.perf_counter() - start
+            own = point(method, setting, scene, fixed)
+            values.append(own | {"wall_time": time.perf_counter() - start})
     return {name: np.stack([each[name] for each in values]) for name in values[0]}
 
 
-def point(method: str, setting: str, name: str, fixed: Mapping[str, Any]) -> dict[str, Any]:
+def point(method: str, setting: str, scene: str, fixed: Mapping[str, Any]) -> dict[str, Any]:
     """Every variable of one point, NaN where it does not belong to the method."""
-    option, scene = choices.OPTIONS[setting], choices.scene_of(name, fixed["rig"])
-    sizes = {dim: len(axis) for dim, axis in coords(fixed).items()}
+    option, sizes = choices.OPTIONS[setting], {dim: len(axis) for dim, axis in coords(fixed).items()}
     values: dict[str, Any] = {
-        each: np.full([sizes[dim] for dim in variable.dims], np.nan) for each, variable in VARIABLES.items()
+        name: np.full([sizes[dim] for dim in each.dims], np.nan) for name, each in VARIABLES.items()
     }
+    own = choices.meshed(choices.scene_of(scene, fixed["rig"]), option)
     if method == choices.LINEAR:
-        return values | stability(scene, option)
-    own = choices.meshed(scene, option)
+        return values | stability(own, option)
     options = choices.arguments(method, option, own)
     if method in choices.SIMULATED:
         values |= runs.ensemble(method, option, own, options, fixed)
     values |= runs.burst(method, option, own, options, fixed["ramp"], runs.most_members(fixed))
     if method in (choices.PAPER, choices.ELEMENTS):
-        step, modes = options.get("step", STEP), full_model(own.rig, own.theta).stiffness
-    else:
-        model = choices.model_of(own, options)
-        modes = model.stiffness
-        step = options.get("step", model.default_step) if method == choices.FAST else np.nan
-    return values | {"step": step, "modes": len(modes)}
+        return values | {"step": options.get("step", STEP), "modes": len(full_model(own.rig, own.theta).stiffness)}
+    model = choices.model_of(own, options)
+    step = options.get("step", model.default_step) if method == choices.FAST else np.nan
+    return values | {"step": step, "modes": len(model.stiffness)}
 
 
 def coords(fixed: Mapping[str, Any]) -> dict[str, Axis]:

@@ -140,7 +140,8 @@ def test_the_element_keeps_the_onset_that_dropping_modes_moves(termination):
 
 
 def test_errors_of_meshes_fall_with_the_fourth_order():
-    at = [linear.stability(Scene(5e-3, 5.0, 0.2, 9.0), OPTIONS[f"mesh {size}"]) for size in ("0.5", "2", "4")]
+    scene, options = Scene(5e-3, 5.0, 0.2, 9.0), [OPTIONS[f"mesh {size}"] for size in ("0.5", "2", "4")]
+    at = [linear.stability(choices.meshed(scene, option), option) for option in options]
     for name in ("onset_mu", "growth_rate"):
         wrong = [abs(each[name][0] / at[2][name][0] - 1.0) for each in at[:2]]
         assert np.log(wrong[0] / wrong[1]) / np.log(4.0) == pytest.approx(4.0, abs=0.5)
