@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 BAND = 5
 
 
-# Both beams of a rig, P1's nodes from C to A (of which only y is free), then P2's without the clamped one. K and M,
-# (6, n): row d of a band is the d-th diagonal below the main one. Rows (n,) that read the gap (normal), the shift of
-# the surfaces without the clamp's own (tangential) and the displacement of B. Forces (n,) of a unit load (weight) and
-# of a unit acceleration of the clamp, for motion relative to it (inertia).
+# Both beams, P1's nodes from C to A (of which only y is free), then P2's without the clamped one. K, M, (6, n):
+# row d of a band is the d-th diagonal below the main one. Rows (n,) that read the gap, the shift of the surfaces
+# without the clamp's own, and the displacement of B; forces (n,) of a unit load, and of a unit acceleration of the
+# clamp for motion relative to it.
 Assembled = namedtuple("Assembled", "K M normal tangential point_b weight inertia")
 
 

@@ -8,7 +8,7 @@ error of a difference follows from both ensembles.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +53,7 @@ FIGURES = (
 )
 # Those that have a tolerance.
 BOUNDED = [each for each in FIGURES if np.isfinite(each.tolerance)]
+TOLERANCES = xr.DataArray([each.tolerance for each in FIGURES], dims="figure")
 
 
 class Ensembles(NamedTuple):
@@ -75,14 +76,13 @@ class Ensembles(NamedTuple):
 
     def minus(self, reference: Ensembles) -> tuple[xr.DataArray, xr.DataArray]:
         """Difference of the means and its standard error; NaN where either has no value or nothing tells."""
-        both = (self, reference)
-        freedom = sum((each.number - 1.0).clip(min=0.0) for each in both)
-        spread = sum((each.number - 1.0).clip(min=0.0) * each.variance * each.time for each in both)
-        per_time = spread / freedom.where(freedom > 0.0)
-        shares = sum(1.0 / (each.number * each.time).where(each.number > 0.0) for each in both)
-        return self.mean - reference.mean, np.sqrt(per_time * shares)
+        one, other = ((each.number - 1.0).clip(min=0.0) for each in (self, reference))
+        spread = one * self.variance * self.time + other * reference.variance * reference.time
+        per_time = spread / (one + other).where(one + other > 0.0)
+        one, other = (1.0 / (each.number * each.time).where(each.number > 0.0) for each in (self, reference))
+        return self.mean - reference.mean, (per_time * (one + other)) ** 0.5
 
-    def at(self, place: Mapping[Hashable, str]) -> Ensembles:
+    def at(self, place: Mapping[str, str]) -> Ensembles:
         """One method and setting, for comparison with all."""
         return Ensembles(*(part.sel(place, drop=True) for part in self))
 
@@ -90,101 +90,83 @@ class Ensembles(NamedTuple):
 def with_errors(dataset: xr.Dataset, *, rig: Rig) -> xr.Dataset:
     """Add the cut-off of each setting, and every error that the file can tell."""
     cutoffs = [cutoff_of(OPTIONS[name], rig) for name in dataset["setting"].values]
-    told = {"units": "Hz", "long_name": "cut-off"}
-    data = dataset.transpose(*DIMS, ...).assign_coords(cutoff=("setting", cutoffs, told))
+    attributes = {"units": "Hz", "long_name": "cut-off"}
+    data = dataset.transpose(*DIMS, ...).assign_coords(cutoff=("setting", cutoffs, attributes))
+    added = _stability(data) if LINEAR in data["method"] else {}
     reference, undamped = ({"method": PAPER, "setting": setting} for setting in (DEFAULT, UNDAMPED))
-    found = _stability(data) if LINEAR in data["method"] else {}
-    if _others(data, reference).all():
-        return _assigned(data, found)
-    observed = data["observed_time"]
-    time = Ensembles.of(observed.where(observed > 0.0)).mean
-    compared = _compared(data, time, reference)
-    for figure, (error, standard) in zip(FIGURES, compared, strict=True):
-        how = "over the reference's" if figure.relative else "as a difference"
-        found[f"{figure.name}_error"] = error, f"error of {figure.name}, {how}"
-        found[f"{figure.name}_deviation"] = error / standard, f"error of {figure.name} in standard errors"
-    found |= _mismatches(compared, "", "")
-    if not _others(data, undamped).all():
-        found |= _mismatches(_compared(data, time, undamped), "_undamped", ", against paper with beta2 = 0.5")
     others = _others(data, reference)
-    more = _sticks(data, reference) | _spectra(data, time, reference) | _first_times(data, reference)
-    found |= {name: (values.where(others), text) for name, (values, text) in more.items()}
-    flags = {
-        "long_name": f"whether the first slip and every figure are within tolerance, with {ERRORS_ALLOWED:g} "
-        "standard errors",
-        "flag_values": np.arange(3, dtype=np.int8),
-        "flag_meanings": "no yes unknown",
-    }
-    return _assigned(data, found).assign(
-        within=_within(compared, found["first_slip_error"][0]).assign_attrs(flags)
-    )
-
-
-def _assigned(data: xr.Dataset, found: Errors) -> xr.Dataset:
+    if not others.all():
+        time = Ensembles.of(data["observed_time"].where(data["observed_time"] > 0.0)).mean
+        error, standard = _compared(data, time, reference)
+        for figure, own, scatter in zip(FIGURES, error, standard, strict=True):
+            how = "over the reference's" if figure.relative else "as a difference"
+            added[f"{figure.name}_error"] = own, f"error of {figure.name}, {how}"
+            added[f"{figure.name}_deviation"] = own / scatter, f"error of {figure.name} in standard errors"
+        added |= _mismatches(error, standard, "", "")
+        if not _others(data, undamped).all():
+            pair = _compared(data, time, undamped)
+            added |= _mismatches(*pair, "_undamped", ", against paper with beta2 = 0.5")
+        more = _sticks(data, reference) | _spectra(data, time, reference) | _first_times(data, reference)
+        added |= {name: (values.where(others), text) for name, (values, text) in more.items()}
+        data["within"] = _within(error, standard, added["first_slip_error"][0])
     return data.assign(
-        {name: each.assign_attrs(units="1", long_name=text) for name, (each, text) in found.items()}
+        {name: part.assign_attrs(units="1", long_name=text) for name, (part, text) in added.items()}
     )
 
 
-def _others(data: xr.Dataset, place: Mapping[Hashable, str]) -> xr.DataArray:
+def _others(data: xr.Dataset, place: Mapping[str, str]) -> xr.DataArray:
     """Where something else than this method and setting is."""
     return (data["method"] != place["method"]) | (data["setting"] != place["setting"])
 
 
 def _compared(
-    data: xr.Dataset, time: xr.DataArray, reference: Mapping[Hashable, str]
-) -> list[tuple[xr.DataArray, xr.DataArray]]:
-    """Of each of FIGURES the error and its standard error; the reference has none."""
+    data: xr.Dataset, time: xr.DataArray, reference: Mapping[str, str]
+) -> tuple[xr.DataArray, xr.DataArray]:
+    """Errors and their standard errors along "figure", as FIGURES are; the reference has none."""
     # Single sticks, as if they were independent; nothing where there is only a handful.
     sticks = Ensembles.of(data["stick_time"].astype(float), 1.0, "stick")
     sticks = sticks._replace(mean=sticks.mean.where(sticks.number >= LEAST_STICKS))
-    found = []
+    pairs = []
     for figure in FIGURES:
         own = sticks if figure.name == "mean_stick_time" else Ensembles.of(data[figure.name], time)
         known = own.at(reference)
-        pair = (part / known.mean if figure.relative else part for part in own.minus(known))
-        error, standard = (part.where(_others(data, reference)) for part in pair)
-        found.append((error, standard))
-    return found
+        pairs.append([part / known.mean if figure.relative else part for part in own.minus(known)])
+    others = _others(data, reference)
+    error, standard = (xr.concat(parts, "figure").where(others) for parts in zip(*pairs, strict=True))
+    return error, standard
 
 
-def _mismatches(compared: Sequence[tuple[xr.DataArray, xr.DataArray]], kind: str, text: str) -> Errors:
+def _mismatches(error: xr.DataArray, standard: xr.DataArray, kind: str, text: str) -> Errors:
     """All errors in one number, in units of their tolerances."""
-    shares, scatters = (
-        xr.concat(
-            [pair[k] / each.tolerance for each, pair in zip(FIGURES, compared, strict=True) if each in BOUNDED],
-            "of",
-        )
-        for k in (0, 1)
-    )
-    what = "errors in units of their tolerances"
+    shares, what = error / TOLERANCES, "errors in units of their tolerances"
+    scatter = root_mean_square(standard / TOLERANCES, "figure")
     return {
-        f"mismatch{kind}": (root_mean_square(shares, "of"), f"{what}, root mean square{text}"),
-        f"mismatch{kind}_scatter": (
-            root_mean_square(scatters, "of"), f"mismatch that scatter alone would make{text}"
-        ),
-        f"worst_mismatch{kind}": (abs(shares).max("of"), f"largest of the {what}{text}"),
-    }  # fmt: skip
+        f"mismatch{kind}": (root_mean_square(shares, "figure"), f"{what}, root mean square{text}"),
+        f"mismatch{kind}_scatter": (scatter, f"mismatch that scatter alone would make{text}"),
+        f"worst_mismatch{kind}": (abs(shares).max("figure"), f"largest of the {what}{text}"),
+    }
+
+
+def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArray) -> xr.DataArray:
+    """YES where every figure that is known is within its tolerance and scatter, UNKNOWN where none is known."""
+    wrong = (abs(error) > TOLERANCES + ERRORS_ALLOWED * standard.fillna(0.0)).any("figure")
+    wrong |= abs(first_slip) > FIRST_SLIP
+    right = xr.full_like(first_slip, YES, dtype=np.int8).where(~wrong, NO)
+    text = f"whether the first slip and every figure are within tolerance, with {ERRORS_ALLOWED:g} standard errors"
+    flags = {"flag_values": np.arange(3, dtype=np.int8), "flag_meanings": "no yes unknown"}
+    within = right.where((error / TOLERANCES).notnull().any("figure"), UNKNOWN)
+    within.attrs = {"long_name": text, **flags}
+    return within
 
 
 def root_mean_square(values: xr.DataArray, dim: str = "scene") -> xr.DataArray:
     """Root mean square of the finite values; NaN where there is none."""
     finite = values.where(np.isfinite(values))
     number = finite.count(dim)
-    return np.sqrt((finite**2).sum(dim) / number.where(number > 0))
+    return ((finite**2).sum(dim) / number.where(number > 0)) ** 0.5
 
 
-def _within(compared: Sequence[tuple[xr.DataArray, xr.DataArray]], first_slip: xr.DataArray) -> xr.DataArray:
-    """YES where every figure that is known is within its tolerance and scatter, UNKNOWN where none is known."""
-    known, right = xr.zeros_like(first_slip, dtype=bool), ~(abs(first_slip) > FIRST_SLIP)
-    for figure, (error, standard) in zip(FIGURES, compared, strict=True):
-        if figure in BOUNDED:
-            known |= error.notnull()
-            right &= ~(abs(error) > figure.tolerance + ERRORS_ALLOWED * standard.fillna(0.0))
-    return xr.where(known, xr.where(right, YES, NO), UNKNOWN).astype(np.int8)
-
-
-def _sticks(data: xr.Dataset, reference: Mapping[Hashable, str]) -> Errors:
+def _sticks(data: xr.Dataset, reference: Mapping[str, str]) -> Errors:
     """Two-sample distances of the long sticks from the reference's."""
 
     def distances(own: np.ndarray, known: np.ndarray) -> tuple[float, float, float]:
@@ -194,8 +176,7 @@ def _sticks(data: xr.Dataset, reference: Mapping[Hashable, str]) -> Errors:
         test = stats.ks_2samp(own, known)
         return test.statistic, test.pvalue, stats.wasserstein_distance(own, known) / known.mean()
 
-    every, core = data["stick_time"], [["member", "stick"]] * 2
-    pair = (every, every.sel(reference, drop=True))
+    pair, core = (data["stick_time"], data["stick_time"].sel(reference, drop=True)), [["member", "stick"]] * 2
     found = xr.apply_ufunc(distances, *pair, input_core_dims=core, output_core_dims=[[]] * 3, vectorize=True)
     texts = {
         "stick_time_ks": "largest difference of the distributions of long sticks (Kolmogorov, Smirnov)",
@@ -205,7 +186,7 @@ def _sticks(data: xr.Dataset, reference: Mapping[Hashable, str]) -> Errors:
     return {name: (values, text) for (name, text), values in zip(texts.items(), found, strict=True)}
 
 
-def _spectra(data: xr.Dataset, time: xr.DataArray, reference: Mapping[Hashable, str]) -> Errors:
+def _spectra(data: xr.Dataset, time: xr.DataArray, reference: Mapping[str, str]) -> Errors:
     """Spectra in bands: what of the power lies elsewhere, and by how many standard errors a band is off."""
     bands = [Ensembles.of(data["band_power"].isel(band=k, drop=True), time) for k in range(data.sizes["band"])]
     pairs = [(own.at(reference).mean, *own.minus(own.at(reference))) for own in bands]
@@ -218,18 +199,14 @@ def _spectra(data: xr.Dataset, time: xr.DataArray, reference: Mapping[Hashable, 
     }
 
 
-def _first_times(data: xr.Dataset, reference: Mapping[Hashable, str]) -> Errors:
+def _first_times(data: xr.Dataset, reference: Mapping[str, str]) -> Errors:
     """Errors of first slip and first separation, member by member, for these are no chance."""
     slip = data["first_slip_time"]
-    times = {
-        "first_slip_error": (slip, "error of the time of the first slip, over it"),
-        "first_delay_error": (
-            data["first_separation_time"] - slip, "error of the time from first slip to first separation, over it"
-        ),
-    }  # fmt: skip
+    delay = data["first_separation_time"] - slip
+    error, late = (Ensembles.of(each / each.sel(reference, drop=True) - 1.0).mean for each in (slip, delay))
     return {
-        name: (Ensembles.of(each / each.sel(reference, drop=True) - 1.0).mean, text)
-        for name, (each, text) in times.items()
+        "first_slip_error": (error, "error of the time of the first slip, over it"),
+        "first_delay_error": (late, "error of the time from first slip to first separation, over it"),
     }
 
 

@@ -210,9 +210,8 @@ def _draw_default(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
 def _draw_modes(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
     """Error of the lowest onset against the cut-off, by termination."""
     if "onset_error" in data:
-        plain = [
-            option.kind == "cut-off" and not option.share for option in map(OPTIONS.get, data["setting"].values)
-        ]
+        options = [OPTIONS[name] for name in data["setting"].values]
+        plain = [option.kind == "cut-off" and not option.share for option in options]
         errors = root_mean_square(data["onset_error"]).isel(setting=plain)
         x = 1e-3 * errors["cutoff"].values
         for kind, look in zip(data["termination"].values, TERMINATIONS, strict=True):
