@@ -66,28 +66,23 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     """Costs, every error, the first burst, what is cheapest, and sliding stability."""
     data = dataset.transpose(*DIMS, ...)
     frame = table(data)
-    stopped = data["gave_up_time"].to_series().dropna()
-    failed = int((data["status"] == FAILED).sum())
     chosen = pd.concat([default(frame), cheapest_right(frame)])
-    return apart(
-        [
-            _scenes(data),
-            _part(frame, COSTS, *OF_COSTS),
-            _part(frame, ERRORS, *OF_ERRORS),
-            _part(frame, BURST, *OF_BURST),
-            [
-                f"{', '.join(at)}: gave up at {1e3 * t:.3f} ms, where events do not end."
-                for at, t in stopped.items()
-            ],
-            _part(front(frame), COSTS, "What no other is both cheaper and nearer than, from the cheapest on:"),
-            _part(chosen, COSTS, "fast by default, and the cheapest that is right at every scene:"),
-            []
-            if frame["mismatch"].notna().any()
-            else ["Without paper by default there is nothing to compare figures with."],
-            _stability(data) if "onset_error" in data else [],
-            [f"{failed} points failed and count for nothing."] if failed else [],
-        ]
-    )
+    stopped = data["gave_up_time"].to_series().dropna().items()
+    failed = int((data["status"] == FAILED).sum())
+    alone = not frame["mismatch"].notna().any()
+    parts: list[Sequence[Part]] = [
+        _scenes(data),
+        _part(frame, COSTS, *OF_COSTS),
+        _part(frame, ERRORS, *OF_ERRORS),
+        _part(frame, BURST, *OF_BURST),
+        [f"{', '.join(at)}: gave up at {1e3 * t:.3f} ms, where events do not end." for at, t in stopped],
+        _part(front(frame), COSTS, "What no other is both cheaper and nearer than, from the cheapest on:"),
+        _part(chosen, COSTS, "fast by default, and the cheapest that is right at every scene:"),
+        ["Without paper by default there is nothing to compare figures with."] if alone else [],
+        _stability(data) if "onset_error" in data else [],
+        [f"{failed} points failed and count for nothing."] if failed else [],
+    ]
+    return apart(parts)
 
 
 def _part(frame: pd.DataFrame, columns: Sequence[tuple[str, str, float, str]], *heading: str) -> list[Part]:
@@ -96,11 +91,8 @@ def _part(frame: pd.DataFrame, columns: Sequence[tuple[str, str, float, str]], *
     for _, row in frame.iterrows():
         cells = []
         for _, name, factor, form in columns:
-            value, near = factor * row.get(name, np.nan), row.get(name.replace("_error", "_deviation"), np.nan)
-            form = form or (".0f" if value >= 10.0 else ".2g")
-            cell = (
-                _text(value, form) if name != "right" else f"{row[name]}/{row['known']}" if row["known"] else "-"
-            )
+            value, near = row.get(name, np.nan), row.get(name.replace("_error", "_deviation"), np.nan)
+            cell = value if name == "right" else _text(factor * value, form or (".0f" if value >= 10.0 else ".2g"))
             cells.append(cell + (f" ({near:.1f})" if "_error" in name and not np.isnan(near) else ""))
         if set(cells) != {"-"}:
             rows.append([row["method"], row["label"], *cells])
@@ -114,14 +106,10 @@ def _text(value: float, form: str) -> str:
 
 def _scenes(data: xr.Dataset) -> list[Part]:
     given = constants(data)
-    names = data["scene"].values.tolist()
+    rows = [[name, *map("{:g}".format, SCENES[name])] for name in data["scene"].values]
     tolerances = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in BOUNDED)
     return [
-        Table(
-            ["scene", "V, m/s", "theta, degrees", "mu", "F, N"],
-            [[n, *map("{:g}".format, SCENES[n])] for n in names],
-            1,
-        ),
+        Table(["scene", "V, m/s", "theta, degrees", "mu", "F, N"], rows, 1),
         f"Reference: paper on all modes, step and beta2 the paper's, {given['reference_members']} runs of "
         f"{given['duration']:g} s a scene; fast: {given['members']} runs.",
         f"Right: off by at most {tolerances}",

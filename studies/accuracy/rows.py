@@ -24,9 +24,9 @@ def table(data: xr.Dataset) -> pd.DataFrame:
         `batch`: processor time per simulated second of a run alone and of each of an ensemble's; `cost`: `batch`,
         else `alone`; `ratio`: that of `paper` by default over it. `mismatch`, `scatter`, `undamped`: errors of the
         figures in units of their tolerances, what chance alone would make of it, errors against the scheme without
-        numerical damping; `half_way`: error of the velocity in the first burst. `right`: scenes at which every
-        figure is within its tolerance and scatter, of `known` ones. Besides every error, the largest over scenes
-        with its sign, and every deviation, root mean square over scenes.
+        numerical damping; `half_way`: error of the velocity in the first burst. `right_scenes`, of `known_scenes`:
+        where every figure is within its tolerance and scatter; `right`: both as text. Besides every error, the
+        largest over scenes with its sign, and every deviation, root mean square over scenes.
     """
     missing = xr.full_like(data["cpu_per_second"], np.nan)
     within = data.get("within", xr.full_like(missing, UNKNOWN))
@@ -35,11 +35,13 @@ def table(data: xr.Dataset) -> pd.DataFrame:
     columns |= {column: data[name].mean("scene") for column, name in MEANS.items()}
     columns |= {column: root_mean_square(data.get(name, missing)) for column, name in MEAN_SQUARES.items()}
     columns |= {"worst": data.get("worst_mismatch", missing).max("scene")}
-    columns |= {"right": (within == YES).sum("scene"), "known": (within != UNKNOWN).sum("scene")}
+    columns |= {"right_scenes": (within == YES).sum("scene"), "known_scenes": (within != UNKNOWN).sum("scene")}
     frame = xr.Dataset(columns).to_dataframe(["method", "setting"]).reset_index()
     frame["label"] = [label(*each) for each in zip(frame["setting"], frame["cutoff"], strict=True)]
     frame["cost"] = frame["batch"].fillna(frame["alone"])
     frame["ratio"] = default(frame, PAPER)["alone"].sum(min_count=1) / frame["cost"]
+    pairs = zip(frame["right_scenes"], frame["known_scenes"], strict=True)
+    frame["right"] = [f"{right}/{known}" if known else "-" for right, known in pairs]
     return frame[frame["alone"].notna()].reset_index(drop=True)
 
 
@@ -69,4 +71,5 @@ def front(frame: pd.DataFrame) -> pd.DataFrame:
 
 def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
     """The row of the cheapest that is right at every scene, if there is one."""
-    return frame[(frame["known"] > 0) & (frame["right"] == frame["known"])].nsmallest(1, "cost")
+    right = (frame["known_scenes"] > 0) & (frame["right_scenes"] == frame["known_scenes"])
+    return frame[right].nsmallest(1, "cost")

@@ -7,7 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -16,13 +16,12 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from fivcore import Scene, Transient, simulate
+from fivcore import Scene, Transient, simulate, simulate_many
 from fivcore.contact.reduced import default_cutoff
 from fivcore.transient.published import STEP
 from studies.accuracy import elements, solve_ivp
 from studies.accuracy.settings import ELEMENTS, EVENTS, EXACT, FAST, PAPER, Option, model_of
 from studies.motion import ensembles, transients
-from studies.motion.jobs import Job, run_all
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")
@@ -79,25 +78,14 @@ def timed(compute: Callable[[], Result]) -> tuple[Result, Cost]:
     return result, Cost(time.thread_time() - cpu, time.perf_counter() - wall)
 
 
-def together(jobs: Sequence[Job]) -> list[Transient]:
-    """Simulate jobs in one batch and raise the first error of a scene."""
+def together(scene: Scene, ramps: Sequence[float], duration: float, **options: Any) -> list[Transient]:
+    """Simulate members of an ensemble, which differ by the ramp, in one batch; raise the first error."""
     runs = []
-    for run in run_all(jobs):
+    for run in simulate_many([scene] * len(ramps), duration, ramp=list(ramps), **options):
         if not isinstance(run, Transient):
             raise run
         runs.append(run)
     return runs
-
-
-def recorded(jobs: Sequence[Job]) -> list[tuple[Mapping[str, Any], Array]]:
-    """Summary and band powers of each job, one simulated on each core: none of them is timed."""
-
-    def one(job: Job) -> tuple[Mapping[str, Any], Array]:
-        (run,) = together([job])
-        return run.summary, band_powers(run)
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(one, jobs))
 
 
 def most_members(fixed: Mapping[str, Any]) -> int:
@@ -123,30 +111,32 @@ def ensemble(
     """
     count, duration = extent(method, option, fixed)
     most = most_members(fixed)
+    ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
+    run: Callable[..., list[Transient]] = partial(together, scene, method=method, **options)
 
-    def jobs(members: int, length: float, **more: Any) -> list[Job]:
-        ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, members + 1)]
-        return [Job(scene, length, {"method": method, **options, **more, "ramp": ramp}) for ramp in ramps]
+    def recorded(ramp: float) -> tuple[dict[str, Any], Array]:
+        """Summary and band powers of a member."""
+        (one,) = run([ramp], duration, record=True, sample_rate=transients.OVERSAMPLING * SAMPLE_RATE)
+        return one.summary, band_powers(one)
 
+    run(ramps[:1], WARMING)
     length = min(SHORT, duration) if method == PAPER else duration
-    together(jobs(1, WARMING))
-    costs = [timed(lambda: together(jobs(1, length)))[1] for _ in range(1 if method == EXACT else TIMED)]
+    costs = [timed(lambda: run(ramps[:1], length))[1] for _ in range(1 if method == EXACT else TIMED)]
     cpu, wall = np.median(costs, axis=0) / length
-    batch, series = cpu, {"record": True, "sample_rate": transients.OVERSAMPLING * SAMPLE_RATE}
+    # What is not timed has all cores.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = list(pool.map(recorded, ramps[: fixed["recorded"]] if method == FAST else ramps))
+    # Members of `exact` and `paper` are computed one by one: each costs what one alone does.
+    summaries, batch = [summary for summary, _ in found], cpu
     if method == FAST:
-        runs, cost = timed(lambda: together(jobs(count, duration)))
-        batch = cost.cpu / (count * duration)
-        summaries: list[Mapping[str, Any]] = [run.summary for run in runs]
-        powers = [power for _, power in recorded(jobs(min(count, fixed["recorded"]), duration, **series))]
-    else:
-        # Members of the other methods are computed one by one: each costs what one alone does.
-        summaries, powers = map(list, zip(*recorded(jobs(count, duration, **series)), strict=True))
+        every, cost = timed(lambda: run(ramps, duration))
+        summaries, batch = [one.summary for one in every], cost.cpu / (count * duration)
     figures = {name: _padded([each[name] for each in summaries], most) for name in FIGURES}
     sticks = [_padded(each["stick_times"][:KEPT], KEPT) for each in summaries]
     return figures | {
         "stick_time": _padded(sticks, most, KEPT),
         "observed_time": np.fmax(duration - figures["first_slip_time"] - transients.SETTLING, 0.0),
-        "band_power": _padded(powers, most, len(BANDS)),
+        "band_power": _padded([power for _, power in found], most, len(BANDS)),
         "cpu_per_second": cpu,
         "wall_per_second": wall,
         "batch_cpu_per_second": batch,
@@ -224,15 +214,9 @@ def errors(run: Transient, reference: Transient) -> dict[str, Any]:
     """How far a motion is from a reference, up to whichever parts first.
 
     What grows until the surfaces part oscillates at up to 100 kHz, and a small error of its phase or of its rate
-    is soon as large as the motion itself. So errors are taken over two stretches: to half-way between the
-    reference's first slip and first separation, and to the separation.
-
-    Returns
-    -------
-    dict
-        `slip_velocity_error`, `slip_force_error` (half-way), `burst_velocity_error`, `burst_force_error`: the
-        largest difference over the largest value; `burst_delay_error`: the difference of the times from first slip
-        to first separation over that time. NaN where there is none.
+    is soon as large as the motion itself. So the largest difference over the largest value is taken over two
+    stretches: to half-way between the reference's first slip and first separation (`slip_...`), and to the
+    separation (`burst_...`); `burst_delay_error` is that of the time from slip to separation, over it.
     """
     slips, partings = (
         [each.summary[f"first_{event}_time"] for each in (run, reference)] for event in ("slip", "separation")

@@ -23,7 +23,8 @@ from fivcore.transient.normalised import Normalised
 
 Array = NDArray[np.float64]
 SEPARATION, STICK, SLIP_UP, SLIP_DOWN = range(4)
-NORMAL, TANGENTIAL, GAP, SLIP = range(4)
+# Of the signals.
+NORMAL = 0
 # So many events in a row, each within so short a time of the last one (s), are none that it gets past.
 MOST_EVENTS, NO_TIME = 100, 1e-12
 
@@ -85,12 +86,15 @@ def run(
 
     Also when the run ended, s: it may give up before `duration`, and with it what can be read.
     """
-    speed, mu = Normalised.of(scene).speed_per_load, scene.mu
-    regimes, regime = systems(model, mu), STICK
-    y, t, idle = np.zeros(len(regimes[STICK].A)), 0.0, 0
-    absolute = tolerance * _scale(model, speed)
+    speed, mu, n = Normalised.of(scene).speed_per_load, scene.mu, len(model.stiffness)
+    # A velocity of the drive's size, in every coordinate.
+    slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
+    size, slow = speed / float(np.abs(model.tangential).max()), speed / model.contact_frequency
+    scale = [size / np.maximum(np.sqrt(model.stiffness), slowest), np.full(n, size), np.full(2, slow)]
+    absolute = tolerance * np.concatenate(scale)
+    regimes, regime, y, t, idle = systems(model, mu), STICK, np.zeros(2 * n + 2), 0.0, 0
     firsts = {"first_slip_time": np.nan, "first_separation_time": np.nan}
-    parts: list[tuple[Array, Array, Array]] = []
+    parts: list[tuple[Array, Array, Array]] = [(times[:0],) * 3]
     for begin, end in pairwise([0.0, min(ramp, duration), duration]):
 
         def drive(t: Any, ramping: bool = begin < ramp) -> Array:
@@ -111,51 +115,42 @@ def run(
                 events=_events(regime, system, mu, drive),
             )
             chosen = times[(times >= t) & (times < found.t[-1])]
-            parts.append(_read(system, model, found, chosen, drive))
+            if len(chosen):
+                z = found.sol(chosen)
+                N = system.signals[NORMAL] @ z + system.drift[NORMAL] @ drive(chosen)
+                parts.append((chosen, model.point_b @ z[n : 2 * n], N))
             idle = idle + 1 if found.t[-1] - t < NO_TIME and found.status == 1 else 0
             t, y = float(found.t[-1]), found.y[:, -1]
             if found.status == 1:
                 hit = next(k for k, each in enumerate(found.t_events) if len(each))
                 regime = _after(regime, hit, mu, [each.signals @ y + each.drift @ drive(t) for each in regimes])
-                if regime != STICK:
-                    name = f"first_{'separation' if regime == SEPARATION else 'slip'}_time"
-                    firsts[name] = t if np.isnan(firsts[name]) else firsts[name]
+                name = f"first_{'separation' if regime == SEPARATION else 'slip'}_time"
+                if regime != STICK and np.isnan(firsts[name]):
+                    firsts[name] = t
             elif found.status < 0:
                 idle = MOST_EVENTS
     time, velocity, force = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Transient(scene, firsts, time, scene.F * velocity, scene.F * force), t
 
 
-def _scale(model: ReducedModel, speed: float) -> Array:
-    """A velocity of the drive's size, in every coordinate."""
-    slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
-    frequency = np.maximum(np.sqrt(model.stiffness), slowest)
-    size = speed / float(np.abs(model.tangential).max())
-    slow = speed / model.contact_frequency
-    return np.concatenate([size / frequency, np.full(len(frequency), size), np.full(2, slow)])
-
-
 def _events(regime: int, system: System, mu: float, drive: Callable[[float], Array]) -> list[Callable[..., float]]:
     """Functions that are positive within the regime."""
-    # T = mu N acts on P1 while it moves backwards over P2.
-    sign = -1.0 if regime == SLIP_UP else 1.0
 
-    def normal(s: Array) -> float:
-        return float(s[NORMAL])
+    def margins(t: float, y: Array) -> list[float]:
+        N, T, gap, slip = system.signals @ y + system.drift @ drive(t)
+        if regime == SEPARATION:
+            return [gap]
+        # T = mu N acts on P1 while it moves backwards over P2.
+        return [N, mu * N - T, mu * N + T] if regime == STICK else [N, -slip if regime == SLIP_UP else slip]
 
-    limits: dict[int, list[Callable[[Array], float]]] = {
-        SEPARATION: [lambda s: s[GAP]],
-        STICK: [normal, lambda s: mu * s[NORMAL] - s[TANGENTIAL], lambda s: mu * s[NORMAL] + s[TANGENTIAL]],
-    }
-
-    def event(limit: Callable[[Array], float]) -> Callable[..., float]:
+    def event(k: int) -> Callable[..., float]:
         def value(t: float, y: Array) -> float:
-            return float(limit(system.signals @ y + system.drift @ drive(t)))
+            return float(margins(t, y)[k])
 
         value.terminal, value.direction = True, -1.0  # type: ignore[attr-defined]
         return value
 
-    return [event(limit) for limit in limits.get(regime, [normal, lambda s: sign * s[SLIP]])]
+    return [event(k) for k in range({SEPARATION: 1, STICK: 3}.get(regime, 2))]
 
 
 def _after(regime: int, hit: int, mu: float, signals: list[Array]) -> int:
@@ -163,22 +158,9 @@ def _after(regime: int, hit: int, mu: float, signals: list[Array]) -> int:
     if regime == SEPARATION:
         # Stick if it needs no more than the cone has; else slip, the way sticking would have been broken.
         N, T = signals[STICK][:2]
-        if abs(T) <= mu * N:
-            return STICK
         slip = SLIP_UP if T > 0.0 else SLIP_DOWN
-        return slip if signals[slip][NORMAL] > 0.0 else SEPARATION
+        return STICK if abs(T) <= mu * N else slip if signals[slip][NORMAL] > 0.0 else SEPARATION
     if hit == 0:
         return SEPARATION
     # Forces are continuous where slip ends: there sticking needs just what the cone has.
-    return (SLIP_UP if hit == 1 else SLIP_DOWN) if regime == STICK else STICK
-
-
-def _read(
-    system: System, model: ReducedModel, found: Any, times: Array, drive: Callable[[Array], Array]
-) -> tuple[Array, Array, Array]:
-    """Times within a segment, the velocity of B and the normal force there."""
-    if not len(times):
-        return times, times, times
-    y, n = found.sol(times), len(model.stiffness)
-    N = system.signals[NORMAL] @ y + system.drift[NORMAL] @ drive(times)
-    return times, model.point_b @ y[n : 2 * n], N
+    return STICK if regime != STICK else SLIP_UP if hit == 1 else SLIP_DOWN

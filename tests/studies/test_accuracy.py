@@ -232,7 +232,7 @@ def work(monkeypatch):
 
         monkeypatch.setattr(runs, name, watched)
 
-    for name in ("run_all", "simulate", "band_powers"):
+    for name in ("simulate_many", "simulate", "band_powers"):
         watch(name, "all")
     watch("timed", "timed")
     return every
@@ -255,15 +255,14 @@ def test_a_point_waits_for_that_of_another_process():
     assert "Timeout" in other.stderr
 
 
-def test_a_short_run_of_the_published_scheme_costs_what_a_long_one_does(monkeypatch):
-    """Steps are alike before and after the first slip, so that the time they take is the number of them."""
+def test_the_published_scheme_is_timed_over_short_runs_and_its_figures_are_of_whole_ones(monkeypatch):
     lengths = []
 
-    def simulated(jobs):
-        lengths.append(jobs[0].duration)
-        return [Transient(QUICK, {"stick_times": np.zeros(0)} | dict.fromkeys(runs.FIGURES, 0.0)) for _ in jobs]
+    def simulated(scenes, duration, **options):
+        lengths.append(duration)
+        return [Transient(QUICK, {"stick_times": np.zeros(0)} | dict.fromkeys(runs.FIGURES, 0.0)) for _ in scenes]
 
-    monkeypatch.setattr(runs, "run_all", simulated)
+    monkeypatch.setattr(runs, "simulate_many", simulated)
     monkeypatch.setattr(runs, "band_powers", lambda run: np.zeros(len(runs.BANDS)))
     fixed = {"ramp": RAMP, "duration": 2.0, "reference_members": 4, "members": 1, "variant_members": 1}
     found = runs.ensemble(PAPER, OPTIONS[DEFAULT], QUICK, {}, fixed)
@@ -417,13 +416,13 @@ def test_cut_offs_are_compared_with_all_modes_and_meshes_with_the_finest(file):
 
 @given(st.lists(st.tuples(st.floats(0.01, 100.0), st.floats(0.01, 10.0), st.integers(0, 4)), max_size=12))
 def test_the_front_is_what_nothing_beats(values):
-    every = pd.DataFrame(values, columns=["cost", "mismatch", "right"], dtype=float).assign(known=4)
+    every = pd.DataFrame(values, columns=["cost", "mismatch", "right_scenes"], dtype=float).assign(known_scenes=4)
     front = rows.front(every)
     for each in every.itertuples():
         assert ((front["cost"] <= each.cost) & (front["mismatch"] <= each.mismatch)).any()
     for one in front.itertuples():
         assert not ((every["cost"] < one.cost) & (every["mismatch"] < one.mismatch)).any()
-    right = every["cost"][every["right"] == 4]
+    right = every["cost"][every["right_scenes"] == 4]
     assert rows.cheapest_right(every)["cost"].tolist() == ([right.min()] if len(right) else [])
 
 
