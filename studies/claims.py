@@ -29,8 +29,9 @@ class Claim:
     variable : str
         Of the result.
     at : mapping
-        Where: values of axes and of what the study holds fixed, or places along a dimension that has no values.
-        Of theta, mu and F what is not named is the paper's operating point.
+        Where: values of axes and of what the study holds fixed, or places along a dimension that has no values; a
+        pair means all values of an axis between its ends, both excluded. Of theta, mu and F what is not named is
+        the paper's operating point.
     value : float or str
         In the variable's units; the word of a variable with flags.
     section : str
@@ -38,7 +39,7 @@ class Claim:
     """
 
     variable: str
-    at: Mapping[str, float | str]
+    at: Mapping[str, float | str | tuple[float, float]]
     value: float | str
     section: str
 
@@ -56,12 +57,18 @@ def beside(dataset: xr.Dataset, claims: Sequence[Claim], cells: bool = False) ->
 
 
 def _answer(dataset: xr.Dataset, claim: Claim, cells: bool) -> xr.DataArray | None:
-    """The value that a claim speaks of; None where the result does not hold it."""
+    """The value that a claim speaks of, or all of its values; None where the result does not hold it."""
     if claim.variable not in dataset:
         return None
     given, answer = constants(dataset), dataset[claim.variable]
     for name, value in (POINT | dict(claim.at)).items():
-        if name in answer.dims and name in dataset.coords:
+        if isinstance(value, tuple):
+            if name not in answer.dims:
+                return None
+            answer = answer.isel({name: (answer[name].values > value[0]) & (answer[name].values < value[1])})
+            if not answer.size:
+                return None
+        elif name in answer.dims and name in dataset.coords:
             if dataset[name].dtype.kind in "iuf":
                 values = dataset[name].values
                 near, is_there = nearest(values, float(value))
@@ -81,29 +88,35 @@ def _answer(dataset: xr.Dataset, claim: Claim, cells: bool) -> xr.DataArray | No
 
 def _row(claim: Claim, answer: xr.DataArray) -> list[str]:
     # Of what the claim does not name only what is not the paper's.
-    names = [
-        *claim.at,
-        *(name for name, value in POINT.items() if name in answer.coords and answer[name] != value),
+    others = [
+        name for name in POINT if name in answer.coords and name not in claim.at and answer[name] != POINT[name]
     ]
-    where = ", ".join(_named(answer, name) for name in dict.fromkeys(names) if name in answer.coords)
+    where = ", ".join(
+        _named(answer, name, claim.at.get(name, 0.0)) for name in (*claim.at, *others) if name in answer.coords
+    )
     name = str(answer.attrs["long_name"])
     if isinstance(claim.value, str):
-        here = word(answer)
-        return [name, where, claim.value, here, "none" if here == claim.value else "differs", claim.section]
+        values = [answer[k] for k in range(len(answer))] if answer.ndim else [answer]
+        here = ", ".join(sorted({word(value) for value in values}))
+        difference = "-" if here == "-" else "none" if here == claim.value else "differs"
+        return [name, where, claim.value, here, difference, claim.section]
     units = str(answer.attrs.get("units", "1"))
     shown, factor = READABLE.get(units, (units, 1.0))
-    value, here_value = factor * claim.value, factor * float(answer)
-    away = 100.0 * (here_value / value - 1.0) if value else np.nan
-    difference = "-" if np.isnan(away) else f"{away:+.1f} %"
-    here = "-" if np.isnan(here_value) else f"{here_value:.4g}"
+    value, low, high = (factor * float(each) for each in (claim.value, answer.min(), answer.max()))
+    here = "-" if np.isnan(low) else " to ".join(dict.fromkeys(f"{end:.4g}" for end in (low, high)))
+    difference = f"{100.0 * (low / value - 1.0):+.1f} %" if value and low == high else "differs"
+    if np.isnan(low) or low == high == value:
+        difference = "-" if np.isnan(low) else "none"
     return [f"{name}{shown and f', {shown}'}", where, f"{value:.4g}", here, difference, claim.section]
 
 
-def _named(answer: xr.DataArray, name: str) -> str:
-    """A coordinate of the answer, in the units of a reader."""
-    value: Any = answer[name].item()
+def _named(answer: xr.DataArray, name: str, value: Any) -> str:
+    """A coordinate of the answer, or the range that a claim speaks of, in the units of a reader."""
     if isinstance(value, str):
         return value.replace("_", " ")
     units = str(answer[name].attrs.get("units", "1"))
     shown, factor = READABLE.get(units, (units, 1.0))
-    return f"{name} = {factor * value:.4g} {shown}".strip()
+    if isinstance(value, tuple):
+        ends = [f"{sign} {factor * end:g}" for sign, end in zip("><", value, strict=True) if np.isfinite(end)]
+        return f"{name} {' and '.join(ends)} {shown}".strip()
+    return f"{name} = {factor * float(answer[name]):.4g} {shown}".strip()

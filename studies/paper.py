@@ -60,13 +60,13 @@ ANGLES = {10.0: 2700.0, 15.0: float("nan")}
 
 # Table 6, whose body is not at hand: what the text says of single inclinations (degrees) at mu = 0.2 and F = 9 N.
 # Sections 2 and 3.6: main line measured at 2 mm/s, Hz.
-ANGLES_MEASURED = {5.0: 2700.0, 10.0: 2700.0}
+ANGLES_MEASURED = {5.0: 2700.0, 10.0: ANGLES[10.0]}
 # Section 3.5.3: main line of the simulation, Hz.
 ANGLES_SIMULATED = {5.0: 2700.0}
 # Section 3.4.2: frequencies of the unstable pairs of the stability analysis, Hz.
 ANGLES_UNSTABLE = {5.0: (400.0, 2800.0)}
-# Section 3.6: steady sliding at angles below the first (degrees), and above the second.
-STEADY_ANGLES = (0.0, 12.0)
+# Section 3.6: between these angles (degrees), both excluded, it slides steadily.
+STEADY_ANGLES = ((float("-inf"), 0.0), (12.0, float("inf")))
 
 
 def is_rig(dataset: xr.Dataset) -> bool:

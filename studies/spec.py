@@ -46,7 +46,7 @@ def parse(spec: str, name: str) -> NDArray[Any]:
         If it is none of the forms; the message names the axis, what was written, why, and the forms.
     """
     try:
-        if spec.startswith("log:") or ":" in spec:
+        if ":" in spec:
             return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
         return np.array([_finite(part) for part in spec.split(",")])
     except ValueError as problem:
@@ -105,6 +105,11 @@ def evenly(start: float, stop: float, count: int) -> NDArray[Any]:
 def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
     """Values of equal ratio from start to stop, likewise."""
     return _written(np.geomspace(start, stop, count))
+
+
+def typed(value: float) -> str:
+    """A number as one types it, all its digits kept."""
+    return repr(float(value)).removesuffix(".0")
 
 
 def _written(values: NDArray[Any]) -> NDArray[Any]:

@@ -92,6 +92,12 @@ def text(parts: Iterable[Part]) -> str:
     return "\n".join(map(str, parts))
 
 
+def listed(values: Sequence[float], most: int = 8) -> str:
+    """The first numbers of a list, and how many more there are."""
+    rest = f" and {len(values) - most} more" if len(values) > most else ""
+    return ", ".join(f"{value:g}" for value in values[:most]) + rest
+
+
 def apart(groups: Iterable[Sequence[Part]]) -> list[Part]:
     """The parts of all groups that have any, with an empty line between two groups."""
     parts: list[Part] = []

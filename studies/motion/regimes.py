@@ -43,3 +43,15 @@ def main_line(dataset: xr.Dataset) -> xr.DataArray:
     """Main line of the points that vibrate, Hz: what is left of a vibration that dies has one too, unheard."""
     line: xr.DataArray = dataset["dominant_frequency"]
     return line.where(is_of(dataset["regime"].values, *VIBRATING))
+
+
+def failures(dataset: xr.Dataset, most: int = 5) -> list[str]:
+    """Where the first of the failed points are and why they failed, and how many more there are."""
+    status = dataset["status"]
+    failed = np.argwhere(status.values == FAILED)
+    lines = []
+    for place in failed[:most]:
+        point = dataset.isel(dict(zip(status.dims, place, strict=True)))
+        where = ", ".join(f"{name} = {float(point[name]):g}" for name in status.dims)
+        lines.append(f"failed: {where}: {point['error'].item()}")
+    return lines + ([f"and {len(failed) - most} more failed."] if len(failed) > most else [])

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from hashlib import sha256
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
@@ -43,6 +46,13 @@ STYLE: Any = {
     "svg.hashsalt": "fiv",
 }
 
+# Metadata of each format: which entry names the data that a figure shows, and no date, so that the same result is
+# the same file.
+SOURCE = {"png": "Source", "svg": "Source", "pdf": "Keywords"}
+UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+# Of a large variable so many bytes are read at a time.
+READ_BYTES = 1 << 24
+
 
 @contextmanager
 def style() -> Iterator[None]:
@@ -53,13 +63,50 @@ def style() -> Iterator[None]:
         yield
 
 
+def data_digest(dataset: xr.Dataset) -> str:
+    """SHA-256 of all values of a result and of its configuration, but for the times that its points took."""
+    digest = sha256(str(dataset.attrs.get("configuration")).encode())
+    for name in sorted(map(str, set(dataset.variables) - {"wall_time"})):
+        variable = dataset[name].variable
+        digest.update(f"{name} {variable.dims} {variable.shape} {variable.dtype}".encode())
+        rows: Any = variable if variable.ndim else variable.expand_dims("row")
+        step = max(1, READ_BYTES * len(rows) // max(1, rows.nbytes))
+        for first in range(0, len(rows), step):
+            values = rows[first : first + step].values
+            texts = values.dtype.hasobject
+            digest.update("".join(f"{text!r}," for text in values.flat).encode() if texts else values.tobytes())
+    return digest.hexdigest()
+
+
+def saved(figure: Figure, form: str, digest: str) -> bytes:
+    """A figure as a file of this format, with the digest of the data that it shows among its metadata."""
+    file = BytesIO()
+    figure.savefig(file, format=form, dpi=200, metadata=UNDATED[form] | {SOURCE[form]: digest})
+    return file.getvalue()
+
+
+def shows(image: bytes, digest: str) -> bool:
+    """Whether a PNG file that `saved` gave was drawn from the data with this digest."""
+    return f"tEXt{SOURCE['png']}\0{digest}".encode() in image
+
+
 def panels(rows: int, columns: int, width: float, height: float, **options: object) -> tuple[Figure, list[Axes]]:
     """A figure of `width` by `height` cm and its panels, row by row."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
+    figure = _figure(width, height)
     axes = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
     return figure, list(axes.ravel())
+
+
+def mosaic(layout: Any, width: float, height: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
+    """A figure of `width` by `height` cm and its panels by their names in `layout`."""
+    figure = _figure(width, height)
+    return figure, figure.subplot_mosaic(layout, **options)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
 
 
 def trace(axes: Axes, x: Any, y: Any, columns: int = 1500, **options: Any) -> None:

@@ -18,8 +18,10 @@ from studies.plotting import figures
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
 # Symbol, unit and factor of what may be an axis, for a reader.
@@ -48,6 +50,7 @@ for _beam in ("p1", "p2"):
 
 # Of Okabe and Ito's colours; light and dark ones alternate.
 COLOURS = ("#d9d9d9", "#4d4d4d", "#a6dcf7", figures.ORANGE, figures.BLUE, figures.RED, "white", "white")
+STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
 DARK = ("stuck", "periodic", "irregular")
 HATCHES = {"failed": "xxxx"}
 # Of the regimes along an axis.
@@ -217,6 +220,29 @@ def along(
         )
 
 
+def marks(axes: Axes, places: Sequence[tuple[float, float]], **look: Any) -> list[Line2D]:
+    """Mark those points of a plane that lie within its limits; for a legend, what stands for them."""
+    from matplotlib.lines import Line2D
+
+    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+    inside = [(x, y) for x, y in places if left <= x <= right and low <= y <= high]
+    if not inside:
+        return []
+    axes.plot(*zip(*inside, strict=True), **look | {"linestyle": "none"})
+    return [Line2D([], [], **look)]
+
+
+def shares(axes: Axes, ends: NDArray[Any], at: xr.Dataset) -> None:
+    """The contact's states as shares of the time, stacked, along the one axis whose cells have these `ends`."""
+    below = np.zeros(len(ends) - 1)
+    for state, colour in STATE_COLOURS.items():
+        share = np.nan_to_num(at[f"{state}_fraction"].values)
+        look: dict[str, Any] = {"edgecolor": "white", "linewidth": 0.3 if len(share) <= 80 else 0.0}
+        axes.bar(ends[:-1], share, np.diff(ends), below, align="edge", label=state, color=colour, **look)
+        below += share
+    axes.set_ylim(0.0, 1.0)
+
+
 def patches(kinds: Any) -> list[Patch]:
     """For a legend: the regimes that occur, by their places in KINDS."""
     from matplotlib.patches import Patch
@@ -229,8 +255,9 @@ def patches(kinds: Any) -> list[Patch]:
     ]
 
 
-def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str) -> None:
+def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str) -> Colorbar:
     """The scale of a shaded plane beside it."""
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
     bar.set_label(text)
     bar.outline.set_visible(False)
+    return bar

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from studies.motion import regimes, transients
 from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, DARK, HATCHES, SYMBOLS, named
+from studies.plotting.planes import COLOURS, DARK, HATCHES, STATE_COLOURS, SYMBOLS, named
 from studies.study import constants
 
-STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
 # Cells along a side up to which each bears a number, and ticks.
 MOST_WRITTEN, MOST_TICKS = 10, 8
 # What the table of a single scene shows.
@@ -117,16 +116,7 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     values, kinds = planes.shown(along, at[along].values), regimes.kinds(at)
     figure, (shares, rms) = figures.panels(2, 1, 15.0, 13.0, sharex=True)
     edges = planes.edges(values)
-    below = np.zeros(len(values))
-    for state in ("stick", "slip", "separation"):
-        share = np.nan_to_num(at[f"{state}_fraction"].values)
-        look: dict[str, Any] = {
-            "color": STATE_COLOURS[state],
-            "edgecolor": "white",
-            "linewidth": 0.4 if len(values) <= 60 else 0.0,
-        }
-        shares.bar(edges[:-1], share, np.diff(edges), bottom=below, align="edge", label=state, **look)
-        below += share
+    planes.shares(shares, edges, at)
     planes.along(rms, values, 1e3 * at["velocity_rms"].values, kinds, size=6.0 if len(values) <= 60 else 4.0)
     if planes.is_logarithmic(values):
         rms.set_xscale("log")
@@ -135,7 +125,6 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     rms.set_ylim(bottom=0.0)
     rms.set_xlabel(planes.label(along))
     rms.set_ylabel("RMS of the velocity of B / (mm/s)")
-    shares.set_ylim(0.0, 1.0)
     shares.set_ylabel("share of the time")
     figures.legend_below(figure, [shares, rms], 5)
     figure.suptitle(title)
