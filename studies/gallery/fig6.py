@@ -94,16 +94,16 @@ def closest_two(found: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | N
 
     The one of lower frequency comes first, after lock-in the decaying one.
     """
-    felt = np.nonzero(~found.uncoupled[m] & np.isfinite(found.frequency[m]))[0]
-    if len(felt) < 2 or np.isnan(near[0]):
+    coupled = np.nonzero(~found.uncoupled[m] & np.isfinite(found.frequency[m]))[0]
+    if len(coupled) < 2 or np.isnan(near[0]):
         return None
-    values = found.eigenvalue[m, felt]
+    values = found.eigenvalue[m, coupled]
     cost = np.abs(values[:, None] - near[0]) + np.abs(values - near[1])
     np.fill_diagonal(cost, np.inf)
     first, second = np.unravel_index(cost.argmin(), cost.shape)
     if cost[first, second] > 0.5 * np.abs(near).sum():
         return None
-    both = felt[[first, second]]
+    both = coupled[[first, second]]
     frequency, growth = found.frequency[m, both], found.growth_rate[m, both]
     # Once their eigenvalues are a conjugate pair, the frequencies differ by rounding and damping alone.
     pair_values = found.eigenvalue[m, both]

@@ -1,8 +1,8 @@
-"""Series of the motion kept besides what a study finds: which there are, how they are taken and declared.
+"""Series of the motion that are kept besides a study's own variables: their names, times and declaration.
 
 A series holds samples, not averages: at each of its times the value that the motion has there, on the line
-between two of the solver's steps. What the motion has above half the sample rate is folded into what is below; the
-contact's spikes of microseconds are met or missed.
+between two of the solver's steps. Frequencies above half the sample rate fold into those below; spikes of
+microseconds at the contact may fall between two samples.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from sweeps import Sweep, Variable
 if TYPE_CHECKING:
     from studies.study import Study
 
-# Hz, where no other rate is asked for.
+# Hz, by default.
 SAMPLE_RATE = 50e3
 # Of one series of one scene.
 MOST_SAMPLES = 1_000_000
-# Most of a large sweep's file is series, and what is rounded can be compressed.
+# Series make most of a large sweep's file, and rounded ones can be compressed.
 DIGITS = 4
 
 _ELAPSED = ("elapsed",)
@@ -41,17 +41,12 @@ SERIES = {
         "1", "state of the contact, sampled", _ELAPSED, "int8", flags=dict(enumerate(transients.STATES))
     ),
 }
-# What multiplies the series of a canonical scene (`studies.gallery.scenes.study`).
+# What multiplies the series of a normalised scene (`studies.motion.normalised`).
 FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "along", "slip_velocity": "along"}
 
 
-def variables(record: Sequence[str]) -> dict[str, Variable]:
-    """The variables that hold the recorded series."""
-    return {name: SERIES[name] for name in record}
-
-
-def asked(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
-    """What `simulate` is told; nothing is kept where nothing is recorded."""
+def options(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
+    """Options of `simulate` for these series; nothing is kept where nothing is recorded."""
     return {"record": tuple(record), "sample_times": times} if record else {"record": False}
 
 
@@ -86,7 +81,7 @@ def histories(
     """
     times = transients.even_times(fixed["duration"], sample_rate).values
     fine = {"record": tuple(own), "sample_rate": transients.OVERSAMPLING * sample_rate}
-    kept = [asked(record, times)] if record else []
+    kept = [options(record, times)] if record else []
 
     def all_values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         velocity = transients.velocity(runs[0], times, sample_rate)
@@ -99,7 +94,7 @@ def histories(
         }
 
     every = transients.scenes(points, fixed)
-    jobs = [[transients.job(scene, fixed, **options) for options in (fine, *kept)] for scene in every]
+    jobs = [[transients.job(scene, fixed, **each) for each in (fine, *kept)] for scene in every]
     return outcomes(jobs, all_values)
 
 
@@ -149,7 +144,7 @@ def in_a_window(study: Study, given: Mapping[str, Any], names: Sequence[str], sa
 
 
 def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]:
-    """The names asked for, each once and in the order of SERIES, so that the order asked changes nothing."""
+    """The names, each once and in the order of SERIES, so that their order changes nothing."""
     names = (names,) if isinstance(names, str) else tuple(names)
     if not names:
         raise ValueError(f"sample_rate = {sample_rate!r}: it is for what is recorded, and nothing is; give record")
@@ -163,10 +158,10 @@ def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]
 
 
 def _added(sweep: Sweep, names: tuple[str, ...]) -> Sweep:
-    """The sweep with these series besides, scaled like its figures if it computes canonical scenes."""
+    """The sweep with these series besides, scaled like its figures if it computes normalised scenes."""
     if not names:
         return sweep
-    more = variables(names)
+    more = {name: SERIES[name] for name in names}
     if sweep.scale is not None:
         more = {name: replace(each, scale=FACTORS.get(name, "")) for name, each in more.items()}
     constants = {**sweep.constants, "record": names}

@@ -27,7 +27,7 @@ BAND = 10e3
 WINDOW = 25e-3
 # The motion is recorded so much faster than kept: B rings far above the band, which must not fold into it.
 OVERSAMPLING = 8
-# Of one series, so that a slip of the pen does not fill the memory.
+# Of one series: a mistyped setting must not fill the memory.
 MOST_SAMPLES = 5_000_000
 # A long stick lasts at least this share of the first one (`fivcore.simulate`, min_stick).
 LONG_STICK = 0.2
@@ -93,7 +93,7 @@ def constants(*names: str) -> Callable[[Mapping[str, float]], dict[str, Any]]:
 
 
 def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
-    """One scene a point; what the points do not say is fixed."""
+    """One scene for each point; what is no axis is fixed."""
     count = len(next(iter(points.values())))
     every = {name: points[name] if name in points else np.full(count, fixed[name]) for name in SCENE}
     return [Scene(**{name: float(every[name][k]) for name in SCENE}, rig=fixed["rig"]) for k in range(count)]
@@ -153,10 +153,10 @@ def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
 
 
 def figures_of(run: Transient) -> dict[str, Any]:
-    """The summary figures of a run, those that `SUMMARY` describes among them."""
-    untold = ("stick_times", "stick_starts", "censored_sticks", "settled_early")
+    """The summary figures of a run; `SUMMARY` describes those of every study."""
+    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early")
     sticks = run.summary["stick_times"]
-    return {name: value for name, value in run.summary.items() if name not in untold} | {
+    return {name: value for name, value in run.summary.items() if name not in left_out} | {
         "regime": REGIMES.index(run.summary["regime"]),
         "long_sticks": len(sticks),
         "mean_stick_time": np.mean(sticks) if len(sticks) else np.nan,
@@ -170,7 +170,7 @@ def even_times(duration: float, sample_rate: float) -> Axis:
 
 
 def frequencies(sample_rate: float) -> Axis:
-    """Where a spectrum is known: twice as fine as its windows resolve, up to the end of the band."""
+    """Frequencies of a spectrum: twice as fine as its windows resolve, up to the end of the band."""
     full = np.fft.rfftfreq(2 * _length(sample_rate), 1.0 / sample_rate)
     return Axis(full[full <= BAND], "Hz", "frequency")
 
@@ -216,8 +216,8 @@ def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Ar
         centred = pieces - pieces.mean(axis=1, keepdims=True)
         total += np.sum(np.abs(np.fft.rfft(centred * hann, 2 * length, axis=1)) ** 2, axis=0)
         weight += len(pieces) * float(np.sum(hann**2))
-    known = len(frequencies(sample_rate))
-    return 2.0 * total[:known] / (weight * sample_rate) if weight else np.full(known, np.nan)
+    count = len(frequencies(sample_rate))
+    return 2.0 * total[:count] / (weight * sample_rate) if weight else np.full(count, np.nan)
 
 
 def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

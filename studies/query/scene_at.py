@@ -101,7 +101,7 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
         options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
     elif "record" in given:
         times = transients.even_times(duration, given["sample_rate"]).values
-        options |= recording.asked(given["record"], times)
+        options |= recording.options(given["record"], times)
     return options
 
 

@@ -49,7 +49,7 @@ def motions(
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         return recording.series(runs[0], record) | transients.figures_of(runs[0])
 
-    series = recording.asked(record, times)
+    series = recording.options(record, times)
     jobs = [[transients.job(scene, fixed, **series)] for scene in normalised.scenes(points, fixed["rig"])]
     return outcomes(jobs, values, copies=True)
 

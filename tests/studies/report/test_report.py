@@ -99,7 +99,7 @@ def test_every_result_has_its_question_figure_numbers_cost_and_command(folder, t
     assert re.search(
         r'<th scope="row" class="text">1</th><td>16</td><td>16</td><td>16\.0</td><td>0\.00</td>', text
     )
-    assert "0.12, near 2800 Hz" in section(text, "fig5")
+    assert "<td>2800</td><td>2802</td><td>+0.1 %</td>" in section(text, "fig5")
 
 
 def test_studies_not_run_are_listed_with_their_commands(text):
