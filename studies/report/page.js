@@ -14,12 +14,13 @@ class Points {
     const told = JSON.parse(document.getElementById(id).textContent);
     this.axes = told.axes;
     this.plane = told.plane;
+    this.settings = told.settings;
     this.shape = told.axes.map((axis) => axis.values.length);
     this.count = this.shape.reduce((product, size) => product * size, 1);
     this.columns = [
-      ...told.axes.map((axis, dim) => ({ ...axis, dim })),
+      ...told.axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
       ...told.axes.flatMap((axis, dim) =>
-        axis.names ? [{ name: axis.name + "_name", units: "", about: axis.about, dim, values: axis.names }] : []),
+        axis.names ? [{ name: axis.name + "_name", kind: "text", units: "", about: axis.about, dim, values: axis.names }] : []),
       ...told.columns.map((column) => ({ ...column, dim: null })),
     ];
     this.place = new Map(this.columns.map((column, k) => [column.name, k]));

@@ -16,7 +16,7 @@ from studies.report.parts import command, table
 from studies.report.section import Result, section
 from sweeps import duration
 
-SCRIPTS = ("page.js", "table.js", "map.js")
+SCRIPTS = ("page.js", "filter.js", "table.js", "map.js")
 HEADS = ("study", "points", "failed", "time of computing", "computed")
 TITLE = "Friction-induced vibration: results"
 

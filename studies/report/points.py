@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from studies.gallery.regimes import figure as regimes_figure
 from studies.maps.figure import STABLE
 from studies.motion import transients
 from studies.plotting import planes
+from studies.query.columns import NUMBER, TEXT, WORDS, configuration, settings
 from studies.report.scene import recipe
 
 # So many numbers of one result are embedded: some 600 kB of text.
@@ -35,7 +37,7 @@ class Points:
     Attributes
     ----------
     data : dict
-        For JSON: `axes`, `columns`, and `plane` where the points are a plane of scenes.
+        For JSON: `axes`, `columns`, `settings`, and `plane` where the points are a plane of scenes.
     embedded, total : int
         Points.
     strides : dict of str to int
@@ -57,6 +59,7 @@ def points_of(dataset: xr.Dataset, point_command: str = "") -> Points:
     columns = [_column(name, each.isel(coarse).transpose(*dims)) for name, each in figures.items()]
     axes = [_axis(dataset, dim, coarse[dim]) for dim in dims]
     data: dict[str, Any] = {"axes": axes, "columns": [each for each in columns if not _silent(each)]}
+    data["settings"] = settings(configuration(dataset)["constants"])
     plane = _plane(dataset, [each["name"] for each in data["columns"]], point_command)
     if plane:
         data["plane"] = plane
@@ -76,7 +79,9 @@ def _figures(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
             if len(each.dims) == len(dims) + 1 and len(beside) == 1 and each.sizes[beside[0]] <= MOST_BESIDE:
                 labels = dataset[beside[0]].values if beside[0] in dataset.coords else range(each.sizes[beside[0]])
                 for k, label in enumerate(labels):
-                    figures[f"{name}[{beside[0]}={label}]"] = each.isel({beside[0]: k}, drop=True)
+                    # A name that an expression can have.
+                    own_name = re.sub(r"\W", "_", f"{name}_{beside[0]}_{label}")
+                    figures[own_name] = each.isel({beside[0]: k}, drop=True)
     return (
         {"status": own["status"]} | figures | {name: own[name] for name in ("wall_time", "error") if name in own}
     )
@@ -103,6 +108,7 @@ def _axis(dataset: xr.Dataset, dim: str, coarse: slice) -> dict[str, Any]:
     """Values of an axis in full, how a reader sees them, and names that stand for them."""
     axis = dataset[dim][coarse]
     told: dict[str, Any] = {"name": dim, "units": _units(axis), "about": str(axis.attrs.get("long_name", ""))}
+    told["kind"] = _kind(axis)
     told["values"] = axis.values.tolist()
     if dim in planes.SYMBOLS:
         _, _, told["factor"] = planes.SYMBOLS[dim]
@@ -117,8 +123,9 @@ def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
     """The values of a figure, in the order of the grid; what most of them are is told once."""
     told: dict[str, Any] = {"name": name, "units": _units(variable), "about": variable.attrs.get("long_name", "")}
     values = _values(variable.values.ravel())
-    words = str(variable.attrs.get("flag_meanings", "")).split()
-    if words:
+    told["kind"] = _kind(variable)
+    if told["kind"] == WORDS:
+        words = str(variable.attrs["flag_meanings"]).split()
         codes = {
             int(code): word.replace("_", " ")
             for code, word in zip(np.atleast_1d(variable.attrs["flag_values"]), words, strict=False)
@@ -136,6 +143,13 @@ def _values(values: NDArray[Any]) -> list[Any]:
     if values.dtype.kind == "f":
         return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
     return values.tolist() if values.dtype.kind in "iub" else [str(value) for value in values]
+
+
+def _kind(variable: xr.DataArray) -> str:
+    """What an expression takes the values for."""
+    if "flag_meanings" in variable.attrs:
+        return WORDS
+    return TEXT if variable.dtype.kind in "OU" else NUMBER
 
 
 def _units(variable: xr.DataArray) -> str:

@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from studies.query.columns import NUMBER, TEXT, WORDS, Column
-from studies.query.conditions import condition
+from studies.query.evaluate import condition
 from studies.query.language import DEEPEST, LONGEST, parse
 from studies.query.nearest import nearest
-from studies.query.tree import Comparison, Logic, Not, names, parts
 
 AXIS = np.array([0.0, 1.0, 2.0, 5.0])
 COLUMNS = {
@@ -31,10 +30,10 @@ VALUES = {
 
 
 def chosen(text, values=VALUES, note=lambda text: None):
-    node = parse(text)
-    for name in names(node):
+    expression = parse(text)
+    for name in expression.names():
         assert name in COLUMNS
-    found = condition(node, COLUMNS, note)(values)
+    found = condition(expression, COLUMNS, note, expression.tree)(values)
     return np.flatnonzero(np.broadcast_to(found, AXIS.shape)).tolist()
 
 
@@ -48,17 +47,18 @@ def refused(text):
 
 
 ATTACKS = {
-    "__import__('os').system('touch owned')": "'(' at letter 11 cannot stand there; nothing can be called",
-    "().__class__": "')' at letter 2 cannot stand there",
+    "__import__('os').system('touch owned')": "at letter 24 cannot stand there; nothing can be called",
+    "open('owned', 'w')": "\"('owned', 'w')\" at letter 5 cannot stand there; nothing can be called",
+    "().__class__": "'.__class__' at letter 3 cannot stand there; there are no attributes",
     "x.__class__ == 1": "'.__class__' at letter 2 cannot stand there; there are no attributes",
     "x[0] == 1": "'[' at letter 2 cannot stand there; nothing can be indexed",
     "lambda: 1": "':' at letter 7 cannot stand there",
-    "lambda x: x": "'x' at letter 8 cannot stand there",
-    "f'{x}' == 1": """"'{x}'" at letter 2 cannot stand there""",
+    "lambda x: x": "':' at letter 9 cannot stand there",
+    "f'{x}' == 1": """"f'{x}'" at letter 1 cannot stand there""",
     "(x := 1) == 1": "':' at letter 4 cannot stand there",
     "x == 1; y == 1": "';' at letter 7 cannot stand there",
     "[k for k in x]": "'[' at letter 1 cannot stand there",
-    "x if y else 1": "'if' at letter 3 cannot stand there",
+    "x if y else 1": "'if y else 1' at letter 3 cannot stand there",
     "x == 1\\": r"'\\' at letter 7 cannot stand there",
     "x == {1}": "'{' at letter 6 cannot stand there",
     "x == 1 # y": "'#' at letter 8 cannot stand there",
@@ -76,11 +76,27 @@ ATTACKS = {
     "x = 1": "'=' at letter 3 cannot stand there; to compare is ==",
     "x ^ 2 == 1": "a power is **",
     "!x": "write not, or != to compare",
-    "x // 2 == 1": "'/' at letter 4 cannot stand there",
+    "x // 2 == 1": "'// 2' at letter 3 cannot stand there; there is no //",
     "x % 2 == 1": "'%' at letter 3 cannot stand there",
     "x @ y": "'@' at letter 3 cannot stand there",
-    "x in (1, 2)": "'in' at letter 3 cannot stand there",
-    "x is 1": "'is' at letter 3 cannot stand there",
+    "x is 1": "'is 1' at letter 3 cannot stand there; to compare is ==",
+    "1 < x is not 1": "'< x is not 1' at letter 3 cannot stand there; to compare is !=",
+    "(x) .real == 1": "'.real' at letter 5 cannot stand there; there are no attributes",
+    "x == (y for y in z)": "'for y in z)' at letter 9 cannot stand there",
+    "x in (*y, 1)": "'*y' at letter 7 cannot stand there",
+    "x == True": "'True' at letter 6 cannot stand there",
+    "x == ...": "'...' at letter 6 cannot stand there",
+    "x == 1j": "'1j' at letter 6 cannot stand there",
+    "x == 01": "'0' at letter 6 cannot stand there",
+    "x == 1or y == 1": "'1or' at letter 6 cannot stand there",
+    "x == 'a' 'b'": """"'a' 'b'" at letter 6 cannot stand there""",
+    "told == r'a'": """"r'a'" at letter 9 cannot stand there""",
+    "told == b'a'": """"b'a'" at letter 9 cannot stand there""",
+    "told == '''a'''": "at letter 9 cannot stand there",
+    "ｘ == 1": "'ｘ' (U+FF58) at letter 1 cannot stand there",
+    "(yield)": "'yield' at letter 2 cannot stand there",
+    "x == (1 y)": "'1 y' at letter 7 cannot stand there",
+    "x << 1 == 2": "'<< 1' at letter 3 cannot stand there",
     "": "it is empty",
     "  ": "it is empty",
     "x ==": "something is missing at its end",
@@ -137,14 +153,14 @@ def test_the_grammar_reads_as_python_does():
     assert chosen("not x == 1 and x < 5 or x == 1") == [0, 1, 2]
     assert chosen("not (x == 1 or x == 5)") == [0, 2]
     assert chosen("x==.5e1 or\n\tx == 1.") == [1, 3]
-    assert isinstance(parse("not a == b"), Not)
-    chain = parse("1 < x == y")
-    assert isinstance(chain, Comparison)
-    assert [part.said for part in parts(chain)] == ["1", "x", "y"]
-    tree = parse("a == 1 and (b == 2 or c == 3) and d == 4")
-    assert isinstance(tree, Logic)
-    assert [part.said for part in parts(tree)] == ["a == 1", "b == 2 or c == 3", "d == 4"]
-    assert list(names(tree)) == ["a", "b", "c", "d"]
+    expression = parse(" μ == 1 and (b == '\\' or c == 3) and not d == b\n")
+    assert [expression.part(part) for part in expression.tree.values] == [
+        "μ == 1",
+        "b == '\\' or c == 3",
+        "not d == b",
+    ]
+    assert expression.names() == ["μ", "b", "c", "d"]
+    assert expression.names(expression.tree.values[1]) == ["b", "c"]
 
 
 def test_what_is_missing_matches_no_comparison():

@@ -8,30 +8,8 @@ import xarray as xr
 from studies import runner
 from studies.query import rows
 from studies.query.query import query
-from sweeps import open_results
 from tests import HOME
-from tests.helpers.trials import FAILS, A, B, sweep
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("query") / "trial.nc"
-    sweep().plan(path).run("sync")
-    return path
-
-
-@pytest.fixture(scope="module")
-def data(file):
-    return open_results(file)
-
-
-def points(keep):
-    """Every point in the order of the file that is to be kept."""
-    return [(a, b) for a in A for b in B if keep(a, b)]
-
-
-def pairs(frame):
-    return list(zip(frame["a"], frame["b"], strict=True))
+from tests.helpers.trials import FAILS, A, B, pairs, points
 
 
 def test_the_points_are_the_rows(data):
@@ -223,6 +201,3 @@ def test_too_many_rows_are_not_sorted(data, monkeypatch):
         query(data, sort="size")
     monkeypatch.setattr(rows, "AT_ONCE", 2)
     assert len(query(data, sort="size", limit=3)) == 3
-
-
-# --- texts

@@ -21,14 +21,11 @@ from tests import HOME
 from tests.benchmarks import query as benchmark_query
 from tests.cli import test_messages
 from tests.cli.test_cli import FIV, begun
-from tests.helpers.trials import sweep
+from tests.helpers.trials import pairs, points, sweep
 from tests.helpers.waves import interrupted
-from tests.studies.query import test_query
-from tests.studies.query.test_query import pairs, points
 
 # Runs `fiv` in an empty folder.
 here = test_messages.here
-file, data = test_query.file, test_query.data
 
 
 def test_csv_reads_back_bit_for_bit(data):
@@ -149,7 +146,7 @@ def test_an_empty_result_is_its_header(file, here):
     [
         (("--where", "sise > 1"), "where = 'sise': nothing is called so; did you mean size?"),
         (("--where", "a == 'x'"), "'x' is a text and a a number"),
-        (("--where", "open('x')"), "'(' at letter 5 cannot stand there; nothing can be called"),
+        (("--where", "open('x')"), "at letter 5 cannot stand there; nothing can be called"),
         (("--show", "sise"), "show = 'sise': nothing is called so; did you mean size?"),
         (("--sort", "-sise"), "sort = 'sise': nothing is called so; did you mean size?"),
         (("--limit", "-1"), "Invalid value for '--limit': -1 is not in the range x>=0."),
