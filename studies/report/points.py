@@ -19,8 +19,9 @@ from studies.gallery.regimes import figure as regimes_figure
 from studies.maps.figure import STABLE
 from studies.motion import transients
 from studies.plotting import planes
-from studies.query.columns import NUMBER, TEXT, WORDS, configuration, settings
+from studies.query.columns import NUMBER, TEXT, WORDS, settings
 from studies.report.scene import recipe
+from studies.study import constants
 
 # So many numbers of one result are embedded: some 600 kB of text.
 MOST_NUMBERS = 120_000
@@ -59,7 +60,10 @@ def points_of(dataset: xr.Dataset, point_command: str = "") -> Points:
     columns = [_column(name, each.isel(coarse).transpose(*dims)) for name, each in figures.items()]
     axes = [_axis(dataset, dim, coarse[dim]) for dim in dims]
     data: dict[str, Any] = {"axes": axes, "columns": [each for each in columns if not _silent(each)]}
-    data["settings"] = settings(configuration(dataset)["constants"])
+    data["settings"] = {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in settings(constants(dataset)).items()
+    }
     plane = _plane(dataset, [each["name"] for each in data["columns"]], point_command)
     if plane:
         data["plane"] = plane

@@ -364,7 +364,7 @@ def _interrupt(snapshot):
 
 
 def test_style_and_script_are_part_of_the_package():
-    for name in ("report.css", *report.SCRIPTS):
+    for name in ("page.css", *report.SCRIPTS):
         assert files("studies.report").joinpath(name).read_text().strip()
 
 
@@ -380,4 +380,4 @@ def test_style_and_script_are_in_the_wheel(tmp_path):
     subprocess.run(build, check=True)
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    assert {f"studies/{name}" for name in ("report.css", *report.SCRIPTS)} <= set(names)
+    assert {f"studies/report/{name}" for name in ("page.css", *report.SCRIPTS)} <= set(names)
