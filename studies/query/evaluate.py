@@ -94,10 +94,8 @@ class Term:
         return f"{shortened(self.text)} == {value}"
 
 
-def meaning(
-    expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr | None = None
-) -> Term:
-    """What an expression, or a part of it, means.
+def condition(expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr) -> Evaluate:
+    """Which rows a part of an expression chooses.
 
     Parameters
     ----------
@@ -106,35 +104,22 @@ def meaning(
         Every name that stands in it.
     note : callable
         Called with a sentence on a value that no axis has.
-    part : ast.expr, optional
-        By default the whole.
+    part : ast.expr
+
+    Returns
+    -------
+    callable
+        From the columns' values by name, arrays that broadcast, to booleans.
 
     Raises
     ------
     ValueError
-        If its parts do not go together; the message shows which.
+        If it is not true or false, or its parts do not go together; the message shows which.
     """
-    term = _Meaning(expression, columns, note).of(part or expression.tree)
-
-    def evaluate(values: Values) -> Any:
-        with np.errstate(all="ignore"):
-            return term.evaluate(values)
-
-    return Term(term.kind, term.text, evaluate, term.column, term.constant, term.units)
-
-
-def condition(expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr) -> Evaluate:
-    """Which rows a part of an expression chooses: a function from values of the columns to booleans.
-
-    Raises
-    ------
-    ValueError
-        If it is not true or false.
-    """
-    term = meaning(expression, columns, note, part)
+    term = _Meaning(expression, columns, note).of(part)
     if term.kind != TRUTH:
         raise expression.wrong(part, f"it is {_KINDS[term.kind]}; compare it, like {term.example}")
-    return term.evaluate
+    return _quietly(term.evaluate)
 
 
 def column(every: Columns, text: str, argument: str, note: Note) -> Column:
@@ -158,7 +143,7 @@ def column(every: Columns, text: str, argument: str, note: Note) -> Column:
         return every.find(text, argument)
     expression = parse(text, argument)
     inputs = {name: every.find(name, argument) for name in expression.names()}
-    term = meaning(expression, inputs, note)
+    term = _Meaning(expression, inputs, note).of(expression.tree)
     if term.column is not None:
         return term.column
     if term.kind not in (NUMBER, TRUTH):
@@ -166,9 +151,18 @@ def column(every: Columns, text: str, argument: str, note: Note) -> Column:
             expression.tree, f"it is {_KINDS[term.kind]}; a column has a name, or is calculated"
         )
     dims = tuple(str(dim) for dim in every.dataset.sizes if any(dim in each.dims for each in inputs.values()))
-    return Column(
-        expression.text, term.kind, dims, term.units, inputs=tuple(inputs.values()), calculate=term.evaluate
-    )
+    calculate = _quietly(term.evaluate)
+    return Column(expression.text, term.kind, dims, term.units, inputs=tuple(inputs.values()), calculate=calculate)
+
+
+def _quietly(evaluate: Evaluate) -> Evaluate:
+    """The same without warnings of NumPy: what has no value becomes NaN."""
+
+    def evaluated(values: Values) -> Any:
+        with np.errstate(all="ignore"):
+            return evaluate(values)
+
+    return evaluated
 
 
 class _Meaning:

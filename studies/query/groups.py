@@ -37,14 +37,18 @@ class Statistic:
     code: int | None = None
 
 
-def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
-    """What an entry of `show` means: "count", or a function and a column, like "mean:V*1000" and "share:regime".
+def statistics(entries: Sequence[str], find: Callable[[str], Column]) -> list[Statistic]:
+    """What the entries of `show` mean: "count", or a function and a column, like "mean:V*1000" or "share:regime".
 
     Raises
     ------
     ValueError
-        If it is none, or a column has no such statistic.
+        If one means nothing, or a column has no such statistic.
     """
+    return [each for entry in entries for each in _statistics(entry, find)]
+
+
+def _statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
     if entry == "count":
         return [Statistic(Column("count", NUMBER, whole=True), "count")]
     function, _, text = (part.strip() for part in entry.partition(":"))
@@ -55,12 +59,13 @@ def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
         )
     of, name = find(text), f"{function}:{text}"
     if function != "share" and of.kind == NUMBER:
-        units, whole = of.units, of.whole and function in ("min", "max")
-        return [Statistic(Column(name, NUMBER, units=units, whole=whole), function, of)]
+        whole = of.whole and function in ("min", "max")
+        return [Statistic(Column(name, NUMBER, units=of.units, whole=whole), function, of)]
     if function == "share" and of.kind == TRUTH:
         return [Statistic(Column(name, NUMBER), function, of)]
     if function == "share" and of.words is not None:
-        return [Statistic(Column(f"{name}={word}", NUMBER), function, of, code) for code, word in of.words.items()]
+        columns = {code: Column(f"{name}={word}", NUMBER) for code, word in of.words.items()}
+        return [Statistic(column, function, of, code) for code, column in columns.items()]
     if function == "share":
         why = "share is of words or of what is true, like share:regime or share:V > 1e-3"
     elif of.kind == WORDS:

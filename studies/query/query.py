@@ -118,8 +118,28 @@ def select(
     every = Columns(dataset)
     expression = None if where is None else parse(where)
     named = [] if expression is None else [every.find(name, "where") for name in expression.names()]
+
+    def selection(dims: tuple[str, ...], shown: Sequence[Column], order: Order, most: int | None) -> Selection:
+        columns = {column.name: column for column in [*shown, *named, *_read([*shown, *named])]}
+        further = set(dims) - set(every.point_dims)
+        padded = [column for column in _read(shown) if further & set(column.dims) and not column.axis]
+        if expression is not None and expression.speaks_of_missing():
+            padded = []
+        conditions = tuple(_conditions(expression, columns, dataset, note))
+        return Selection(tuple(shown), Source(dataset, columns, dims), conditions, tuple(padded), order, most)
+
     if by is not None:
-        return _groups(every, expression, named, show, by, sort, limit, note)
+        keys = [every.find(name, "by") for name in _listed(by, "by")]
+        measures = statistics(
+            [entry for entry in _listed(show, "show") or ["count"] if entry not in [key.name for key in keys]],
+            lambda text: evaluate.column(every, text, "show", note),
+        )
+        columns = _once([*keys, *(each.of for each in measures if each.of is not None)])
+        together = _read([*columns, *named])
+        beside = [column for column in together if not set(column.dims) <= set(every.point_dims)]
+        dims = _dims(every, together, points=all(column.axis for column in beside))
+        ranks = order_of(_listed(sort, "sort"), [*keys, *(each.column for each in measures)])
+        return Groups(selection(dims, columns, (), None), tuple(keys), tuple(measures), ranks, limit)
     order = tuple(
         (_number(every, name.removeprefix("-").strip(), "sort", note), name[0] == "-")
         for name in _listed(sort, "sort")
@@ -131,53 +151,7 @@ def select(
     else:
         shown = [_number(every, text, "show", note) for text in _listed(show, "show")]
         dims = _dims(every, _read([*shown, *named]), points=False)
-    shown = _with_coordinates(every, dims, shown)
-    return _selection(every, expression, dims, shown, named, order, limit, note)
-
-
-def _groups(
-    every: Columns,
-    expression: Expression | None,
-    named: Sequence[Column],
-    show: str | Sequence[str] | None,
-    by: str | Sequence[str],
-    sort: str | Sequence[str] | None,
-    limit: int | None,
-    note: Callable[[str], None],
-) -> Groups:
-    keys = [every.find(name, "by") for name in _listed(by, "by")]
-    entries = [entry for entry in _listed(show, "show") or ["count"] if entry not in [key.name for key in keys]]
-    found = [
-        each
-        for entry in entries
-        for each in statistics(entry, lambda text: evaluate.column(every, text, "show", note))
-    ]
-    columns = _once([*keys, *(each.of for each in found if each.of is not None)])
-    together = _read([*columns, *named])
-    beside = [column for column in together if not set(column.dims) <= set(every.point_dims)]
-    dims = _dims(every, together, points=all(column.axis for column in beside))
-    selection = _selection(every, expression, dims, columns, named, (), None, note)
-    order = order_of(_listed(sort, "sort"), [*keys, *(each.column for each in found)])
-    return Groups(selection, tuple(keys), tuple(found), order, limit)
-
-
-def _selection(
-    every: Columns,
-    expression: Expression | None,
-    dims: tuple[str, ...],
-    shown: Sequence[Column],
-    named: Sequence[Column],
-    order: Order,
-    limit: int | None,
-    note: Callable[[str], None],
-) -> Selection:
-    columns = {column.name: column for column in [*shown, *named, *_read([*shown, *named])]}
-    further = set(dims) - set(every.point_dims)
-    padded = [column for column in _read(shown) if further & set(column.dims) and not column.axis]
-    if expression is not None and expression.speaks_of_missing():
-        padded = []
-    conditions = tuple(_conditions(expression, columns, every.dataset, note))
-    return Selection(tuple(shown), Source(every.dataset, columns, dims), conditions, tuple(padded), order, limit)
+    return selection(dims, _with_coordinates(every, dims, shown), order, limit)
 
 
 def _number(every: Columns, text: str, argument: str, note: Callable[[str], None]) -> Column:
