@@ -79,7 +79,7 @@ def spaced(word: str) -> str:
 
 
 class Columns:
-    """Everything that can be named of a result, found by name.
+    """Everything that can be named of a result.
 
     Parameters
     ----------

@@ -154,11 +154,11 @@ def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:
     ValueError
         For a name that it does not have.
     """
-    from studies.study import suggest
-
     known = {column.name: column for column in columns}
     for name in names:
         if name.removeprefix("-") not in known:
-            near = suggest(name.removeprefix("-"), [*known]) or f"there are {', '.join(known)}"
-            raise ValueError(f"sort = {name!r}: the grouped table has no such column; {near.strip()}")
+            from studies.study import suggest
+
+            near = suggest(name.removeprefix("-"), [*known]).strip() or f"there are {', '.join(known)}"
+            raise ValueError(f"sort = {name!r}: the grouped table has no such column; {near}")
     return tuple((known[name.removeprefix("-")], name.startswith("-")) for name in names)

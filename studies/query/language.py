@@ -92,8 +92,8 @@ class Expression:
 
     def names(self, node: ast.expr | None = None) -> list[str]:
         """Every name in it, or in a part of it, once."""
-        found = (each.id for each in ast.walk(node or self.tree) if isinstance(each, ast.Name))
-        return [name for name in dict.fromkeys(found) if name != "nan"]
+        names = (each.id for each in ast.walk(node or self.tree) if isinstance(each, ast.Name))
+        return [name for name in dict.fromkeys(names) if name != "nan"]
 
     def speaks_of_missing(self) -> bool:
         """Whether `nan` stands anywhere in it."""

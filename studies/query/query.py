@@ -208,7 +208,7 @@ def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> ValueError:
 
 
 def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...], list[Column]]:
-    """What the rows run along, and the columns shown, where none are asked for but some are `named`."""
+    """What the rows run along, and the columns shown, where none are given but some are `named`."""
     variables = [
         every.find(str(name), "show") for name in every.dataset.variables if _fits(every.dataset, str(name))
     ]

@@ -1,4 +1,4 @@
-"""Rows that are chosen, sorted and limited block by block, so that no more is in memory than is asked for."""
+"""Rows that are chosen, sorted and limited block by block, so that no more is in memory than is needed."""
 
 from __future__ import annotations
 

@@ -11,17 +11,17 @@ function element(name, text, attributes) {
 // The points of a result: rows in the order of its grid, columns by number.
 class Points {
   constructor(id) {
-    const told = JSON.parse(document.getElementById(id).textContent);
-    this.axes = told.axes;
-    this.plane = told.plane;
-    this.settings = told.settings;
-    this.shape = told.axes.map((axis) => axis.values.length);
+    const data = JSON.parse(document.getElementById(id).textContent);
+    this.axes = data.axes;
+    this.plane = data.plane;
+    this.settings = data.settings;
+    this.shape = data.axes.map((axis) => axis.values.length);
     this.count = this.shape.reduce((product, size) => product * size, 1);
     this.columns = [
-      ...told.axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
-      ...told.axes.flatMap((axis, dim) =>
+      ...data.axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
+      ...data.axes.flatMap((axis, dim) =>
         axis.names ? [{ name: axis.name + "_name", kind: "text", units: "", about: axis.about, dim, values: axis.names }] : []),
-      ...told.columns.map((column) => ({ ...column, dim: null })),
+      ...data.columns.map((column) => ({ ...column, dim: null })),
     ];
     this.place = new Map(this.columns.map((column, k) => [column.name, k]));
     this.strides = this.shape.map((_, dim) => this.shape.slice(dim + 1).reduce((product, size) => product * size, 1));
@@ -32,10 +32,10 @@ class Points {
   }
 
   value(row, column) {
-    const told = this.columns[column];
-    if (told.dim !== null) return told.values[this.index(row, told.dim)];
-    if (told.values) return told.values[row];
-    return Object.hasOwn(told.at, row) ? told.at[row] : told.fill;
+    const { dim, values, at, fill } = this.columns[column];
+    if (dim !== null) return values[this.index(row, dim)];
+    if (values) return values[row];
+    return Object.hasOwn(at, row) ? at[row] : fill;
   }
 
   named(row, name) {

@@ -111,35 +111,35 @@ def _strides(sizes: Sequence[int], columns: int) -> list[int]:
 def _axis(dataset: xr.Dataset, dim: str, coarse: slice) -> dict[str, Any]:
     """Values of an axis in full, how a reader sees them, and names that stand for them."""
     axis = dataset[dim][coarse]
-    told: dict[str, Any] = {"name": dim, "units": _units(axis), "about": str(axis.attrs.get("long_name", ""))}
-    told["kind"] = _kind(axis)
-    told["values"] = axis.values.tolist()
+    data: dict[str, Any] = {"name": dim, "units": _units(axis), "about": str(axis.attrs.get("long_name", ""))}
+    data["kind"] = _kind(axis)
+    data["values"] = axis.values.tolist()
     if dim in planes.SYMBOLS:
-        _, _, told["factor"] = planes.SYMBOLS[dim]
-        told["label"] = planes.label(dim)
+        _, _, data["factor"] = planes.SYMBOLS[dim]
+        data["label"] = planes.label(dim)
     named = dataset.get(f"{dim}_name")
     if named is not None and named.dims == (dim,):
-        told["names"] = [str(name) for name in named.values[coarse]]
-    return told
+        data["names"] = [str(name) for name in named.values[coarse]]
+    return data
 
 
 def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
-    """The values of a figure, in the order of the grid; what most of them are is told once."""
-    told: dict[str, Any] = {"name": name, "units": _units(variable), "about": variable.attrs.get("long_name", "")}
+    """The values of a figure, in the order of the grid; what most of them are is written once."""
+    data: dict[str, Any] = {"name": name, "units": _units(variable), "about": variable.attrs.get("long_name", "")}
     values = _values(variable.values.ravel())
-    told["kind"] = _kind(variable)
-    if told["kind"] == WORDS:
+    data["kind"] = _kind(variable)
+    if data["kind"] == WORDS:
         words = str(variable.attrs["flag_meanings"]).split()
         codes = {
             int(code): word.replace("_", " ")
             for code, word in zip(np.atleast_1d(variable.attrs["flag_values"]), words, strict=False)
         }
         values = [None if value is None else codes.get(int(value), str(value)) for value in values]
-        told["words"] = list(codes.values())
+        data["words"] = list(codes.values())
     common, count = Counter(values).most_common(1)[0] if values else (None, 0)
     if 2 * count > len(values):
-        return told | {"fill": common, "at": {str(k): v for k, v in enumerate(values) if v != common}}
-    return told | {"values": values}
+        return data | {"fill": common, "at": {str(k): v for k, v in enumerate(values) if v != common}}
+    return data | {"values": values}
 
 
 def _values(values: NDArray[Any]) -> list[Any]:

@@ -26,7 +26,7 @@ class PointTable {
     form.append(label);
     form.addEventListener("submit", (event) => event.preventDefault());
     this.input.addEventListener("input", () => this.filtered());
-    this.told = element("p", null, { role: "status" });
+    this.message = element("p", null, { role: "status" });
     const table = element("table");
     table.append(element("caption", "All points", { class: "hidden" }));
     const heads = element("tr");
@@ -47,7 +47,7 @@ class PointTable {
     scroll.append(table);
     this.more = element("button", "", { type: "button" });
     this.more.addEventListener("click", () => { this.size += 4 * PAGE; this.fill(); });
-    box.append(form, this.told, scroll, this.more);
+    box.append(form, this.message, scroll, this.more);
   }
 
   filtered() {
@@ -94,7 +94,7 @@ class PointTable {
     const rows = this.inOrder().slice(0, this.size);
     this.body.replaceChildren(...rows.map((row) => this.line(row)));
     const left = this.rows.length - rows.length;
-    this.told.textContent = `${this.problem || ""}${this.rows.length} of ${this.all.length} points; ${rows.length} shown.`;
+    this.message.textContent = `${this.problem || ""}${this.rows.length} of ${this.all.length} points; ${rows.length} shown.`;
     this.more.hidden = left === 0;
     this.more.textContent = `Show ${Math.min(left, 4 * PAGE)} more`;
   }

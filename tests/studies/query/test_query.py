@@ -345,6 +345,9 @@ def test_units_and_whole_numbers_of_groups(data):
     assert [column.units for column in columns.values()] == ["m", "", "m", *[""] * 8]
     whole = [name for name, column in columns.items() if column.whole]
     assert whole == ["count", "min:count", "max:count"]
+    # The least and the greatest are values of the column; means are calculated in full precision.
+    found = query(data, "a > 0", by="b", show="min:share,max:share,mean:share,std:share")
+    assert [str(kind) for kind in found.dtypes] == ["float64", "float32", "float32", "float64", "float64"]
 
 
 @pytest.mark.parametrize(
