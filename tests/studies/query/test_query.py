@@ -164,6 +164,8 @@ def test_a_part_of_a_result_and_one_opened_by_xarray(file, data):
     part = data.sel(a=2.0)
     assert pairs(query(part, "size > 0 and a == 2")) == [(2.0, b) for b in B]
     assert pairs(query(data.isel(a=[1, 2], b=[0]))) == [(1.0, 1e-3), (2.0, 1e-3)]
+    with pytest.warns(UserWarning, match="a == 2: a has no such value; the nearest is nan"):
+        assert query(data.isel(a=[]), "a == 2").empty
     with pytest.raises(ValueError, match="not the result of a sweep"):
         query(data.drop_attrs())
     with pytest.raises(ValueError, match="not the result of a sweep"):
