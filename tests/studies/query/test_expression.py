@@ -298,6 +298,18 @@ COMPARED = st.one_of(
         st.just("kind"),
     ).map(" ".join),
     st.tuples(st.just("told"), st.sampled_from(["==", "!="]), st.sampled_from(["''", "'a'", "'z'"])).map(" ".join),
+    *(
+        st.tuples(
+            st.sampled_from(left),
+            st.sampled_from(["in", "not in"]),
+            st.lists(st.sampled_from(members), min_size=1, max_size=4).map(lambda parts: f"({', '.join(parts)},)"),
+        ).map(" ".join)
+        for left, members in (
+            (["z", "y", "z + 1", "2", "1 < y", "0 < z <= y"], ["z", "y", "0", "1.5", "y - 1", "5"]),
+            (["kind"], ["'calm'", "'wild'", "'steady sliding'", "kind"]),
+            (["told", "'a'"], ["''", "'a'", "told", "'z'"]),
+        )
+    ),
 )
 EXPRESSIONS = st.recursive(
     COMPARED,
@@ -321,3 +333,46 @@ def test_rows_are_those_that_a_loop_in_python_chooses(text):
         with np.errstate(all="ignore"):
             found.append(bool(eval(compile(read, "row", "eval"), row)))  # noqa: S307 - Python's own reading
     assert chosen(text, ROWS) == np.flatnonzero(found).tolist()
+
+
+PIECES = [
+    *("x", "y", "kind", "told", "nan", "1", "0.5", "1e400", "'calm'", '"a"', "'"),
+    *("==", "!=", "<", ">=", "in", "not", "and", "or", "+", "-", "*", "**", "/", "(", ")", ",", "."),
+    *("[", "]", "{", "}", ":", ":=", "=", "f'", "lambda", "if", "else", "for", "is", "await", "yield", "...", "@"),
+    *(
+        "\n",
+        "\t",
+        "\\",
+        "#",
+        ";",
+        "\0",
+        "\ud800",
+        "µ",
+        "ｘ",
+        "²",
+        "_",
+        "0x1",
+        "1j",
+        "None",
+        "print",
+        "!",
+        "%",
+        "&",
+        "~",
+    ),
+]
+
+
+@settings(max_examples=500, deadline=None)
+@given(st.lists(st.sampled_from(PIECES), max_size=12), st.sampled_from(["", " "]))
+def test_whatever_is_written_is_an_expression_or_refused_in_one_line(pieces, between):
+    text = between.join(pieces)
+    try:
+        expression = parse(text)
+        unknown = set(expression.names()) - set(COLUMNS)
+        assert unknown or chosen(text) is not None
+        message = ""
+    except ValueError as problem:
+        message = str(problem)
+    assert message == "" or message.isprintable()
+    assert len(message) < 600
