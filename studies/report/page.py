@@ -16,7 +16,7 @@ from studies.maps import maps
 from studies.report.context import Result, overview, shown
 from studies.results import command as typed
 
-SCRIPTS = ("page.js", "table.js", "map.js")
+SCRIPTS = ("page.js", "filter.js", "table.js", "map.js")
 
 
 def write(
