@@ -10,9 +10,11 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from sweeps import (
     AbandonedError,
@@ -24,18 +26,36 @@ from sweeps import (
     Sweep,
     SweepStoppedError,
     Variable,
+    open_results,
 )
 from sweeps.compute import cluster
 from sweeps.plan import batches
+from sweeps.plan.batches import BatchSizes
 from sweeps.storage.store import Store
 from tests import HOME
 
 MEGABYTE = 1 << 20
+COMPARED = ["square", "powers", "status", "error"]
+# Options of a cluster that says nothing and shows nothing.
+QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
 
 
-def cut(patch=None):
-    """Let every batch be of one point, however short it is; until a `patch` is undone."""
-    (setattr if patch is None else patch.setattr)(batches, "BATCH_BYTES", 1.0)
+def cut():
+    """Let every batch be of one point, however short it is."""
+    batches.BATCH_BYTES = 1.0
+
+
+def size_of_batch(left, seconds, workers=2, **limits):
+    """How many points a batch holds once as many as one likes have taken `seconds` each."""
+    sizes = BatchSizes(**limits)
+    sizes.finished(1 << 40, seconds * (1 << 40))
+    return sizes.next(left, workers)
+
+
+def simple(function, points=24, **options):
+    """A sweep of any function that gives y and n."""
+    variables = {"y": Variable(), "n": Variable()}
+    return Sweep("simple", function, Grid({"x": Axis(np.arange(float(points)))}), variables, **options)
 
 
 def powers(points, log, pause, long, parent, deadly):
@@ -77,6 +97,31 @@ def make_rows(points):
     """The sweep of `rows`."""
     grid, inner = Grid({"x": Axis(np.arange(float(points)))}), Axis(np.arange(MEGABYTE // 8))
     return Sweep("rows", rows, grid, {"row": Variable(dims=("column",))}, coords={"column": inner})
+
+
+def values(data):
+    """What two runs of `make` have in common."""
+    return data[COMPARED].drop_attrs()
+
+
+def finished_points(store):
+    """What is in the parts, and need not be computed again."""
+    held = [store.folder.contents(name) for name in store.folder.names()]
+    # The points of `make` are the numbers from nought on.
+    return {float(x) for contents in held if contents is not None for x in contents.points}
+
+
+def check(path, points=60):
+    """The file is what an undisturbed run makes, and alone."""
+    xr.testing.assert_identical(values(open_results(path)), values(make(points=points).plan().run("sync")))
+    assert sorted(p.name for p in path.parent.iterdir()) == [path.name]
+
+
+def end(process):
+    """Kill a program with all that it has started."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
 
 
 def start(cwd=HOME, **told):

@@ -156,19 +156,6 @@ def test_two_degrees_of_freedom_coalesce_where_the_closed_form_says():
     assert scale * omega**2 == pytest.approx(0.5 * (k11 + k22), rel=1e-10)
 
 
-def test_windows_in_theta_at_the_papers_friction():
-    """The angles at which each pair's onset passes mu = 0.2, found by roots of mu(theta)."""
-
-    def excess(theta: float, frequency: float) -> float:
-        found = flutter_onsets(Rig(), theta, 10e3, 5.0)
-        near = np.abs(found.frequency / frequency - 1.0) < 0.15
-        return float(found.mu[near].min(initial=5.0)) - 0.2
-
-    for frequency, (low, high) in {2800.0: (0.62, 10.68), 400.0: (1.97, 9.35)}.items():
-        assert brentq(excess, low - 0.1, low + 0.1, args=(frequency,)) == pytest.approx(low, abs=0.006)
-        assert brentq(excess, high - 0.1, high + 0.1, args=(frequency,)) == pytest.approx(high, abs=0.006)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

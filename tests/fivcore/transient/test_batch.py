@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import step_map
-from fivcore.jit import SOURCES
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
-from fivcore.transient.fast_kernel import FEW, advance
+from fivcore.transient.fast_kernel import FEW
 from fivcore.transient.fast_scene import LANES
 from fivcore.transient.fast_solver import frozen_solver
 from fivcore.transient.normalised import Normalised
@@ -46,11 +45,6 @@ def same_figures(one, other):
     """Whether two runs have the same bits in every figure."""
     for name, value in one.summary.items():
         assert np.array_equal(value, other.summary[name], equal_nan=not isinstance(value, str)), name
-
-
-def test_compiled_code_is_kept_for_this_state_of_all_sources():
-    assert SOURCES in advance.stats.cache_path
-    assert len(SOURCES) == 16
 
 
 @pytest.mark.parametrize("count", [1, 2, FEW, LANES, LANES + 1, AT_ONCE, AT_ONCE + 1, AT_ONCE + 5])

@@ -13,9 +13,8 @@ from fivcore.rig import P1, P2
 from fivcore.transient.moving_contact import SEGMENT_LENGTH
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.published import BETA2, SCENE, STEP, TAU, PaperRun, advance, largest_step
-from fivcore.transient.record import count_in
-from fivcore.transient.statistics import begin
+from fivcore.transient.published import BETA2, STEP, TAU, PaperRun, largest_step
+from tests.helpers.small_systems import stepped
 from tests.helpers.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
 
 COARSE = Rig(replace(P1, elements=6), replace(P2, elements=10), contact_position=0.083)
@@ -238,50 +237,6 @@ def test_beyond_the_limit_the_finite_elements_run_away(share, grows):
     )  # fmt: skip
     grown = np.abs(plain.q[4000]).max() / np.abs(plain.q[1]).max()
     assert grown > 1e3 if grows else grown < 10.0
-
-
-def stepped(
-    stiffness,
-    damping,
-    normal,
-    tangential,
-    f,
-    *,
-    mu,
-    dt,
-    steps,
-    q,
-    v,
-    b=BETA2,
-    tau=TAU,
-    V=0.0,
-    last_T=0.0,
-    held=False,
-):
-    """The scheme on a few modes given as plain arrays: a record of every step and the final q.
-
-    `held`: at the start contact bears the load, so that nothing accelerates.
-    """
-    k, c, normal, tangential, f, q, v = (
-        np.array(x, dtype=float) for x in (stiffness, damping, normal, tangential, f, q, v)
-    )
-    inverse = 1.0 / (1.0 + b * dt * c)
-    scale = dt**2 * (b + 0.5)
-    W = scale * np.array([normal @ (normal * inverse), normal @ (tangential * inverse), 0.0])
-    W[2] = scale * tangential @ (tangential * inverse)
-    vs = v if held else v + dt * (1.0 - b) * (f - k * q - c * v)
-    a = (f - k * q - c * vs) * inverse
-    reach = q + dt * (vs + b * dt * a) + 0.5 * dt**2 * a
-    record = begin(np.zeros(1, SCENE), 0.0, 0.0, 1.0)
-    record["dt"], record["b"], record["r"], record["mu"], record["speed"] = dt, b, dt / tau, mu, V
-    record["W_NN"], record["W_NT"], record["W_TT"] = W
-    record["gap_N"], record["gap_T"] = normal @ reach, tangential @ reach
-    record["last_gT"], record["last_T"], record["contact"] = tangential @ q, last_T, SLIP
-    record["sample_every"], record["row_every"], record["stick_room"] = steps, 1, steps
-    rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3))
-    modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
-    advance(record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, np.empty((steps, 2)))
-    return rows, q
 
 
 @pytest.mark.parametrize("b", [0.5, 0.8])

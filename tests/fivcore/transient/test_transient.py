@@ -188,30 +188,6 @@ def test_without_record_there_is_none():
     assert all(len(getattr(result, name)) == 0 for name in SERIES)
 
 
-@pytest.mark.parametrize("factor", [2.0, 3.0, 0.7])
-@pytest.mark.parametrize("method", ["fast", "paper"])
-def test_speed_and_load_together_only_scale_the_motion(factor, method):
-    """(a V, a F) gives a times the motion: the same bits of the motion per newton."""
-    duration = 0.2 if method == "fast" else 0.035
-    unit = simulate(Scene(5e-3 / 9.0, 5.0, 0.2, 1.0), duration, method, record=True)
-    scaled = simulate(Scene(factor * 5e-3, 5.0, 0.2, factor * 9.0), duration, method, record=True)
-    F = factor * 9.0
-    for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
-        assert np.array_equal(getattr(scaled, name), F * getattr(unit, name)), name
-    assert np.array_equal(scaled.time, unit.time)
-    assert np.array_equal(scaled.state, unit.state)
-    assert scaled.summary["first_separation_time"] == unit.summary["first_separation_time"]
-
-
-def test_the_mirrored_scene_moves_the_other_way():
-    scene = paper_scene(5e-3)
-    one, other = (simulate(s, 0.1, record=True) for s in (scene, scene.mirrored()))
-    assert np.array_equal(one.normal_force, other.normal_force)
-    assert np.array_equal(one.velocity_B, -other.velocity_B)
-    assert np.array_equal(one.tangential_force, -other.tangential_force)
-    assert np.array_equal(one.slip_velocity, -other.slip_velocity)
-
-
 def test_the_same_scene_has_the_same_bits_on_threads():
     scenes = [Scene(V, theta, 0.2, 9.0) for V in (5e-3, 8e-3) for theta in (3.0, 5.0, 8.0)]
     alone = [simulate(scene, 0.1, record=True) for scene in scenes]

@@ -16,18 +16,12 @@ import pytest
 import xarray as xr
 from threadpoolctl import threadpool_info
 
-from sweeps import Axis, Grid, SchedulerError, Sweep, SweepStoppedError, Variable, open_results
+from sweeps import SchedulerError, SweepStoppedError, open_results
 from sweeps.compute import cluster
 from sweeps.compute.cluster import Cluster
-from tests.helpers.sweep_programs import HOME, cut, make, start, wait_for
-from tests.sweeps.compute.test_crashes import COMPARED, end
+from tests.helpers.sweep_programs import HOME, QUIET, cut, end, make, simple, start, values, wait_for
 
-QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
-
-
-@pytest.fixture(autouse=True)
-def _many_batches(monkeypatch):
-    cut(monkeypatch)
+pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 @pytest.fixture(scope="module")
@@ -35,15 +29,6 @@ def address():
     """A scheduler with two workers, as somebody else would have started it."""
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **QUIET) as cluster:
         yield cluster.scheduler_address
-
-
-def values(data):
-    return data[COMPARED].drop_attrs()
-
-
-def simple(function, points=24, **options):
-    variables = {"y": Variable(), "n": Variable()}
-    return Sweep("simple", function, Grid({"x": Axis(np.arange(float(points)))}), variables, **options)
 
 
 def children():
@@ -184,8 +169,7 @@ def test_workers_that_lack_the_module(tmp_path, address):
     code = f"""
 import sys; sys.path.insert(0, {str(tmp_path)!r})
 import only_here
-from tests.helpers.sweep_programs import cut
-from tests.sweeps.compute.test_backends import simple
+from tests.helpers.sweep_programs import cut, simple
 from sweeps import SchedulerError
 cut()
 try:

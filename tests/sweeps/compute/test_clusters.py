@@ -17,10 +17,7 @@ from sweeps.compute import cluster
 from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.cluster import Cluster
 from sweeps.storage.parts import PartFolder
-from tests.helpers.sweep_programs import HOME, cut, make
-from tests.sweeps.compute.test_backends import QUIET, values
-from tests.sweeps.compute.test_crashes import end
-from tests.sweeps.test_sweeps import size_of_batch
+from tests.helpers.sweep_programs import HOME, QUIET, end, make, values
 
 COMPUTED: list[float] = []
 
@@ -42,16 +39,16 @@ def naps(points=200, **options):
     return Sweep("naps", nap, Grid({"x": Axis(np.arange(float(points)))}), {"y": Variable()}, **options)
 
 
+@pytest.mark.usefixtures("small_pieces")
 def test_threads_of_workers_are_counted(inner, monkeypatch):
-    cut(monkeypatch)
     monkeypatch.setattr("sweeps.watch.monitor.SHOWN", 1000)
     most = []
     naps().plan().run(inner, None, lambda snapshot: most.append(len(snapshot.now)))
     assert max(most) == 8 * Cluster.window
 
 
+@pytest.mark.usefixtures("small_pieces")
 def test_what_all_batches_share_travels_once(inner, monkeypatch):
-    cut(monkeypatch)
     sizes, payloads = [], []
     submit, register = distributed.Client.map, distributed.Client.register_plugin
 
@@ -73,8 +70,8 @@ def test_what_all_batches_share_travels_once(inner, monkeypatch):
     assert max(sizes) < 500
 
 
+@pytest.mark.usefixtures("small_pieces")
 def test_workers_that_see_the_store_write_their_parts(tmp_path, inner, monkeypatch):
-    cut(monkeypatch)
     writers, put = [], PartFolder.put
 
     def written(self, name, content):
@@ -94,8 +91,8 @@ def test_workers_that_see_the_store_write_their_parts(tmp_path, inner, monkeypat
     assert os.listdir(tmp_path) == ["naps.nc"]
 
 
+@pytest.mark.usefixtures("small_pieces")
 def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monkeypatch):
-    cut(monkeypatch)
     put = PartFolder.put
 
     def refused(self, name, content):
@@ -108,14 +105,8 @@ def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monk
     np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
 
 
-def test_batches_grow_with_the_number_of_workers():
-    few, many = (size_of_batch(10**8, 1e-3, workers=workers) for workers in (2, 1000))
-    assert few == 1000
-    assert many == 10_000
-
-
-def test_a_batch_at_which_workers_die_does_not_stop_the_others(monkeypatch):
-    cut(monkeypatch)
+@pytest.mark.usefixtures("small_pieces")
+def test_a_batch_at_which_workers_die_does_not_stop_the_others():
     told = []
     parent = os.getpid()
     data = make(points=40, pause=0.2, parent=parent, deadly=5.0).plan().run("processes", 2, told.append)

@@ -17,15 +17,12 @@ from sweeps import LockedError, StoreError, open_results
 from sweeps.storage import lock
 from sweeps.storage.parts import PartFolder
 from sweeps.storage.store import Store
-from tests.helpers.sweep_programs import cut, make, start, wait_for
-from tests.sweeps.compute.test_crashes import check, end, finished_points
+from tests.helpers.sweep_programs import check, end, finished_points, make, start, wait_for
 
 KEPT = r"could not be written: .*; (what was finished is kept, and the same run goes on|all points are kept)"
 
 
-@pytest.fixture(autouse=True)
-def _many_batches(monkeypatch):
-    cut(monkeypatch)
+pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 @pytest.fixture
