@@ -79,7 +79,7 @@ def test_the_plan_is_frozen_and_its_repr_is_the_report(tmp_path):
     plan = sweep().plan(tmp_path / "waves.nc")
     for part in ("waves", "x 3 x y 2", "points          6", "distinct        6", "to do           6"):
         assert part in repr(plan)
-    with pytest.raises(AttributeError):
+    with pytest.raises(AttributeError, match="cannot assign"):
         plan.points = 7
     assert not list(tmp_path.iterdir())
 

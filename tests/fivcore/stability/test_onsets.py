@@ -1,11 +1,14 @@
 """Flutter onsets: the paper's, dense solves', closed forms', and none missed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
 from fivcore.beams.modes import contact_modes
+from fivcore.rig import P1, P2
 from fivcore.stability.onsets import MOST_INTERVALS, isolate, onset_friction, onset_function
 from tests.helpers import reference
 from tests.helpers.rigs import workshop_rig
@@ -32,13 +35,14 @@ def growth(rig: Rig, theta: float, mu: float, frequency: float) -> float:
     return float(phi.real[near].max())
 
 
-@pytest.mark.parametrize("index", [0, 1, 2])
-def test_the_papers_onsets_by_a_dense_solve(index):
-    found = flutter_onsets(Rig(), 5.0)
+COARSE = Rig(replace(P1, elements=10), replace(P2, elements=30))
+
+
+@pytest.mark.parametrize(("rig", "index"), [(Rig(), 0), (COARSE, 0), (COARSE, 1), (COARSE, 2)])
+def test_the_papers_onsets_by_a_dense_solve(rig, index):
+    found = flutter_onsets(rig, 5.0)
     mu, frequency = found.mu[index], found.frequency[index]
-    assert (
-        growth(Rig(), 5.0, mu * (1.0 - 1e-8), frequency) < 0.0 < growth(Rig(), 5.0, mu * (1.0 + 1e-8), frequency)
-    )
+    assert growth(rig, 5.0, mu * (1.0 - 1e-8), frequency) < 0.0 < growth(rig, 5.0, mu * (1.0 + 1e-8), frequency)
 
 
 SOME_SEEDS = [5, 14, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (9, 21, 33, 40))]

@@ -43,17 +43,20 @@ def test_the_papers_mesh_against_a_dense_solve(theta, mu):
     assert_same_modes(Rig(), theta, mu, 10e3, dense, (1e-11, 1e-11, 1e-10))
 
 
-SEEDS = [*range(30), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(30, 430))]
+BLOCKS = [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 15))]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_other_rigs_against_a_dense_solve(seed):
-    rig = workshop_rig(seed, damping=seed % 3 > 0)
-    rng = np.random.default_rng(seed)
-    theta, mu = rng.uniform(-75.0, 75.0), rng.uniform(0.0, 3.0)
-    fmax = 10 ** rng.uniform(2.5, 4.7)
-    dense = reference.sliding_eigenvalues(rig, theta, mu)
-    assert_same_modes(rig, theta, mu, fmax, dense, (1e-8, 1e-7, 1e-6))
+@pytest.mark.parametrize("block", BLOCKS)
+def test_other_rigs_against_a_dense_solve(block):
+    compared = 0
+    for seed in range(30 * block, 30 * block + 30):
+        rig = workshop_rig(seed, damping=seed % 3 > 0)
+        rng = np.random.default_rng(seed)
+        theta, mu = rng.uniform(-75.0, 75.0), rng.uniform(0.0, 3.0)
+        fmax = 10 ** rng.uniform(2.5, 4.7)
+        dense = reference.sliding_eigenvalues(rig, theta, mu)
+        compared += assert_same_modes(rig, theta, mu, fmax, dense, (1e-8, 1e-7, 1e-6))
+    assert compared > 100
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """What becomes of a batch: digits that are kept, points that fail, and what the file says of them."""
 
+import json
 import pickle
 import re
 
@@ -258,7 +259,7 @@ def test_of_many_failures_the_first_thousand_are_told_in_full(tmp_path):
 
 
 def test_the_file_reads_as_cf_and_without_us(tmp_path):
-    path = tmp_path / "batches.nc"
+    path = tmp_path / "deep" / "batches.nc"
     axes = {
         "x": Axis([1.0, 2.0], "m", "length"),
         "kind": Axis(["a", "µm", ""]),
@@ -266,7 +267,7 @@ def test_the_file_reads_as_cf_and_without_us(tmp_path):
         "w": Axis([5.0, 6.0], "s"),
     }
 
-    def compute(points):
+    def compute(points, factor):
         if points["kind"][0] == "":
             raise ValueError("no kind")
         return {"y": points["x"], "count": points["n"], "part": points["x"][:, None] * [1.0, 2.0]}
@@ -276,23 +277,35 @@ def test_the_file_reads_as_cf_and_without_us(tmp_path):
         "count": Variable(dtype="int32"),
         "part": Variable("m", dims=("side",), dtype="float32"),
     }
+    coords = {"side": Axis(["left", "right"])}
+    grid = Grid(axes, zipped=("n", "w"))
     asked = sweep(
-        compute, grid=Grid(axes, zipped=("n", "w")), variables=variables, coords={"side": Axis(["left", "right"])}
+        compute, grid=grid, variables=variables, coords=coords, constants={"factor": 2.0}, title="A title"
     )
     found = asked.plan(path).run()
+    xr.testing.assert_equal(open_results(path), found)
+    assert [p.name for p in path.parent.iterdir()] == ["batches.nc"]
     with xr.open_dataset(path) as data:
         xr.testing.assert_equal(data.load(), found)
+        assert data["x"].attrs == {"units": "m", "long_name": "length"}
+        assert json.loads(data.attrs["configuration"]) == {
+            "name": "batches",
+            "axes": {name: axis.values.tolist() for name, axis in axes.items()},
+            "constants": {"factor": 2.0},
+        }
         assert data["kind"].values.tolist() == ["a", "µm", ""]
         assert data["side"].values.tolist() == ["left", "right"]
         assert set(data.coords) == {"x", "kind", "n", "w", "side"}
     with netCDF4.Dataset(path) as file:
         assert file.data_model == "NETCDF4"
         assert file.Conventions == "CF-1.11"
-        for name in ("title", "history", "source", "configuration"):
-            assert isinstance(file.getncattr(name), str)
+        assert file.title == "A title"
+        assert file.source.startswith("fiv ")
+        assert isinstance(file.history, str)
         for name in ("x", "kind", "n", "w", "side"):
             assert "_FillValue" not in file[name].ncattrs()
         assert file["status"].flag_values.tolist() == [0, 1, 2, 3]
+        assert file["status"].flag_values.dtype == file["status"].dtype == np.int8
         assert file["status"].flag_meanings == "pending done failed skipped"
         assert "_FillValue" not in file["status"].ncattrs()
         assert file["y"].units == "m"

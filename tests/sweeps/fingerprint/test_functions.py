@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from sweeps.fingerprint.code import differing, digests
+from tests import HOME
 from tests.helpers import waves
-from tests.helpers.identity_parts import FILES, HOME, NAMED, Caller, Colour, Inner, Outer, maker, run
+from tests.helpers.identity_parts import FILES, NAMED, Caller, Colour, Inner, Outer, maker, run
 
 
 def same_everywhere():

@@ -15,7 +15,8 @@ from sweeps import Axis, Grid, Sweep, Variable
 from sweeps.fingerprint.code import differing, digests
 from sweeps.fingerprint.identity import differences, fingerprint
 from sweeps.fingerprint.provenance import versions, versions_differing
-from tests.helpers.identity_parts import HARMLESS, HOME, PROGRAM, edits, run
+from tests import HOME
+from tests.helpers.identity_parts import HARMLESS, PROGRAM, edits, run
 
 # What makes no difference.
 

@@ -31,7 +31,7 @@ def half(tmp_path, monkeypatch):
     path = tmp_path / "powers.nc"
     with monkeypatch.context() as patch:
         patch.setattr(PartFolder, "put", stops_after(4))
-        with pytest.raises(StoreError):
+        with pytest.raises(StoreError, match=KEPT):
             make(points=20).plan(path).run("sync")
     assert 0 < len(finished_points(Store(path))) < 20
     return Store(path)
