@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_info
 from sweeps import SchedulerError, SweepStoppedError, open_results
 from sweeps.compute import cluster
 from sweeps.compute.cluster import Cluster
-from tests.helpers.sweep_programs import HOME, QUIET, cut, end, make, simple, start, values, wait_for
+from tests.helpers.sweep_programs import HOME, QUIET, cut, end, make, simple, start, undisturbed, values, wait_for
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 
@@ -47,7 +47,7 @@ def test_every_back_end_gives_the_same_bits(tmp_path, monkeypatch, address, sche
     monkeypatch.setenv("TMPDIR", str(temporary))
     monkeypatch.setattr(tempfile, "tempdir", None)
     before = children()
-    expected = values(make(points=24).plan().run("sync"))
+    expected = undisturbed(24)
     scheduler = address if scheduler == "tcp" else scheduler
     xr.testing.assert_identical(values(make(points=24).plan().run(scheduler, 2)), expected)
     make(points=24).plan("kept/powers.nc").run(scheduler, 2)
@@ -119,14 +119,14 @@ def test_a_worker_that_is_killed_costs_nothing():
 
     data = make(points=40, pause=0.02).plan().run("processes", 2, kill)
     assert killed
-    xr.testing.assert_identical(values(data), values(make(points=40).plan().run("sync")))
+    xr.testing.assert_identical(values(data), undisturbed(40))
 
 
 def test_a_point_at_which_workers_die_fails_alone():
     begin = time.monotonic()
     data = make(points=40, parent=os.getpid(), deadly=22.0).plan().run("processes", 2)
     assert time.monotonic() - begin < 40.0
-    expected = values(make(points=40).plan().run("sync"))
+    expected = undisturbed(40)
     xr.testing.assert_identical(values(data).drop_sel(x=22.0), expected.drop_sel(x=22.0))
     lost = data.sel(x=22.0)
     assert int(lost["status"]) == 2
@@ -306,7 +306,7 @@ def test_within_a_thread_and_within_a_worker(address):
         except SchedulerError as problem:
             return str(problem)
 
-    expected = values(make(points=24).plan().run("sync"))
+    expected = undisturbed(24)
     xr.testing.assert_identical(values(results[0]), expected)
     with distributed.Client(address, set_as_default=False) as client:
         xr.testing.assert_identical(client.submit(nested, "threads").result(60), expected)
