@@ -345,31 +345,29 @@ def test_results_are_read_only():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("function", "arguments", "message"),
     [
-        ({"theta": [5.0, 3.0]}, r"theta of shape \(2,\): it must be a list of ascending angles"),
-        ({"theta": 5.0}, r"theta of shape \(\)"),
-        ({"theta": []}, r"theta of shape \(0,\)"),
-        ({"theta": [5.0, 90.0]}, "theta = 90.0: it must be a single angle between -90 and 90 degrees"),
-        ({"theta": [5.0], "fmax": 0.0}, "fmax = 0.0"),
-        ({"theta": [5.0], "mu_max": 0.0}, "mu_max = 0.0"),
+        (onset_curves, ([5.0, 3.0],), r"theta of shape \(2,\): it must be a list of ascending angles"),
+        (onset_curves, (5.0,), r"theta of shape \(\)"),
+        (onset_curves, ([],), r"theta of shape \(0,\)"),
+        (onset_curves, ([5.0, 90.0],), "theta = 90.0: it must be a single angle between -90 and 90 degrees"),
+        (onset_curves, ([5.0], 0.0), "fmax = 0.0"),
+        (onset_curves, ([5.0], 10e3, 0.0), "mu_max = 0.0"),
+        (unstable_windows, (-0.1, 0.0, 10.0), r"mu = -0.1: it must be a number from 0 to 1e\+06"),
+        (
+            unstable_windows,
+            (0.2, -90.0, 10.0),
+            "theta_min = -90: it must be an angle between -90 and 90 degrees",
+        ),
+        (
+            unstable_windows,
+            (0.2, 10.0, 10.0),
+            "theta_max = 10.0: it must be above theta_min = 10 and below 90 degrees",
+        ),
+        (unstable_windows, (0.2, 0.0, float("nan")), "theta_max = nan"),
+        (unstable_windows, (0.2, 0.0, 10.0, -1.0), "fmax = -1.0"),
     ],
 )
-def test_bad_arguments_of_curves_are_named(arguments, message):
+def test_bad_arguments_are_named(function, arguments, message):
     with pytest.raises(ValueError, match=message):
-        onset_curves(Rig(), **arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((-0.1, 0.0, 10.0), r"mu = -0.1: it must be a number from 0 to 1e\+06"),
-        ((0.2, -90.0, 10.0), "theta_min = -90.0: it must be an angle between -90 and 90 degrees"),
-        ((0.2, 10.0, 10.0), "theta_max = 10.0: it must be above theta_min = 10 and below 90 degrees"),
-        ((0.2, 0.0, float("nan")), "theta_max = nan"),
-        ((0.2, 0.0, 10.0, -1.0), "fmax = -1.0"),
-    ],
-)
-def test_bad_arguments_of_windows_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        unstable_windows(Rig(), *arguments)
+        function(Rig(), *arguments)

@@ -3,6 +3,7 @@
 import json
 import pickle
 import re
+import time
 
 import netCDF4
 import numpy as np
@@ -238,9 +239,16 @@ def test_nothing_is_cast_in_silence(dtype, returned, said):
 
 
 def test_nothing_said_of_errors_and_time_is_as_if_they_were_left_out():
-    found = sweep(lambda p: {"y": p["x"], "error": None, "wall_time": None}).plan().run()
+    def nap(points):
+        time.sleep(0.01)
+        return {"y": points["x"], "error": None, "wall_time": None}
+
+    begin = time.perf_counter()
+    found = sweep(nap, 200).plan().run("sync")
     assert np.all(found["status"] == 1)
     assert np.all(found["wall_time"] > 0.0)
+    # A batch's time is shared by its points.
+    assert found["wall_time"].sum() < time.perf_counter() - begin
 
 
 def test_of_many_failures_the_first_thousand_are_told_in_full(tmp_path):

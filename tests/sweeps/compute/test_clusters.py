@@ -19,6 +19,7 @@ from sweeps.compute.cluster import Cluster
 from sweeps.storage.parts import PartFolder
 from tests.helpers.sweep_programs import HOME, QUIET, end, make, values
 
+pytestmark = pytest.mark.usefixtures("small_pieces")
 COMPUTED: list[float] = []
 
 
@@ -39,7 +40,6 @@ def naps(points=200, **options):
     return Sweep("naps", nap, Grid({"x": Axis(np.arange(float(points)))}), {"y": Variable()}, **options)
 
 
-@pytest.mark.usefixtures("small_pieces")
 def test_threads_of_workers_are_counted(inner, monkeypatch):
     monkeypatch.setattr("sweeps.watch.monitor.SHOWN", 1000)
     most = []
@@ -47,7 +47,6 @@ def test_threads_of_workers_are_counted(inner, monkeypatch):
     assert max(most) == 8 * Cluster.window
 
 
-@pytest.mark.usefixtures("small_pieces")
 def test_what_all_batches_share_travels_once(inner, monkeypatch):
     sizes, payloads = [], []
     submit, register = distributed.Client.map, distributed.Client.register_plugin
@@ -70,7 +69,6 @@ def test_what_all_batches_share_travels_once(inner, monkeypatch):
     assert max(sizes) < 500
 
 
-@pytest.mark.usefixtures("small_pieces")
 def test_workers_that_see_the_store_write_their_parts(tmp_path, inner, monkeypatch):
     writers, put = [], PartFolder.put
 
@@ -91,7 +89,6 @@ def test_workers_that_see_the_store_write_their_parts(tmp_path, inner, monkeypat
     assert os.listdir(tmp_path) == ["naps.nc"]
 
 
-@pytest.mark.usefixtures("small_pieces")
 def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monkeypatch):
     put = PartFolder.put
 
@@ -105,7 +102,6 @@ def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monk
     np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
 
 
-@pytest.mark.usefixtures("small_pieces")
 def test_a_batch_at_which_workers_die_does_not_stop_the_others():
     told = []
     parent = os.getpid()
