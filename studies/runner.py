@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from sweeps import Progress
 
 
-# What a figure may be written as, and what keeps its date out of it: the same result is the same file.
-UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-FORMATS = tuple(UNDATED)
+# What a figure may be written as.
+FORMATS = ("png", "svg", "pdf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,15 +230,26 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
     StoreError
         If the figure cannot be written.
     """
+    target = beside.with_suffix(f".{form}")
+    whole = image(study, dataset, form, whose or str(beside))
+    with written(target) as temporary:
+        temporary.write_bytes(whole)
+    return target
+
+
+def image(study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset") -> bytes:
+    """The study's figure as a file, which names the data that it shows (`studies.plotting.figures.data_digest`).
+
+    Raises
+    ------
+    ValueError
+        If the dataset lacks something that the figure shows.
+    """
     # Drawing is slow to import, and most commands do not draw.
     from studies.plotting import figures
 
-    target = beside.with_suffix(f".{form}")
     with figures.style():
-        figure = drawn(study, dataset, whose or str(beside))
-        with written(target) as temporary:
-            figure.savefig(temporary, format=form, dpi=200, metadata=UNDATED[form])
-    return target
+        return figures.saved(drawn(study, dataset, whose), form, figures.data_digest(dataset))
 
 
 @contextmanager

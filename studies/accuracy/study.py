@@ -20,7 +20,8 @@ from studies.accuracy.findings import findings
 from studies.accuracy.linear import stability
 from studies.motion import transients
 from studies.motion.jobs import Job, check_jobs
-from studies.study import Setting, Study, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting, Study
 from sweeps import Axis, Grid, Sweep, Variable
 
 MOST_MEMBERS = 100

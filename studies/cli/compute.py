@@ -110,14 +110,15 @@ def draw_map(
     with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)
         plane = maps.plane_of(x, y, halvings)
-        sweep = maps.sweep_of(plane, quantity, maps.fixed_of(fixed), halvings, tolerance)
-        file = maps.file_of(plane, quantity, out)
+        held = maps.fixed_of(fixed)
+        sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance)
+        file = maps.file_of(plane, quantity, out, held)
         check_free(file)
         planned = sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
 
     def execute() -> Finished:
         with progress(planned.todo, quiet) as told:
-            return maps.execute(planned, backend, told, fail_fast)
+            return runner.execute(planned, *backend, told, fail_fast=fail_fast)
 
     carry_out(planned, execute, yes, quiet, verbose)
 
@@ -133,12 +134,13 @@ def _planned(
     retry_failed: bool,
 ) -> Plan:
     """The plan; whatever is wrong with the input shows here, before anything is written."""
-    from studies import runner, spec
+    from studies import registry, runner, spec
 
     with InputErrors(verbose):
         given: dict[str, Any] = {}
+        texts = registry.load(study).texts
         for text in assignments:
-            name, values = spec.assignment(text)
+            name, values = spec.assignment(text, texts)
             if name in given:
                 raise ValueError(f"--set {text!r}: {name} is set already; give all its values at once")
             given[name] = values

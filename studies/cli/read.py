@@ -29,10 +29,11 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
 
     with InputErrors(verbose):
         studies = [registry.load(name) for name in ((study,) if study else registry.NAMES)]
-    for one in studies:
+        sweeps = [one.sweep({}) for one in studies]
+    for one, sweep in zip(studies, sweeps, strict=True):
         click.echo(f"{one.name:<10} {one.title}")
         if not quiet:
-            plan = one.sweep({}).plan().timed()
+            plan = sweep.plan().timed()
             click.echo(f"{'':<10} {one.question}")
             click.echo(f"{'':<10} {plan.points} points, about {duration(plan.seconds)} on one core")
         if study:

@@ -7,15 +7,15 @@ contact's spikes of microseconds are met or missed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fivcore import Scene, Transient, checks
+from fivcore import Transient, checks
 from studies.motion import transients
-from studies.motion.jobs import Job
+from studies.motion.jobs import Job, outcomes
 from studies.study import suggest
 from sweeps import Sweep, Variable
 
@@ -61,10 +61,46 @@ def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:
     return {name: values if name == "state" else values.astype(np.float32) for name, values in every.items()}
 
 
-def jobs(scene: Scene, fixed: Mapping[str, Any], own: Mapping[str, Any], *kept: Any) -> list[Job]:
-    """The run of a scene with its study's own record, and a second one if series are to be kept (`asked`)."""
-    first, second = transients.job(scene, fixed, **own), transients.job(scene, fixed, **asked(*kept))
-    return [first, second] if second.options["record"] else [first]
+def histories(
+    points: Mapping[str, Any],
+    fixed: Mapping[str, Any],
+    values: Callable[[Transient, np.ndarray, np.ndarray], Mapping[str, Any]],
+    own: Sequence[str],
+    record: Sequence[str],
+    sample_rate: float,
+) -> dict[str, Any]:
+    """Velocity of B at even times, summary figures and what a study adds, for the points of a batch.
+
+    Parameters
+    ----------
+    points, fixed : mapping
+        Of the study's function.
+    values : callable
+        `values(run, series, times)` returns what the study adds; `series` is the velocity of B at `times`.
+    own : sequence of str
+        Series that the study needs, of `fivcore.simulate`'s record; velocity_B among them.
+    record : sequence of str
+        Series to keep besides, taken from a second run of the scene.
+    sample_rate : float
+        Of what is kept, Hz.
+    """
+    times = transients.even_times(fixed["duration"], sample_rate).values
+    fine = {"record": tuple(own), "sample_rate": transients.OVERSAMPLING * sample_rate}
+    kept = [asked(record, times)] if record else []
+
+    def all_values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        velocity = transients.velocity(runs[0], times, sample_rate)
+        study_values = values(runs[0], velocity, times)
+        return {
+            "velocity_B": velocity,
+            **study_values,
+            **series(runs[-1], record),
+            **transients.figures_of(runs[0]),
+        }
+
+    every = transients.scenes(points, fixed)
+    jobs = [[transients.job(scene, fixed, **options) for options in (fine, *kept)] for scene in every]
+    return outcomes(jobs, all_values)
 
 
 def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.motion.jobs import Job, check_jobs
-from studies.study import Setting, constants
-from sweeps import Axis, Grid, Variable
+from studies.rig import rig_of
+from studies.study import Setting
+from sweeps import FAILED, Axis, Variable
 
 Array = NDArray[Any]
 
@@ -33,6 +33,9 @@ MOST_SAMPLES = 5_000_000
 LONG_STICK = 0.2
 # Statistics start this long after the first slip, s.
 SETTLING = SETTLING_TIME
+
+# Failed points that a report names.
+MOST_FAILURES = 5
 
 SCENE = ("V", "theta", "mu", "F")
 STATES = ("separation", "stick", "slip")
@@ -79,6 +82,16 @@ def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
 
 
+def constants(*names: str) -> Callable[[Mapping[str, float]], dict[str, Any]]:
+    """`Study.constants` of scenes with one rig: what they have in common, and the settings called `names`."""
+
+    def of(settings: Mapping[str, float]) -> dict[str, Any]:
+        rig, _ = rig_of({"theta": paper.THETA, **settings})
+        return held(settings, rig, *names)
+
+    return of
+
+
 def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
     """One scene a point; what the points do not say is fixed."""
     count = len(next(iter(points.values())))
@@ -98,8 +111,8 @@ def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, *
     return Job(scene, fixed["duration"] if duration is None else duration, options | recording)
 
 
-def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
-    """Find out, before anything is planned, what cannot be run.
+def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
+    """Find out, before anything is planned, what a study with one axis cannot run.
 
     A scene whose contact has no unique solution is not refused: its point fails by itself.
 
@@ -108,11 +121,17 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
     ValueError
         Naming the axis or setting.
     """
-    checks.between("sample_rate", sample_rate, 1e3, 1e6, "Hz")
+    sample_rate = checks.between("sample_rate", fixed["sample_rate"], 1e3, 1e6, "Hz")
     most = MOST_SAMPLES / sample_rate
     checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    check_jobs([job(scenes(grid.points(), fixed)[0], fixed, 1e-6)])
+    every = scenes({name: axis.values for name, axis in axes.items()}, fixed)
+    check_jobs([job(every[0], fixed, 1e-6)])
+
+
+def series_coords(*, duration: float, sample_rate: float, **_: Any) -> dict[str, Axis]:
+    """The axes of series kept from the start of the drive, and of their spectra."""
+    return {"elapsed": even_times(duration, sample_rate), "frequency": frequencies(sample_rate)}
 
 
 def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
@@ -239,17 +258,14 @@ def with_flags(dataset: xr.Dataset, **meanings: Sequence[str]) -> xr.Dataset:
     return dataset
 
 
-def regime_name(point: xr.Dataset) -> str:
-    """The regime of one point in words."""
-    code = float(point["regime"])
-    return "failed" if np.isnan(code) else REGIMES[int(code)]
-
-
-def is_papers(dataset: xr.Dataset, **also: float) -> bool:
-    """Whether the paper's numbers stand beside this result: its rig, load and friction, and `also` as given."""
-    given = constants(dataset)
-    wanted = {"mu": paper.MU, "F": paper.LOAD} | also
-    return given["rig"] == asdict(Rig()) and all(given[name] == value for name, value in wanted.items())
+def failures(dataset: xr.Dataset, along: str, axes: Sequence[str]) -> list[str]:
+    """A line for each of the first failed points along a dimension, with its reason, and how many more failed."""
+    failed = dataset.isel({along: np.flatnonzero(dataset["status"].values == FAILED)})
+    rows = [failed.isel({along: k}) for k in range(min(failed.sizes[along], MOST_FAILURES))]
+    named = [", ".join(f"{name} = {float(row[name]):g}" for name in axes) for row in rows]
+    lines = [f"failed: {point}: {row['error'].item()}" for point, row in zip(named, rows, strict=True)]
+    more = failed.sizes[along] - MOST_FAILURES
+    return lines + ([f"and {more} more failed."] if more > 0 else [])
 
 
 def some(count: int, most: int) -> list[int]:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fivcore import Scene
-from studies.gallery.scenes import study as scenes
 from studies.maps.quantities import AXES
-from studies.motion import ensembles, recording, transients
+from studies.motion import ensembles, normalised, recording, transients
 from studies.query.columns import Columns
 from studies.query.nearest import nearest
-from studies.study import constants, rig_of, suggest
+from studies.rig import rig_of
+from studies.study import constants, suggest
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -151,12 +151,11 @@ def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]
 
 
 def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float:
-    """How long a member ran, s: as its study decided for the canonical scene."""
+    """How long a member ran, s: as its study decided for the normalised scene."""
     rule = {name: given[name] for name in ensembles.SETTINGS}
     if dataset.attrs["sweep"] == "table6":
         return ensembles.own_duration(own, given["ramp"], **rule)
-    pace, theta, mu = scenes.canonical({name: np.array([getattr(own, name)]) for name in transients.SCENE})
-    canonical = Scene(float(pace[0]), float(theta[0]), float(mu[0]), 1.0, own.rig)
+    (scene,) = normalised.scenes({name: np.array([getattr(own, name)]) for name in transients.SCENE}, own.rig)
     # Only where members are points of their own has each its own length.
     ramp = ensembles.ramp_of(member, given["ramp"]) if "members" not in given else given["ramp"]
-    return ensembles.own_duration(canonical, ramp, **rule)
+    return ensembles.own_duration(scene, ramp, **rule)

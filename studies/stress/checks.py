@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fivcore.contact.reduced import reduced_model
 from fivcore.transient import published
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
-from studies.gallery.scenes.study import SCALED
+from studies.motion.normalised import SCALED
 from studies.stress.case import POINT
 from studies.stress.runs import BLOCKS, Evidence
 

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies.gallery.scenes.figure import DONE, FAILED
 from studies.stress.case import APART, CAME, DEAR, FAILS, METHODS, PASSES, PENDING
 from studies.stress.cases import CASES, GROUPS
 from studies.stress.questions import MOST_SECONDS
 from studies.tables import Part, Table, apart
+from sweeps import DONE, FAILED
 
 # Of a check's bound, what is told in a table rather than called nothing.
 LEAST = 1e-3

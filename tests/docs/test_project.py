@@ -3,6 +3,7 @@
 import ast
 import re
 import subprocess
+import sys
 import tomllib
 from importlib.metadata import version
 
@@ -101,6 +102,19 @@ def test_nothing_outside_reaches_past_the_front_of_the_engine():
                 assert not [alias.name for alias in node.names if alias.name.startswith("sweeps.")], file
             elif isinstance(node, ast.ImportFrom):
                 assert not (node.module or "").startswith("sweeps."), file
+
+
+@pytest.mark.parametrize(("package", "most"), [("fivcore", 21), ("sweeps", 15), ("studies", 15), ("tests", 15)])
+def test_no_folder_is_a_heap(package, most):
+    for folder in {file.parent for file in (HOME / package).rglob("*.py")}:
+        assert len([file for file in folder.glob("*.py") if file.name != "__init__.py"]) <= most, folder
+
+
+def test_studies_are_loaded_without_matplotlib():
+    code = "import sys; from studies import registry; [registry.load(name) for name in registry.NAMES]; "
+    code += "print('matplotlib' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=HOME, check=True)
+    assert done.stdout == "False\n"
 
 
 def test_the_core_is_small_and_needs_nothing_within_numba():

@@ -10,7 +10,7 @@ import xarray as xr
 
 import studies
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
-from studies import paper, registry, runner, spec
+from studies import paper, registry, runner
 from studies.accuracy.study import COSTS
 from studies.stress.checks import CHECKS
 from sweeps import StoreError
@@ -238,64 +238,6 @@ def test_bad_input_is_named_and_nothing_is_written(name, given, message, tmp_pat
     with pytest.raises(ValueError, match=message):
         studies.run(name, **given)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("0.2", [0.2]),
-        ("1e-3,2e-3,5e-3", [1e-3, 2e-3, 5e-3]),
-        ("0:0.5:3", [0.0, 0.25, 0.5]),
-        ("log:1e-4:1e-2:3", [1e-4, 1e-3, 1e-2]),
-        ("-5:5:2", [-5.0, 5.0]),
-        ("3:3:1", [3.0]),
-    ],
-)
-def test_specs_are_read(text, values):
-    np.testing.assert_allclose(spec.parse(text, "mu"), values, rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "a",
-        "1,,2",
-        "0:1",
-        "0:1:0",
-        "0:1:1",
-        "0:1:2.5",
-        "0:inf:3",
-        "nan",
-        "log:0:1:3",
-        "log:1",
-        "0:1:2:3",
-        "1:2:1e3",
-    ],
-)
-def test_malformed_specs_are_named(text):
-    with pytest.raises(ValueError, match=r"mu = '.*': .*; the forms are 0.2 \|") as caught:
-        spec.parse(text, "mu")
-    assert "\n" not in str(caught.value)
-    assert "0:0.5:101 (start:stop:count)" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        ("0:1", "a range must be start:stop:count"),
-        ("0:1:1", "a count of 1 must have one end, not two"),
-        ("0:1:99999999", "count must be a whole number from 1 to 10000000, not '99999999'"),
-        ("log:0:1:3", "both ends of a log: range must be above 0"),
-        ("0.1,x", "'x' must be a finite number"),
-        ("1_0", "'1_0' must be a finite number"),
-        ("-1e308:1e308:3", "the ends must not be so far apart"),
-    ],
-)
-def test_a_malformed_spec_is_told_why(text, why):
-    with pytest.raises(ValueError, match="mu = ") as caught:
-        spec.parse(text, "mu")
-    assert why in str(caught.value)
 
 
 # Those of every method take long.

@@ -293,7 +293,7 @@ def test_a_terminal_is_told_what_is_left_out():
 def test_the_command_does_not_import_what_it_does_not_need(tmp_path):
     program = (
         "import sys\nfrom studies.cli.main import main\n"
-        f"sys.argv = ['fiv', 'query', {HOME + '/results/regimes/regimes.nc'!r}, '--where', 'mu > 0.3', '-q']\n"
+        f"sys.argv = ['fiv', 'query', '{HOME}/results/regimes/regimes.nc', '--where', 'mu > 0.3', '-q']\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         "heavy = {'matplotlib', 'numba', 'scipy', 'fivcore', 'distributed'} & set(sys.modules)\n"
         "print(sorted(heavy), file=sys.stderr)"

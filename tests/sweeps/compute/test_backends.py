@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_info
 from sweeps import SchedulerError, SweepStoppedError, open_results
 from sweeps.compute import cluster
 from sweeps.compute.cluster import Cluster
-from tests.helpers.sweep_programs import HOME, QUIET, cut, end, make, simple, start, undisturbed, values, wait_for
+from tests import HOME
+from tests.helpers.sweep_programs import QUIET, cut, end, make, simple, start, undisturbed, values, wait_for
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 

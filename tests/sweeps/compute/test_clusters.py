@@ -17,7 +17,8 @@ from sweeps.compute import cluster
 from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.cluster import Cluster
 from sweeps.storage.parts import PartFolder
-from tests.helpers.sweep_programs import HOME, QUIET, end, make, values
+from tests import HOME
+from tests.helpers.sweep_programs import QUIET, end, make, values
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 COMPUTED: list[float] = []
