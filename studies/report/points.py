@@ -31,7 +31,7 @@ DIGITS = 6
 
 
 class Points(NamedTuple):
-    """What is embedded of a result, for JSON: `axes`, `columns`, `settings`, `plane`; and how many points that is."""
+    """What a page embeds of a result, as JSON: `axes`, `columns`, `settings`, `plane`; and how many points."""
 
     data: dict[str, Any]
     size: str
