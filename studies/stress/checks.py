@@ -95,10 +95,10 @@ def _contact_law(evidence: Evidence) -> dict[str, Judged]:
     if question.method == "fast" and not question.model.K.any():
         landing[1:] = separated[:-1]
     slips, sticks, bound = (state == SLIP) & ~landing, (state == STICK) & ~landing, ROUNDING
-    N_apart, T_apart = (np.abs(part[separated]).max(initial=0.0) for part in (N, T))
+    N_open, T_open = (np.abs(part[separated]).max(initial=0.0) for part in (N, T))
     law: dict[str, Judged] = {
         "normal": (float(max(0.0, -N.min())) / peak, ROUNDING),
-        "separation": (float(max(N_apart, T_apart)) / peak, 0.0),
+        "separation": (float(max(N_open, T_open)) / peak, 0.0),
     }
     if question.method == "paper":
         places, side, wrong = _relaxation(T, N, mu, np.flatnonzero(state[1:] == SLIP) + 1, question.step)
