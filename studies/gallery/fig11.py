@@ -94,11 +94,9 @@ def draw(dataset: xr.Dataset) -> Figure:
     """The histories as in the paper; below, how the vibration grows or dies, and the spectra."""
     given = constants(dataset)
     some = transients.some(dataset.sizes["theta"], len(LOOKS))
-    figure, _ = figures.panels(1, 1, 17.0, 15.0)
-    figure.clear()
-    top, growth, tones = figure.subplot_mosaic(
-        [["top", "top"], ["growth", "tones"]], gridspec_kw={"height_ratios": (1.0, 1.1)}
-    ).values()
+    layout = [["top", "top"], ["growth", "tones"]]
+    figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.0, 1.1))
+    top, growth, tones = panels.values()
     for k, (colour, style) in zip(some, LOOKS, strict=False):
         at = dataset.isel(theta=k)
         kind, main = regimes.kind(at), float(regimes.main_line(at))

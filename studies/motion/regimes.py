@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -45,13 +46,13 @@ def main_line(dataset: xr.Dataset) -> xr.DataArray:
     return line.where(is_of(dataset["regime"].values, *VIBRATING))
 
 
-def failures(dataset: xr.Dataset, most: int = 5) -> list[str]:
-    """Where the first of the failed points are and why they failed, and how many more there are."""
+def failures(dataset: xr.Dataset, axes: Sequence[str] = (), most: int = 5) -> list[str]:
+    """Where the first failed points are, by their axes, and why they failed; and how many more there are."""
     status = dataset["status"]
     failed = np.argwhere(status.values == FAILED)
     lines = []
     for place in failed[:most]:
         point = dataset.isel(dict(zip(status.dims, place, strict=True)))
-        where = ", ".join(f"{name} = {float(point[name]):g}" for name in status.dims)
+        where = ", ".join(f"{name} = {float(point[name]):g}" for name in axes or status.dims)
         lines.append(f"failed: {where}: {point['error'].item()}")
     return lines + ([f"and {len(failed) - most} more failed."] if len(failed) > most else [])

@@ -16,7 +16,7 @@ from studies import paper
 from studies.motion.jobs import Job, check_jobs
 from studies.rig import rig_of
 from studies.study import Setting
-from sweeps import FAILED, Axis, Variable
+from sweeps import Axis, Variable
 
 Array = NDArray[Any]
 
@@ -33,9 +33,6 @@ MOST_SAMPLES = 5_000_000
 LONG_STICK = 0.2
 # Statistics start this long after the first slip, s.
 SETTLING = SETTLING_TIME
-
-# Failed points that a report names.
-MOST_FAILURES = 5
 
 SCENE = ("V", "theta", "mu", "F")
 STATES = ("separation", "stick", "slip")
@@ -256,16 +253,6 @@ def with_flags(dataset: xr.Dataset, **meanings: Sequence[str]) -> xr.Dataset:
         attributes["flag_values"] = np.arange(len(words), dtype=np.int8)
         attributes["flag_meanings"] = " ".join(word.replace(" ", "_") for word in words)
     return dataset
-
-
-def failures(dataset: xr.Dataset, along: str, axes: Sequence[str]) -> list[str]:
-    """A line for each of the first failed points along a dimension, with its reason, and how many more failed."""
-    failed = dataset.isel({along: np.flatnonzero(dataset["status"].values == FAILED)})
-    rows = [failed.isel({along: k}) for k in range(min(failed.sizes[along], MOST_FAILURES))]
-    named = [", ".join(f"{name} = {float(row[name]):g}" for name in axes) for row in rows]
-    lines = [f"failed: {point}: {row['error'].item()}" for point, row in zip(named, rows, strict=True)]
-    more = failed.sizes[along] - MOST_FAILURES
-    return lines + ([f"and {more} more failed."] if more > 0 else [])
 
 
 def some(count: int, most: int) -> list[int]:

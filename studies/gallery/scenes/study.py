@@ -98,7 +98,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     numbers = np.bincount(regimes.kinds(points), minlength=len(regimes.KINDS))
     each = [f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n]
     lines.append(f"Scenes: {', '.join(each)}.")
-    lines += transients.failures(points, "point", transients.SCENE)
+    lines += regimes.failures(points, transients.SCENE)
     if "elapsed" in dataset.dims:
         lines.append(
             f"Recorded of each: {', '.join(given['record'])}; {dataset.sizes['elapsed']} samples at "
