@@ -49,9 +49,10 @@ def test_the_points_are_the_rows(data):
 )
 def test_where_chooses_rows(data, where, keep, monkeypatch):
     assert pairs(query(data, where)) == points(keep)
-    # However few rows are in hand at once.
-    for few in (1, 3, 7):
+    # However few rows are in hand at once, and whether columns are read once or block by block.
+    for few, whole in ((1, 100_000), (3, 0), (7, 10)):
         monkeypatch.setattr(rows, "AT_ONCE", few)
+        monkeypatch.setattr(rows, "KEPT", whole)
         assert pairs(query(data, where)) == points(keep)
 
 
