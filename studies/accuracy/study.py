@@ -15,13 +15,12 @@ from studies.accuracy import runs as accuracy_runs
 from studies.accuracy import settings as asked
 from studies.accuracy.burst import burst
 from studies.accuracy.errors import with_errors
-from studies.accuracy.figure import draw
 from studies.accuracy.findings import findings
 from studies.accuracy.linear import stability
 from studies.motion import transients
 from studies.motion.jobs import Job, check_jobs
 from studies.rig import rig_of, rig_settings
-from studies.study import Setting, Study
+from studies.study import Setting, Study, deferred
 from sweeps import Axis, Grid, Sweep, Variable
 
 MOST_MEMBERS = 100
@@ -181,6 +180,6 @@ STUDY = Study(
     }
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
-    draw=draw,
+    draw=deferred("studies.accuracy.figure:draw"),
     findings=findings,
 )
