@@ -11,7 +11,10 @@ from typing import Any
 import mpmath
 import numpy as np
 from scipy.linalg import eig
+from threadpoolctl import threadpool_limits
 
+# Tests run side by side, and threads that wait for each other cost more than they compute.
+one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 # The square of the largest angular frequency that any test compares.
 REFINED = (2.0 * np.pi * 60e3) ** 2
 
@@ -93,6 +96,7 @@ def assemble(rig: Any, theta: float, scalar: Any = float) -> tuple[Any, Any, Any
     )
 
 
+@one_blas_thread
 def sliding_eigenvalues(rig: Any, theta: float, mu: float, sign: int = 1) -> np.ndarray:
     """Undamped eigenvalues lambda of steady sliding: constraint eliminated, eigenvalues of K^-1 M, dense.
 
@@ -109,6 +113,7 @@ def sliding_eigenvalues(rig: Any, theta: float, mu: float, sign: int = 1) -> np.
     return _refined(kk, mm, 1.0 / values, y.conj().astype(np.clongdouble), x.astype(np.clongdouble))
 
 
+@one_blas_thread
 def glued_eigenvalues(rig: Any, theta: float) -> np.ndarray:
     """Undamped eigenvalues with both translations of C tied to P2, refined in the same way."""
     k, m, normal, tangential = assemble(rig, theta, np.longdouble)

@@ -357,7 +357,7 @@ def test_results_are_read_only():
         (
             unstable_windows,
             (0.2, -90.0, 10.0),
-            "theta_min = -90: it must be an angle between -90 and 90 degrees",
+            "theta_min = -90.0: it must be an angle between -90 and 90 degrees",
         ),
         (
             unstable_windows,
