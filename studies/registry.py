@@ -38,7 +38,7 @@ NAMES = (
 UNLISTED = ("map",)
 # Studies whose module is not that of their name in the gallery.
 ELSEWHERE = {"map": "maps.maps", "accuracy": "accuracy.study", "stress": "stress.study"} | {
-    name: f"gallery.{name}.study" for name in ("contact", "table6", "stick_time", "stability", "regimes", "scenes")
+    name: f"gallery.{name}.study" for name in ("table6", "stick_time", "stability", "regimes", "scenes")
 }
 GROUP = "fiv.studies"
 CATALOGUE = Path(__file__).with_name("catalogue.json")

@@ -52,9 +52,8 @@ __all__ = [
     "written",
 ]
 
-# What a figure may be written as, and what keeps its date out of it: the same result is the same file.
-UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-FORMATS = tuple(UNDATED)
+# What a figure may be written as.
+FORMATS = ("png", "svg", "pdf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,17 +210,30 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
     StoreError
         If the figure cannot be written.
     """
+    target = beside.with_suffix(f".{form}")
+    folder = beside.parent.parent if beside.parent.name == study.name else None
+    out = None if folder is None or folder.resolve() == results_folder().resolve() else folder
+    whole = image(study, dataset, form, whose or str(beside), out)
+    with written(target) as temporary:
+        temporary.write_bytes(whole)
+    return target
+
+
+def image(
+    study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset", out: Path | None = None
+) -> bytes:
+    """The study's figure as a file, which names the data that it shows (`studies.plotting.figures.data_digest`).
+
+    Raises
+    ------
+    ValueError
+        If the dataset lacks something that the figure shows.
+    """
     # Drawing is slow to import, and most commands do not draw.
     from studies.plotting import figures
 
-    target = beside.with_suffix(f".{form}")
     with figures.style():
-        folder = beside.parent.parent if beside.parent.name == study.name else None
-        out = None if folder is None or folder.resolve() == results_folder().resolve() else folder
-        figure = drawn(study, dataset, whose or str(beside), out)
-        with written(target) as temporary:
-            figure.savefig(temporary, format=form, dpi=200, metadata=UNDATED[form])
-    return target
+        return figures.saved(drawn(study, dataset, whose, out), form, figures.data_digest(dataset))
 
 
 @contextmanager

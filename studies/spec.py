@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,21 @@ FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30"
 MOST_VALUES = 10_000_000
 
 
-def assignment(text: str) -> tuple[str, NDArray[Any]]:
-    """Read AXIS=SPEC."""
+def assignment(text: str, texts: Mapping[str, Sequence[str]]) -> tuple[str, Any]:
+    """Read AXIS=SPEC; `texts` are the values of the axes that are of texts."""
     name, spec = split(text)
-    return name, parse(spec, name)
+    return name, listed(spec, texts[name]) if name in texts else parse(spec, name)
+
+
+def listed(spec: str, known: Sequence[str]) -> list[str]:
+    """The texts of a list with commas, which known ones may contain themselves."""
+    parts, found = spec.split(","), list[str]()
+    while parts:
+        counts = (n for n in range(len(parts), 0, -1) if ",".join(parts[:n]).strip() in known)
+        count = next(counts, len(parts))
+        found.append(",".join(parts[:count]).strip())
+        parts = parts[count:]
+    return found
 
 
 def split(text: str, option: str = "--set") -> tuple[str, str]:
@@ -34,7 +46,7 @@ def parse(spec: str, name: str) -> NDArray[Any]:
         If it is none of the forms; the message names the axis, what was written, why, and the forms.
     """
     try:
-        if spec.startswith("log:") or ":" in spec:
+        if ":" in spec:
             return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
         return np.array([_finite(part) for part in spec.split(",")])
     except ValueError as problem:
@@ -93,6 +105,11 @@ def evenly(start: float, stop: float, count: int) -> NDArray[Any]:
 def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
     """Values of equal ratio from start to stop, likewise."""
     return _written(np.geomspace(start, stop, count))
+
+
+def typed(value: float) -> str:
+    """A number as one types it, all its digits kept."""
+    return repr(float(value)).removesuffix(".0")
 
 
 def _written(values: NDArray[Any]) -> NDArray[Any]:

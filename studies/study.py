@@ -1,40 +1,23 @@
-"""What a study is: a question, the axes it varies, the sweep that answers, and how the answer is shown."""
+"""What a study is: a question, the axes it varies, the function that answers, and how the answer is shown."""
 
 from __future__ import annotations
 
 import difflib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fivcore import Beam, Rig
-from studies import paper, tables
-from sweeps import Axis, Sweep
+from studies import tables
+from sweeps import Axis, Grid, Sweep, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
-
-
-# Units and meaning of the numbers that make a rig, by their names in `fivcore`.
-RIG_NUMBERS = {
-    "contact_position": ("m", "distance of the contact from P2's clamp"),
-    "head_mass": ("kg", "mass at A"),
-    "d1": ("s-1", "Rayleigh damping on the mass"),
-    "d2": ("s", "Rayleigh damping on the stiffness"),
-    "point_b": ("1", "where the velocity of P1 is read, as a share of its length from C"),
-}
-BEAM_NUMBERS = {
-    "length": ("m", "length"),
-    "width": ("m", "width"),
-    "thickness": ("m", "thickness"),
-    "young_modulus": ("Pa", "Young's modulus"),
-    "density": ("kg m-3", "density"),
-    "elements": ("1", "number of elements"),
-}
 
 
 @dataclass(frozen=True)
@@ -48,7 +31,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """One predefined study.
+    """A study: `fiv run` computes it, stores it, draws it and prints what it found.
 
     Attributes
     ----------
@@ -61,15 +44,30 @@ class Study:
         What is varied, with its default values.
     settings : mapping of str to Setting
         What is fixed.
-    build : callable
-        `build(axes, settings)` gives the sweep, from axes by name and numbers by name.
     draw : callable
-        `draw(dataset)` gives the figure, from what the file holds and nothing else.
+        `draw(dataset)` returns the figure, from what the file holds and nothing else (`deferred` imports it late).
     findings : callable
-        `findings(dataset)` gives the numbers beside the paper's, as lines and tables.
+        `findings(dataset)` returns what was found, as lines and tables.
+    function : callable, optional
+        `function(points, **constants)` computes a batch: `points` holds an array for each axis, one entry a point;
+        it returns an array for each variable, the batch first.
+    variables : mapping of str to Variable
+        What the function returns.
+    constants : callable, optional
+        `constants(settings)` returns what the function gets besides its points; by default the settings.
+    coords : mapping of str to Axis, or callable
+        Axes of the variables' own dimensions; a callable gets the constants: `coords(**constants)`.
+    check : callable, optional
+        `check(axes, constants)` raises ValueError for what cannot be computed, before anything is planned.
+    derive : callable, optional
+        `derive(dataset, **constants)` returns the dataset with what follows from the whole of it.
+    options : mapping
+        Further arguments of `sweeps.Sweep`: key, scale, order_by, batch_multiple.
+    build : callable, optional
+        `build(axes, settings)` returns the sweep where it is not one function; then the six above are not used.
     record : callable, optional
-        `record(study, given, names, sample_rate)` gives the sweep that keeps the series called `names` too
-        (`studies.motion.recording`); without it the study has no motion in time.
+        `record(study, given, names, sample_rate)` returns the sweep that keeps the series called `names` too
+        (`motion.recording`); without it the study has no motion in time.
     """
 
     name: str
@@ -78,10 +76,21 @@ class Study:
     paper: str
     axes: Mapping[str, Axis]
     settings: Mapping[str, Setting]
-    build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep]
     draw: Callable[[xr.Dataset], Figure]
     findings: Callable[[xr.Dataset], Sequence[tables.Part]]
+    function: Callable[..., Mapping[str, Any]] | None = None
+    variables: Mapping[str, Variable] = field(default_factory=dict)
+    constants: Callable[[Mapping[str, float]], Mapping[str, Any]] = dict
+    coords: Mapping[str, Axis] | Callable[..., Mapping[str, Axis]] = field(default_factory=dict)
+    check: Callable[[Mapping[str, Axis], Mapping[str, Any]], None] | None = None
+    derive: Callable[..., xr.Dataset] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep] | None = None
     record: Callable[[Study, Mapping[str, Any], Sequence[str], float | None], Sweep] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.function is None) == (self.build is None):
+            raise ValueError(f"study {self.name}: it must have one of function and build")
 
     def report(self, dataset: xr.Dataset) -> str:
         """What is found, as text for a terminal."""
@@ -91,12 +100,21 @@ class Study:
         """What the paper says and what can be varied, as lines."""
         lines = [f"Paper: {self.paper}"]
         for name, axis in self.axes.items():
-            ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
+            if name in self.texts:
+                ends = ", ".join(self.texts[name])
+                ends = ends if len(ends) <= 22 else f"{len(axis)} texts"
+            else:
+                ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
             lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}")
         for name, setting in self.settings.items():
             units = "" if setting.units == "1" else f" {setting.units}"
             lines.append(f"setting  {name:<17} {f'{setting.value:g}{units}':<22} {setting.long_name}")
         return "\n".join(lines)
+
+    @property
+    def texts(self) -> dict[str, list[str]]:
+        """The values of the axes that are of texts; a run may ask for some of them, and for no others."""
+        return {name: axis.values.tolist() for name, axis in self.axes.items() if axis.values.dtype.kind == "U"}
 
     def sweep(
         self, given: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
@@ -134,54 +152,41 @@ class Study:
                     f"{name}: study {self.name} has no such axis; {suggest(name, known)}"
                     f"its axes are {', '.join(axes)}; its settings are {', '.join(settings) or 'none'}"
                 )
-        return self.build(axes, settings)
+        return self.build(axes, settings) if self.build else self._one_function(axes, settings)
+
+    def _one_function(self, axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
+        """The sweep of `function` over the axes."""
+        assert self.function is not None
+        fixed = dict(self.constants(settings))
+        if self.check is not None:
+            self.check(axes, fixed)
+        return Sweep(
+            self.name,
+            self.function,
+            Grid(axes),
+            self.variables,
+            fixed,
+            coords=self.coords(**fixed) if callable(self.coords) else self.coords,
+            title=self.title,
+            derive=None if self.derive is None else partial(self.derive, **fixed),
+            **self.options,
+        )
+
+
+def deferred(place: str) -> Callable[[xr.Dataset], Any]:
+    """The function at `module:name`, imported when called: drawing is slow to import, and workers never draw."""
+
+    def call(dataset: xr.Dataset) -> Any:
+        module, _, name = place.partition(":")
+        return getattr(import_module(module), name)(dataset)
+
+    return call
 
 
 def constants(dataset: xr.Dataset) -> dict[str, Any]:
     """What a result's function was given besides its points, from the file's configuration."""
     found: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
     return found
-
-
-def rig_settings() -> dict[str, Setting]:
-    """Settings for theta and every number of the rig, with the paper's values (`fivcore.Rig`'s defaults)."""
-    rig = Rig()
-    settings = {"theta": Setting(paper.THETA, "degree", "inclination of P1")}
-    for name, (units, long_name) in RIG_NUMBERS.items():
-        settings[name] = Setting(getattr(rig, name), units, long_name)
-    for beam in ("p1", "p2"):
-        for name, (units, long_name) in BEAM_NUMBERS.items():
-            value = float(getattr(getattr(rig, beam), name))
-            settings[f"{beam}_{name}"] = Setting(value, units, f"{long_name} of {beam.upper()}")
-    return settings
-
-
-def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
-    """The rig and theta that settings made by `rig_settings` describe.
-
-    Raises
-    ------
-    ValueError
-        Naming the setting that cannot be.
-    """
-    fields: dict[str, Any] = {name: settings[name] for name in RIG_NUMBERS}
-    for beam in ("p1", "p2"):
-        numbers: dict[str, Any] = {name: settings[f"{beam}_{name}"] for name in BEAM_NUMBERS}
-        try:
-            fields[beam] = Beam(**numbers)
-        except ValueError as problem:
-            raise ValueError(str(problem).replace("Beam: ", f"{beam}_", 1)) from None
-    try:
-        rig = Rig(**fields)
-    except ValueError as problem:
-        raise ValueError(str(problem).replace("Rig: ", "", 1)) from None
-    return rig, settings["theta"]
-
-
-def is_papers(dataset: xr.Dataset) -> bool:
-    """Whether the paper's numbers, for its own rig and inclination, stand beside this result."""
-    given = constants(dataset)
-    return bool(given["rig"] == asdict(Rig()) and given["theta"] == paper.THETA)
 
 
 def suggest(name: str, known: list[str]) -> str:
@@ -191,7 +196,15 @@ def suggest(name: str, known: list[str]) -> str:
 
 
 def _axis(name: str, value: Any, own: Axis) -> Axis:
-    """The axis with other values, sorted, each once."""
+    """The axis with other values, sorted, each once; of one of texts some of its own, in its own order."""
+    if own.values.dtype.kind == "U":
+        texts = np.atleast_1d(np.asarray(value, dtype=object))
+        for text in texts.ravel().tolist():
+            if text not in own.values.tolist():
+                known = own.values.tolist()
+                near = suggest(str(text), known) or f"it must be one of {', '.join(known[:8])}"
+                raise ValueError(f"{name} = {text!r}: there is no such {name}; {near.rstrip()}")
+        return replace(own, values=own.values[np.isin(own.values, texts.astype(str))])
     values = _numbers(name, value, "a number or a list of numbers")
     if own.values.dtype.kind == "i":
         whole = (values == np.rint(values)) & (np.abs(values) < 2**53)

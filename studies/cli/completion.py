@@ -27,17 +27,19 @@ def script(program: click.Command, shell: str) -> str:
 
 
 def _offering(
-    names: Callable[[click.Context], Iterable[str]], *, end: str = "", listed: bool = False
+    names: Callable[[click.Context], Iterable[str]], *, end: str = "", listed: bool = False, signed: bool = False
 ) -> Completer:
-    """Offer names, each with `end` behind it; of a list with commas, the last entry."""
+    """Offer names, each with `end` behind it; of a list with commas, the last entry, whose minus may be a sign."""
 
     def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
         before, comma, begun = incomplete.rpartition(",") if listed else ("", "", incomplete)
+        sign = "-" if signed and begun.startswith("-") else ""
+        begun = begun.removeprefix(sign)
         try:
             every = list(names(context))
         except Exception:  # noqa: BLE001 - no place for errors
             return []
-        return [CompletionItem(f"{before}{comma}{name}{end}") for name in every if name.startswith(begun)]
+        return [CompletionItem(f"{before}{comma}{sign}{name}{end}") for name in every if name.startswith(begun)]
 
     return complete
 
@@ -101,3 +103,21 @@ MAP_AXIS = _offering(_map_axes, end="=")
 MAP_SETTING = _offering(_map_settings, end="=")
 QUANTITY = _offering(_quantities)
 COLUMNS = _offering(_columns, listed=True)
+SORTED_COLUMNS = _offering(_columns, listed=True, signed=True)
+
+
+class SignedCommand(click.Command):
+    """A command that completes the value of an option also where it begins with a minus, as in `--sort -V`."""
+
+    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
+        """Keep the last word that was given: click does not tell it to `shell_complete`."""
+        context.meta["fiv.last"] = args[-1] if args else ""
+        return super().parse_args(context, args)
+
+    def shell_complete(self, context: click.Context, incomplete: str) -> list[CompletionItem]:
+        """What the option that lacks its value takes; else options."""
+        options = (each for each in self.params if isinstance(each, click.Option) and not each.is_flag)
+        for option in options:
+            if context.meta["fiv.last"] in option.opts:
+                return option.shell_complete(context, incomplete)
+        return super().shell_complete(context, incomplete)

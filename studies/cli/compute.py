@@ -115,14 +115,15 @@ def draw_map(
     with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)
         plane = maps.plane_of(x, y, halvings)
-        sweep = maps.sweep_of(plane, quantity, maps.fixed_of(fixed), halvings, tolerance)
-        file = maps.file_of(plane, quantity, out)
+        held = maps.fixed_of(fixed)
+        sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance)
+        file = maps.file_of(plane, quantity, out, held)
         check_free(file)
         planned = sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
 
     def execute() -> Finished:
         with progress(planned.todo, quiet) as told:
-            return maps.execute(planned, backend, told, fail_fast)
+            return runner.execute(planned, *backend, told, fail_fast=fail_fast)
 
     carry_out(planned, execute, yes, quiet, verbose)
 
@@ -166,7 +167,7 @@ def _planned(
         given = asked.given(one)
         options: dict[str, Any] = {}
         for text in assignments:
-            axis, values = spec.assignment(text)
+            axis, values = spec.assignment(text, one.texts)
             if axis in options:
                 raise InputError(f"--set {text!r}: {axis} is set already; give all its values at once")
             options[axis] = values

@@ -137,12 +137,18 @@ def query_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--show",
             metavar="A,B,...",
             shell_complete=completion.COLUMNS,
-            help="Which columns, in this order.",
+            help="Which columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",
+        ),
+        click.option(
+            "--by",
+            metavar="A,B,...",
+            shell_complete=completion.COLUMNS,
+            help="Group the rows that agree in these columns.",
         ),
         click.option(
             "--sort",
             metavar="A,...",
-            shell_complete=completion.COLUMNS,
+            shell_complete=completion.SORTED_COLUMNS,
             help="By which columns; descending with a minus in front: --sort -velocity_rms.",
         ),
         click.option("--limit", type=click.IntRange(min=0), metavar="N", help="So many rows at most."),
@@ -153,6 +159,9 @@ def query_options(function: Callable[..., Any]) -> Callable[..., Any]:
             default="table",
             show_default=True,
             help="csv and json are in full precision.",
+        ),
+        click.option(
+            "--units", is_flag=True, help="Heads with units: V [m s-1]; in json as an object beside rows."
         ),
         out_option,
     )

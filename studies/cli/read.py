@@ -86,16 +86,18 @@ def show_status(target: str, as_json: bool, as_toml: bool, out: str | None, quie
     click.echo(dumps(told) if as_json else status_text(found))
 
 
-@command("query", "Rows of a result as a table, CSV or JSON.")
+@command("query", "Rows of a result as a table, CSV or JSON.", completion.SignedCommand)
 @click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @query_options
 def query_rows(
     target: str,
     where: str | None,
     show: str | None,
+    by: str | None,
     sort: str | None,
     limit: int | None,
     form: str,
+    units: bool,
     out: str | None,
     quiet: bool,
     verbose: bool,
@@ -104,24 +106,29 @@ def query_rows(
 
     \b
     fiv query regimes --where 'mu > 0.2 and regime == "intermittent"' --sort -velocity_rms --limit 5
+    fiv query regimes --where 'regime in ("periodic", "irregular")' --show 'V*1000, mu, regime' --units
+    fiv query regimes --by mu --show count,mean:stick_fraction,share:regime
     fiv query fig5 --where 'growth_rate > 0 and mu == 0.2' --show mu,frequency,growth_rate
-    fiv query results/map/growth_rate-theta-mu.nc --where '5 <= theta <= 8' --format csv > map.csv
     fiv query scenes --where 'status == "failed"' --show V,theta,mu,F,error
 
-    EXPR is of comparisons (== != < <= > >=, also 0.1 < mu < 0.2), and, or, not, + - * / **, brackets, numbers,
+    EXPR is of comparisons (== != < <= > >= in, also 0.1 < mu < 0.2), and, or, not, + - * / **, brackets, numbers,
     'texts' and names: axes, variables, and the settings of the study. Words such as those of regime and status may
     have spaces or underscores. No comparison is true of a missing value; x == nan finds it, x != nan all others.
 
     Equality of an axis with a number finds the axis's nearest value, if it is within a thousandth of that value's
     distance from its nearest neighbour, and of an axis with one value within a millionth of it. So theta ==
-    5.0000001 finds 5. Where no value is so near, no row matches and the nearest value is told.
+    5.0000001 finds 5. Where no value is so near, no row matches and a message has the nearest value.
 
     The points of the sweep are the rows. A variable that has many entries at each point (of modes, members, in
-    time) makes a row of each entry where it is asked for; entries without a value are left out, unless EXPR has
+    time) makes a row of each entry where it is named; entries without a value are left out, unless EXPR has
     nan in it. Without --show the columns are the axes and all that has one value for each row; with it they are
     those, and whatever tells the entries apart.
+
+    With --by the rows that agree in its columns are one group and one row. --show then has count, and mean:X,
+    std:X (of a sample), min:X, max:X and median:X of the values that are not missing; share:X is the share of the
+    group's rows that have each word, or for which a condition is true. --sort and --limit act on the groups.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies.query.printing import print_rows
+    from studies.query.output import print_rows
     from studies.query.query import select
 
     def note(text: str) -> None:
@@ -130,8 +137,8 @@ def query_rows(
 
     with InputErrors(verbose):
         dataset = opened(target, out, quiet)
-        chosen = select(dataset, where, show=show, sort=sort, limit=limit, note=note)
-        print_rows(chosen, form, show is None, note)
+        chosen = select(dataset, where, show=show, by=by, sort=sort, limit=limit, note=note)
+        print_rows(chosen, form, show is None, units, note)
 
 
 @command("plot", "Draw the figure of a study or map again.")

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from fivcore import Scene, Transient
 from studies import paper
+from studies.claims import Claim, beside
 from studies.gallery.stability.study import largest_growth
-from studies.motion import recording, transients
-from studies.motion.jobs import BATCH_MULTIPLE, Job, outcomes
-from studies.plotting import figures
-from studies.study import Setting, Study, constants, rig_of, rig_settings
-from studies.tables import Part, Table
-from sweeps import Axis, Grid, Sweep, Variable
+from studies.motion import recording, regimes, transients
+from studies.motion.jobs import BATCH_MULTIPLE
+from studies.plotting import figures, planes
+from studies.rig import rig_settings
+from studies.study import Setting, Study, constants
+from studies.tables import Column, Part, Table
+from sweeps import Axis, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Colours and line styles of the inclinations; of more the figure shows so many, evenly chosen.
 LOOKS = ((figures.BLUE, "-"), (figures.ORANGE, "-"), (figures.GREEN, "--"), (figures.BLACK, ":"))
@@ -30,6 +34,10 @@ STABILITY = {
     "mode_growth_rate": Variable("s-1", "growth rate of the fastest-growing mode of steady sliding below 10 kHz"),
     "mode_frequency": Variable("Hz", "frequency of the fastest-growing mode of steady sliding below 10 kHz"),
 }
+CLAIMS = (
+    Claim("dominant_frequency", {"theta": 10.0, "V": paper.ANGLES_SPEED}, paper.ANGLES[10.0], "3.6, measured"),
+    Claim("regime", {"theta": 15.0, "V": paper.ANGLES_SPEED}, "steady sliding", "3.6, measured"),
+)
 VARIABLES = (
     {
         "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
@@ -46,23 +54,12 @@ def histories(
     points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
 ) -> dict[str, Any]:
     """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
-    times = transients.even_times(fixed["duration"], sample_rate).values
 
-    own = {"record": ("velocity_B",), "sample_rate": transients.OVERSAMPLING * sample_rate}
-
-    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
-        run = runs[0]
-        series = transients.velocity(run, times, sample_rate)
+    def values(run: Transient, series: np.ndarray, times: np.ndarray) -> dict[str, Any]:
         spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)
-        return (
-            {"velocity_B": series, "spectrum": spectrum}
-            | dict(zip(STABILITY, fastest(run.scene), strict=True))
-            | recording.series(runs[-1], record)
-            | transients.figures_of(run)
-        )
+        return {"spectrum": spectrum} | dict(zip(STABILITY, fastest(run.scene), strict=True))
 
-    every = transients.scenes(points, fixed)
-    return outcomes([recording.jobs(scene, fixed, own, record, times) for scene in every], values)
+    return recording.histories(points, fixed, values, ("velocity_B",), record, sample_rate)
 
 
 def fastest(scene: Scene) -> tuple[float, float]:
@@ -71,125 +68,64 @@ def fastest(scene: Scene) -> tuple[float, float]:
     return float(growth), float(frequency)
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """The sweep over theta."""
-    rig, _ = rig_of(dict(settings) | {"theta": paper.THETA})
-    fixed = transients.held(settings, rig, "V", "mu", "F")
-    sample_rate = settings["sample_rate"]
-    grid = Grid(axes)
-    transients.check(grid, fixed, sample_rate)
-    return Sweep(
-        "fig11",
-        histories,
-        grid,
-        VARIABLES,
-        fixed | {"sample_rate": sample_rate},
-        coords={
-            "elapsed": transients.even_times(settings["duration"], sample_rate),
-            "frequency": transients.frequencies(sample_rate),
-        },
-        title="Velocity of B at two inclinations (Fig. 11)",
-        batch_multiple=BATCH_MULTIPLE,
-    )
-
-
 def findings(dataset: xr.Dataset) -> list[Part]:
     """What the rig does at each inclination, what stability says, and what was measured."""
-    given, text = constants(dataset), transients.text
-    papers = transients.is_papers(dataset, V=paper.ANGLES_SPEED)
-    lines: list[Part] = [
+    given = constants(dataset)
+    columns: dict[str, Column] = {
+        "theta deg": ("theta", "g"),
+        "vibration": regimes.kind,
+        "main line Hz": (regimes.main_line, ".0f"),
+        "RMS mm/s": ("velocity_rms", ".3f", 1e3),
+        "fastest mode 1/s": ("mode_growth_rate", ".0f"),
+        "at Hz": ("mode_frequency", ".0f"),
+    }
+    return [
         f"Velocity of B, V = {1e3 * given['V']:g} mm/s, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s; RMS and main line from {transients.SETTLING:g} s after the first slip on.",
         "",
+        Table.of(dataset, "theta", columns),
+        "",
+        "Fastest mode: the growth rate of steady sliding's least stable mode; below 0 all decay.",
+        *beside(dataset, CLAIMS),
     ]
-    rows = []
-    for k, theta in enumerate(dataset["theta"].values):
-        at = dataset.isel(theta=k)
-        name = transients.regime_name(at)
-        # What is left of a vibration that dies has a strongest line too, but none that sounds.
-        main = np.nan if name == "steady sliding" else at["dominant_frequency"]
-        rows.append(
-            [
-                f"{theta:g}",
-                name,
-                text(main, 0),
-                text(at["velocity_rms"], 3, 1e3),
-                text(at["mode_growth_rate"], 0),
-                text(at["mode_frequency"], 0),
-                _measured(theta) if papers else "-",
-            ]
-        )
-    heads = ["theta deg", "vibration", "main line Hz", "RMS mm/s", "fastest mode 1/s", "at Hz", "measured (paper)"]
-    lines.append(Table(heads, rows))
-    lines += ["", "Fastest mode: the growth rate of steady sliding's least stable mode; below 0 all decay."]
-    for k, theta in enumerate(dataset["theta"].values):
-        main, said = float(dataset["dominant_frequency"][k]), paper.ANGLES.get(theta, np.nan)
-        if papers and np.isfinite(said) and np.isfinite(main):
-            lines.append(f"{theta:g} degrees: {100.0 * (main / said - 1.0):+.1f} % from the measured frequency.")
-    return lines
-
-
-def _measured(theta: float) -> str:
-    if theta not in paper.ANGLES:
-        return "-"
-    said = paper.ANGLES[theta]
-    return "stable sliding" if np.isnan(said) else f"vibrates at {said:.0f} Hz"
 
 
 def draw(dataset: xr.Dataset) -> Figure:
     """The histories as in the paper; below, how the vibration grows or dies, and the spectra."""
     given = constants(dataset)
     some = transients.some(dataset.sizes["theta"], len(LOOKS))
-    figure, _ = figures.panels(1, 1, 17.0, 15.0)
-    figure.clear()
-    top, growth, tones = figure.subplot_mosaic(
-        [["top", "top"], ["growth", "tones"]], gridspec_kw={"height_ratios": (1.0, 1.1)}
-    ).values()
-    elapsed = dataset["elapsed"].values
+    layout = [["top", "top"], ["growth", "tones"]]
+    figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.0, 1.1))
+    top, growth, tones = panels.values()
     for k, (colour, style) in zip(some, LOOKS, strict=False):
         at = dataset.isel(theta=k)
-        name = transients.regime_name(at)
-        main = float(at["dominant_frequency"])
-        lined = "" if name == "steady sliding" or np.isnan(main) else f", main line {main:.0f} Hz"
-        label = f"θ = {float(at['theta']):g}°: {name}{lined}"
-        if name == "failed":
+        kind, main = regimes.kind(at), float(regimes.main_line(at))
+        label = f"{planes.named('theta', at['theta'])}: {kind}" + (
+            f", main line {main:.0f} Hz" if main > 0.0 else ""
+        )
+        if kind == "failed":
             top.plot([], [], color=colour, linestyle=style, label=label)
             continue
+        velocity = 1e3 * at["velocity_B"].values.astype(float)
         # A quiet trace would vanish under a loud one.
-        loud = float(np.ptp(at["velocity_B"].values[len(elapsed) // 2 :]))
-        figures.trace(
-            top, elapsed, 1e3 * at["velocity_B"].values.astype(float), color=colour, label=label, zorder=3.0 - loud
-        )
+        above = 3.0 - 1e-3 * float(np.ptp(velocity[len(velocity) // 2 :]))
+        figures.trace(top, at["elapsed"].values, velocity, color=colour, label=label, zorder=above)
         _draw_growth(growth, at, colour, float(given["V"]))
-        power = 10.0 * np.log10(np.maximum(at["spectrum"].values.astype(float), 1e-30))
-        tones.plot(dataset["frequency"].values / 1e3, power, style, color=colour, linewidth=1.0)
-    top.set_xlim(0.0, given["duration"])
-    top.set_xlabel("time since the drive started / s")
+        tones.plot(at["frequency"] / 1e3, figures.decibels(at["spectrum"]), style, color=colour, linewidth=1.0)
+    top.set(xlim=(0.0, given["duration"]), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")
-    growth.set_yscale("log")
-    growth.set_xlabel("time since the first slip / s")
-    growth.set_ylabel("velocity of B about its mean,\nlargest in 0.5 ms / (m/s)")
     growth.plot([], [], color=figures.RED, linestyle="--", label="growth of the fastest mode of steady sliding")
-    growth.set_xlim(0.0, FOLLOWED)
-    if transients.is_papers(dataset, V=paper.ANGLES_SPEED):
-        for said in {f for f in paper.ANGLES.values() if np.isfinite(f)}:
-            tones.axvline(
-                said / 1e3,
-                color=figures.RED,
-                linestyle=":",
-                linewidth=1.4,
-                zorder=3.0,
-                label="paper: measured at 10°",
-            )
+    growth.set(yscale="log", xlim=(0.0, FOLLOWED), xlabel="time since the first slip / s")
+    growth.set_ylabel("velocity of B about its mean,\nlargest in 0.5 ms / (m/s)")
+    if paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED):
+        look: dict[str, Any] = {"color": figures.RED, "linestyle": ":", "linewidth": 1.4, "zorder": 3.0}
+        tones.axvline(paper.ANGLES[10.0] / 1e3, **look, label="paper: measured at 10°")
     tones.set_xlim(0.0, transients.BAND / 1e3)
     tones.set_ylim(bottom=max(tones.get_ylim()[0], tones.get_ylim()[1] - 200.0))
-    tones.set_xlabel("frequency / kHz")
-    tones.set_ylabel("PSD / dB re 1 (m/s)²/Hz")
+    tones.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
     figures.legend_below(figure, [top, growth, tones], 2)
-    figure.suptitle(
-        f"Velocity of B along x, V = {1e3 * given['V']:g} mm/s, μ = {given['mu']:g}, F = {given['F']:g} N"
-        + transients.of_all(some, dataset.sizes["theta"])
-    )
+    where = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
+    figure.suptitle(f"Velocity of B along x, {where}{transients.of_all(some, dataset.sizes['theta'])}")
     return figure
 
 
@@ -228,7 +164,12 @@ STUDY = Study(
     | transients.run_settings(1.0)
     | {"sample_rate": Setting(40e3, "Hz", "of the series kept")}
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},
-    build=build,
+    function=histories,
+    variables=VARIABLES,
+    constants=transients.constants("V", "mu", "F", "sample_rate"),
+    coords=transients.series_coords,
+    check=transients.check,
+    options={"batch_multiple": BATCH_MULTIPLE},
     draw=draw,
     findings=findings,
     record=recording.on_own_times,

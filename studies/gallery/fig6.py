@@ -3,37 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache, partial
-from typing import Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from fivcore import Rig, SlidingModes, flutter_onsets, node_positions, sliding_modes
+from fivcore import Rig, SlidingModes, checks, flutter_onsets, node_positions, sliding_modes
 from studies import paper
+from studies.claims import Claim, beside
+from studies.gallery import fig5
 from studies.plotting import figures
+from studies.rig import rig_settings
 from studies.spec import evenly
-from studies.study import Study, constants, is_papers, rig_of, rig_settings
-from studies.tables import Part
-from sweeps import Axis, Grid, Sweep, Variable
+from studies.study import Study, constants
+from studies.tables import Column, Part, Table
+from sweeps import Axis
 
-BAND = 10e3
-MU_MAX = 1.0
-# The pair is followed from its onset in steps of mu so small that what is nearest to it is itself.
-STEP = 2e-4
-MOST_STEPS = 20_000
-NOTHING = complex(np.nan, np.nan)
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# The pair is followed from its onset, at most at MU_MAX, in steps of mu so small that what is nearest to it is
+# itself; as far as needed, in whole pieces, so that few paths serve all batches.
+MU_MAX, STEP, PIECE, MOST_MU = 1.0, 2e-4, 0.2, 4.0
+CLAIMS = (
+    Claim("frequency", {"mode": 5, "mu": 0.0}, paper.MODES_5_AND_6[0], "3.4.2, Fig. 6a"),
+    Claim("frequency", {"mode": 6, "mu": 0.0}, paper.MODES_5_AND_6[1], "3.4.2, Fig. 6a"),
+    Claim("lock_in_mu", {}, paper.ONSETS[0][0], "3.4.2, steps of 0.01"),
+    Claim("lock_in_frequency", {}, paper.ONSETS[0][1], "3.4.2"),
+)
 
 
-def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float, mu_end: float) -> dict[str, Any]:
+def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float) -> dict[str, Any]:
     """Frequency and growth rate of the two modes that lock in first; NaN where they have left the band."""
     mu = points["mu"]
-    grid, followed = path(rig, theta, fmax, mu_end)
+    followed = path(rig, theta, fmax, int(np.ceil(mu.max() / PIECE)))
     found = sliding_modes(rig, theta, mu, fmax)
     frequency, growth = np.full((2, len(mu), 2), np.nan)
-    for m, near in enumerate(np.rint(mu / grid[1])):
+    for m, near in enumerate(np.rint(mu / STEP)):
         both = closest_two(found, m, followed[int(near)])
         if both is not None:
             frequency[m], growth[m] = found.frequency[m, both], found.growth_rate[m, both]
@@ -41,23 +49,44 @@ def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float, mu_e
 
 
 @lru_cache(maxsize=8)
-def path(rig: Rig, theta: float, fmax: float, mu_end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Even values of mu from 0 to `mu_end` or the onset, and the pair's eigenvalues lambda there, (mu, 2)."""
+def lock_in(rig: Rig, theta: float, fmax: float) -> tuple[float, float]:
+    """Friction and frequency at which the first two modes lock in.
+
+    Raises
+    ------
+    ValueError
+        If no two do.
+    """
     onsets = flutter_onsets(rig, theta, fmax, MU_MAX)
-    onset, square = float(onsets.mu[0]), complex((2.0 * np.pi * onsets.frequency[0]) ** 2)
-    last = max(mu_end, onset)
-    mu = np.linspace(0.0, last, min(int(np.ceil(last / STEP)), MOST_STEPS) + 1)
+    if not len(onsets.mu):
+        raise ValueError(
+            f"theta = {theta:g}: no two modes below {fmax / 1e3:g} kHz lock in up to mu = {MU_MAX:g} with these "
+            f"settings; nearer to theta = {paper.THETA:g} and the other defaults they do"
+        )
+    return float(onsets.mu[0]), float(onsets.frequency[0])
+
+
+@lru_cache(maxsize=8)
+def path(rig: Rig, theta: float, fmax: float, pieces: int) -> np.ndarray:
+    """The pair's eigenvalues lambda at multiples of STEP, (mu, 2), over so many pieces of mu or to its onset."""
+    onset, frequency = lock_in(rig, theta, fmax)
+    mu = STEP * np.arange(round(max(pieces, np.ceil(onset / PIECE)) * PIECE / STEP) + 1)
     found = sliding_modes(rig, theta, mu, fmax)
-    followed = np.full((len(mu), 2), NOTHING)
+    followed = np.full((len(mu), 2), complex(np.nan, np.nan))
     start = int(np.abs(mu - onset).argmin())
     for way in (range(start, len(mu)), range(start - 1, -1, -1)):
-        here = np.array([square, square]) if way.step > 0 else followed[start]
+        here = np.full(2, at_onset(frequency)) if way.step > 0 else followed[start]
         for m in way:
             both = closest_two(found, m, here)
             if both is None:
                 break
             here = followed[m] = found.eigenvalue[m, both]
-    return mu, followed
+    return followed
+
+
+def at_onset(frequency: float) -> complex:
+    """Eigenvalue lambda of the two modes where they lock in."""
+    return complex((2.0 * np.pi * frequency) ** 2)
 
 
 def closest_two(found: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | None:
@@ -65,16 +94,16 @@ def closest_two(found: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | N
 
     The one of lower frequency comes first, after lock-in the decaying one.
     """
-    felt = np.nonzero(~found.uncoupled[m] & np.isfinite(found.frequency[m]))[0]
-    if len(felt) < 2 or np.isnan(near[0]):
+    coupled = np.nonzero(~found.uncoupled[m] & np.isfinite(found.frequency[m]))[0]
+    if len(coupled) < 2 or np.isnan(near[0]):
         return None
-    values = found.eigenvalue[m, felt]
+    values = found.eigenvalue[m, coupled]
     cost = np.abs(values[:, None] - near[0]) + np.abs(values - near[1])
     np.fill_diagonal(cost, np.inf)
     first, second = np.unravel_index(cost.argmin(), cost.shape)
     if cost[first, second] > 0.5 * np.abs(near).sum():
         return None
-    both = felt[[first, second]]
+    both = coupled[[first, second]]
     frequency, growth = found.frequency[m, both], found.growth_rate[m, both]
     # Once their eigenvalues are a conjugate pair, the frequencies differ by rounding and damping alone.
     pair_values = found.eigenvalue[m, both]
@@ -82,25 +111,22 @@ def closest_two(found: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | N
     return both[np.lexsort((growth, frequency)) if apart else np.argsort(growth)]
 
 
-def with_shape(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float, mu_end: float) -> xr.Dataset:
+def with_shape(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float) -> xr.Dataset:
     """Add the lock-in point and the shape of the mode that becomes unstable there."""
-    onsets = flutter_onsets(rig, theta, fmax, MU_MAX)
-    mu, frequency = float(onsets.mu[0]), float(onsets.frequency[0])
+    mu, frequency = lock_in(rig, theta, fmax)
     found = sliding_modes(rig, theta, [mu], fmax)
-    both = closest_two(found, 0, np.full(2, complex((2.0 * np.pi * frequency) ** 2)))
+    both = closest_two(found, 0, np.full(2, at_onset(frequency)))
     assert both is not None
     # At its onset the mode neither grows nor decays, while its partner decays twice as fast as before.
     marginal = both[np.abs(found.growth_rate[0, both]).argmin()]
     shape, position = found.shape[0, marginal], node_positions(rig, theta)
-    beam = np.repeat(np.array([1, 2], dtype=np.int8), [rig.p1.elements + 1, rig.p2.elements + 1])
+    numbers = np.array([1, 2], dtype=np.int8)
+    beam = np.repeat(numbers, [rig.p1.elements + 1, rig.p2.elements + 1])
+    flags = {"flag_values": numbers, "flag_meanings": "P1 P2", "long_name": "beam"}
     added: dict[str, Any] = {
         "lock_in_mu": ((), mu, {"units": "1", "long_name": "coefficient of friction at lock-in"}),
         "lock_in_frequency": ((), frequency, {"units": "Hz", "long_name": "frequency at lock-in"}),
-        "beam": (
-            "node",
-            beam,
-            {"flag_values": np.array([1, 2], dtype=np.int8), "flag_meanings": "P1 P2", "long_name": "beam"},
-        ),
+        "beam": ("node", beam, flags),
     }
     for axis, name in enumerate("xy"):
         undeformed = {"units": "m", "long_name": f"undeformed position from the contact along {name}"}
@@ -112,58 +138,44 @@ def with_shape(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float, mu_e
     return dataset.assign(added)
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """Find which two modes coalesce first, and their numbers among all modes without friction."""
-    rig, theta = rig_of(settings)
-    end = float(axes["mu"].values.max())
-    for mu in (axes["mu"].values.min(), end):
-        sliding_modes(rig, theta, mu, BAND)
-    if not len(flutter_onsets(rig, theta, BAND, MU_MAX).mu):
-        raise ValueError(
-            f"theta = {theta:g}: no two modes below {BAND / 1e3:g} kHz lock in up to mu = {MU_MAX:g} with these "
-            "settings; nearer to theta = 5 and the other defaults they do"
-        )
-    numbers = closest_two(sliding_modes(rig, theta, [0.0], BAND), 0, path(rig, theta, BAND, end)[1][0])
+def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
+    """Refuse frictions to which the pair is not followed."""
+    for mu in axes["mu"].values[[0, -1]]:
+        checks.between("mu", mu, 0.0, MOST_MU, "a coefficient of friction")
+
+
+def mode_numbers(*, rig: Rig, theta: float, fmax: float) -> dict[str, Axis]:
+    """The axis of the two modes, by their numbers among all modes without friction."""
+    numbers = closest_two(sliding_modes(rig, theta, [0.0], fmax), 0, path(rig, theta, fmax, 1)[0])
     if numbers is None:
         raise ValueError(
             f"theta = {theta:g}: the two modes that lock in cannot be followed back to mu = 0 below "
-            f"{BAND / 1e3:g} kHz with these settings; nearer to the defaults they can"
+            f"{fmax / 1e3:g} kHz with these settings; nearer to the defaults they can"
         )
-    fixed: dict[str, Any] = {"rig": rig, "theta": theta, "fmax": BAND, "mu_end": end}
-    return Sweep(
-        "fig6",
-        pair,
-        Grid(axes),
-        {
-            "frequency": Variable("Hz", "frequency of the sliding mode", ("mode",)),
-            "growth_rate": Variable("s-1", "growth rate of the sliding mode", ("mode",)),
-        },
-        fixed,
-        coords={"mode": Axis(numbers + 1, "1", "number of the mode without friction, ascending in frequency")},
-        title="Lock-in of two modes of steady sliding (Fig. 6)",
-        derive=partial(with_shape, **fixed),
-    )
+    return {"mode": Axis(numbers + 1, "1", "number of the mode without friction, ascending in frequency")}
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Where the two modes start, where they lock in, and the paper's numbers."""
+    """Where the two modes start, where they lock in, and how the contact moves in the unstable one."""
     start = dataset.isel(mu=0)
-    low, high = (float(f) for f in start["frequency"].values)
-    modes = dataset["mode"].values
-    lines: list[Part] = [
-        f"Modes {modes[0]} and {modes[1]}, theta = {constants(dataset)['theta']:g} degrees.",
-        f"At mu = {float(start['mu']):g}: {low:.0f} Hz and {high:.0f} Hz.",
-        f"Lock-in at mu = {float(dataset['lock_in_mu']):.4f}, {float(dataset['lock_in_frequency']):.0f} Hz.",
+    columns: dict[str, Column] = {
+        "mode": ("mode", "g"),
+        f"Hz at mu = {float(start['mu']):g}": ("frequency", ".0f"),
+    }
+    moved = [
+        [name, *(f"{abs(each):.3f}" for each in node)]
+        for name, node in zip(("P1's tip", "P2 under it"), _at_contact(dataset), strict=True)
     ]
-    if is_papers(dataset):
-        (mu, frequency), (f5, f6) = paper.ONSETS[0], paper.MODES_5_AND_6
-        lines.append(f"Paper: {f5:.0f} and {f6:.0f} Hz without friction, lock-in at {mu:g}, {frequency:.0f} Hz.")
-    c, d = _at_contact(dataset)
-    lines.append(
-        f"In the unstable mode P1's tip moves {abs(c[0]):.2f} along x and {abs(c[1]):.2f} along y, "
-        f"P2 under it {abs(d[0]):.3f} and {abs(d[1]):.2f} (largest displacement of the rig = 1)."
-    )
-    return lines
+    return [
+        f"Two modes of steady sliding, theta = {constants(dataset)['theta']:g} degrees: lock-in at mu = "
+        f"{float(dataset['lock_in_mu']):.4f}, {float(dataset['lock_in_frequency']):.0f} Hz.",
+        "",
+        Table.of(start, "mode", columns),
+        "",
+        "The contact in the unstable mode at lock-in; the largest displacement of the rig is 1.",
+        Table(["of", "along x", "along y"], moved, words=1),
+        *beside(dataset, CLAIMS),
+    ]
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -175,82 +187,61 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
-    mu = dataset["mu"].values
-    frequency, growth = dataset["frequency"].values, dataset["growth_rate"].values
+    mu, frequency, growth = (dataset[name].values for name in ("mu", "frequency", "growth_rate"))
+    numbers, theta = dataset["mode"].values, constants(dataset)["theta"]
     for k, (colour, marker) in enumerate([(figures.BLUE, "o"), (figures.RED, "s")]):
-        axes.plot(growth[:, k], frequency[:, k], color=colour, label=f"mode {int(dataset['mode'][k])}")
+        axes.plot(growth[:, k], frequency[:, k], color=colour, label=f"mode {numbers[k]}")
         axes.plot(growth[:1, k], frequency[:1, k], marker, color=colour)
-    start, end = float(mu[0]), float(mu[-1])
-    axes.plot(
-        0.0,
-        float(dataset["lock_in_frequency"]),
-        "*",
-        markersize=11,
-        color=figures.BLACK,
-        label=f"lock-in, model: μ = {float(dataset['lock_in_mu']):.4f}",
-    )
-    if is_papers(dataset):
-        axes.plot(
-            [0.0, 0.0],
-            paper.MODES_5_AND_6,
-            "D",
-            markerfacecolor="none",
-            color=figures.ORANGE,
-            label="paper: μ = 0",
-        )
-        axes.plot(
-            0.0, paper.ONSETS[0][1], "D", color=figures.ORANGE, label=f"lock-in, paper: μ = {paper.ONSETS[0][0]:g}"
-        )
+    here, hertz = float(dataset["lock_in_mu"]), float(dataset["lock_in_frequency"])
+    axes.plot(0.0, hertz, "*", markersize=11, color=figures.BLACK, label=f"lock-in, model: μ = {here:.4f}")
+    if paper.is_point(dataset, theta=paper.THETA):
+        there, hertz = paper.ONSETS[0]
+        paper_look: dict[str, Any] = {"marker": "D", "linestyle": "", "color": figures.ORANGE}
+        axes.plot([0.0, 0.0], paper.MODES_5_AND_6, **paper_look, markerfacecolor="none", label="paper: μ = 0")
+        axes.plot(0.0, hertz, **paper_look, label=f"lock-in, paper: μ = {there:g}")
     axes.axvline(0.0, color=figures.GREY, linewidth=0.8)
-    axes.set_xlabel("growth rate / (1/s)")
-    axes.set_ylabel("frequency / Hz")
-    modes, theta = " and ".join(map(str, dataset["mode"].values)), constants(dataset)["theta"]
-    axes.set_title(f"root locus of modes {modes}, μ from {start:g} to {end:g}, θ = {theta:g}°")
+    axes.set(xlabel="growth rate / (1/s)", ylabel="frequency / Hz")
+    modes = " and ".join(map(str, numbers))
+    axes.set_title(f"root locus of modes {modes}, μ from {mu[0]:g} to {mu[-1]:g}, θ = {theta:g}°")
     axes.legend(loc="upper left")
 
 
 def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
+    """The shape at the phase of its largest displacement, as it is stored, and faintly through its period."""
     position, shape = _nodes(dataset)
     position *= 1e3
-    beam = dataset["beam"].values
     scale = 0.12 * float(np.ptp(position[:, 0]))
-    # A complex mode is drawn at the phase of its largest displacement, and faintly through its period.
+    beams = [dataset["beam"].values == number for number in (1, 2)]
     for phase in np.linspace(0.0, np.pi, 7)[1:]:
         moved = position + scale * (shape * np.exp(1j * phase)).real
-        for number in (1, 2):
-            axes.plot(*moved[beam == number].T, color=figures.GREY, linewidth=0.6, alpha=0.5)
-    for number, colour in ((1, figures.RED), (2, figures.BLUE)):
-        part = beam == number
-        axes.plot(*position[part].T, color=figures.BLACK, linewidth=0.8, linestyle="--")
-        moved = position[part] + scale * shape[part].real
-        axes.plot(*moved.T, color=colour, linewidth=2.0, label=f"P{number}")
+        for beam in beams:
+            axes.plot(*moved[beam].T, color=figures.GREY, linewidth=0.6, alpha=0.5)
+    for beam, colour, label in zip(beams, (figures.RED, figures.BLUE), ("P1", "P2"), strict=True):
+        axes.plot(*position[beam].T, color=figures.BLACK, linewidth=0.8, linestyle="--")
+        axes.plot(*(position + scale * shape.real)[beam].T, color=colour, linewidth=2.0, label=label)
     axes.plot([], [], color=figures.BLACK, linewidth=0.8, linestyle="--", label="undeformed")
     axes.plot([], [], color=figures.GREY, linewidth=0.6, label="other phases")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x from the contact / mm")
-    axes.set_ylabel("y / mm")
-    axes.set_title(
-        f"unstable mode at lock-in, {float(dataset['lock_in_frequency']):.0f} Hz (displacement not to scale)"
-    )
+    axes.set(xlabel="x from the contact / mm", ylabel="y / mm")
+    frequency = float(dataset["lock_in_frequency"])
+    axes.set_title(f"unstable mode at lock-in, {frequency:.0f} Hz (displacement not to scale)")
     axes.legend(loc="upper right")
 
 
 def _nodes(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Undeformed positions, m, and complex displacements of the nodes, (node, 2)."""
-    position = np.stack([dataset[f"node_{axis}"].values for axis in "xy"], axis=1)
-    real, imag = (
-        np.stack([dataset[f"shape_{axis}_{part}"].values for axis in "xy"], axis=1) for part in ("real", "imag")
-    )
-    return position, real + 1j * imag
+
+    def both(name: str) -> np.ndarray:
+        return np.stack([dataset[name.format(axis)].values for axis in "xy"], axis=1)
+
+    return both("node_{}"), both("shape_{}_real") + 1j * both("shape_{}_imag")
 
 
-def _at_contact(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+def _at_contact(dataset: xr.Dataset) -> list[np.ndarray]:
     """Displacement of C and of the node of P2 nearest to the contact."""
     position, shape = _nodes(dataset)
-    distance = np.abs(position).sum(axis=1)
-    beam = dataset["beam"].values
-    c, d = (shape[np.argmin(np.where(beam == number, distance, np.inf))] for number in (1, 2))
-    return c, d
+    distance, beam = np.abs(position).sum(axis=1), dataset["beam"].values
+    return [shape[np.argmin(np.where(beam == number, distance, np.inf))] for number in (1, 2)]
 
 
 STUDY = Study(
@@ -263,7 +254,12 @@ STUDY = Study(
     "tangential motion of the contact are strongly coupled.",
     axes={"mu": Axis(evenly(0.0, 0.2, 2001), "1", "coefficient of friction")},
     settings=rig_settings(),
-    build=build,
+    function=pair,
+    variables=fig5.VARIABLES,
+    constants=fig5.constants_of,
+    coords=mode_numbers,
+    check=check,
+    derive=with_shape,
     draw=draw,
     findings=findings,
 )

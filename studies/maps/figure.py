@@ -17,19 +17,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from studies import paper
+from studies.maps.findings import held, readable
 from studies.maps.quantities import AXES, GROWTH, QUANTITIES, RIG
+from studies.motion import regimes
 from studies.plotting import figures, planes
 from studies.study import constants
 from sweeps import DONE, FAILED, INTERPOLATED, PENDING
 
-# Units and factors for a reader.
-UNITS = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "s-1": ("1/s", 1.0), "1": ("", 1.0)}
 STABLE = "#e9e9e9"
 # A map has room for that many dots; more would hide it.
 MOST_DOTS = 3000
+MARKER: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "black"}
 
 
-class Plane(NamedTuple):
+class Panel(NamedTuple):
     """Where to draw, and the two axes of the map; as the functions of `studies.plotting.planes` take them."""
 
     axes: Axes
@@ -44,21 +45,21 @@ def draw(dataset: xr.Dataset) -> Figure:
     quantity = constants(dataset)["quantity"]
     variable = dataset[quantity]
     x, y = map(str, variable.dims)
-    found = variable.values.T.astype(float)
+    values = variable.values.T.astype(float)
     status = dataset["status"].values.T
     figure, (axes,) = figures.panels(1, 1, 17.0, 12.0)
-    plane = Plane(axes, x, dataset[x].values, y, dataset[y].values)
-    if QUANTITIES[quantity].whole:
-        handles = _draw_classes(plane, quantity, found)
+    panel = Panel(axes, x, dataset[x].values, y, dataset[y].values)
+    if QUANTITIES[quantity].is_whole:
+        handles = _draw_classes(panel, quantity, values)
     else:
-        handles = _draw_shades(figure, plane, quantity, found)
-    handles += _draw_gaps(plane, found, status)
-    handles += _draw_computed(plane, status)
+        handles = _draw_shades(figure, panel, quantity, values)
+    handles += _draw_gaps(panel, values, status)
+    handles += _draw_computed(panel, status)
     handles += _draw_paper(axes, dataset)
-    for side, name, values in ((axes.xaxis, x, plane.xs), (axes.yaxis, y, plane.ys)):
-        if len(values) == 1:
+    for side, name, along in ((axes.xaxis, x, panel.xs), (axes.yaxis, y, panel.ys)):
+        if len(along) == 1:
             # The cell has an extent, the value has none.
-            side.set_ticks(planes.shown(name, values))
+            side.set_ticks(planes.shown(name, along))
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     about = ", ".join(held(dataset))
@@ -67,37 +68,16 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def held(dataset: xr.Dataset) -> list[str]:
-    """What was the same at all points and matters, for a reader; of the rig what is not the paper's."""
-    given = constants(dataset)
-    known = QUANTITIES[given["quantity"]]
-    told = [planes.named(name, given[name]) for name in known.matter if name in given]
-    if "V" not in known.matter and given.get("V", 1.0) < 0.0:
-        told.append("V < 0")
-    papers = {name: AXES[name].value for name in RIG}
-    told += [planes.named(name, given[name]) for name in RIG if given.get(name, papers[name]) != papers[name]]
-    if "members" in given:
-        told.append(f"{given['members']} run{'s' if given['members'] > 1 else ''} a point")
-    return told
-
-
-def readable(quantity: str, units: str) -> tuple[str, float]:
-    """Name and unit of a quantity as they stand at a scale, and the factor to that unit."""
-    unit, factor = UNITS.get(units, (units, 1.0))
-    name = quantity.replace("_", " ")
-    return (f"{name} / ({unit})" if "/" in unit else f"{name} / {unit}" if unit else name), factor
-
-
-def _draw_classes(plane: Plane, quantity: str, found: NDArray[Any]) -> list[Any]:
+def _draw_classes(panel: Panel, quantity: str, values: NDArray[Any]) -> list[Any]:
     """Each class in its colour; what stands for it in the legend."""
-    kinds = np.unique(found[np.isfinite(found)]).astype(int)
+    kinds = np.unique(values[np.isfinite(values)]).astype(int)
     if quantity == "regime":
-        planes.classes(*plane, found, planes.COLOURS)
+        planes.classes(*panel, values, planes.COLOURS)
         return planes.patches(kinds)
     most = int(kinds.max(initial=0))
     shades = matplotlib.colormaps["cividis"](np.linspace(0.0, 1.0, max(most, 1)))
     colours = [STABLE, *(to_hex(shade) for shade in shades)]
-    planes.classes(*plane, found, colours)
+    planes.classes(*panel, values, colours)
     name = quantity.replace("_", " ")
     return [
         Patch(facecolor=colours[k], edgecolor="black", linewidth=0.5, label=f"{k} {name if k == kinds[0] else ''}")
@@ -105,46 +85,46 @@ def _draw_classes(plane: Plane, quantity: str, found: NDArray[Any]) -> list[Any]
     ]
 
 
-def _draw_shades(figure: Figure, plane: Plane, quantity: str, found: NDArray[Any]) -> list[Any]:
+def _draw_shades(figure: Figure, panel: Panel, quantity: str, values: NDArray[Any]) -> list[Any]:
     """A number as lightness; of a growth rate only what grows, with the boundary."""
     label, factor = readable(quantity, QUANTITIES[quantity].variable.units)
     handles: list[Any] = []
-    shaded = factor * found
+    shaded = factor * values
     norm = None
     if quantity == "growth_rate":
-        planes.classes(*plane, np.where(found <= 0.0, 0.0, np.nan), [STABLE])
+        planes.classes(*panel, np.where(values <= 0.0, 0.0, np.nan), [STABLE])
         handles.append(Patch(facecolor=STABLE, edgecolor="black", linewidth=0.5, label="stable"))
-        if min(found.shape) > 1 and np.any(found > 0.0) and np.any(found <= 0.0):
-            across, up = planes.shown(plane.x, plane.xs), planes.shown(plane.y, plane.ys)
-            plane.axes.contour(across, up, found, levels=[0.0], colors="black", linewidths=1.2)
+        if min(values.shape) > 1 and np.any(values > 0.0) and np.any(values <= 0.0):
+            across, up = planes.shown(panel.x, panel.xs), planes.shown(panel.y, panel.ys)
+            panel.axes.contour(across, up, values, levels=[0.0], colors="black", linewidths=1.2)
             handles.append(Line2D([], [], color="black", linewidth=1.2, label="growth rate 0"))
-        shaded = np.where(found > 0.0, found, np.nan)
+        shaded = np.where(values > 0.0, values, np.nan)
         norm = Normalize(0.0)
     if np.any(np.isfinite(shaded)):
-        mesh = planes.shades(*plane, shaded, norm)
-        planes.colour_bar(figure, mesh, plane.axes, label)
-    planes.set_axes(*plane)
+        mesh = planes.shades(*panel, shaded, norm)
+        planes.colour_bar(figure, mesh, panel.axes, label)
+    planes.set_axes(*panel)
     return handles
 
 
-def _draw_gaps(plane: Plane, found: NDArray[Any], status: NDArray[Any]) -> list[Any]:
+def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list[Any]:
     """Hatch what failed; say what else is white."""
     handles: list[Any] = []
     computed = _nearest_computed(status)
-    failed = (computed == FAILED) & ~np.isfinite(found)
+    failed = (computed == FAILED) & ~np.isfinite(values)
     if failed.any():
-        mesh = plane.axes.pcolor(
-            planes.edges(planes.shown(plane.x, plane.xs)),
-            planes.edges(planes.shown(plane.y, plane.ys)),
+        mesh = panel.axes.pcolor(
+            planes.edges(planes.shown(panel.x, panel.xs)),
+            planes.edges(planes.shown(panel.y, panel.ys)),
             np.ma.masked_where(~failed, failed),
             edgecolor=figures.GREY,
             linewidth=0.0,
             hatch=planes.HATCHES["failed"],
         )
         mesh.set_facecolor("none")
-        handles += planes.patches([planes.KINDS.index("failed")])
+        handles += planes.patches([regimes.KINDS.index("failed")])
     for label, there in (
-        ("no value", (computed == DONE) & ~np.isfinite(found)),
+        ("no value", (computed == DONE) & ~np.isfinite(values)),
         ("not computed", status == PENDING),
     ):
         if there.any():
@@ -161,20 +141,13 @@ def _nearest_computed(status: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(status[tuple(nearest)])
 
 
-def _draw_computed(plane: Plane, status: NDArray[Any]) -> list[Any]:
+def _draw_computed(panel: Panel, status: NDArray[Any]) -> list[Any]:
     """A dot for each computed point, where others are not."""
     up, across = np.nonzero(np.isin(status, (DONE, FAILED)))
     if not np.any(status == INTERPOLATED) or len(across) > MOST_DOTS:
         return []
-    look: dict[str, Any] = {
-        "linestyle": "none",
-        "marker": "o",
-        "markersize": 2.0,
-        "markerfacecolor": "white",
-        "markeredgecolor": "black",
-        "markeredgewidth": 0.3,
-    }
-    plane.axes.plot(planes.shown(plane.x, plane.xs[across]), planes.shown(plane.y, plane.ys[up]), **look)
+    look = MARKER | {"marker": "o", "markersize": 2.0, "markeredgewidth": 0.3}
+    panel.axes.plot(planes.shown(panel.x, panel.xs[across]), planes.shown(panel.y, panel.ys[up]), **look)
     share = 100.0 * len(across) / status.size
     return [Line2D([], [], label=f"computed ({share:.2g} %), others interpolated", **look)]
 
@@ -188,17 +161,10 @@ def _draw_paper(axes: Axes, dataset: xr.Dataset) -> list[Any]:
         onsets = [tests[0] | {"mu": mu} for mu, _ in paper.ONSETS]
         looks.append(("D", 5.5, "paper: first unstable μ", onsets))
     for marker, size, label, points in looks:
-        there = {place for point in points if (place := _place(dataset, point)) is not None}
-        if there:
-            look: dict[str, Any] = {
-                "linestyle": "none",
-                "marker": marker,
-                "markersize": size,
-                "markerfacecolor": "white",
-                "markeredgecolor": "black",
-                "markeredgewidth": 0.9,
-            }
-            axes.plot(*zip(*sorted(there), strict=True), zorder=4.0, clip_on=False, **look)
+        places = {place for point in points if (place := _place(dataset, point)) is not None}
+        if places:
+            look = MARKER | {"marker": marker, "markersize": size, "markeredgewidth": 0.9}
+            axes.plot(*zip(*sorted(places), strict=True), zorder=4.0, clip_on=False, **look)
             handles.append(Line2D([], [], label=label, **look))
     return handles
 

@@ -4,35 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import Scene, checks
 from studies import runner, spec
 from studies.gallery.regimes import study as regimes
 from studies.maps import quantities
-from studies.maps.figure import draw, held, readable
 from studies.maps.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, check_jobs
-from studies.plotting import planes
-from studies.study import Study, constants, rig_of, suggest
-from studies.tables import Part
+from studies.rig import rig_of
+from studies.study import Study, deferred, suggest
 from sweeps import (
-    INTERPOLATED_FLAG,
-    STATUS_FLAGS,
     Axis,
     Grid,
-    Plan,
-    Progress,
     Refinement,
     Sweep,
-    open_results,
     refined,
 )
 
@@ -40,6 +32,8 @@ NAME = "map"
 # Largest error of interpolation of a refined map, in units of the range of its values.
 TOLERANCE = 0.02
 MOST_POINTS = 4_000_000
+# Of a file's name; file systems allow 255 bytes, and other endings take its place.
+MOST_LETTERS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,37 +72,37 @@ def sweep_of(
     ValueError
         Naming the argument; nothing is planned then.
     """
-    known = _known(quantity)
-    given = _settings(plane, quantity, known, fixed)
-    limit = _tolerance(quantity, known, halvings, tolerance)
+    definition = _definition(quantity)
+    constants = _constants(plane, quantity, fixed)
+    tolerance = _tolerance(definition, quantity, halvings, tolerance)
     count = len(plane.xs) * len(plane.ys)
     if count > MOST_POINTS:
         raise ValueError(
             f"{len(plane.xs)} x {len(plane.ys)} values are {count} points: it must be at most {MOST_POINTS}"
         )
-    _check(plane, known, given)
-    if "members" in given:
-        given |= {"members": int(given["members"]), "method": transients.METHOD}
+    _check(plane, definition, constants)
+    if "members" in constants:
+        constants |= {"members": int(constants["members"]), "method": transients.METHOD}
+    variable = definition.variable
+    scaled = bool(variable.scale) and "F" in (plane.x, plane.y)
     axes = {
         name: Axis(values, AXES[name].units, AXES[name].long_name)
         for name, values in ((plane.x, plane.xs), (plane.y, plane.ys))
     }
-    scaled = bool(known.variable.scale) and "F" in axes
-    variable = known.variable if scaled else replace(known.variable, scale="")
     sweep = Sweep(
         NAME,
-        known.find,
+        definition.function,
         Grid(axes),
-        {quantity: variable},
-        {"quantity": quantity} | given,
-        key=known.alike,
+        {quantity: variable if scaled else replace(variable, scale="")},
+        {"quantity": quantity} | constants,
+        key=definition.key,
         scale=quantities.load if scaled else None,
         # Bases are made anew for each of their values.
         order_by=tuple(name for name in axes if name not in ("V", "mu", "F")),
-        title=f"{known.variable.long_name[0].upper()}{known.variable.long_name[1:]}, over {plane.x} and {plane.y}",
-        batch_multiple=BATCH_MULTIPLE if known.find is quantities.motion else 1,
+        title=f"{variable.long_name[0].upper()}{variable.long_name[1:]}, over {plane.x} and {plane.y}",
+        batch_multiple=BATCH_MULTIPLE if definition.function is quantities.motion else 1,
     )
-    return refined(sweep, Refinement(quantity, halvings, limit, known.thresholds))
+    return refined(sweep, Refinement(quantity, halvings, tolerance, definition.thresholds))
 
 
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
@@ -136,36 +130,31 @@ def fixed_of(texts: Sequence[str]) -> dict[str, float]:
     return fixed
 
 
-def execute(
-    plan: Plan,
-    backend: tuple[str, int | None],
-    progress: Progress | None = None,
-    fail_fast: bool = False,
-) -> runner.Finished:
-    """Run a map's plan, then draw what its file holds.
+def file_of(
+    plane: Plane, quantity: str, out: str | Path | None = None, fixed: Mapping[str, float] | None = None
+) -> Path:
+    """Where a map is kept: its name tells what is fixed at other values than the paper's.
 
-    Parameters
-    ----------
-    plan : Plan
-    backend : tuple
-        Scheduler and workers.
-    progress : callable, optional
-        As for `Plan.run`.
-    fail_fast : bool
-        Stop at the first point that fails.
+    So maps that differ in what they fix are kept beside each other, whatever the order it was given in.
     """
-    assert plan.store is not None
-    dataset = plan.run(*backend, progress, fail_fast=fail_fast)
-    whole = dataset if plan.points == plan.manifest.grid.size else open_results(plan.store)
-    return runner.Finished(STUDY, dataset, plan.store, runner.plot(STUDY, whole, plan.store))
+    other = (f"{key}={spec.typed(value)}" for key, value in changed(quantity, fixed or {}).items())
+    name = "-".join([quantity, plane.x, plane.y, *other])
+    if len(name) > MOST_LETTERS:
+        name = f"{quantity}-{plane.x}-{plane.y}-{sha256(name.encode()).hexdigest()[:16]}"
+    return runner.results_folder(out) / NAME / f"{name}.nc"
 
 
-def file_of(plane: Plane, quantity: str, out: str | Path | None = None) -> Path:
-    """Where a map is kept."""
-    return runner.results_folder(out) / NAME / f"{quantity}-{plane.x}-{plane.y}.nc"
+def defaults(quantity: str) -> dict[str, float]:
+    """What can be fixed in a map of this quantity, by name, with the values that they have otherwise."""
+    return {name: each.value for name, each in (AXES | dict(_definition(quantity).settings)).items()}
 
 
-def _known(quantity: str) -> Quantity:
+def changed(quantity: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What of the given values can be fixed in a map of this quantity, and is not the default."""
+    return {name: given[name] for name, own in defaults(quantity).items() if given.get(name, own) != own}
+
+
+def _definition(quantity: str) -> Quantity:
     if quantity not in QUANTITIES:
         raise ValueError(
             f"quantity = {quantity!r}: there is no such quantity; {suggest(quantity, list(QUANTITIES))}"
@@ -174,9 +163,10 @@ def _known(quantity: str) -> Quantity:
     return QUANTITIES[quantity]
 
 
-def _settings(plane: Plane, quantity: str, known: Quantity, fixed: Mapping[str, float]) -> dict[str, Any]:
+def _constants(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> dict[str, Any]:
     """What is the same at all points."""
-    for side, name in (("x", plane.x), ("y", plane.y)):
+    sides = {"x": plane.x, "y": plane.y}
+    for side, name in sides.items():
         if name not in AXES:
             near = suggest(name, list(AXES))
             raise ValueError(f"--{side} {name}: there is no such axis; {near}the axes are {', '.join(AXES)}")
@@ -184,105 +174,71 @@ def _settings(plane: Plane, quantity: str, known: Quantity, fixed: Mapping[str, 
             raise ValueError(f"--{side} mu: {quantity} is found over all mu, which cannot be an axis then")
     if plane.x == plane.y:
         raise ValueError(f"--y {plane.y}: it is the axis --x already; a map has two")
-    given = {name: each.value for name, each in (AXES | dict(known.settings)).items()}
-    for name, value in fixed.items():
-        if name in (plane.x, plane.y):
+    every = defaults(quantity)
+    for name in fixed:
+        if name in sides.values():
             raise ValueError(f"--fix {name}: it is an axis of this map; leave it out")
-        if name not in given:
+        if name not in every:
             why = f"{quantity} does not depend on it" if name in RUN else "there is no such axis or setting"
-            near = suggest(name, list(given))
-            raise ValueError(f"--fix {name}: {why}; {near}what can be fixed is {', '.join(given)}")
-        given[name] = value
-    return {name: value for name, value in given.items() if name not in (plane.x, plane.y)}
+            near = suggest(name, list(every))
+            raise ValueError(f"--fix {name}: {why}; {near}what can be fixed is {', '.join(every)}")
+    return {name: value for name, value in (every | dict(fixed)).items() if name not in sides.values()}
 
 
-def _tolerance(quantity: str, known: Quantity, halvings: int, tolerance: float | None) -> float | None:
+def _tolerance(definition: Quantity, quantity: str, halvings: int, tolerance: float | None) -> float | None:
     if tolerance is None:
-        return None if known.whole else TOLERANCE
-    if known.whole:
-        raise ValueError(
-            f"tolerance = {tolerance:g}: {quantity} has whole numbers, between which nothing is interpolated; "
-            "leave it out"
-        )
-    if halvings == 0:
-        raise ValueError(f"tolerance = {tolerance:g}: it is for a refined map; say --refine N as well")
+        return None if definition.is_whole else TOLERANCE
+    problem = "" if halvings else "it is for a refined map; say --refine N as well"
+    if definition.is_whole:
+        problem = f"{quantity} has whole numbers, between which nothing is interpolated; leave it out"
+    if problem:
+        raise ValueError(f"tolerance = {tolerance:g}: {problem}")
     return checks.between("tolerance", tolerance, 1e-12, 1e12, "of the range of the values")
 
 
-def _check(plane: Plane, known: Quantity, given: Mapping[str, Any]) -> None:
+def _check(plane: Plane, definition: Quantity, constants: Mapping[str, Any]) -> None:
     """Find out, before anything is planned, what cannot be computed.
 
     A scene whose contact has no unique solution is not refused: its point fails by itself.
     """
-    x, y = plane.xs[0], plane.ys[0]
-    for point in [(each, y) for each in plane.xs] + [(x, each) for each in plane.ys]:
-        _scene(plane, given, *point)
-    corners = [_scene(plane, given, *point) for point in product(plane.xs[[0, -1]], plane.ys[[0, -1]])]
-    if "cutoff" in known.settings:
-        checks.between("cutoff", given["cutoff"], 0.0, 1e12, "Hz")
-    if "members" in known.settings:
-        checks.count("members", given["members"], regimes.MOST_MEMBERS)
-        ensembles.check(given)
-        fixed = {**given, "method": transients.METHOD}
+    for x, y in [*product(plane.xs, plane.ys[:1]), *product(plane.xs[:1], plane.ys)]:
+        _scene(plane, constants, x, y)
+    if "cutoff" in definition.settings:
+        checks.between("cutoff", constants["cutoff"], 0.0, 1e12, "Hz")
+    if "members" in definition.settings:
+        checks.count("members", constants["members"], regimes.MOST_MEMBERS)
+        ensembles.check(constants)
+        fixed = {**constants, "method": transients.METHOD}
+        corners = [_scene(plane, constants, x, y) for x, y in product(plane.xs[[0, -1]], plane.ys[[0, -1]])]
         check_jobs([ensembles.member(scene, 1, fixed, 1e-6) for scene in corners])
 
 
-def _scene(plane: Plane, given: Mapping[str, Any], x: float, y: float) -> Scene:
-    numbers = {name: float(each) for name, each in given.items() if name in AXES}
+def _scene(plane: Plane, constants: Mapping[str, Any], x: float, y: float) -> Scene:
+    numbers = {name: float(value) for name, value in constants.items() if name in AXES}
     numbers |= {plane.x: float(x), plane.y: float(y)}
     rig, _ = rig_of(numbers)
     return Scene(**{name: numbers[name] for name in transients.SCENE}, rig=rig)
 
 
-def findings(dataset: xr.Dataset) -> list[Part]:
-    """What was mapped, how many of its points were computed, and what was found."""
-    quantity = constants(dataset)["quantity"]
-    values, status = dataset[quantity], dataset["status"].values
-    about = held(dataset)
-    lines: list[Part] = [f"{quantity}: {values.attrs['long_name']}{'; ' if about else ''}{', '.join(about)}"]
-    for name in map(str, values.dims):
-        ends = planes.shown(name, dataset[name].values[[0, -1]])
-        lines.append(f"over {planes.label(name)} from {ends[0]:g} to {ends[1]:g} ({dataset.sizes[name]})")
-    counts = [
-        f"{count} {word} ({100.0 * count / status.size:.3g} %)"
-        for code, word in enumerate((STATUS_FLAGS | INTERPOLATED_FLAG).values())
-        if (count := int(np.count_nonzero(status == code)))
-    ]
-    lines += ["", f"{status.size} points: {', '.join(counts)}."]
-    return [*lines, *_found(quantity, values.values[np.isfinite(values.values)])]
+def _refused(*_: Any) -> NoReturn:
+    raise ValueError(f"STUDY = {NAME!r}: maps are made by a command of their own: fiv map --help tells how")
 
 
-def _found(quantity: str, values: NDArray[Any]) -> list[str]:
-    """The range of a number, or the share of each class."""
-    if not len(values):
-        return ["No point has a value."]
-    if not QUANTITIES[quantity].whole:
-        label, factor = readable(quantity, QUANTITIES[quantity].variable.units)
-        lines = [f"{label} from {factor * values.min():.4g} to {factor * values.max():.4g}."]
-        if quantity == "growth_rate":
-            lines.append(f"Unstable at {100.0 * np.mean(values > 0.0):.3g} % of the points.")
-        return lines
-    kinds, counts = np.unique(values.astype(int), return_counts=True)
-    words = transients.REGIMES if quantity == "regime" else None
-    shares = [
-        f"{words[kind] if words else kind} {100.0 * count / len(values):.3g} %"
-        for kind, count in zip(kinds.tolist(), counts, strict=True)
-    ]
-    return [f"{quantity.replace('_', ' ')} at points with a value: {', '.join(shares)}."]
+class _Maps(Study):
+    """What draws and explains a map's file; whatever is set, a map is not made as a study is."""
+
+    def sweep(self, given: Mapping[str, Any], **series: Any) -> Sweep:
+        _refused()
 
 
-def _not_here(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    raise ValueError(f"STUDY = {NAME!r}: a map has no axes of its own; make one with: fiv map --x ... --y ...")
-
-
-STUDY = Study(
+STUDY = _Maps(
     name=NAME,
     title="Maps: one quantity over any two axes",
     question="How does a quantity change over a plane?",
     paper="Table 6 and Figs. 5 and 11 are lines and points of such planes.",
     axes={},
     settings={},
-    build=_not_here,
-    draw=draw,
-    findings=findings,
+    build=_refused,
+    draw=deferred("studies.maps.figure:draw"),
+    findings=deferred("studies.maps.findings:findings"),
 )

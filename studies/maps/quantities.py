@@ -7,7 +7,7 @@ what a quantity does not depend on are computed once.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from fivcore import Rig, Scene, Transient, critical_mu, flutter_onsets, glued_frequencies
 from studies import paper
 from studies.gallery.regimes import study as regimes
-from studies.gallery.scenes import study as scenes
 from studies.gallery.stability import study as stability
-from studies.motion import ensembles, transients
+from studies.motion import ensembles, normalised, transients
 from studies.motion.jobs import Job, outcomes
-from studies.study import Setting, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting
 from sweeps import Variable
 
 Points = Mapping[str, Any]
@@ -46,10 +46,8 @@ class Quantity:
     Attributes
     ----------
     variable : Variable
-    find : callable
-        The function of a sweep.
-    alike : callable
-        The key of a sweep.
+    function, key : callable
+        Of a sweep.
     matter : tuple of str
         What of a scene, besides its rig, the quantity depends on; of V only the sign if theta stands without V.
     thresholds : tuple of float
@@ -59,14 +57,14 @@ class Quantity:
     """
 
     variable: Variable
-    find: Callable[..., dict[str, Any]]
-    alike: Callable[[Points], NDArray[Any]]
+    function: Callable[..., dict[str, Any]]
+    key: Callable[[Points], NDArray[Any]]
     matter: tuple[str, ...]
     thresholds: tuple[float, ...] = ()
     settings: Mapping[str, Setting] = field(default_factory=dict)
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """Whether it is a class or a count."""
         return np.dtype(self.variable.dtype).kind == "i"
 
@@ -75,20 +73,20 @@ def growth(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
     """Of the fastest-growing mode of steady sliding; or how many modes grow."""
     every = _complete(points, fixed)
     theta, mu, rigs = _drive_theta(every), every["mu"], _rig_of_each(every)
-    found = np.empty(len(mu))
+    values = np.empty(len(mu))
     for rig in dict.fromkeys(rigs):
         rows = [k for k, each in enumerate(rigs) if each == rig]
-        values = stability.largest_growth(rig, theta[rows], mu[rows], transients.BAND)
-        found[rows] = dict(zip(GROWTH, values, strict=True))[quantity]
-    return {quantity: found}
+        grown = stability.largest_growth(rig, theta[rows], mu[rows], transients.BAND)
+        values[rows] = dict(zip(GROWTH, grown, strict=True))[quantity]
+    return {quantity: values}
 
 
 def onset(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
     """Of the flutter onset at the lowest friction up to 1; NaN where there is none."""
 
     def lowest(rig: Rig, theta: float) -> float:
-        found = flutter_onsets(rig, theta, transients.BAND)
-        values = found.mu if quantity == "onset_mu" else found.frequency
+        onsets = flutter_onsets(rig, theta, transients.BAND)
+        values = onsets.mu if quantity == "onset_mu" else onsets.frequency
         return float(values[0]) if len(values) else np.nan
 
     return {quantity: _each(lowest, points, fixed)}
@@ -113,22 +111,19 @@ def contact_limit(points: Points, *, quantity: str, cutoff: float, **fixed: Any)
 def motion(
     points: Points, *, quantity: str, members: int, least: float, load_ups: float, most: float, **fixed: Any
 ) -> dict[str, Any]:
-    """What an ensemble of runs of each point's canonical scene says; in units of F where F is an axis."""
+    """What an ensemble of runs of each point's normalised scene says; in units of F where F is an axis."""
     every = _complete(points, fixed)
-    canonical = zip(*scenes.canonical(every), strict=True)
-    chosen = [
-        Scene(float(pace), float(theta), float(mu), 1.0, rig)
-        for (pace, theta, mu), rig in zip(canonical, _rig_of_each(every), strict=True)
-    ]
+    normal = zip(*normalised.coordinates(every), _rig_of_each(every), strict=True)
+    scenes = [Scene(float(V), float(theta), float(mu), 1.0, rig) for V, theta, mu, rig in normal]
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         return {quantity: regimes.ensemble_figures(runs)[quantity]}
 
-    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in chosen]
-    found = outcomes(jobs, values, copies=True)
-    if quantity in scenes.SCALED and "F" not in points:
-        found[quantity] = found[quantity] * fixed["F"]
-    return found
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in scenes]
+    columns = outcomes(jobs, values, copies=True)
+    if quantity in normalised.SCALED and "F" not in points:
+        columns[quantity] = columns[quantity] * fixed["F"]
+    return columns
 
 
 def same_drive(points: Points) -> NDArray[Any]:
@@ -144,19 +139,19 @@ def same_sliding(points: Points) -> NDArray[Any]:
 
 def same_motion(points: Points) -> NDArray[Any]:
     """Equal rows for copies of one scene of one rig."""
-    return _columns(points, *scenes.canonical(_complete(points, SAME)))
+    return _columns(points, *normalised.coordinates(_complete(points, SAME)))
 
 
 def load(points: Points) -> dict[str, NDArray[Any]]:
-    """What the figures of a canonical scene are multiplied by."""
+    """What the summary of a normalised scene is multiplied by."""
     return {"load": np.asarray(points["F"], dtype=float)}
 
 
 def _complete(points: Points, fixed: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Every number that makes a scene, one entry a point, as far as it is told."""
+    """Every number that makes a scene and is given, one entry a point."""
     count = len(next(iter(points.values())))
-    held = {name: np.full(count, float(fixed[name])) for name in AXES if name in fixed and name not in points}
-    return held | {name: np.asarray(values, dtype=float) for name, values in points.items()}
+    same = {name: np.full(count, float(fixed[name])) for name in AXES if name in fixed and name not in points}
+    return same | {name: np.asarray(values, dtype=float) for name, values in points.items()}
 
 
 def _drive_theta(every: Points) -> NDArray[Any]:
@@ -187,7 +182,6 @@ ONSETS = {
     "onset_mu": Variable("1", "friction at the lowest flutter onset below 10 kHz and up to 1"),
     "onset_frequency": Variable("Hz", "frequency at the lowest flutter onset below 10 kHz and up to 1"),
 }
-LIMITS = {"critical_mu": Variable("1", "friction from which on the contact force is not unique")}
 GLUED = {
     f"glued_frequency_{k}": Variable("Hz", f"natural frequency {k} of the beams glued at the contact")
     for k in range(1, 9)
@@ -196,23 +190,20 @@ MOTION = {name: regimes.VARIABLES[name] for name in ("regime", "regime_certainty
 RUN = {name: each for name, each in regimes.STUDY.settings.items() if name not in AXES}
 
 QUANTITIES: dict[str, Quantity] = (
-    {
-        name: Quantity(
-            stability.VARIABLES[name],
-            growth,
-            same_sliding,
-            ("theta", "mu"),
-            (0.0,) if name == "growth_rate" else (),
-        )
-        for name in GROWTH
-    }
-    | {name: Quantity(each, onset, same_drive, ("theta",)) for name, each in ONSETS.items()}
+    {name: Quantity(stability.VARIABLES[name], growth, same_sliding, ("theta", "mu")) for name in GROWTH}
+    | {name: Quantity(variable, onset, same_drive, ("theta",)) for name, variable in ONSETS.items()}
     | {
-        name: Quantity(each, contact_limit, same_drive, ("theta",), settings={"cutoff": RUN["cutoff"]})
-        for name, each in LIMITS.items()
+        "critical_mu": Quantity(
+            Variable("1", "friction from which on the contact force is not unique"),
+            contact_limit,
+            same_drive,
+            ("theta",),
+            settings={"cutoff": RUN["cutoff"]},
+        )
     }
-    | {name: Quantity(each, glued, same_drive, ("theta",)) for name, each in GLUED.items()}
+    | {name: Quantity(variable, glued, same_drive, ("theta",)) for name, variable in GLUED.items()}
     | {name: Quantity(each, motion, same_motion, transients.SCENE, settings=RUN) for name, each in MOTION.items()}
 )
+QUANTITIES["growth_rate"] = replace(QUANTITIES["growth_rate"], thresholds=(0.0,))
 # Found over all mu: with mu as an axis there is nothing to show.
-OVER_MU = (*ONSETS, *LIMITS)
+OVER_MU = (*ONSETS, "critical_mu")

@@ -36,6 +36,12 @@ def settings(least: float, load_ups: float, most: float) -> dict[str, Setting]:
     }
 
 
+def held(settings: Mapping[str, float]) -> dict[str, Any]:
+    """What every run of an ensemble has in common."""
+    names = ("ramp", "cutoff", "leap", *SETTINGS)
+    return {name: settings[name] for name in names} | {"method": transients.METHOD}
+
+
 def check(fixed: Mapping[str, Any]) -> None:
     """Refuse settings that say nothing of how long a run is to be.
 
@@ -58,8 +64,8 @@ def ramp_of(member: float, ramp: float) -> float:
 
 def load_up(scene: Scene) -> float:
     """Time in which the drive loads a stuck contact from rest until it slips, s: mu F / (k_t V)."""
-    canonical = Normalised.of(scene)
-    return slip_distance(canonical) / canonical.speed_per_load
+    normalised = Normalised.of(scene)
+    return slip_distance(normalised) / normalised.speed_per_load
 
 
 def own_duration(scene: Scene, ramp: float, least: float, load_ups: float, most: float) -> float:

@@ -1,32 +1,32 @@
-"""Series of the motion kept besides what a study finds: which there are, how they are taken and declared.
+"""Series of the motion that are kept besides a study's own variables: their names, times and declaration.
 
 A series holds samples, not averages: at each of its times the value that the motion has there, on the line
-between two of the solver's steps. What the motion has above half the sample rate is folded into what is below; the
-contact's spikes of microseconds are met or missed.
+between two of the solver's steps. Frequencies above half the sample rate fold into those below; spikes of
+microseconds at the contact may fall between two samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fivcore import Scene, Transient, checks
+from fivcore import Transient, checks
 from studies.motion import transients
-from studies.motion.jobs import Job
+from studies.motion.jobs import Job, outcomes
 from studies.study import suggest
 from sweeps import Sweep, Variable
 
 if TYPE_CHECKING:
     from studies.study import Study
 
-# Hz, where no other rate is asked for.
+# Hz, by default.
 SAMPLE_RATE = 50e3
 # Of one series of one scene.
 MOST_SAMPLES = 1_000_000
-# Most of a large sweep's file is series, and what is rounded can be compressed.
+# Series make most of a large sweep's file, and rounded ones can be compressed.
 DIGITS = 4
 
 _ELAPSED = ("elapsed",)
@@ -41,17 +41,12 @@ SERIES = {
         "1", "state of the contact, sampled", _ELAPSED, "int8", flags=dict(enumerate(transients.STATES))
     ),
 }
-# What multiplies the series of a canonical scene (`studies.gallery.scenes.study`).
+# What multiplies the series of a normalised scene (`studies.motion.normalised`).
 FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "along", "slip_velocity": "along"}
 
 
-def variables(record: Sequence[str]) -> dict[str, Variable]:
-    """The variables that hold the recorded series."""
-    return {name: SERIES[name] for name in record}
-
-
-def asked(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
-    """What `simulate` is told; nothing is kept where nothing is recorded."""
+def options(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
+    """Options of `simulate` for these series; nothing is kept where nothing is recorded."""
     return {"record": tuple(record), "sample_times": times} if record else {"record": False}
 
 
@@ -61,10 +56,46 @@ def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:
     return {name: values if name == "state" else values.astype(np.float32) for name, values in every.items()}
 
 
-def jobs(scene: Scene, fixed: Mapping[str, Any], own: Mapping[str, Any], *kept: Any) -> list[Job]:
-    """The run of a scene with its study's own record, and a second one if series are to be kept (`asked`)."""
-    first, second = transients.job(scene, fixed, **own), transients.job(scene, fixed, **asked(*kept))
-    return [first, second] if second.options["record"] else [first]
+def histories(
+    points: Mapping[str, Any],
+    fixed: Mapping[str, Any],
+    values: Callable[[Transient, np.ndarray, np.ndarray], Mapping[str, Any]],
+    own: Sequence[str],
+    record: Sequence[str],
+    sample_rate: float,
+) -> dict[str, Any]:
+    """Velocity of B at even times, summary figures and what a study adds, for the points of a batch.
+
+    Parameters
+    ----------
+    points, fixed : mapping
+        Of the study's function.
+    values : callable
+        `values(run, series, times)` returns what the study adds; `series` is the velocity of B at `times`.
+    own : sequence of str
+        Series that the study needs, of `fivcore.simulate`'s record; velocity_B among them.
+    record : sequence of str
+        Series to keep besides, taken from a second run of the scene.
+    sample_rate : float
+        Of what is kept, Hz.
+    """
+    times = transients.even_times(fixed["duration"], sample_rate).values
+    fine = {"record": tuple(own), "sample_rate": transients.OVERSAMPLING * sample_rate}
+    kept = [options(record, times)] if record else []
+
+    def all_values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        velocity = transients.velocity(runs[0], times, sample_rate)
+        study_values = values(runs[0], velocity, times)
+        return {
+            "velocity_B": velocity,
+            **study_values,
+            **series(runs[-1], record),
+            **transients.figures_of(runs[0]),
+        }
+
+    every = transients.scenes(points, fixed)
+    jobs = [[transients.job(scene, fixed, **each) for each in (fine, *kept)] for scene in every]
+    return outcomes(jobs, all_values)
 
 
 def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
@@ -113,7 +144,7 @@ def in_a_window(study: Study, given: Mapping[str, Any], names: Sequence[str], sa
 
 
 def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]:
-    """The names asked for, each once and in the order of SERIES, so that the order asked changes nothing."""
+    """The names, each once and in the order of SERIES, so that their order changes nothing."""
     names = (names,) if isinstance(names, str) else tuple(names)
     if not names:
         raise ValueError(f"sample_rate = {sample_rate!r}: it is for what is recorded, and nothing is; give record")
@@ -127,10 +158,10 @@ def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]
 
 
 def _added(sweep: Sweep, names: tuple[str, ...]) -> Sweep:
-    """The sweep with these series besides, scaled like its figures if it computes canonical scenes."""
+    """The sweep with these series besides, scaled like its figures if it computes normalised scenes."""
     if not names:
         return sweep
-    more = variables(names)
+    more = {name: SERIES[name] for name in names}
     if sweep.scale is not None:
         more = {name: replace(each, scale=FACTORS.get(name, "")) for name, each in more.items()}
     constants = {**sweep.constants, "record": names}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from fivcore import Rig, Scene, Transient, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.motion.jobs import Job, check_jobs
-from studies.study import Setting, constants
-from sweeps import Axis, Grid, Variable
+from studies.rig import rig_of
+from studies.study import Setting
+from sweeps import Axis, Variable
 
 Array = NDArray[Any]
 
@@ -27,7 +27,7 @@ BAND = 10e3
 WINDOW = 25e-3
 # The motion is recorded so much faster than kept: B rings far above the band, which must not fold into it.
 OVERSAMPLING = 8
-# Of one series, so that a slip of the pen does not fill the memory.
+# Of one series: a mistyped setting must not fill the memory.
 MOST_SAMPLES = 5_000_000
 # A long stick lasts at least this share of the first one (`fivcore.simulate`, min_stick).
 LONG_STICK = 0.2
@@ -79,8 +79,18 @@ def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
 
 
+def constants(*names: str) -> Callable[[Mapping[str, float]], dict[str, Any]]:
+    """`Study.constants` of scenes with one rig: what they have in common, and the settings called `names`."""
+
+    def of(settings: Mapping[str, float]) -> dict[str, Any]:
+        rig, _ = rig_of({"theta": paper.THETA, **settings})
+        return held(settings, rig, *names)
+
+    return of
+
+
 def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
-    """One scene a point; what the points do not say is fixed."""
+    """One scene for each point; what is no axis is fixed."""
     count = len(next(iter(points.values())))
     every = {name: points[name] if name in points else np.full(count, fixed[name]) for name in SCENE}
     return [Scene(**{name: float(every[name][k]) for name in SCENE}, rig=fixed["rig"]) for k in range(count)]
@@ -98,8 +108,8 @@ def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, *
     return Job(scene, fixed["duration"] if duration is None else duration, options | recording)
 
 
-def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
-    """Find out, before anything is planned, what cannot be run.
+def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
+    """Find out, before anything is planned, what a study with one axis cannot run.
 
     A scene whose contact has no unique solution is not refused: its point fails by itself.
 
@@ -108,11 +118,17 @@ def check(grid: Grid, fixed: Mapping[str, Any], sample_rate: float) -> None:
     ValueError
         Naming the axis or setting.
     """
-    checks.between("sample_rate", sample_rate, 1e3, 1e6, "Hz")
+    sample_rate = checks.between("sample_rate", fixed["sample_rate"], 1e3, 1e6, "Hz")
     most = MOST_SAMPLES / sample_rate
     checks.between("duration", fixed["duration"], 2.0 * WINDOW, most, f"s, at sample_rate = {sample_rate:g} Hz")
     checks.between("cutoff", fixed["cutoff"], 0.0, 1e12, "Hz")
-    check_jobs([job(scenes(grid.points(), fixed)[0], fixed, 1e-6)])
+    every = scenes({name: axis.values for name, axis in axes.items()}, fixed)
+    check_jobs([job(every[0], fixed, 1e-6)])
+
+
+def series_coords(*, duration: float, sample_rate: float, **_: Any) -> dict[str, Axis]:
+    """The axes of series kept from the start of the drive, and of their spectra."""
+    return {"elapsed": even_times(duration, sample_rate), "frequency": frequencies(sample_rate)}
 
 
 def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
@@ -134,10 +150,10 @@ def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
 
 
 def figures_of(run: Transient) -> dict[str, Any]:
-    """The summary figures of a run, those that `SUMMARY` describes among them."""
-    untold = ("stick_times", "stick_starts", "censored_sticks", "settled_early")
+    """The summary figures of a run; `SUMMARY` describes those of every study."""
+    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early")
     sticks = run.summary["stick_times"]
-    return {name: value for name, value in run.summary.items() if name not in untold} | {
+    return {name: value for name, value in run.summary.items() if name not in left_out} | {
         "regime": REGIMES.index(run.summary["regime"]),
         "long_sticks": len(sticks),
         "mean_stick_time": np.mean(sticks) if len(sticks) else np.nan,
@@ -151,7 +167,7 @@ def even_times(duration: float, sample_rate: float) -> Axis:
 
 
 def frequencies(sample_rate: float) -> Axis:
-    """Where a spectrum is known: twice as fine as its windows resolve, up to the end of the band."""
+    """Frequencies of a spectrum: twice as fine as its windows resolve, up to the end of the band."""
     full = np.fft.rfftfreq(2 * _length(sample_rate), 1.0 / sample_rate)
     return Axis(full[full <= BAND], "Hz", "frequency")
 
@@ -197,8 +213,8 @@ def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Ar
         centred = pieces - pieces.mean(axis=1, keepdims=True)
         total += np.sum(np.abs(np.fft.rfft(centred * hann, 2 * length, axis=1)) ** 2, axis=0)
         weight += len(pieces) * float(np.sum(hann**2))
-    known = len(frequencies(sample_rate))
-    return 2.0 * total[:known] / (weight * sample_rate) if weight else np.full(known, np.nan)
+    count = len(frequencies(sample_rate))
+    return 2.0 * total[:count] / (weight * sample_rate) if weight else np.full(count, np.nan)
 
 
 def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -237,19 +253,6 @@ def with_flags(dataset: xr.Dataset, **meanings: Sequence[str]) -> xr.Dataset:
         attributes["flag_values"] = np.arange(len(words), dtype=np.int8)
         attributes["flag_meanings"] = " ".join(word.replace(" ", "_") for word in words)
     return dataset
-
-
-def regime_name(point: xr.Dataset) -> str:
-    """The regime of one point in words."""
-    code = float(point["regime"])
-    return "failed" if np.isnan(code) else REGIMES[int(code)]
-
-
-def is_papers(dataset: xr.Dataset, **also: float) -> bool:
-    """Whether the paper's numbers stand beside this result: its rig, load and friction, and `also` as given."""
-    given = constants(dataset)
-    wanted = {"mu": paper.MU, "F": paper.LOAD} | also
-    return given["rig"] == asdict(Rig()) and all(given[name] == value for name, value in wanted.items())
 
 
 def some(count: int, most: int) -> list[int]:

@@ -1,19 +1,29 @@
-"""How every figure of the project looks: sizes, lines, and colours that colour blindness leaves apart."""
+"""How every figure of the project looks: sizes, lines, and colours that colour blindness leaves apart.
+
+Matplotlib is imported when something is drawn: workers and `fiv --help` never need it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from hashlib import sha256
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
 
-import matplotlib.style
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
 
 Array = NDArray[Any]
 
+# From this ratio of its ends on a logarithmic axis has ticks at powers of ten only.
+MANY_DECADES = 200.0
 # Okabe and Ito's palette; told apart in grey by lightness and by the markers used with it.
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
@@ -36,19 +46,67 @@ STYLE: Any = {
     "svg.hashsalt": "fiv",
 }
 
+# Metadata of each format: which entry names the data that a figure shows, and no date, so that the same result is
+# the same file.
+SOURCE = {"png": "Source", "svg": "Source", "pdf": "Keywords"}
+UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+# Of a large variable so many bytes are read at a time.
+READ_BYTES = 1 << 24
+
 
 @contextmanager
 def style() -> Iterator[None]:
     """Draw and save in the project's style, whatever the user's own settings."""
+    import matplotlib.style
+
     with matplotlib.style.context(["default", STYLE]):
         yield
 
 
+def data_digest(dataset: xr.Dataset) -> str:
+    """SHA-256 of all values of a result and of its configuration, but for the times that its points took."""
+    digest = sha256(str(dataset.attrs.get("configuration")).encode())
+    for name in sorted(map(str, set(dataset.variables) - {"wall_time"})):
+        variable = dataset[name].variable
+        digest.update(f"{name} {variable.dims} {variable.shape} {variable.dtype}".encode())
+        rows: Any = variable if variable.ndim else variable.expand_dims("row")
+        step = max(1, READ_BYTES * len(rows) // max(1, rows.nbytes))
+        for first in range(0, len(rows), step):
+            values = rows[first : first + step].values
+            texts = values.dtype.hasobject
+            digest.update("".join(f"{text!r}," for text in values.flat).encode() if texts else values.tobytes())
+    return digest.hexdigest()
+
+
+def saved(figure: Figure, form: str, digest: str) -> bytes:
+    """A figure as a file of this format, with the digest of the data that it shows among its metadata."""
+    file = BytesIO()
+    figure.savefig(file, format=form, dpi=200, metadata=UNDATED[form] | {SOURCE[form]: digest})
+    return file.getvalue()
+
+
+def shows(image: bytes, digest: str) -> bool:
+    """Whether a PNG file that `saved` gave was drawn from the data with this digest."""
+    return f"tEXt{SOURCE['png']}\0{digest}".encode() in image
+
+
 def panels(rows: int, columns: int, width: float, height: float, **options: object) -> tuple[Figure, list[Axes]]:
     """A figure of `width` by `height` cm and its panels, row by row."""
-    figure = Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
+    figure = _figure(width, height)
     axes = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
     return figure, list(axes.ravel())
+
+
+def mosaic(layout: Any, width: float, height: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
+    """A figure of `width` by `height` cm and its panels by their names in `layout`."""
+    figure = _figure(width, height)
+    return figure, figure.subplot_mosaic(layout, **options)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
 
 
 def trace(axes: Axes, x: Any, y: Any, columns: int = 1500, **options: Any) -> None:
@@ -81,6 +139,23 @@ def envelope(x: Any, y: Any, columns: int) -> tuple[Array, Array, Array]:
     low, high = np.fmin.reduceat(y, edges), np.fmax.reduceat(y, edges)
     ends = np.where(np.isnan(low), np.nan, y[after])
     return x[edges], np.fmin(low, ends), np.fmax(high, ends)
+
+
+def one_two_five(*sides: Axis) -> None:
+    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for side in sides:
+        if side.get_scale() == "log":
+            low, high = side.get_view_interval()
+            side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+            side.set_major_formatter("{x:g}")
+            side.set_minor_formatter(NullFormatter())
+
+
+def decibels(power: Any) -> Array:
+    """A power spectral density in decibels, with a floor far below any motion."""
+    return np.asarray(10.0 * np.log10(np.maximum(np.asarray(power, dtype=float), 1e-30)))
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:

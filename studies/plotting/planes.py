@@ -5,18 +5,24 @@ Colours survive colour blindness and grey print: shades rise in lightness, class
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, Normalize
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from studies.motion import transients
+from studies.motion.regimes import KINDS
 from studies.plotting import figures
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
 # Symbol, unit and factor of what may be an axis, for a reader.
 SYMBOLS = {
@@ -42,12 +48,15 @@ for _beam in ("p1", "p2"):
     for _name, (_symbol, _unit, _factor) in BEAM_SYMBOLS.items():
         SYMBOLS[f"{_beam}_{_name}"] = (f"{_symbol} of {_beam.upper()}", _unit, _factor)
 
-# What a scene's motion can be, or not be.
-KINDS = (*transients.REGIMES, "failed", "pending")
 # Of Okabe and Ito's colours; light and dark ones alternate.
 COLOURS = ("#d9d9d9", "#4d4d4d", "#a6dcf7", figures.ORANGE, figures.BLUE, figures.RED, "white", "white")
+STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
 DARK = ("stuck", "periodic", "irregular")
 HATCHES = {"failed": "xxxx"}
+# Of the regimes along an axis.
+MARKERS = "svo^Dp"
+# Panels across and down a figure; of more values it shows so many, evenly chosen.
+MOST_ACROSS, MOST_DOWN = 4, 3
 # From this ratio of its ends on an axis is logarithmic.
 WIDE = 20.0
 
@@ -115,6 +124,8 @@ def shades(
 
 def classes(axes: Axes, x: str, xs: Any, y: str, ys: Any, codes: NDArray[Any], colours: Sequence[str]) -> None:
     """Classes, (y, x), each in its colour; white where there is none."""
+    from matplotlib.colors import ListedColormap
+
     axes.pcolormesh(
         edges(shown(x, xs)),
         edges(shown(y, ys)),
@@ -127,8 +138,115 @@ def classes(axes: Axes, x: str, xs: Any, y: str, ys: Any, codes: NDArray[Any], c
     set_axes(axes, x, xs, y, ys)
 
 
+def multiples(
+    dataset: xr.Dataset,
+    x: str,
+    y: str,
+    others: Sequence[str],
+    size: Callable[[int, int], tuple[float, float]],
+    draw: Callable[[Axes, xr.Dataset], Any],
+) -> tuple[Figure, list[Any], str]:
+    """A panel of x and y for each value of up to two other axes, across and down.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Over V, theta, mu and F.
+    x, y : str
+        Axes of each panel.
+    others : sequence of str
+        Axes of the panels; of what is neither, the first value is shown.
+    size : callable
+        `size(across, down)` returns the figure's width and height, cm.
+    draw : callable
+        `draw(axes, at)` draws one panel of what `at` holds, (y, x, ...).
+
+    Returns
+    -------
+    figure : Figure
+    returned : list
+        What `draw` returned for each panel.
+    left_out : str
+        Of how many values not all are shown, like "4 of 13 θ"; else nothing.
+    """
+    picked = {
+        name: transients.some(dataset.sizes[name], most)
+        for name, most in zip(others, (MOST_ACROSS, MOST_DOWN), strict=False)
+    }
+    across, down = (picked.get(name, [0]) for name in [*others, "", ""][:2])
+    figure, panels = figures.panels(
+        len(down), len(across), *size(len(across), len(down)), sharex=True, sharey=True
+    )
+    returned = []
+    for k, axes in enumerate(panels):
+        place = dict(zip(others, (across[k % len(across)], down[k // len(across)]), strict=False))
+        at = dataset.isel({name: place.get(name, 0) for name in transients.SCENE if name not in (x, y)})
+        returned.append(draw(axes, at.transpose(y, x, ...)))
+        axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
+        axes.label_outer()
+    left_out = ", ".join(
+        f"{len(shown)} of {dataset.sizes[name]} {SYMBOLS[name][0]}"
+        for name, shown in picked.items()
+        if len(shown) < dataset.sizes[name]
+    )
+    return figure, returned, left_out
+
+
+def along(
+    axes: Axes, x: Any, heights: NDArray[Any], codes: NDArray[Any], spread: Any = None, size: float = 5.0
+) -> None:
+    """A quantity along one axis, each point marked by its regime (a place in KINDS), or by a cross."""
+    axes.plot(x, heights, color=figures.GREY, linewidth=0.8, zorder=1.5)
+    for code in np.unique(codes):
+        chosen = codes == code
+        if KINDS[code] in ("failed", "pending"):
+            look: dict[str, Any] = {"color": "black", "transform": axes.get_xaxis_transform(), "clip_on": False}
+            axes.plot(x[chosen], np.zeros(chosen.sum()), "x", label=KINDS[code], **look)
+            continue
+        axes.errorbar(
+            x[chosen],
+            heights[chosen],
+            None if spread is None else spread[chosen],
+            linestyle="none",
+            marker=MARKERS[code],
+            markersize=size,
+            color=COLOURS[code],
+            ecolor=figures.GREY,
+            markeredgecolor="black",
+            markeredgewidth=0.5,
+            label=KINDS[code],
+            clip_on=False,
+            zorder=2.5,
+        )
+
+
+def marks(axes: Axes, places: Sequence[tuple[float, float]], **look: Any) -> list[Line2D]:
+    """Mark those points of a plane that lie within its limits; for a legend, what stands for them."""
+    from matplotlib.lines import Line2D
+
+    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+    inside = [(x, y) for x, y in places if left <= x <= right and low <= y <= high]
+    if not inside:
+        return []
+    axes.plot(*zip(*inside, strict=True), **look | {"linestyle": "none"})
+    return [Line2D([], [], **look)]
+
+
+def shares(axes: Axes, ends: NDArray[Any], at: xr.Dataset) -> None:
+    """The contact's states as shares of the time, stacked, along the one axis whose cells have these `ends`."""
+    below = np.zeros(len(ends) - 1)
+    for state, colour in STATE_COLOURS.items():
+        share = np.nan_to_num(at[f"{state}_fraction"].values)
+        look: dict[str, Any] = {"edgecolor": "white", "linewidth": 0.3 if len(share) <= 80 else 0.0}
+        axes.bar(ends[:-1], share, np.diff(ends), below, align="edge", label=state, color=colour, **look)
+        below += share
+    axes.set_ylim(0.0, 1.0)
+
+
 def patches(kinds: Any) -> list[Patch]:
     """For a legend: the regimes that occur, by their places in KINDS."""
+    from matplotlib.patches import Patch
+
     return [
         Patch(
             facecolor=COLOURS[k], edgecolor="black", linewidth=0.5, hatch=HATCHES.get(KINDS[k], ""), label=KINDS[k]
@@ -137,8 +255,9 @@ def patches(kinds: Any) -> list[Patch]:
     ]
 
 
-def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str) -> None:
+def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str) -> Colorbar:
     """The scale of a shaded plane beside it."""
     bar = figure.colorbar(mesh, ax=axes, pad=0.02)
     bar.set_label(text)
     bar.outline.set_visible(False)
+    return bar

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fivcore import Scene
-from studies.gallery.scenes import study as scenes
 from studies.maps.quantities import AXES
-from studies.motion import ensembles, recording, transients
+from studies.motion import ensembles, normalised, recording, transients
 from studies.query.columns import Columns
 from studies.query.nearest import nearest
-from studies.study import constants, rig_of, suggest
+from studies.rig import rig_of
+from studies.study import constants, suggest
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,41 +101,41 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
         options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
     elif "record" in given:
         times = transients.even_times(duration, given["sample_rate"]).values
-        options |= recording.asked(given["record"], times)
+        options |= recording.options(given["record"], times)
     return options
 
 
 def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
     """The value of each axis at a point, where it has one."""
-    for name, asked in point.items():
+    for name, value in point.items():
         if name not in every.axes:
             near = suggest(name, list(every.axes))
             raise ValueError(
-                f"{name} = {asked}: there is no such axis; {near}the axes are {', '.join(every.axes)}"
+                f"{name} = {value}: there is no such axis; {near}the axes are {', '.join(every.axes)}"
             )
-    found = {}
+    chosen = {}
     for name in every.axes:
         values = np.atleast_1d(every.dataset[name].values)
         if name in point:
-            found[name] = _nearest(name, values, point[name])
+            chosen[name] = _nearest(name, values, point[name])
         elif len(values) == 1:
-            found[name] = values[0]
+            chosen[name] = values[0]
         elif name in AXES:
             raise _needed(name, values)
-    return found
+    return chosen
 
 
 def _needed(name: str, values: Any) -> ValueError:
     return ValueError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")
 
 
-def _nearest(name: str, values: Any, asked: Any) -> Any:
-    number = isinstance(asked, (int, float, np.integer, np.floating)) and not isinstance(asked, bool)
-    if not number or values.dtype.kind not in "iuf":
-        raise ValueError(f"{name} = {asked!r}: it must be one number")
-    value, there = nearest(values, float(asked))
-    if not there:
-        raise ValueError(f"{name} = {asked}: the axis has no such value; the nearest is {value}")
+def _nearest(name: str, values: Any, number: Any) -> Any:
+    one = isinstance(number, (int, float, np.integer, np.floating)) and not isinstance(number, bool)
+    if not one or values.dtype.kind not in "iuf":
+        raise ValueError(f"{name} = {number!r}: it must be one number")
+    value, near = nearest(values, float(number))
+    if not near:
+        raise ValueError(f"{name} = {number}: the axis has no such value; the nearest is {value}")
     return value
 
 
@@ -151,12 +151,11 @@ def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]
 
 
 def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float:
-    """How long a member ran, s: as its study decided for the canonical scene."""
+    """How long a member ran, s: as its study decided for the normalised scene."""
     rule = {name: given[name] for name in ensembles.SETTINGS}
     if dataset.attrs["sweep"] == "table6":
         return ensembles.own_duration(own, given["ramp"], **rule)
-    pace, theta, mu = scenes.canonical({name: np.array([getattr(own, name)]) for name in transients.SCENE})
-    canonical = Scene(float(pace[0]), float(theta[0]), float(mu[0]), 1.0, own.rig)
+    (scene,) = normalised.scenes({name: np.array([getattr(own, name)]) for name in transients.SCENE}, own.rig)
     # Only where members are points of their own has each its own length.
     ramp = ensembles.ramp_of(member, given["ramp"]) if "members" not in given else given["ramp"]
-    return ensembles.own_duration(canonical, ramp, **rule)
+    return ensembles.own_duration(scene, ramp, **rule)

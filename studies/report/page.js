@@ -1,40 +1,35 @@
 "use strict";
 // What tables and maps of this page share. All text reaches the page as text, never as markup.
 
-function element(name, text, attributes) {
+function element(name, text = null, attributes = {}) {
   const made = document.createElement(name);
-  if (text !== undefined && text !== null) made.textContent = text;
-  for (const [key, value] of Object.entries(attributes || {})) made.setAttribute(key, value);
+  if (text !== null) made.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   return made;
 }
 
 // The points of a result: rows in the order of its grid, columns by number.
 class Points {
   constructor(id) {
-    const told = JSON.parse(document.getElementById(id).textContent);
-    this.axes = told.axes;
-    this.plane = told.plane;
-    this.shape = told.axes.map((axis) => axis.values.length);
+    const { axes, columns, plane, settings } = JSON.parse(document.getElementById(id).textContent);
+    Object.assign(this, { axes, plane, settings });
+    this.shape = axes.map((axis) => axis.values.length);
     this.count = this.shape.reduce((product, size) => product * size, 1);
     this.columns = [
-      ...told.axes.map((axis, dim) => ({ ...axis, dim })),
-      ...told.axes.flatMap((axis, dim) =>
-        axis.names ? [{ name: axis.name + "_name", units: "", about: axis.about, dim, values: axis.names }] : []),
-      ...told.columns.map((column) => ({ ...column, dim: null })),
+      ...axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
+      ...axes.flatMap((axis, dim) =>
+        axis.names ? [{ name: axis.name + "_name", kind: "text", units: "", about: axis.about, dim, values: axis.names }] : []),
+      ...columns.map((column) => ({ ...column, dim: null })),
     ];
     this.place = new Map(this.columns.map((column, k) => [column.name, k]));
     this.strides = this.shape.map((_, dim) => this.shape.slice(dim + 1).reduce((product, size) => product * size, 1));
   }
 
-  index(row, dim) {
-    return Math.floor(row / this.strides[dim]) % this.shape[dim];
-  }
-
   value(row, column) {
-    const told = this.columns[column];
-    if (told.dim !== null) return told.values[this.index(row, told.dim)];
-    if (told.values) return told.values[row];
-    return Object.hasOwn(told.at, row) ? told.at[row] : told.fill;
+    const { dim, values, at, fill } = this.columns[column];
+    if (dim !== null) return values[Math.floor(row / this.strides[dim]) % this.shape[dim]];
+    if (values) return values[row];
+    return Object.hasOwn(at, row) ? at[row] : fill;
   }
 
   named(row, name) {

@@ -8,22 +8,19 @@ from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
+from jinja2 import Environment, StrictUndefined
+
 import sweeps
 from studies import registry, runner
 from studies.maps import maps
-from studies.report.markup import Markup, code, tag
-from studies.report.parts import command, table
-from studies.report.section import Result, section
+from studies.report.context import Result, overview, shown
 from studies.results import command as typed
-from sweeps import duration
 
-SCRIPTS = ("page.js", "table.js", "map.js")
-HEADS = ("study", "points", "failed", "time of computing", "computed")
-TITLE = "Friction-induced vibration: results"
+SCRIPTS = ("page.js", "filter.js", "table.js", "map.js")
 
 
 def write(
-    names: Sequence[str], out: str | Path | None, file: str | Path | None, told: Callable[[str], None]
+    names: Sequence[str], out: str | Path | None, file: str | Path | None, warn: Callable[[str], None]
 ) -> Path:
     """Write the page of the studies called `names`, or of all, and of all maps if none is named.
 
@@ -35,7 +32,7 @@ def write(
         The results folder.
     file : str or Path, optional
         The page; by default `report.html` in the results folder.
-    told : callable
+    warn : callable
         Given a line for each file that cannot be shown.
 
     Raises
@@ -47,14 +44,12 @@ def write(
     """
     results, missing, problems = gather(names, out)
     folder = runner.results_folder(out)
-    if problems and not results:
-        raise ValueError(problems[0])
-    for problem in problems:
-        told(problem)
     if not results:
-        first = missing[0]
-        begin = typed("run", first, out)
-        raise ValueError(f"{folder}: nothing of this has been computed there yet; begin with: {begin}")
+        begin = typed("run", [*missing, ""][0], out)
+        nothing = f"{folder}: nothing of this has been computed there yet; begin with: {begin}"
+        raise ValueError(problems[0] if problems else nothing)
+    for problem in problems:
+        warn(problem)
     target = Path(file).expanduser() if file else folder / "report.html"
     whole = page(results, missing)
     with runner.written(target) as temporary:
@@ -64,92 +59,39 @@ def write(
 
 def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[str]]:
     """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
-    targets = list(dict.fromkeys(names)) or [*registry.names(), *_maps(out)]
+    kept_maps = sorted(map(str, (runner.results_folder(out) / maps.NAME).glob("*.nc")))
     results, missing, problems = [], [], []
-    for target in targets:
+    for target in dict.fromkeys(names or [*registry.names(), *kept_maps]):
         file = runner.results_file(target, out)
         try:
             dataset = runner.open_dataset(target, out)
             study = runner.study_of(dataset, str(file))
-            state = sweeps.status(file).state
+            results.append(Result(study, dataset, file, sweeps.status(file).state, target))
         except FileNotFoundError:
             if target not in registry.names():
                 raise
             missing.append(target)
-        except (KeyError, ValueError) as problem:
-            clear = isinstance(problem, ValueError)
-            problems.append(str(problem) if clear else f"{file}: it is not the result of a study")
-        else:
-            results.append(Result(study, dataset, file, state, target))
+        except KeyError:
+            problems.append(f"{file}: it is not the result of a study")
+        except ValueError as problem:
+            problems.append(str(problem))
     return results, missing, problems
-
-
-def _maps(out: str | Path | None) -> list[str]:
-    return sorted(map(str, (runner.results_folder(out) / maps.NAME).glob("*.nc")))
 
 
 def page(results: Sequence[Result], missing: Sequence[str]) -> str:
     """The whole page; the same results give the same bytes."""
-    style, script = code("style", _own("page.css")), code("script", "\n".join(map(_own, SCRIPTS)))
-    newest = max((result.made for result in results), default="")
-    rows = [
-        [
-            tag("a", result.title, href=f"#{result.anchor}"),
-            f"{result.dataset['status'].size}",
-            f"{result.counts.get('failed', 0)}",
-            duration(result.seconds),
-            result.made or result.state,
-        ]
-        for result in results
-    ]
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", name="color-scheme", content="light dark"),
-        tag("meta", http_equiv="Content-Security-Policy", content=_policy(style, script)),
-        tag("title", TITLE),
-        tag("link", rel="icon", href="data:,"),
-        style,
-    )
-    body = tag(
-        "body",
-        tag("a", "To the results", href="#results", class_="skip"),
-        tag(
-            "header",
-            tag("h1", TITLE),
-            tag(
-                "p",
-                "Two beams in frictional point contact: what was computed, beside what the paper says.",
-                class_="lead",
-            ),
-            tag("p", f"Newest result: {newest}" if newest else "", class_="note"),
-        ),
-        tag(
-            "main",
-            tag("h2", "Overview", id="overview"),
-            tag("nav", table(HEADS, rows, "What is in this page"), aria_labelledby="overview", class_="overview"),
-            [section(result) for result in results],
-            _missing(missing),
-            id="results",
-        ),
-        script,
-    )
-    return f"<!doctype html>\n{tag('html', head, body, lang='en')}\n"
-
-
-def _missing(missing: Sequence[str]) -> Markup:
-    if not missing:
-        return Markup("")
-    told = [
-        [tag("dt", registry.load(name).title), tag("dd", registry.load(name).question, command(f"fiv run {name}"))]
-        for name in missing
-    ]
-    return tag(
-        "section",
-        tag("h2", "Not run yet", id="missing-title"),
-        tag("dl", told, class_="missing"),
-        aria_labelledby="missing-title",
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    style, script = _own("page.css"), "\n".join(map(_own, SCRIPTS))
+    return environment.from_string(_own("page.html.j2")).render(
+        results=list(map(shown, results)),
+        overview=overview(results),
+        newest=max((result.made for result in results), default=""),
+        missing=list(map(registry.load, missing)),
+        style=style,
+        style_digest=_digest(style),
+        script=script,
+        script_digest=_digest(script),
     )
 
 
@@ -158,10 +100,6 @@ def _own(name: str) -> str:
     return files("studies.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _policy(style: Markup, script: Markup) -> str:
-    """What the page may do: nothing is fetched, and only the project's own style and script count."""
-    digests = [
-        b64encode(sha256(each.partition(">")[2].rpartition("</")[0].encode()).digest()).decode()
-        for each in (style, script)
-    ]
-    return f"default-src 'none'; img-src data:; style-src 'sha256-{digests[0]}'; script-src 'sha256-{digests[1]}'"
+def _digest(text: str) -> str:
+    """How the page's policy names a style or script: those with another digest count for nothing."""
+    return "sha256-" + b64encode(sha256(text.encode()).digest()).decode()

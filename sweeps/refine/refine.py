@@ -140,6 +140,8 @@ def _check(sweep: Declaration, refinement: Refinement) -> None:
     if list(refinement.thresholds) != sorted(set(refinement.thresholds)):
         raise ValueError(f"{who}: thresholds = {refinement.thresholds}: they must ascend")
     for dim, length in zip(sweep.grid.dims, sweep.grid.shape, strict=True):
+        if levels and length > 1 and sweep.grid.axes[dim].values.dtype.kind == "U":
+            raise ValueError(f"{who}: {dim} is of texts, between which nothing is interpolated; levels must be 0")
         if (length - 1) % 2**levels:
             raise ValueError(
                 f"{who}: {dim} has {length} values; with levels = {levels} it must have one more than a multiple "

@@ -99,7 +99,7 @@ def test_a_file_in_place_of_the_folder_is_exit_3(tmp_path):
 
 # fig5 with a function of one's own in front of it; `again` says whether it is mended.
 PICKY = """
-import os, sys, time, studies.cli.progress, studies.gallery.fig5 as f
+import dataclasses, os, sys, time, studies.cli.progress, studies.gallery.fig5 as f
 from studies.cli.main import main
 whole = f.modes
 def picky(points, **constants):
@@ -109,7 +109,7 @@ def picky(points, **constants):
 def slow(points, **constants):
     time.sleep(0.4 * len(points['mu']))
     return whole(points, **constants)
-f.modes = {function}
+f.STUDY = dataclasses.replace(f.STUDY, function={function})
 studies.cli.progress.INTERVAL = 0.5
 sys.argv = ['fiv', *{arguments}]
 main()

@@ -3,6 +3,8 @@
 In this process, through the command's own entry point: a second of imports is saved each time.
 """
 
+from dataclasses import replace
+
 import pytest
 
 from studies import registry
@@ -27,7 +29,7 @@ def test_plan_computes_nothing_unless_it_is_asked_for_the_time(tmp_path, here, m
         calls.append(len(points["mu"]))
         return whole(points, **constants)
 
-    monkeypatch.setattr(fig5, "modes", counted)
+    monkeypatch.setattr(fig5, "STUDY", replace(fig5.STUDY, function=counted))
     assert "time to expect  unknown: no earlier run tells" in here("plan", "fig5").stdout
     assert calls == []
     assert "on one core" in here("plan", "fig5", "--time").stdout

@@ -3,6 +3,7 @@
 import ast
 import re
 import subprocess
+import sys
 import tomllib
 from importlib.metadata import version
 
@@ -85,6 +86,15 @@ def test_imports_form_no_circle(package, owed):
     assert len(in_circles(module_imports(package))) <= owed
 
 
+def test_no_test_imports_another():
+    """What tests share stands in conftest files and in tests/helpers."""
+    tests = {name for name in module_imports("tests") if name.rpartition(".")[2].startswith("test_")}
+    found = {name: sorted(names & tests) for name, names in module_imports("tests").items() if names & tests}
+    # What the studies' and the command line's tests still owe; nothing may be added.
+    owed = {"tests.studies.query.test_query_command", "tests.studies.test_maps", "tests.cli.test_messages"}
+    assert not set(found) - owed, found
+
+
 def test_nothing_outside_reaches_past_the_front_of_the_engine():
     for file in (HOME / "studies").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
@@ -92,6 +102,19 @@ def test_nothing_outside_reaches_past_the_front_of_the_engine():
                 assert not [alias.name for alias in node.names if alias.name.startswith("sweeps.")], file
             elif isinstance(node, ast.ImportFrom):
                 assert not (node.module or "").startswith("sweeps."), file
+
+
+@pytest.mark.parametrize(("package", "most"), [("fivcore", 21), ("sweeps", 15), ("studies", 15), ("tests", 15)])
+def test_no_folder_is_a_heap(package, most):
+    for folder in {file.parent for file in (HOME / package).rglob("*.py")}:
+        assert len([file for file in folder.glob("*.py") if file.name != "__init__.py"]) <= most, folder
+
+
+def test_studies_are_loaded_without_matplotlib():
+    code = "import sys; from studies import registry; [registry.load(name) for name in registry.NAMES]; "
+    code += "print('matplotlib' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=HOME, check=True)
+    assert done.stdout == "False\n"
 
 
 def test_the_core_is_small_and_needs_nothing_within_numba():

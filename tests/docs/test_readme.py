@@ -52,7 +52,7 @@ def run(*command, **options):
 
 def test_every_example_is_a_command_of_fiv():
     assert len(COMMANDS) > 15
-    assert len(READING) == 6
+    assert len(READING) == 8
     for line in COMMANDS:
         assert line.startswith("fiv "), line
     used = {line.split()[1] for line in COMMANDS} | {line.split()[1] for line in first_time.lines()[2:]}

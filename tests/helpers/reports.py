@@ -18,5 +18,5 @@ def made(folder):
         plane = maps.plane_of(x, y, halvings)
         sweep = maps.sweep_of(plane, "growth_rate", {}, halvings)
         file = maps.file_of(plane, "growth_rate", folder)
-        maps.execute(sweep.plan(file), ("sync", None))
+        runner.execute(sweep.plan(file), "sync")
     return folder

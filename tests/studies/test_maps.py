@@ -247,21 +247,50 @@ def test_the_command_leaves_file_figure_and_numbers(tmp_path, here):
     assert here("plot", "results/map/growth_rate-theta-mu.nc", "--format", "svg").returncode == 0
 
 
+def test_maps_that_differ_in_what_is_fixed_are_kept_beside_each_other(tmp_path, here):
+    fixes = ("--fix", "head_mass=3", "--fix", "V=-1e-3")
+    lines = {
+        "growth_rate-theta-mu": (),
+        "growth_rate-theta-mu-head_mass=3": fixes[:2],
+        "growth_rate-theta-mu-V=-0.001-head_mass=3": fixes,
+    }
+    for fixed in lines.values():
+        assert here(*MAP, "-q", *fixed).returncode == 0
+    assert written(tmp_path) == sorted(f"results/map/{name}.{end}" for name in lines for end in ("nc", "png"))
+    # In another order, and at the value that it has anyway, nothing else is asked for.
+    for fixed in (fixes[2:] + fixes[:2], ("--fix", "F=9")):
+        assert "to do           0" in here(*MAP, *fixed).stderr
+    # Each is found by its name, as a study is.
+    assert "complete" in here("status", "growth_rate-theta-mu-V=-0.001-head_mass=3").stdout
+
+
+def test_the_name_of_a_map_that_fixes_much_is_no_longer_than_a_file_may_be_called(tmp_path):
+    plane = maps.plane_of("theta=0,1", "mu=0,1")
+    many = {name: 1.1 * each.value for name, each in AXES.items() if name.startswith("p")}
+    first, second = (maps.file_of(plane, "growth_rate", tmp_path, many | {"F": F}).name for F in (1.0, 2.0))
+    assert first != second
+    assert len(first) < 220
+    assert first.startswith("growth_rate-theta-mu-")
+
+
 def test_a_map_of_something_else_is_exit_3(tmp_path, here):
-    assert here(*MAP, "-q").returncode == 0
-    before = (tmp_path / "results" / "map" / "growth_rate-theta-mu.nc").read_bytes()
-    done = here(*MAP, "-q", "--fix", "head_mass=3")
+    assert here(*MAP, "-q", "--fix", "head_mass=3").returncode == 0
+    folder = tmp_path / "results" / "map"
+    taken = folder / "growth_rate-theta-mu.nc"
+    (folder / "growth_rate-theta-mu-head_mass=3.nc").rename(taken)
+    before = taken.read_bytes()
+    done = here(*MAP, "-q")
     assert done.returncode == 3
     assert done.stderr.strip().count("\n") == 0
     assert (
-        "holds something else: head_mass = 2.9434 there, 3.0 here; start over with fresh (--fresh), or choose"
+        "holds something else: head_mass = 3.0 there, 2.9434 here; start over with fresh (--fresh), or choose"
         in done.stderr
     )
-    assert (tmp_path / "results" / "map" / "growth_rate-theta-mu.nc").read_bytes() == before
-    assert here(*MAP, "-q", "--fix", "head_mass=3", "--out", "there").returncode == 0
-    fresh = here(*MAP, "-q", "--fix", "head_mass=3", "--fresh")
+    assert taken.read_bytes() == before
+    assert here(*MAP, "-q", "--out", "there").returncode == 0
+    fresh = here(*MAP, "-q", "--fresh")
     assert fresh.returncode == 0
-    assert "head mass = 3 kg" in fresh.stdout
+    assert "head mass" not in fresh.stdout
 
 
 def test_failed_points_are_exit_1(tmp_path, here):
@@ -329,8 +358,13 @@ def test_wrong_input_is_one_clear_line(tmp_path, here, changes, message):
     assert written(tmp_path) == []
 
 
-def test_a_map_is_no_study_to_run(tmp_path, here):
-    done = here("run", "map")
+@pytest.mark.parametrize(
+    "line",
+    ["list map", "list map -q", "plan map", "plan map --set mu=0.2", "plan map --record velocity_B", "run map"],
+)
+def test_a_map_is_no_study_to_run(tmp_path, here, line):
+    done = here(*line.split())
     assert done.returncode == 2
-    assert "make one with: fiv map --x ... --y ..." in done.stderr
+    assert done.stderr == "fiv: STUDY = 'map': maps are made by a command of their own: fiv map --help tells how\n"
+    assert done.stdout == ""
     assert written(tmp_path) == []

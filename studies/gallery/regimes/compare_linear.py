@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 
 from fivcore import Rig
 from studies.gallery import fig5
-from studies.gallery.scenes.figure import FAILED, regimes
-from studies.motion import transients
-from studies.motion.transients import REGIMES
+from studies.motion import regimes, transients
+from sweeps import FAILED
 
 # What linear stability answers for.
 BELOW = f"below {transients.BAND / 1e3:g} kHz"
-VIBRATING = ("intermittent", "periodic", "irregular")
-QUIET = "steady sliding"
 VERDICTS = ("agree", "subcritical", "unstable above the band", "quiet though unstable", "no verdict", "failed")
 # Below this a regime whose members differ is called uncertain.
 CERTAIN = 0.95
@@ -26,7 +23,7 @@ CERTAIN = 0.95
 TELLING, JUDGED = 10.0, 0.75
 
 
-def with_verdicts(dataset: xr.Dataset, *, rig: Rig) -> xr.Dataset:
+def with_verdicts(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
     """Add where steady sliding loses its stability, and each point's verdict."""
     highest, onset = float(dataset["mu"].max()), np.full((2, dataset.sizes["theta"]), np.nan)
     for k, theta in enumerate(dataset["theta"].values):
@@ -59,8 +56,8 @@ def verdicts(dataset: xr.Dataset) -> NDArray[np.float32]:
       stability differ, but the run is too short for a mode that dies or grows so slowly;
     - "failed".
     """
-    kinds = regimes(dataset)
-    vibrates, quiet = of_regime(kinds, *VIBRATING), of_regime(kinds, QUIET)
+    kinds = regimes.kinds(dataset)
+    vibrates, quiet = regimes.is_of(kinds, *regimes.VIBRATING), regimes.is_of(kinds, regimes.STEADY)
     below, model = (dataset[name].values for name in ("growth_rate", "model_growth_rate"))
     grows, above = below > 0.0, model > 0.0
     time = JUDGED * dataset["duration"].values - dataset["first_slip_time"].values
@@ -72,15 +69,10 @@ def verdicts(dataset: xr.Dataset) -> NDArray[np.float32]:
         "quiet though unstable": quiet & tells,
         "subcritical": vibrates & tells,
         "failed": dataset["status"].values == FAILED,
-        "no verdict": of_regime(kinds, *REGIMES),
+        "no verdict": regimes.is_of(kinds, *transients.REGIMES),
     }
     codes = [np.float32(VERDICTS.index(name)) for name in cases]
     return np.asarray(np.select([*cases.values()], codes, np.float32(np.nan)), dtype=np.float32)
-
-
-def of_regime(kinds: NDArray[np.intp], *names: str) -> NDArray[np.bool_]:
-    """Which points are in one of the regimes called `names`."""
-    return np.isin(kinds, [REGIMES.index(name) for name in names])
 
 
 def uncertain(dataset: xr.Dataset) -> NDArray[np.bool_]:

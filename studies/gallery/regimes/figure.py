@@ -4,38 +4,31 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from fivcore import Rig
 from studies import paper
-from studies.gallery.regimes.compare_linear import BELOW, VERDICTS, VIBRATING, of_regime, uncertain
-from studies.gallery.scenes.figure import DONE, regimes
-from studies.motion import transients
+from studies.gallery.regimes.compare_linear import BELOW, VERDICTS, uncertain
+from studies.motion import regimes
+from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, KINDS, SYMBOLS, named
+from studies.plotting.planes import COLOURS, named
 from studies.study import constants
+from sweeps import DONE
 
-# Planes across and down a figure; of more values it shows so many, evenly chosen.
-MOST_ACROSS, MOST_DOWN = 4, 3
 # Of a title to a centimetre.
 LETTERS = 4.4
 # Of panels of shades.
 SAID = "(b), (d): mean of the members\n(c): the one in the middle\nwhite: no vibration"
-# Of the regimes along an axis.
-MARKERS = "svo^Dp"
 # Shown beside the regimes: factor, what stands at the scale, and whether only a vibration has it.
 QUANTITIES = {
     "stick_fraction": (1.0, "share of time in stick", False),
@@ -60,8 +53,6 @@ PAPER_MARKS = {"intermittent": "^", "periodic": "D"}
 # A scale leaves out this share of the cells at either end, single ones would take all of it; and it is logarithmic
 # where its ends are so many times apart.
 RARE, WIDE = 0.02, 3.0
-# From this ratio of its ends on a logarithmic scale has ticks at powers of ten only.
-MANY = 200.0
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -91,7 +82,7 @@ def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
 
 def _undecided(dataset: xr.Dataset) -> str:
     done = int((dataset["status"] == DONE).sum())
-    count = int(np.count_nonzero(regimes(dataset) == KINDS.index("undecided")))
+    count = int(np.count_nonzero(regimes.kinds(dataset) == KINDS.index("undecided")))
     return f"undecided: {count} of {done}"
 
 
@@ -116,26 +107,21 @@ def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
 
 def _draw_planes(dataset: xr.Dataset, x: str, y: str, varying: Sequence[str], about: str) -> Figure:
     """A plane of regimes for each value of the others, across and down."""
-    limits = zip(varying, (MOST_ACROSS, MOST_DOWN), strict=False)
-    picked = {name: transients.some(dataset.sizes[name], most) for name, most in limits}
-    across, down = (picked.get(name, [0]) for name in [*varying, ""][:2])
-    # A figure of one or two planes across needs room for its title.
-    width, height = min(2.0 + 5.0 * max(len(across), 2), 17.0), 5.0 * len(down) + 3.5
-    figure, panels = figures.panels(len(down), len(across), width, height, sharex=True, sharey=True)
-    handles: list[Any] = []
-    for k, axes in enumerate(panels):
-        place = dict(zip(varying, (across[k % len(across)], down[k // len(across)]), strict=False))
-        at = dataset.isel({name: place.get(name, 0) for name in transients.SCENE if name not in (x, y)})
-        handles += _draw_regimes(axes, at.transpose(y, x, ...), x, y)
-        axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
-        axes.label_outer()
-    shown = "".join(
-        f", {len(ks)} of {dataset.sizes[name]} {SYMBOLS[name][0]}"
-        for name, ks in picked.items()
-        if len(ks) < dataset.sizes[name]
+
+    def size(across: int, down: int) -> tuple[float, float]:
+        # A figure of one or two planes across needs room for its title.
+        return min(2.0 + 5.0 * max(across, 2), 17.0), 5.0 * down + 3.5
+
+    figure, handles, left_out = planes.multiples(
+        dataset, x, y, varying, size, lambda axes, at: _draw_regimes(axes, at, x, y)
     )
-    figure.legend(handles=_in_order(handles), loc="outside lower center", ncols=2 if width < 14.0 else 3)
-    figure.suptitle(_title(f"{about}{shown}", width))
+    width = 2.54 * figure.get_figwidth()
+    figure.legend(
+        handles=_in_order([handle for each in handles for handle in each]),
+        loc="outside lower center",
+        ncols=2 if width < 14.0 else 3,
+    )
+    figure.suptitle(_title(", ".join(filter(None, (about, left_out))), width))
     return figure
 
 
@@ -153,9 +139,9 @@ def _in_order(handles: Sequence[Any]) -> list[Any]:
 
 def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
     """The plane of regimes and what is to be said of its cells; the handles of its legend."""
-    found, xs, ys = regimes(at), at[x].values, at[y].values
+    found, xs, ys = regimes.kinds(at), at[x].values, at[y].values
     planes.classes(axes, x, xs, y, ys, found, COLOURS)
-    _one_two_five(axes.xaxis, axes.yaxis)
+    figures.one_two_five(axes.xaxis, axes.yaxis)
     ends = planes.edges(planes.shown(x, xs)), planes.edges(planes.shown(y, ys))
     failed = found == KINDS.index("failed")
     if failed.any():
@@ -213,8 +199,7 @@ def outline(inside: NDArray[np.bool_], x: NDArray[Any], y: NDArray[Any]) -> list
 
 def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
     """The paper's scenes, where they are in the plane, marked by the kind of vibration it says."""
-    given = constants(at)
-    if (x, y) != ("V", "mu") or given["rig"] != asdict(Rig()):
+    if (x, y) != ("V", "mu") or not paper.is_rig(at):
         return []
     if not (np.isclose(at["theta"], paper.THETA) and np.isclose(at["F"], paper.LOAD)):
         return []
@@ -250,58 +235,24 @@ def _draw_shades(axes: Axes, at: xr.Dataset, x: str, y: str, name: str) -> None:
     mesh = planes.shades(axes, x, at[x].values, y, at[y].values, values, norm)
     bar = axes.figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend=extend)
     bar.outline.set_visible(False)
-    _one_two_five(bar.ax.xaxis, axes.xaxis, axes.yaxis)
+    figures.one_two_five(bar.ax.xaxis, axes.xaxis, axes.yaxis)
     _draw_onset(axes, at, x, y)
-
-
-def _one_two_five(*sides: Axis) -> None:
-    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone."""
-    for side in sides:
-        if side.get_scale() == "log":
-            low, high = side.get_view_interval()
-            side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY * low else (1.0,)))
-            side.set_major_formatter("{x:g}")
-            side.set_minor_formatter(NullFormatter())
 
 
 def _shown(at: xr.Dataset, name: str) -> NDArray[Any]:
     """A quantity in the unit that it is shown in, NaN where the motion has no such thing."""
     factor, _, vibrating = QUANTITIES[name]
     values = factor * at[name].values.astype(float)
-    return np.where(of_regime(regimes(at), *VIBRATING), values, np.nan) if vibrating else values
+    return np.where(regimes.is_of(regimes.kinds(at), *regimes.VIBRATING), values, np.nan) if vibrating else values
 
 
 def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     """The same along one axis: what members spread about, marked by the regime."""
     figure, panels = figures.panels(len(QUANTITIES), 1, 15.0, 16.0, sharex=True)
-    values, found = planes.shown(x, at[x].values), regimes(at)
+    values, found = planes.shown(x, at[x].values), regimes.kinds(at)
     for axes, (name, (factor, text, _)) in zip(panels, QUANTITIES.items(), strict=True):
         heights, spread = _shown(at, name), factor * at[f"{name}_std"].values
-        axes.plot(values, heights, color=figures.GREY, linewidth=0.8, zorder=1.5)
-        for kind in np.unique(found):
-            chosen = found == kind
-            if KINDS[kind] in ("failed", "pending"):
-                low: dict[str, Any] = {
-                    "transform": axes.get_xaxis_transform(),
-                    "label": KINDS[kind],
-                    "clip_on": False,
-                }
-                axes.plot(values[chosen], np.zeros(chosen.sum()), "x", color="black", **low)
-                continue
-            axes.errorbar(
-                values[chosen],
-                heights[chosen],
-                spread[chosen],
-                linestyle="none",
-                marker=MARKERS[kind],
-                markersize=5.0,
-                color=COLOURS[kind],
-                ecolor=figures.GREY,
-                markeredgecolor="black",
-                markeredgewidth=0.5,
-                label=KINDS[kind],
-                clip_on=False,
-            )
+        planes.along(axes, values, heights, found, spread)
         onset = at["onset_mu"].values
         if x == "mu" and np.isfinite(onset):
             axes.axvline(float(onset), **ONSET, label=f"onset of flutter\n{BELOW}")
@@ -310,7 +261,7 @@ def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     ends = planes.edges(values)
     if planes.is_logarithmic(values):
         panels[-1].set_xscale("log")
-        _one_two_five(panels[-1].xaxis)
+        figures.one_two_five(panels[-1].xaxis)
     panels[-1].set_xlim(ends[0], ends[-1])
     panels[-1].set_xlabel(planes.label(x))
     figures.legend_below(figure, panels, 4)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,15 +14,13 @@ from fivcore.contact.reduced import reduced_model
 from fivcore.transient.steady import steady_sliding
 from studies import paper
 from studies.gallery.regimes.compare_linear import BELOW, with_verdicts
-from studies.gallery.regimes.figure import draw
-from studies.gallery.regimes.findings import findings
-from studies.gallery.scenes import study as scenes
 from studies.gallery.stability.study import largest_growth
-from studies.motion import ensembles, transients
+from studies.motion import ensembles, normalised, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly, logarithmically
-from studies.study import Setting, Study, rig_of, rig_settings
-from sweeps import Axis, Grid, Sweep, Variable
+from studies.study import Setting, Study, deferred
+from sweeps import Axis, Variable
 
 MOST_MEMBERS = 100
 # How members make a point's figure: the largest of them; of a line the one in the middle, for where two lines are
@@ -39,7 +36,7 @@ def _variable(name: str) -> Variable:
     own = transients.SUMMARY[name]
     how = "largest of the members" if name in LARGEST else "mean over members"
     how = "of the middle member" if name in MIDDLE else how
-    scale = "load" if name in scenes.SCALED else ""
+    scale = "load" if name in normalised.SCALED else ""
     return replace(own, long_name=f"{own.long_name}, {how}", dtype="float32", digits=5, scale=scale)
 
 
@@ -82,18 +79,15 @@ VARIABLES = (
 def ensemble(
     points: Mapping[str, Any], *, members: int, least: float, load_ups: float, most: float, **fixed: Any
 ) -> dict[str, Any]:
-    """Regime, figures and stability of each point's canonical scene."""
-    every = [
-        Scene(float(V), float(theta), float(mu), 1.0, fixed["rig"])
-        for V, theta, mu in zip(*scenes.canonical(points), strict=True)
-    ]
+    """Regime, figures and stability of each point's normalised scene."""
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         scene = jobs[0].scene
         times = {"duration": jobs[0].duration, "load_up_time": ensembles.load_up(scene)}
         return ensemble_figures(runs) | stability(scene, fixed["cutoff"]) | times
 
-    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in every]
+    scenes = normalised.scenes(points, fixed["rig"])
+    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in scenes]
     return outcomes(jobs, values, copies=True)
 
 
@@ -176,7 +170,6 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     ValueError
         Naming the axis or setting.
     """
-    checks.count("members", fixed["members"], MOST_MEMBERS)
     ensembles.check(fixed)
     slowest = float(axes["V"].values.min())
     if slowest <= 0.0:
@@ -185,31 +178,19 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     check_jobs([ensembles.member(scene, fixed["members"], fixed, 1e-6) for scene in ends])
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """The sweep over V, mu, theta and F; copies of a scene are computed once."""
+def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
+    """The rig, the ensemble and the run of each member."""
     rig, _ = rig_of({**settings, "theta": 0.0})
-    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", "leap", *ensembles.SETTINGS)}
-    fixed |= {"members": settings["members"], "rig": rig, "method": transients.METHOD}
-    check(axes, fixed)
-    fixed["members"] = int(fixed["members"])
-    return Sweep(
-        "regimes",
-        ensemble,
-        Grid(axes),
-        VARIABLES,
-        fixed,
-        key=scenes.key,
-        scale=scenes.scale,
-        coords={
-            "kind": Axis(np.array(transients.REGIMES), long_name="regime"),
-            "member": Axis(np.arange(1, fixed["members"] + 1), "1", "member of the ensemble"),
-        },
-        # P1's modes and the contact law's matrices are made anew for each theta.
-        order_by=("theta",),
-        title="Regimes of vibration over speed and friction",
-        derive=partial(with_verdicts, rig=rig),
-        batch_multiple=BATCH_MULTIPLE,
-    )
+    members = checks.count("members", settings["members"], MOST_MEMBERS)
+    return ensembles.held(settings) | {"members": members, "rig": rig}
+
+
+def coords(*, members: int, **_: Any) -> dict[str, Axis]:
+    """The regimes, of which each has a share of the members, and the members."""
+    return {
+        "kind": Axis(np.array(transients.REGIMES), long_name="regime"),
+        "member": Axis(np.arange(1, members + 1), "1", "member of the ensemble"),
+    }
 
 
 STUDY = Study(
@@ -227,7 +208,19 @@ STUDY = Study(
     settings={"members": Setting(4.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
     | ensembles.settings(least=2.0, load_ups=10.0, most=8.0)
     | {name: each for name, each in rig_settings().items() if name != "theta"},
-    build=build,
-    draw=draw,
-    findings=findings,
+    function=ensemble,
+    variables=VARIABLES,
+    constants=constants_of,
+    coords=coords,
+    check=check,
+    derive=with_verdicts,
+    options={
+        "key": normalised.key,
+        "scale": normalised.scale,
+        # P1's modes and the contact law's matrices are made anew for each theta.
+        "order_by": ("theta",),
+        "batch_multiple": BATCH_MULTIPLE,
+    },
+    draw=deferred("studies.gallery.regimes.figure:draw"),
+    findings=deferred("studies.gallery.regimes.findings:findings"),
 )

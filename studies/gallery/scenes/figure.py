@@ -14,19 +14,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from studies.motion import transients
+from studies.motion import regimes, transients
+from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, DARK, HATCHES, KINDS, SYMBOLS, named
+from studies.plotting.planes import COLOURS, DARK, HATCHES, STATE_COLOURS, SYMBOLS, named
 from studies.study import constants
 
-DONE, FAILED = 1, 2
-STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.ORANGE}
-# Maps across and down a figure; of more values it shows so many, evenly chosen.
-MOST_ACROSS, MOST_DOWN = 4, 3
 # Cells along a side up to which each bears a number, and ticks.
 MOST_WRITTEN, MOST_TICKS = 10, 8
-# Of the regimes along a row.
-MARKERS = "svo^Dp"
 # What the table of a single scene shows.
 FIGURES = tuple(
     name
@@ -51,46 +46,23 @@ def draw(dataset: xr.Dataset) -> Figure:
     return _draw_maps(dataset, varying, f"Regime of the motion: {about}")
 
 
-def regimes(dataset: xr.Dataset) -> NDArray[np.intp]:
-    """Of each scene the place of its regime in KINDS."""
-    status, found = dataset["status"].values, dataset["regime"].values.astype(float)
-    done = (status == DONE) & np.isfinite(found)
-    other = np.where(status == FAILED, KINDS.index("failed"), KINDS.index("pending"))
-    return np.where(done, np.where(done, found, 0.0), other).astype(np.intp)
-
-
 def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figure:
     """The longest axis across and the next one up in every map; the others go from map to map."""
     x, y, *others = varying
-    limits = zip(others, (MOST_ACROSS, MOST_DOWN), strict=False)
-    picked = {name: transients.some(dataset.sizes[name], most) for name, most in limits}
-    across, down = (picked.get(name, [0]) for name in [*others, "", ""][:2])
     written = max(dataset.sizes[x], dataset.sizes[y]) <= MOST_WRITTEN
     wide, high = (_extent(dataset.sizes[name], written) for name in (x, y))
-    figure, panels = figures.panels(
-        len(down),
-        len(across),
-        max(2.0 + wide * len(across), 13.0),
-        3.6 + high * len(down),
-        sharex=True,
-        sharey=True,
+    figure, kinds, left_out = planes.multiples(
+        dataset,
+        x,
+        y,
+        others,
+        lambda across, down: (max(2.0 + wide * across, 13.0), 3.6 + high * down),
+        lambda axes, at: _draw_map(axes, at, x, y, written),
     )
-    kinds: set[int] = set()
-    for k, axes in enumerate(panels):
-        place = dict(zip(others, (across[k % len(across)], down[k // len(across)]), strict=False))
-        at = dataset.isel({name: place.get(name, 0) for name in transients.SCENE if name not in (x, y)})
-        kinds.update(_draw_map(axes, at.transpose(y, x, ...), x, y, written))
-        axes.set_title(", ".join(named(name, at[name]) for name in place), loc="left", fontsize=9.0)
-        axes.label_outer()
-    handles = planes.patches(kinds)
+    handles = planes.patches(np.unique(np.concatenate(kinds)))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
-    shown = ", ".join(
-        f"{len(ks)} of {dataset.sizes[n]} {SYMBOLS[n][0]}"
-        for n, ks in picked.items()
-        if len(ks) < dataset.sizes[n]
-    )
     note = "\nnumbers: RMS of the velocity of B / (mm/s)" if written else ""
-    figure.suptitle(title + (f" ({shown})" if shown else "") + note)
+    figure.suptitle(title + (f" ({left_out})" if left_out else "") + note)
     return figure
 
 
@@ -101,7 +73,7 @@ def _extent(count: int, written: bool) -> float:
 
 def _draw_map(axes: Axes, at: xr.Dataset, x: str, y: str, written: bool) -> NDArray[np.intp]:
     """One map, its cells of equal size whatever the steps of the axes; the kinds that occur in it."""
-    kinds = regimes(at)
+    kinds = regimes.kinds(at)
     axes.pcolormesh(
         np.arange(kinds.shape[1] + 1) - 0.5,
         np.arange(kinds.shape[0] + 1) - 0.5,
@@ -141,36 +113,11 @@ def _short(value: float) -> str:
 
 def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     """Shares of time and RMS along the one axis that varies."""
-    symbol_factor = SYMBOLS[along][2]
-    values = symbol_factor * at[along].values
-    kinds = regimes(at)
+    values, kinds = planes.shown(along, at[along].values), regimes.kinds(at)
     figure, (shares, rms) = figures.panels(2, 1, 15.0, 13.0, sharex=True)
     edges = planes.edges(values)
-    below = np.zeros(len(values))
-    for state in ("stick", "slip", "separation"):
-        share = np.nan_to_num(at[f"{state}_fraction"].values)
-        look: dict[str, Any] = {
-            "color": STATE_COLOURS[state],
-            "edgecolor": "white",
-            "linewidth": 0.4 if len(values) <= 60 else 0.0,
-        }
-        shares.bar(edges[:-1], share, np.diff(edges), bottom=below, align="edge", label=state, **look)
-        below += share
-    rms.plot(values, 1e3 * at["velocity_rms"].values, color=figures.GREY, linewidth=0.8, zorder=1.5)
-    marks: dict[str, Any] = {
-        "markeredgecolor": "black",
-        "markeredgewidth": 0.5,
-        "clip_on": False,
-        "markersize": 6.0 if len(values) <= 60 else 4.0,
-    }
-    for code in np.unique(kinds):
-        chosen = kinds == code
-        if KINDS[code] in ("failed", "pending"):
-            rms.plot(values[chosen], np.zeros(chosen.sum()), "x", color="black", label=KINDS[code], clip_on=False)
-        else:
-            height = 1e3 * at["velocity_rms"].values[chosen]
-            marker = MARKERS[code]
-            rms.plot(values[chosen], height, marker, color=COLOURS[code], label=KINDS[code], zorder=2.5, **marks)
+    planes.shares(shares, edges, at)
+    planes.along(rms, values, 1e3 * at["velocity_rms"].values, kinds, size=6.0 if len(values) <= 60 else 4.0)
     if planes.is_logarithmic(values):
         rms.set_xscale("log")
         rms.xaxis.set_major_formatter("{x:g}")
@@ -178,7 +125,6 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     rms.set_ylim(bottom=0.0)
     rms.set_xlabel(planes.label(along))
     rms.set_ylabel("RMS of the velocity of B / (mm/s)")
-    shares.set_ylim(0.0, 1.0)
     shares.set_ylabel("share of the time")
     figures.legend_below(figure, [shares, rms], 5)
     figure.suptitle(title)
@@ -187,7 +133,7 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
 
 def _draw_one(at: xr.Dataset, title: str) -> Figure:
     """The shares of time of a single scene as a bar, and its other figures as a table."""
-    kind = KINDS[int(regimes(at))]
+    kind = KINDS[int(regimes.kinds(at))]
     figure, (bar, table) = figures.panels(2, 1, 15.0, 12.0, gridspec_kw={"height_ratios": (1.0, 5.0)})
     begin = 0.0
     for state in ("stick", "slip", "separation"):

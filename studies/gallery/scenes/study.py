@@ -3,95 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, Transient, checks
-from fivcore.transient.normalised import Normalised
+from fivcore import Transient, checks
 from studies import paper
-from studies.gallery.scenes.figure import DONE, FAILED, draw, regimes
-from studies.motion import recording, transients
+from studies.motion import normalised, recording, regimes, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
-from studies.study import Setting, Study, constants, rig_of, rig_settings
-from studies.tables import Part, Table
-from sweeps import Axis, Grid, Sweep, Variable
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting, Study, constants, deferred
+from studies.tables import Column, Part, Table
+from sweeps import DONE, FAILED, Axis, Variable
 
-# What F = 1 is multiplied by; the other figures are the same for every copy of a scene.
-SCALED = (
-    "velocity_rms",
-    "mean_normal_force",
-    "max_normal_force",
-    "normal_force_999",
-    "max_slip_speed",
-    "slip_speed_999",
-)
 VARIABLES: dict[str, Variable] = {
-    name: replace(variable, scale="load") if name in SCALED else variable
+    name: replace(variable, scale="load") if name in normalised.SCALED else variable
     for name, variable in transients.SUMMARY.items()
 }
-# Rows of the report's table, and failures that it names.
-MOST_ROWS, MOST_FAILURES = 40, 5
-# What the table shows besides shares of time: head, digits, factor.
-COLUMNS = {
-    "velocity_rms": ("RMS mm/s", 2, 1e3),
-    "dominant_frequency": ("main line Hz", 0, 1.0),
-    "normal_force_999": ("99.9 % of N", 1, 1.0),
-    "first_slip_time": ("first slip ms", 1, 1e3),
+# Rows of the report's table.
+MOST_ROWS = 40
+COLUMNS: dict[str, Column] = {
+    "V mm/s": ("V", ".4g", 1e3),
+    "theta deg": ("theta", ".4g"),
+    "mu": ("mu", ".4g"),
+    "F N": ("F", ".4g"),
+    "vibration": regimes.kind,
+    "stick": ("stick_fraction", ".3f"),
+    "slip": ("slip_fraction", ".3f"),
+    "separation": ("separation_fraction", ".3f"),
+    "RMS mm/s": ("velocity_rms", ".2f", 1e3),
+    "main line Hz": (regimes.main_line, ".0f"),
+    "99.9 % of N": ("normal_force_999", ".1f"),
+    "first slip ms": ("first_slip_time", ".1f", 1e3),
 }
-
-
-def canonical(points: Mapping[str, Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The scene for V > 0 and F = 1 that each point is a copy of: its V, theta and mu.
-
-    (V, F) and (a V, a F) are one motion times a; (theta, V) and (-theta, -V) are one in a mirror. (theta, V) and
-    (-theta, V) are different physics: theta is turned with V, never by itself.
-    """
-    V, F, mu = (np.asarray(points[name], dtype=float) for name in ("V", "F", "mu"))
-    # V / F is rounded as the solver rounds it; each pair once, for a grid has far fewer pairs than points.
-    speeds, which = np.unique(V, return_inverse=True)
-    loads, under = np.unique(F, return_inverse=True)
-    pairs, place = np.unique(which * len(loads) + under, return_inverse=True)
-    paces = [
-        Normalised.of(
-            Scene(float(speeds[pair // len(loads)]), 0.0, 0.0, float(loads[pair % len(loads)]))
-        ).speed_per_load
-        for pair in pairs
-    ]
-    # Adding zero makes -0 of a turned 0 what it equals.
-    theta = np.where(V > 0.0, points["theta"], -np.asarray(points["theta"], dtype=float)) + 0.0
-    return np.asarray(paces)[place], theta, mu
-
-
-def key(points: Mapping[str, Any]) -> NDArray[Any]:
-    """Equal rows for points that are copies of one scene."""
-    return np.stack(canonical(points), axis=1)
-
-
-def scale(points: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """What a point's figures are, in units of its canonical scene's."""
-    load = np.asarray(points["F"], dtype=float)
-    return {"load": load, "along": load * np.sign(points["V"])}
 
 
 def motions(
     points: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float = 0.0, **fixed: Any
 ) -> dict[str, Any]:
-    """Summary figures and recorded series of each point's canonical scene."""
+    """Summary figures and recorded series of each point's normalised scene."""
     times = transients.even_times(fixed["duration"], sample_rate).values if record else np.zeros(0)
-    every = [
-        Scene(float(V), float(theta), float(mu), 1.0, fixed["rig"])
-        for V, theta, mu in zip(*canonical(points), strict=True)
-    ]
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         return recording.series(runs[0], record) | transients.figures_of(runs[0])
 
-    asked = recording.asked(record, times)
-    return outcomes([[transients.job(scene, fixed, **asked)] for scene in every], values, copies=True)
+    series = recording.options(record, times)
+    jobs = [[transients.job(scene, fixed, **series)] for scene in normalised.scenes(points, fixed["rig"])]
+    return outcomes(jobs, values, copies=True)
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
@@ -108,86 +68,49 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     check_jobs([transients.job(scene, fixed, 1e-6) for scene in transients.extremes(axes, fixed["rig"])])
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """The sweep over V, theta, mu and F; copies of a scene are computed once."""
+def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
+    """The rig and the run of each scene."""
     rig, _ = rig_of({**settings, "theta": 0.0})
     settle = settings["settle"]
-    fixed = transients.held(settings, rig) | {"settle": None if settle < 0.0 else settle}
-    check(axes, fixed)
-    return Sweep(
-        "scenes",
-        motions,
-        Grid(axes),
-        VARIABLES,
-        fixed,
-        key=key,
-        scale=scale,
-        # The modes of P1 and the contact law's matrices are made anew for each theta.
-        order_by=("theta",),
-        title="Motion of scenes over V, theta, mu and F",
-        batch_multiple=BATCH_MULTIPLE,
-    )
+    return transients.held(settings, rig) | {"settle": None if settle < 0.0 else settle}
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Main figures of the scenes, how many move in which way, and what failed."""
     given = constants(dataset)
-    place = np.meshgrid(*(dataset[name].values for name in transients.SCENE), indexing="ij")
-    points = {name: values.ravel() for name, values in zip(transients.SCENE, place, strict=True)}
-    status = dataset["status"].values.ravel()
-    some = np.flatnonzero((status == DONE) | (status == FAILED))
-    distinct = len(np.unique(key({name: values[some] for name, values in points.items()}), axis=0))
-    rig = "the paper's rig" if given["rig"] == asdict(Rig()) else "another rig than the paper's"
-    copies = f"{distinct} computed" + (", of which the others are copies" if distinct < len(some) else "")
+    points = points_of(dataset)
+    computed = points.isel(point=np.isin(points["status"], [DONE, FAILED]))
+    distinct = len(np.unique(normalised.key({name: computed[name].values for name in transients.SCENE}), axis=0))
+    rig = "the paper's rig" if paper.is_rig(dataset) else "another rig than the paper's"
+    copies = ", of which the others are copies" if distinct < computed.sizes["point"] else ""
     settle = given["settle"]
     since = f"{transients.SETTLING:g} s after the first slip" if settle is None else f"{settle:g} s"
+    count = points.sizes["point"]
+    counted = f"{count} scene{'s' if count > 1 else ''}"
     lines: list[Part] = [
-        f"{len(status)} scene{'s' if len(status) > 1 else ''} of {given['duration']:g} s on {rig}, {copies}.",
+        f"{counted} of {given['duration']:g} s on {rig}, {distinct} computed{copies}.",
         f"Shares of time, RMS, main line and normal force: from {since} on.",
         "",
-        *_table(dataset, points, status),
+        Table.of(points.isel(point=slice(MOST_ROWS)), "point", COLUMNS),
+        *([f"and {count - MOST_ROWS} more in the file."] if count > MOST_ROWS else []),
         "",
     ]
-    words = np.append(transients.REGIMES, ["failed", "pending"])
-    counts = np.bincount(regimes(dataset).ravel(), minlength=len(words))
-    lines.append("Scenes: " + ", ".join(f"{n} {word}" for n, word in zip(counts, words, strict=True) if n) + ".")
-    failed = np.flatnonzero(status == FAILED)
-    for k in failed[:MOST_FAILURES]:
-        where = ", ".join(f"{name} = {values[k]:g}" for name, values in points.items())
-        lines.append(f"failed: {where}: {dataset['error'].values.ravel()[k]}")
-    if len(failed) > MOST_FAILURES:
-        lines.append(f"and {len(failed) - MOST_FAILURES} more failed.")
+    numbers = np.bincount(regimes.kinds(points), minlength=len(regimes.KINDS))
+    each = [f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n]
+    lines.append(f"Scenes: {', '.join(each)}.")
+    lines += regimes.failures(points, transients.SCENE)
     if "elapsed" in dataset.dims:
-        kept = ", ".join(given["record"])
         lines.append(
-            f"Recorded of each: {kept}; {dataset.sizes['elapsed']} samples at {given['sample_rate']:g} Hz."
+            f"Recorded of each: {', '.join(given['record'])}; {dataset.sizes['elapsed']} samples at "
+            f"{given['sample_rate']:g} Hz."
         )
     return lines
 
 
-def _table(dataset: xr.Dataset, points: Mapping[str, Any], status: NDArray[Any]) -> list[Part]:
-    """A line for each scene, up to MOST_ROWS of them."""
-    count = min(len(status), MOST_ROWS)
-    names = (*(f"{state}_fraction" for state in transients.STATES), *COLUMNS)
-    found = {name: dataset[name].values.ravel()[:count] for name in names}
-    words = (*transients.REGIMES, "failed", "pending")
-    kinds, text = regimes(dataset).ravel(), transients.text
-    # What is left of a vibration that dies has a strongest line too, but none that sounds.
-    steady = transients.REGIMES.index("steady sliding")
-    found["dominant_frequency"] = np.where(kinds[:count] == steady, np.nan, found["dominant_frequency"])
-    rows = [
-        [
-            f"{1e3 * points['V'][k]:.4g}",
-            *(f"{points[name][k]:.4g}" for name in ("theta", "mu", "F")),
-            words[kinds[k]],
-            *(text(found[f"{state}_fraction"][k], 3) for state in transients.STATES[1:] + transients.STATES[:1]),
-            *(text(found[name][k], digits, factor) for name, (_, digits, factor) in COLUMNS.items()),
-        ]
-        for k in range(count)
-    ]
-    heads = ["V mm/s", "theta deg", "mu", "F N", "vibration", "stick", "slip", "separation"]
-    lines: list[Part] = [Table([*heads, *(head for head, _, _ in COLUMNS.values())], rows)]
-    return lines + ([f"and {len(status) - count} more in the file."] if count < len(status) else [])
+def points_of(dataset: xr.Dataset) -> xr.Dataset:
+    """The summary figures of all scenes along one dimension, `point`, in the order of the grid."""
+    names = [name for name in (*transients.SUMMARY, "status", "error") if name in dataset]
+    return dataset[names].stack(point=transients.SCENE, create_index=False)
 
 
 STUDY = Study(
@@ -205,8 +128,18 @@ STUDY = Study(
     settings={name: each for name, each in transients.run_settings(1.0).items() if name not in transients.SCENE}
     | {"settle": Setting(-1.0, "s", "when statistics start; below 0: 0.1 s after the first slip")}
     | {name: each for name, each in rig_settings().items() if name != "theta"},
-    build=build,
-    draw=draw,
+    function=motions,
+    variables=VARIABLES,
+    constants=constants_of,
+    check=check,
+    options={
+        "key": normalised.key,
+        "scale": normalised.scale,
+        # The modes of P1 and the contact law's matrices are made anew for each theta.
+        "order_by": ("theta",),
+        "batch_multiple": BATCH_MULTIPLE,
+    },
+    draw=deferred("studies.gallery.scenes.figure:draw"),
     findings=findings,
     record=recording.whole_runs,
 )

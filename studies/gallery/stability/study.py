@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +12,12 @@ from numpy.typing import NDArray
 
 from fivcore import OnsetCurve, OnsetCurves, Rig, checks, onset_curves, sliding_modes
 from studies import paper
-from studies.gallery.stability.figure import draw
-from studies.gallery.stability.findings import findings
-from studies.gallery.table6.windows import ENDS as WINDOW_ENDS
-from studies.gallery.table6.windows import WINDOWS, windows
+from studies.gallery.table6.windows import with_windows
 from studies.motion import transients
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Study, rig_of, rig_settings
-from sweeps import Axis, Grid, Sweep, Variable
+from studies.study import Study, deferred
+from sweeps import Axis, Variable
 
 Array = NDArray[Any]
 
@@ -29,8 +26,10 @@ VARIABLES = {
     "frequency": Variable("Hz", "frequency of the mode with the largest growth rate", (), "float32", digits=5),
     "unstable_modes": Variable("1", "number of growing mode pairs below 10 kHz", (), "int8"),
 }
-# How an end of a branch is told in a file.
+# How a branch ends, as its flags name it.
 ENDS = ("range", "mu_max", "fmax", "fold")
+# Of each point of a branch, with units.
+TRACED = {"theta": "degree", "mu": "1", "frequency": "Hz"}
 
 
 def largest_growth(rig: Rig, theta: Any, mu: Any, fmax: float) -> tuple[Array, Array, Array]:
@@ -69,14 +68,18 @@ def fastest(points: Mapping[str, Any], *, rig: Rig, fmax: float) -> dict[str, An
 def with_curves(dataset: xr.Dataset, *, rig: Rig, fmax: float) -> xr.Dataset:
     """Add the branches of onsets and recoveries over theta, the windows at the paper's friction, and the bound.
 
-    Where branches or windows cannot be told apart, all else is kept and a `comment` tells the reason.
+    Where branches or windows cannot be told apart there are none, and a `comment` gives the reason.
     """
     theta, mu = dataset["theta"].values, dataset["mu"].values
-    curves, lost = followed(rig, theta, fmax, float(mu.max()))
+    curves, comment = OnsetCurves((), (), theta, *np.empty((4, len(theta), 0))), ""
+    if mu.max() > 0.0:
+        try:
+            curves = onset_curves(rig, theta, fmax, float(mu.max()))
+        except ArithmeticError as problem:
+            comment = str(problem)
     friction = float(np.clip(paper.MU, mu.min(), mu.max()))
-    open_windows, not_found = windows(rig, friction, 1.0, float(theta.min()), float(theta.max()))
     tangent = np.tan(np.radians(theta))
-    dataset = dataset.assign(
+    dataset = with_windows(dataset, rig, friction, 1.0).assign(
         at_angles("pair", "onset", curves.onsets, curves.mu, curves.frequency)
         | at_angles("recovery", "recovery", curves.recoveries, curves.recovery_mu, curves.recovery_frequency)
         | lowest(curves)
@@ -85,52 +88,33 @@ def with_curves(dataset: xr.Dataset, *, rig: Rig, fmax: float) -> xr.Dataset:
             "bound_mu": variable("theta", np.where(tangent > 0.0, tangent, np.nan), "1", "tan(theta), if above 0"),
             "window_mu": variable((), friction, "1", "coefficient of friction of the windows"),
         }
-        | {
-            f"window_{name}": variable("window", open_windows[name], units, long_name)
-            for name, (_, units, long_name) in WINDOWS.items()
-        }
     )
-    for name, comment in {"pair_onset_mu": lost, "window_from": not_found}.items():
-        if comment:
-            dataset[name].attrs["comment"] = comment
+    if comment:
+        dataset["pair_onset_mu"].attrs["comment"] = comment
     return transients.with_flags(
-        dataset,
-        window_open_from=WINDOW_ENDS,
-        window_open_to=WINDOW_ENDS,
-        **{f"{kind}_{end}": ENDS for kind in ("pair", "recovery") for end in ("begins", "ends")},
+        dataset, **{f"{dim}_{end}": ENDS for dim in ("pair", "recovery") for end in ("begins", "ends")}
     )
-
-
-def followed(rig: Rig, theta: Array, fmax: float, mu_max: float) -> tuple[OnsetCurves, str]:
-    """All branches; and why there are none though there might be, else ""."""
-    comment = ""
-    if mu_max > 0.0:
-        try:
-            return onset_curves(rig, theta, fmax, mu_max), ""
-        except ArithmeticError as problem:
-            comment = str(problem)
-    return OnsetCurves((), (), theta, *np.empty((4, len(theta), 0))), comment
 
 
 def variable(dims: Any, values: Any, units: str, long_name: str) -> tuple[Any, Any, dict[str, str]]:
-    """What a dataset is given."""
+    """A derived variable, as `xarray.Dataset.assign` takes it."""
     return dims, values, {"units": units, "long_name": long_name}
 
 
 def at_angles(dim: str, kind: str, curves: Sequence[OnsetCurve], mu: Array, frequency: Array) -> dict[str, Any]:
     """Branches at the grid's angles, where each is lowest, and how it begins and ends."""
     what = "the pair's flutter onset" if kind == "onset" else "a pair's recovery"
-    found = {
+    variables = {
         f"pair_{kind}_mu": variable(("theta", dim), mu, "1", f"coefficient of friction at {what}"),
         f"pair_{kind}_frequency": variable(("theta", dim), frequency, "Hz", f"frequency at {what}"),
     }
     places = np.array([curve.lowest for curve in curves]).reshape(-1, 3).T
-    for name, units, values in zip(("theta", "mu", "frequency"), ("degree", "1", "Hz"), places, strict=True):
-        found[f"{dim}_lowest_{name}"] = variable(dim, values, units, f"{name} where {what} is lowest in mu")
+    for (name, units), values in zip(TRACED.items(), places, strict=True):
+        variables[f"{dim}_lowest_{name}"] = variable(dim, values, units, f"{name} where {what} is lowest in mu")
     for k, name in enumerate(("begins", "ends")):
         codes = np.array([ENDS.index(curve.ends[k]) for curve in curves], dtype=np.int8)
-        found[f"{dim}_{name}"] = variable(dim, codes, "1", f"where {what} {name} as theta rises")
-    return found
+        variables[f"{dim}_{name}"] = variable(dim, codes, "1", f"where {what} {name} as theta rises")
+    return variables
 
 
 def lowest(curves: OnsetCurves) -> dict[str, Any]:
@@ -149,32 +133,26 @@ def lowest(curves: OnsetCurves) -> dict[str, Any]:
 def whole(curves: Sequence[OnsetCurve]) -> dict[str, Any]:
     """The branches as they were followed, to their ends, one after the other: onsets first, then recoveries."""
     number = np.repeat(np.arange(len(curves), dtype=np.int16), [len(curve.theta) for curve in curves])
-    found = {"trace_branch": variable("trace", number, "1", "number of the branch, from 0; onsets first")}
-    for name, units in {"theta": "degree", "mu": "1", "frequency": "Hz"}.items():
+    variables = {"trace_branch": variable("trace", number, "1", "number of the branch, from 0; onsets first")}
+    for name, units in TRACED.items():
         values = np.concatenate([np.empty(0), *(getattr(curve, name) for curve in curves)])
-        found[f"trace_{name}"] = variable("trace", values.astype(np.float32), units, f"{name} along the branches")
-    return found
+        variables[f"trace_{name}"] = variable("trace", np.float32(values), units, f"{name} along the branches")
+    return variables
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """The sweep over theta and mu; what cannot be computed is found out here, before anything is planned."""
+def constants(settings: Mapping[str, float]) -> dict[str, Any]:
+    """The rig and the band."""
     rig, _ = rig_of({**settings, "theta": paper.THETA})
-    fixed: dict[str, Any] = {"rig": rig, "fmax": transients.BAND}
-    for theta in (axes["theta"].values.min(), axes["theta"].values.max()):
+    return {"rig": rig, "fmax": transients.BAND}
+
+
+def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
+    """Refuse an inclination or friction out of range; a point whose modes cannot be found fails by itself."""
+    for theta in axes["theta"].values[[0, -1]]:
         checks.theta_degrees(theta)
-        for mu in (axes["mu"].values.min(), axes["mu"].values.max()):
+        for mu in axes["mu"].values[[0, -1]]:
             with suppress(ArithmeticError):
-                largest_growth(rig, theta, mu, transients.BAND)
-    return Sweep(
-        "stability",
-        fastest,
-        Grid({name: axes[name] for name in ("theta", "mu")}),
-        VARIABLES,
-        fixed,
-        title="Stability of steady sliding over inclination and friction",
-        derive=partial(with_curves, **fixed),
-        order_by=("theta",),
-    )
+                largest_growth(fixed["rig"], theta, mu, fixed["fmax"])
 
 
 STUDY = Study(
@@ -190,7 +168,12 @@ STUDY = Study(
         "mu": Axis(evenly(0.0, 0.5, 201), "1", "coefficient of friction"),
     },
     settings={name: each for name, each in rig_settings().items() if name != "theta"},
-    build=build,
-    draw=draw,
-    findings=findings,
+    function=fastest,
+    variables=VARIABLES,
+    constants=constants,
+    check=check,
+    derive=with_curves,
+    options={"order_by": ("theta",)},
+    draw=deferred("studies.gallery.stability.figure:draw"),
+    findings=deferred("studies.gallery.stability.findings:findings"),
 )

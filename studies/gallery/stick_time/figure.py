@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from studies import paper
 from studies.gallery.stick_time.findings import reference
@@ -81,7 +80,7 @@ def _draw_times(axes: Axes, at: xr.Dataset) -> None:
             1e3 * speeds, law, "-", color=figures.RED, linewidth=2.2, zorder=3.0, label="paper: half at twice V"
         )
     axes.set(xscale="log", yscale="log", xlabel="V / (mm/s)", ylabel="mean stick time / ms")
-    _plain(axes)
+    figures.one_two_five(axes.xaxis, axes.yaxis)
     axes.legend(loc="lower left")
 
 
@@ -106,7 +105,7 @@ def _draw_products(axes: Axes, at: xr.Dataset) -> None:
         if count:
             axes.text(x, 0.02, f"{count:.0f}", rotation=90, ha="center", va="bottom", **small)
     axes.text(1e3 * V[0], 0.13, "number of sustained sticks", **small)
-    _plain(axes)
+    figures.one_two_five(axes.xaxis, axes.yaxis)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.17))
 
 
@@ -145,7 +144,7 @@ def _draw_collapse(axes: Axes, dataset: xr.Dataset) -> None:
     _room(axes, every or [1.0])
     axes.set(xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
     axes.set_ylim(bottom=0.0)
-    _plain(axes)
+    figures.one_two_five(axes.xaxis, axes.yaxis)
     axes.legend(
         loc="lower left", fontsize=6.5, ncols=2, title="filled: sustained, open: start-up", title_fontsize=6.5
     )
@@ -157,12 +156,3 @@ def _room(axes: Axes, x: Any) -> None:
     drawn = [line.get_ydata() for line in axes.lines if line.get_transform() == axes.transData]
     if not any(np.isfinite(np.asarray(y, dtype=float)).any() for y in drawn):
         axes.set_xlim(0.9 * np.min(x), 1.1 * np.max(x))
-
-
-def _plain(axes: Axes) -> None:
-    """Numbers on logarithmic axes as one writes them."""
-    for axis, scale in ((axes.xaxis, axes.get_xscale()), (axes.yaxis, axes.get_yscale())):
-        if scale == "log":
-            axis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_formatter(NullFormatter())

@@ -40,7 +40,7 @@ DERIVED = {
 }
 
 
-def with_laws(dataset: xr.Dataset) -> xr.Dataset:
+def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
     """Add means over members, their intervals, the distribution, and the exponents of the laws."""
     each = [
         [_laws(dataset.isel(mu=m, F=f)) for f in range(dataset.sizes["F"])] for m in range(dataset.sizes["mu"])

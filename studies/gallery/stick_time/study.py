@@ -9,15 +9,13 @@ import numpy as np
 
 from fivcore import Scene, Transient, checks
 from studies import paper
-from studies.gallery.scenes import study as scenes
-from studies.gallery.stick_time.figure import draw
-from studies.gallery.stick_time.findings import findings
 from studies.gallery.stick_time.fit import with_laws
-from studies.motion import ensembles, transients
+from studies.motion import ensembles, normalised, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Study, rig_of, rig_settings
-from sweeps import Axis, Grid, Sweep, Variable
+from studies.study import Study, deferred
+from sweeps import Axis, Variable
 
 # Of one member so many sticks are kept one by one; its counts and totals are of all.
 KEPT = 64
@@ -43,11 +41,11 @@ VARIABLES = {
 def sticks(
     points: Mapping[str, Any], *, least: float, load_ups: float, most: float, **fixed: Any
 ) -> dict[str, Any]:
-    """The long sticks of each point's canonical scene."""
-    pace, mu = _pace(points), np.asarray(points["mu"], dtype=float)
+    """The long sticks of each point's normalised scene."""
+    speed_per_load, mu = _speed_per_load(points), np.asarray(points["mu"], dtype=float)
 
     def job_of(k: int, number: float) -> Job:
-        scene = Scene(float(pace[k]), fixed["theta"], float(mu[k]), 1.0, fixed["rig"])
+        scene = Scene(float(speed_per_load[k]), fixed["theta"], float(mu[k]), 1.0, fixed["rig"])
         duration = ensembles.own_duration(scene, ensembles.ramp_of(number, fixed["ramp"]), least, load_ups, most)
         return ensembles.member(scene, number, fixed, duration)
 
@@ -77,13 +75,12 @@ def of_sticks(scene: Scene, summary: Mapping[str, Any], duration: float) -> dict
 
 def key(points: Mapping[str, Any]) -> np.ndarray:
     """Equal rows for the same member of scenes that are copies of each other."""
-    return np.column_stack([_pace(points), points["mu"], points["member"]])
+    return np.column_stack([_speed_per_load(points), points["mu"], points["member"]])
 
 
-def _pace(points: Mapping[str, Any]) -> np.ndarray:
-    """V for F = 1, m/s/N, as the solver rounds it; it alone tells scenes of one theta and mu apart."""
-    pace, _, _ = scenes.canonical({**points, "theta": np.zeros(len(points["V"]))})
-    return pace
+def _speed_per_load(points: Mapping[str, Any]) -> np.ndarray:
+    """V / F as the solver rounds it, m/s/N: it alone tells scenes of one theta and mu apart."""
+    return normalised.coordinates({**points, "theta": np.zeros(len(points["V"]))})[0]
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
@@ -104,24 +101,10 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     check_jobs([ensembles.member(scene, 1.0, fixed, 1e-6) for scene in ends])
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """The sweep over V and the members, at several mu and F; copies of a scene are computed once."""
+def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
+    """The rig, theta and the run of each member."""
     rig, theta = rig_of(settings)
-    fixed: dict[str, Any] = {name: settings[name] for name in ("ramp", "cutoff", "leap", *ensembles.SETTINGS)}
-    fixed |= {"rig": rig, "theta": theta, "method": transients.METHOD}
-    check(axes, fixed)
-    return Sweep(
-        "stick_time",
-        sticks,
-        Grid(axes),
-        VARIABLES,
-        fixed,
-        key=key,
-        coords={"stick": Axis(np.arange(1, KEPT + 1), "1", "long stick, in the order in which they begin")},
-        title="Duration of sticks against the speed of the drive (T_st ~ 1/V)",
-        derive=with_laws,
-        batch_multiple=BATCH_MULTIPLE,
-    )
+    return ensembles.held(settings) | {"rig": rig, "theta": theta}
 
 
 STUDY = Study(
@@ -142,7 +125,13 @@ STUDY = Study(
         "F": Axis(np.array([0.5, 1.0, 2.0]) * paper.LOAD, "N", "load on A"),
     },
     settings=ensembles.settings(least=1.0, load_ups=3.0, most=30.0) | rig_settings(),
-    build=build,
-    draw=draw,
-    findings=findings,
+    function=sticks,
+    variables=VARIABLES,
+    constants=constants_of,
+    coords={"stick": Axis(np.arange(1, KEPT + 1), "1", "long stick, in the order in which they begin")},
+    check=check,
+    derive=with_laws,
+    options={"key": key, "batch_multiple": BATCH_MULTIPLE},
+    draw=deferred("studies.gallery.stick_time.figure:draw"),
+    findings=deferred("studies.gallery.stick_time.findings:findings"),
 )

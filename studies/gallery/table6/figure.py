@@ -1,8 +1,7 @@
-"""How the inclinations are drawn: lines, growth rates and contact, model and paper."""
+"""Over the inclination: lines, growth rates, shares of time, windows of instability, and the paper's text."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,32 +11,42 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from studies.gallery.scenes.figure import DONE, FAILED, STATE_COLOURS
-from studies.gallery.table6.windows import SLIDES, STEADY, VIBRATES
+from studies import paper
+from studies.motion.regimes import KINDS, STEADY
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, HATCHES, KINDS
+from studies.plotting.planes import COLOURS, HATCHES
 from studies.study import constants
+from sweeps import DONE, FAILED
+
+Array = NDArray[Any]
 
 # Pairs at neighbouring angles whose frequencies are nearer than this share are one branch.
 SAME = 0.25
 # Frequencies that differ by this factor or more, with nothing between, have panels of their own; so many at most.
 APART, MOST_BANDS = 2.0, 3
 # What a label takes, as a share of the axis.
-ROOM = 0.12
-# The paper's text, and how its lines look.
-UNTOLD: dict[str, Any] = {"facecolor": "white", "edgecolor": figures.GREY, "hatch": "//////"}
-SAID = {
-    "measured_frequency": ("D", 8.0, "paper: main line measured"),
-    "simulated_frequency": ("x", 5.0, "paper: main line simulated"),
-    "unstable_frequency": ("^", 8.0, "paper: unstable pair"),
+LABEL = 0.12
+# Frequencies by angle that the paper's text gives, and how they are marked.
+PAPER: dict[str, tuple[dict[float, Any], str, float]] = {
+    "paper: main line measured": (paper.ANGLES_MEASURED, "D", 8.0),
+    "paper: main line simulated": (paper.ANGLES_SIMULATED, "x", 5.0),
+    "paper: unstable pair": (paper.ANGLES_UNSTABLE, "^", 8.0),
 }
+# Where it says that the rig vibrates, but not in which regime; where it says nothing.
+VIBRATES: dict[str, Any] = {"facecolor": "white", "edgecolor": figures.GREY, "hatch": "//////"}
+SILENT = VIBRATES | {"hatch": ""}
+STEADY_COLOUR = COLOURS[KINDS.index(STEADY)]
 KHZ = 1e-3
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Frequencies, growth rates and shares of time over theta; at the foot model and paper under each other."""
+    """Frequencies, growth rates and shares of time over theta; at the foot windows, runs and the paper's text."""
     given, theta = constants(dataset), dataset["theta"].values
-    tiers = bands(_frequencies(dataset))
+    of_paper = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
+    points = paper_points(theta) if of_paper else {}
+    lines = [dataset[name].values.ravel() for name in ("frequency", "member_dominant_frequency")]
+    every = np.concatenate([*lines, *(places[:, 1] for places in points.values())])
+    tiers = bands(np.sort(every[every > 0.0]))
     rows = window_rows(dataset)
     # Of panels, cm; legends, titles and labels come on top.
     heights = [1.0 + 4.0 * min(high / low - 1.0, 1.0) for low, high in tiers[::-1]]
@@ -52,19 +61,23 @@ def draw(dataset: xr.Dataset) -> Figure:
         for low, high in zip(dataset["window_from"].values, dataset["window_to"].values, strict=True):
             axes.axvspan(low, high, color=figures.BLACK, alpha=0.06, linewidth=0.0, zorder=0.5)
     for axes, (low, high) in zip(upper, tiers[::-1], strict=True):
-        _draw_lines(axes, dataset)
+        _draw_lines(axes, dataset, points)
         axes.set_ylim(KHZ * low, KHZ * high)
         if axes is not upper[-1]:
             axes.spines["bottom"].set_visible(False)
             axes.tick_params(axis="x", length=0.0)
-    edges = planes.edges(theta)
+    upper[tallest].set_ylabel("frequency / kHz")
     _draw_growth(growth, dataset)
-    _draw_shares(shares, dataset, edges)
-    strips.legend(handles=_draw_strips(strips, dataset, edges, rows), **_above(5))
+    edges = planes.edges(theta)
+    planes.shares(shares, edges, dataset)
+    shares.set_ylabel("share of\nthe time")
+    shares.grid(False)
+    # Over its panel a legend hides nothing.
+    above: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+    strips.legend(handles=_draw_strips(strips, dataset, edges, rows, of_paper), ncols=5, **above)
     for axes in (upper[0], growth, shares):
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(**_above(3))
-    upper[tallest].set_ylabel("frequency / kHz")
+            axes.legend(ncols=3, **above)
     strips.set_xlim(edges[0], edges[-1])
     strips.set_xlabel(planes.label("theta"))
     figure.suptitle(
@@ -74,19 +87,16 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _above(columns: int) -> dict[str, Any]:
-    """Where a panel's legend stands: over it, so that it hides nothing."""
-    return {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": columns, "borderaxespad": 0.2}
+def paper_points(theta: Array) -> dict[str, Array]:
+    """The paper's frequencies at some of the angles: by label, (angle in degrees, Hz) in rows."""
+    points = {
+        label: np.array([(angle, f) for angle in theta for f in np.atleast_1d(given.get(float(angle), []))])
+        for label, (given, _, _) in PAPER.items()
+    }
+    return {label: places for label, places in points.items() if len(places)}
 
 
-def _frequencies(dataset: xr.Dataset) -> NDArray[Any]:
-    """All frequencies that are drawn, Hz."""
-    names = ("frequency", "member_dominant_frequency", *(f"{name}_paper" for name in SAID))
-    every = np.concatenate([dataset[name].values.ravel() for name in names])
-    return np.asarray(np.sort(every[every > 0.0]))
-
-
-def bands(frequencies: NDArray[Any]) -> list[tuple[float, float]]:
+def bands(frequencies: Array) -> list[tuple[float, float]]:
     """Stretches of frequency (Hz) that hold all `frequencies` and leave out wide gaps; both ascending."""
     if not len(frequencies):
         return [(0.1, 1e3)]
@@ -96,7 +106,7 @@ def bands(frequencies: NDArray[Any]) -> list[tuple[float, float]]:
     return [(0.93 * float(part[0]), 1.05 * float(part[-1])) for part in np.split(frequencies, cuts)]
 
 
-def branches(frequency: NDArray[Any]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def branches(frequency: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Pairs that go over into each other from angle to angle: of each branch the places (angle, pair).
 
     Parameters
@@ -104,7 +114,7 @@ def branches(frequency: NDArray[Any]) -> list[tuple[NDArray[np.intp], NDArray[np
     frequency : ndarray, (angles, pairs)
         NaN where there is no pair.
     """
-    found: list[list[tuple[int, int]]] = []
+    every: list[list[tuple[int, int]]] = []
     ends: list[list[tuple[int, int]]] = []
     for k, row in enumerate(frequency):
         going = []
@@ -114,36 +124,34 @@ def branches(frequency: NDArray[Any]) -> list[tuple[NDArray[np.intp], NDArray[np
                 branch = ends.pop(int(np.argmin(away)))
             else:
                 branch = []
-                found.append(branch)
+                every.append(branch)
             branch.append((k, int(j)))
             going.append(branch)
         ends = going
-    return [(np.array(branch)[:, 0], np.array(branch)[:, 1]) for branch in found]
+    return [(np.array(branch)[:, 0], np.array(branch)[:, 1]) for branch in every]
 
 
-def _draw_lines(axes: Axes, dataset: xr.Dataset) -> None:
+def _draw_lines(axes: Axes, dataset: xr.Dataset, points: dict[str, Array]) -> None:
     """Unstable pairs and the runs' main lines, with the frequencies that the paper's text gives."""
     theta, frequency = dataset["theta"].values, dataset["frequency"].values
-    _draw_branches(axes, theta, frequency, KHZ * frequency, "unstable pair")
+    _draw_branches(axes, theta, frequency, KHZ * frequency)
     each = KHZ * dataset["member_dominant_frequency"].values
     place = np.nonzero(np.isfinite(each))
     if len(place[0]):
         main = KHZ * dataset["dominant_frequency"].values
         axes.plot(theta, main, "s", color=figures.BLUE, markersize=4.5, label="main line, median of the runs")
-        look: dict[str, Any] = {"color": COLOURS[STEADY], "markeredgecolor": figures.BLUE, "markeredgewidth": 0.6}
+        look: dict[str, Any] = {"color": STEADY_COLOUR, "markeredgecolor": figures.BLUE, "markeredgewidth": 0.6}
         axes.plot(theta[place[0]], each[place], "o", markersize=2.6, label="main line of each run", **look)
-    for name, (marker, size, label) in SAID.items():
-        said = KHZ * dataset[f"{name}_paper"].values.reshape(len(theta), -1)
-        place = np.nonzero(np.isfinite(said))
-        if len(place[0]):
-            open_look: dict[str, Any] = {"markerfacecolor": "none", "color": figures.RED, "markeredgewidth": 1.3}
-            axes.plot(theta[place[0]], said[place], marker, markersize=size, label=label, zorder=4.0, **open_look)
+    look = {"markerfacecolor": "none", "color": figures.RED, "markeredgewidth": 1.3, "zorder": 4.0}
+    for label, places in points.items():
+        _, marker, size = PAPER[label]
+        axes.plot(places[:, 0], KHZ * places[:, 1], marker, markersize=size, label=label, **look)
 
 
-def _draw_branches(axes: Axes, theta: NDArray[Any], frequency: NDArray[Any], y: NDArray[Any], label: str) -> None:
+def _draw_branches(axes: Axes, theta: Array, frequency: Array, y: Array) -> None:
     look: dict[str, Any] = {"color": figures.BLACK, "markersize": 3.0, "linewidth": 0.8}
     for k, place in enumerate(branches(frequency)):
-        axes.plot(theta[place[0]], y[place], "o-", label="" if k else label, **look)
+        axes.plot(theta[place[0]], y[place], "o-", label="" if k else "unstable pair", **look)
 
 
 def _draw_growth(axes: Axes, dataset: xr.Dataset) -> None:
@@ -151,11 +159,16 @@ def _draw_growth(axes: Axes, dataset: xr.Dataset) -> None:
     theta, frequency = dataset["theta"].values, dataset["frequency"].values
     growth, fastest = dataset["growth_rate"].values, dataset["mode_growth_rate"].values
     axes.axhline(0.0, color=figures.BLACK, linewidth=0.6)
-    _draw_branches(axes, theta, frequency, growth, "unstable pair")
+    _draw_branches(axes, theta, frequency, growth)
     for angle, pair in _labelled(theta, frequency, growth):
-        spot = (theta[angle], growth[angle, pair])
-        look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 8.0}
-        axes.annotate(f"{frequency[angle, pair]:.0f} Hz", spot, (0, 4), **look)
+        axes.annotate(
+            f"{frequency[angle, pair]:.0f} Hz",
+            (theta[angle], growth[angle, pair]),
+            (0, 4),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8.0,
+        )
     stable = np.where(fastest > 0.0, np.nan, fastest)
     decay = "slowest decay, where none grows"
     axes.plot(theta, stable, ".-", color=figures.GREEN, linewidth=2.0, markersize=5.0, label=decay)
@@ -165,11 +178,11 @@ def _draw_growth(axes: Axes, dataset: xr.Dataset) -> None:
     axes.set_ylabel("growth rate / (1/s)")
 
 
-def _labelled(theta: NDArray[Any], frequency: NDArray[Any], growth: NDArray[Any]) -> list[tuple[int, int]]:
+def _labelled(theta: Array, frequency: Array, growth: Array) -> list[tuple[int, int]]:
     """Where branches grow fastest, (angle, pair); of those too near to each other to be labelled, the fastest."""
     tops = [(place[0][k], place[1][k]) for place in branches(frequency) for k in [int(np.argmax(growth[place]))]]
     tops.sort(key=lambda top: -growth[top])
-    wide, high = ROOM * np.ptp(theta), ROOM * growth[tops[0]] if tops else 0.0
+    wide, high = LABEL * np.ptp(theta), LABEL * growth[tops[0]] if tops else 0.0
     kept: list[tuple[int, int]] = []
     for top in tops:
         if all(abs(theta[top[0]] - theta[k]) > wide or growth[k, j] - growth[top] > high for k, j in kept):
@@ -177,27 +190,9 @@ def _labelled(theta: NDArray[Any], frequency: NDArray[Any], growth: NDArray[Any]
     return kept
 
 
-def _draw_shares(axes: Axes, dataset: xr.Dataset, edges: NDArray[Any]) -> None:
-    """How the contact spends its time."""
-    below = np.zeros(len(edges) - 1)
-    for state, colour in STATE_COLOURS.items():
-        share = np.nan_to_num(dataset[f"{state}_fraction"].values)
-        look: dict[str, Any] = {
-            "color": colour,
-            "edgecolor": "white",
-            "linewidth": 0.3 if len(share) <= 80 else 0.0,
-        }
-        axes.bar(edges[:-1], share, np.diff(edges), bottom=below, align="edge", label=state, **look)
-        below += share
-    axes.set_ylim(0.0, 1.0)
-    axes.set_ylabel("share of\nthe time")
-    axes.grid(False)
-
-
 def window_rows(dataset: xr.Dataset) -> list[int]:
     """The row in which each window is drawn, so that none covers another or its bounds."""
-    theta = dataset["theta"].values
-    margin = ROOM * (theta.max() - theta.min())
+    margin = LABEL * np.ptp(dataset["theta"].values)
     ends: list[float] = []
     rows = []
     for low, high in zip(dataset["window_from"].values, dataset["window_to"].values, strict=True):
@@ -208,54 +203,52 @@ def window_rows(dataset: xr.Dataset) -> list[int]:
     return rows
 
 
-def _draw_strips(axes: Axes, dataset: xr.Dataset, edges: NDArray[Any], rows: Sequence[int]) -> list[Patch]:
-    """Windows of instability, what the runs do, and what the paper's text says; patches for the legend."""
-    said, names = dataset["stated_paper"].values, []
-    handles: list[Patch] = []
-    if np.any(np.isin(said, (VIBRATES, SLIDES))):
-        # What slides steadily to the paper has the colour that it has here; of a vibration it tells no regime.
-        for code, look in ((SLIDES, {"color": COLOURS[STEADY]}), (VIBRATES, UNTOLD)):
-            chosen = np.flatnonzero(said == code)
-            axes.bar(edges[chosen], 0.8, np.diff(edges)[chosen], bottom=0.0, align="edge", linewidth=0.0, **look)
-        handles.append(Patch(linewidth=0.5, label="paper: vibrates", **UNTOLD))
-        handles.append(Patch(linewidth=0.5, label="paper: says nothing", **UNTOLD | {"hatch": ""}))
-        names.append((0.4, "paper's text"))
-    height = float(len(names))
-    kinds = _draw_runs(axes, dataset, edges, height)
-    if len(names) and np.any(said == SLIDES):
-        kinds = sorted({*kinds, STEADY})
-    names.append((height + 0.4, "runs"))
+def _draw_strips(axes: Axes, dataset: xr.Dataset, edges: Array, rows: list[int], of_paper: bool) -> list[Patch]:
+    """The paper's text, what the runs do, and windows of instability, upwards; patches for the legend."""
+    theta, status, regime = (dataset[name].values for name in ("theta", "status", "member_regime"))
+    steady = np.any([(low < theta) & (theta < high) for low, high in paper.STEADY_ANGLES], axis=0)
+    vibrates = np.isin(theta, list(paper.ANGLES_MEASURED))
+    ticks, kinds, handles = [], set(), []
+    if of_paper and np.any(steady | vibrates):
+        ticks.append("paper's text")
+        _strip(axes, edges, 0.0, 0.8 * steady, color=STEADY_COLOUR)
+        _strip(axes, edges, 0.0, 0.8 * vibrates, **VIBRATES)
+        kinds |= {KINDS.index(STEADY)} if steady.any() else set()
+        handles = [
+            Patch(linewidth=0.5, label=f"paper: {label}", **look)
+            for label, look in (("vibrates", VIBRATES), ("says nothing", SILENT))
+        ]
+    below = np.full(len(theta), float(len(ticks)))
+    for code, kind in enumerate(KINDS):
+        share = (status == FAILED) * 1.0 if kind == "failed" else (regime == code).mean(axis=1) * (status == DONE)
+        if share.any():
+            _strip(axes, edges, below, 0.8 * share, facecolor=COLOURS[code], hatch=HATCHES.get(kind, ""))
+            below += 0.8 * share
+            kinds.add(code)
+    ticks.append("runs")
+    axes.set_yticks(np.arange(len(ticks)) + 0.4, ticks)
     if rows:
-        _draw_windows(axes, dataset, rows, height + 1.0)
-        names.append((height + 1.2 + 0.25 * max(rows), "unstable"))
-    axes.set_ylim(-0.1, height + 1.0 + 0.5 * (1 + max(rows, default=-1)))
-    axes.set_yticks([place for place, _ in names], [name for _, name in names])
+        _draw_windows(axes, dataset, rows, len(ticks))
+        middle = len(ticks) + 0.2 + 0.25 * max(rows)
+        axes.set_yticks([*axes.get_yticks(), middle], [*ticks, "unstable"])
+    axes.set_ylim(-0.1, len(ticks) + 0.5 * (1 + max(rows, default=-1)))
     axes.tick_params(axis="y", length=0.0)
     axes.spines["left"].set_visible(False)
     axes.grid(False)
     return planes.patches(kinds) + handles
 
 
-def _draw_runs(axes: Axes, dataset: xr.Dataset, edges: NDArray[Any], bottom: float) -> list[int]:
-    """Of each angle the regimes of its runs, stacked by how many have them; the kinds that occur."""
-    status, each = dataset["status"].values, dataset["member_regime"].values.astype(float)
-    below, found = np.full(len(status), bottom), []
-    for code, kind in enumerate(KINDS):
-        share = (each == code).mean(axis=1) * (status == DONE)
-        if kind == "failed":
-            share = (status == FAILED).astype(float)
-        if np.any(share):
-            look: dict[str, Any] = {"color": COLOURS[code], "hatch": HATCHES.get(kind, "")}
-            look["edgecolor"] = figures.GREY
-            axes.bar(edges[:-1], 0.8 * share, np.diff(edges), bottom=below, align="edge", linewidth=0.0, **look)
-            below += 0.8 * share
-            found.append(code)
-    return found
+def _strip(axes: Axes, edges: Array, bottom: Array | float, height: Array, **look: Any) -> None:
+    """A cell for each angle, from `bottom` up; of none where the height is 0."""
+    cells = np.flatnonzero(height)
+    whole: dict[str, Any] = {"align": "edge", "edgecolor": figures.GREY, "linewidth": 0.0} | look
+    low = np.broadcast_to(bottom, len(height))[cells]
+    axes.bar(edges[cells], height[cells], np.diff(edges)[cells], low, **whole)
 
 
-def _draw_windows(axes: Axes, dataset: xr.Dataset, rows: Sequence[int], bottom: float) -> None:
+def _draw_windows(axes: Axes, dataset: xr.Dataset, rows: list[int], bottom: float) -> None:
     """Each window as a bar between its bounds; a bound that the range cuts off has no number."""
-    theta = dataset["theta"].values
+    wide = LABEL * np.ptp(dataset["theta"].values)
     text: dict[str, Any] = {"va": "center", "fontsize": 8.0}
     for k, row in enumerate(rows):
         at = dataset.isel(window=k)
@@ -265,6 +258,6 @@ def _draw_windows(axes: Axes, dataset: xr.Dataset, rows: Sequence[int], bottom: 
             axes.text(low, middle, f"{low:.2f}° ", ha="right", **text)
         if not int(at["window_open_to"]):
             axes.text(high, middle, f" {high:.2f}°", ha="left", **text)
-        if high - low > ROOM * (theta.max() - theta.min()):
-            pitch = f"{float(at['window_peak_frequency']):.0f} Hz"
-            axes.text(0.5 * (low + high), middle, pitch, ha="center", color="white", **text)
+        if high - low > wide:
+            peak = f"{float(at['window_peak_frequency']):.0f} Hz"
+            axes.text(0.5 * (low + high), middle, peak, ha="center", color="white", **text)

@@ -1,7 +1,8 @@
-"""What is known of inclinations besides runs at them: windows of instability, and what the paper's text says."""
+"""Windows of inclination in which steady sliding is unstable: as roots, in a file and in a table."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,18 +10,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import Rig, unstable_windows
-from studies import paper
 from studies.motion import transients
+from studies.tables import Column, Part, Table
 
-# Places for unstable pairs; fixed, so that a file can be completed whatever its angles. The paper's rig fills two
-# at mu = 0.2 and at most four up to mu = 2.
-PAIRS = 8
-# Regimes in which B vibrates: what is left of a motion that dies has a strongest line too, but none that sounds.
-VIBRATING = tuple(transients.REGIMES.index(name) for name in ("intermittent", "periodic", "irregular"))
-STEADY = transients.REGIMES.index("steady sliding")
-
-# How a window of instability ends: there the pair grows no more, or leaves the band, or oscillates no more; or the
-# range of angles ends.
+# How a window ends: there the pair grows no more, leaves the band or oscillates no more; or the range ends.
 ENDS = ("pair grows no more", "end of the range")
 # By their names here: names in `fivcore.UnstableWindows`, units and meaning.
 WINDOWS = {
@@ -34,37 +27,31 @@ WINDOWS = {
     "peak_theta": ("peak_theta", "degree", "inclination at which the pair grows fastest"),
     "peak_frequency": ("peak_frequency", "Hz", "frequency of the pair where it grows fastest"),
 }
-
-# What the paper's text says of an inclination.
-STATED = ("not stated", "vibrates", "slides steadily")
-NOT_STATED, VIBRATES, SLIDES = range(3)
-STATEMENTS: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "stated": (("theta",), "1", "motion, paper's text"),
-    "measured_frequency": (("theta",), "Hz", "main line, measured, paper's text"),
-    "simulated_frequency": (("theta",), "Hz", "main line, simulated, paper's text"),
-    "unstable_frequency": (("theta", "pair"), "Hz", "frequency of the unstable pair, paper's text"),
-}
+OTHER_END = {"from": "to", "to": "from"}
 
 
-def beside(dataset: xr.Dataset, *, rig: Rig, mu: float, V: float) -> xr.Dataset:
-    """Add the windows of instability, and what the paper's text says where this is its operating point.
+def with_windows(dataset: xr.Dataset, rig: Rig, mu: float, V: float) -> xr.Dataset:
+    """Add the windows within the range of theta, ascending in frequency, then theta.
 
-    Where the windows cannot be found all else is kept, and the `comment` of `window_from` tells the reason.
+    Where they cannot be found there are none, and the `comment` of `window_from` gives the reason.
     """
-    theta = dataset["theta"].values
-    found, comment = windows(rig, mu, V, float(theta.min()), float(theta.max()))
-    for name, (_, units, long_name) in WINDOWS.items():
-        dataset[f"window_{name}"] = ("window", found[name], {"units": units, "long_name": long_name})
+    theta, comment = dataset["theta"].values, ""
+    try:
+        values = windows(rig, mu, V, float(theta.min()), float(theta.max()))
+    except ArithmeticError as problem:
+        values, comment = _no_windows(), str(problem)
+    dataset = dataset.assign(
+        {
+            f"window_{name}": ("window", values[name], {"units": units, "long_name": long_name})
+            for name, (_, units, long_name) in WINDOWS.items()
+        }
+    )
     if comment:
         dataset["window_from"].attrs["comment"] = comment
-    papers = transients.is_papers(dataset, V=paper.ANGLES_SPEED)
-    said = stated(theta if papers else np.full(len(theta), np.nan))
-    for name, (dims, units, long_name) in STATEMENTS.items():
-        dataset[f"{name}_paper"] = (dims, said[name], {"units": units, "long_name": long_name})
-    return transients.with_flags(dataset, window_open_from=ENDS, window_open_to=ENDS, stated_paper=STATED)
+    return transients.with_flags(dataset, window_open_from=ENDS, window_open_to=ENDS)
 
 
-def windows(rig: Rig, mu: float, V: float, low: float, high: float) -> tuple[dict[str, NDArray[Any]], str]:
+def windows(rig: Rig, mu: float, V: float, low: float, high: float) -> dict[str, NDArray[Any]]:
     """Windows of theta in which a pair is unstable.
 
     Parameters
@@ -78,51 +65,51 @@ def windows(rig: Rig, mu: float, V: float, low: float, high: float) -> tuple[dic
 
     Returns
     -------
-    found : dict
-        What WINDOWS describes, each (windows,), ascending in frequency, then theta; `open_` are places in ENDS.
-    comment : str
-        Why there are none though there might be; else "".
+    dict
+        The arrays that WINDOWS describes, (windows,); `open_` are places in ENDS.
+
+    Raises
+    ------
+    ArithmeticError
+        Where windows cannot be told apart.
     """
-    try:
-        ends = (low, high) if V > 0.0 else (-high, -low)
-        seen = unstable_windows(rig, mu, *ends, transients.BAND) if low < high else None
-        comment = ""
-    except ArithmeticError as problem:
-        seen, comment = None, str(problem)
-    found = {name: np.array(getattr(seen, field, [])) for name, (field, _, _) in WINDOWS.items()}
+    if low == high:
+        return _no_windows()
+    solved = unstable_windows(rig, mu, *((low, high) if V > 0.0 else (-high, -low)), transients.BAND)
+    values = {name: np.asarray(getattr(solved, field)) for name, (field, _, _) in WINDOWS.items()}
     if V < 0.0:
         # In the mirror a window begins where it ended; 0 - theta, for -theta makes -0 of 0.
-        found = {name: found[_other_end(name)] for name in found}
-        found |= {name: 0.0 - found[name] for name in ("from", "to", "peak_theta")}
-    found |= {name: found[name].astype(np.int8) for name in ("open_from", "open_to")}
-    order = np.lexsort((found["from"], found["frequency_from"]))
-    return {name: values[order] for name, values in found.items()}, comment
+        values = {name: values["_".join(OTHER_END.get(part, part) for part in name.split("_"))] for name in values}
+        values |= {name: 0.0 - values[name] for name in ("from", "to", "peak_theta")}
+    order = np.lexsort((values["from"], values["frequency_from"]))
+    return {name: each[order].astype(np.int8 if "open" in name else float) for name, each in values.items()}
 
 
-def _other_end(name: str) -> str:
-    """The name of the same thing at the other end of a window."""
-    if name.endswith("from"):
-        return name.removesuffix("from") + "to"
-    return name.removesuffix("to") + "from" if name.endswith("to") else name
+def _no_windows() -> dict[str, NDArray[Any]]:
+    return {name: np.empty(0, np.int8 if "open" in name else float) for name in WINDOWS}
 
 
-def stated(theta: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """What the paper's text says of inclinations (degrees): a place in STATED, and frequencies (Hz) or NaN."""
-    code = np.full(len(theta), NOT_STATED, dtype=np.int8)
-    below, above = paper.STEADY_ANGLES
-    code[(theta < below) | (theta > above)] = SLIDES
-    code[np.isin(theta, list(paper.ANGLES_MEASURED))] = VIBRATES
-    unstable = np.full((len(theta), PAIRS), np.nan)
-    for row, angle in zip(unstable, theta, strict=True):
-        said = paper.ANGLES_UNSTABLE.get(float(angle), ())
-        row[: len(said)] = said
-
-    def said_of(numbers: dict[float, float]) -> NDArray[np.float64]:
-        return np.array([numbers.get(float(angle), np.nan) for angle in theta])
-
-    return {
-        "stated": code,
-        "measured_frequency": said_of(paper.ANGLES_MEASURED),
-        "simulated_frequency": said_of(paper.ANGLES_SIMULATED),
-        "unstable_frequency": unstable,
+def report(dataset: xr.Dataset, mu: float) -> list[Part]:
+    """The windows as a table; a bound with < or > is the end of the range."""
+    theta, comment = dataset["theta"].values, dataset["window_from"].attrs.get("comment", "")
+    if len(theta) == 1:
+        return ["A single inclination has no window of instability; give a range of theta."]
+    where = f"at mu = {mu:g}, theta from {theta.min():g} to {theta.max():g} degrees"
+    if comment:
+        return [f"Windows of instability {where} could not be found: {comment}."]
+    if not dataset.sizes["window"]:
+        return [f"No pair is unstable {where}."]
+    columns: dict[str, Column] = {
+        "from deg": partial(_bound, end="from", mark="< "),
+        "to deg": partial(_bound, end="to", mark="> "),
+        "from Hz": ("window_frequency_from", ".0f"),
+        "to Hz": ("window_frequency_to", ".0f"),
+        "largest growth 1/s": ("window_peak_growth_rate", ".0f"),
+        "at deg": ("window_peak_theta", ".2f"),
+        "at Hz": ("window_peak_frequency", ".0f"),
     }
+    return [f"Windows of instability {where}, as roots:", Table.of(dataset, "window", columns)]
+
+
+def _bound(window: xr.Dataset, end: str, mark: str) -> str:
+    return f"{mark if int(window[f'window_open_{end}']) else ''}{float(window[f'window_{end}']):.3f}"

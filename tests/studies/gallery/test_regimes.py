@@ -1,5 +1,7 @@
 """Planes of regimes: what ensembles agree on, how that compares with linear stability, and how it is shown."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -15,8 +17,9 @@ from studies.gallery.regimes import study as regimes
 from studies.gallery.regimes.compare_linear import VERDICTS
 from studies.motion import ensembles, transients
 from studies.motion.jobs import run_all
+from studies.motion.regimes import KINDS
 from studies.motion.transients import REGIMES
-from studies.plotting import figures, planes
+from studies.plotting import figures
 
 # Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
 SHORT = {"least": 0.6, "load_ups": 1.0, "members": 2.0}
@@ -81,7 +84,7 @@ def test_next_to_the_onset_motion_and_stability_agree(tmp_path):
     onset = flutter_onsets(Rig(), 5.0, 10e3)
     np.testing.assert_allclose(data["onset_mu"], [np.nan, onset.mu[0]])
     np.testing.assert_allclose(data["onset_frequency"], [np.nan, onset.frequency[0]])
-    assert "Motion and stability agree at 16 of 16 scenes." in STUDY.report(data)
+    assert np.all(data["verdict"] == VERDICTS.index("agree"))
 
 
 def test_what_only_modes_above_the_band_explain_is_named_so(tmp_path):
@@ -90,10 +93,9 @@ def test_what_only_modes_above_the_band_explain_is_named_so(tmp_path):
     data = computed(tmp_path, given)
     assert VERDICTS[int(data["verdict"].squeeze())] == "unstable above the band"
     np.testing.assert_allclose(data["model_growth_frequency"], 95.6e3, rtol=0.01)
-    report = STUDY.report(data)
-    assert "Motion and stability agree at 0 of 1 scenes." in report
-    assert "Vibrating though stable below 10 kHz: 1." in report
-    assert "near 95.6 kHz, in the model that is run; subcritical are 0." in report
+    assert re.search(
+        r"\n *vibrating, stable below 10 kHz, unstable above in the model that is run +1", STUDY.report(data)
+    )
 
 
 def test_a_stable_scene_loses_its_slowest_mode_at_half_of_d1():
@@ -282,7 +284,7 @@ def test_every_grid_has_its_figure_and_report(grid, tmp_path):
     if grid in PANELS:
         assert len(figure.axes) == PANELS[grid]
     legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
-    assert {text.get_text() for legend in legends for text in legend.get_texts()} & {*planes.KINDS}
+    assert {text.get_text() for legend in legends for text in legend.get_texts()} & {*KINDS}
     count = data["regime"].size
     lines = STUDY.report(data).splitlines()
     assert lines[0].startswith(f"{count} scene")
@@ -294,7 +296,7 @@ def test_every_grid_has_its_figure_and_report(grid, tmp_path):
     failed = int((data["status"] == 2).sum())
     assert (failed > 0) == ("failed" in grid)
     if grid == "undecided":
-        assert "Undecided: 4 of 4 (100.0 %)." in lines
+        assert any(line.split()[:2] == ["undecided", "4"] for line in lines)
         assert "undecided: 4 of 4" in figure.get_suptitle()
 
 
@@ -314,17 +316,10 @@ def test_a_plane_half_done_is_shown_as_far_as_it_goes(tmp_path):
 
 def test_the_paper_stands_beside_its_own_rig_only(tmp_path):
     with_paper = {"V": [1e-3, 2e-3, 5e-3], "mu": [0.19, 0.22], "most": 0.2}
-    lines = STUDY.report(computed(tmp_path, with_paper)).splitlines()
-    head = next(k for k, line in enumerate(lines) if line.split()[:3] == ["V", "mm/s", "nearest"])
-    assert [line.split()[-1] for line in lines[head + 1 : head + 4]] == [
-        "intermittent",
-        "intermittent",
-        "periodic",
-    ]
-    assert [line.split()[2] for line in lines[head + 1 : head + 4]] == ["0.19"] * 3
-    other = STUDY.report(computed(tmp_path / "other", with_paper | {"theta": 6.0}))
-    assert "paper:" not in other
-    assert "periodic" not in other
+    report = STUDY.report(computed(tmp_path, with_paper))
+    rows = re.findall(r"V = (\d) mm/s, mu = 0.19 +(intermittent|periodic) .* 2, 3.5.3", report)
+    assert rows == [("1", "intermittent"), ("2", "intermittent"), ("5", "periodic")]
+    assert "paper  " not in STUDY.report(computed(tmp_path / "other", with_paper | {"theta": 6.0}))
 
 
 def test_a_file_explains_itself_and_grows(tmp_path):

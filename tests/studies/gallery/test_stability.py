@@ -1,4 +1,4 @@
-"""The plane of inclination and friction: its numbers, what follows from it, what it says and draws."""
+"""The plane of inclination and friction: its numbers, what follows from it, its tables and its figure."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from fivcore import Rig, flutter_onsets, onset_curves, sliding_modes
 from studies import paper, runner
-from studies.gallery.stability import findings as stability_report
+from studies.gallery.stability import findings, study
 from studies.gallery.stability.study import STUDY, largest_growth
 from studies.plotting import figures
 from studies.spec import evenly
@@ -26,9 +26,6 @@ def plane():
     return computed(**SMALL)
 
 
-# The helper.
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 300), st.floats(-40.0, 40.0), frictions)
 def test_the_largest_growth_is_that_of_the_fastest_mode(seed, theta, mu):
@@ -44,14 +41,13 @@ def test_the_largest_growth_is_that_of_the_fastest_mode(seed, theta, mu):
     assert count == np.count_nonzero(modes.growth_rate > 0.0)
 
 
-def test_the_helper_broadcasts():
+def test_the_largest_growth_broadcasts():
     theta, mu = np.array([0.0, 5.0, 10.0])[:, None], np.array([0.1, 0.2])
     every = largest_growth(Rig(), theta, mu, 10e3)
     assert all(each.shape == (3, 2) for each in every)
-    for k in range(3):
-        for j in range(2):
-            one = largest_growth(Rig(), theta[k, 0], mu[j], 10e3)
-            assert [each[k, j] for each in every] == [float(each) for each in one]
+    for k, j in np.ndindex(3, 2):
+        one = largest_growth(Rig(), theta[k, 0], mu[j], 10e3)
+        assert [each[k, j] for each in every] == [float(each) for each in one]
 
 
 def test_a_band_without_modes_has_no_growth():
@@ -60,20 +56,16 @@ def test_a_band_without_modes_has_no_growth():
     np.testing.assert_array_equal(count, 0)
 
 
-# The plane.
-
-
 def test_the_papers_onsets_are_where_growth_begins(plane):
     at = plane.sel(theta=paper.THETA)
     np.testing.assert_allclose(np.sort(at["pair_onset_mu"]), [0.11123, 0.15298, 0.22365], atol=1e-5)
     assert float(at["onset_mu"]) == flutter_onsets(Rig(), paper.THETA, 10e3, 0.5).mu[0]
     assert float(at["onset_frequency"]) == pytest.approx(2802.0, abs=0.5)
-    grows = at["growth_rate"] > 0.0
-    np.testing.assert_array_equal(grows, at["mu"] > at["onset_mu"])
+    np.testing.assert_array_equal(at["growth_rate"] > 0.0, at["mu"] > at["onset_mu"])
 
 
 def test_growth_and_branches_agree_at_every_point(plane):
-    np.testing.assert_array_equal(plane["unstable_modes"], stability_report.expected(plane))
+    np.testing.assert_array_equal(plane["unstable_modes"], findings.expected(plane))
     np.testing.assert_array_equal(plane["growth_rate"] > 0.0, plane["unstable_modes"] > 0)
 
 
@@ -86,11 +78,9 @@ def test_the_plane_holds_what_the_solver_says(plane):
 
 
 def test_nothing_grows_outside_the_bound(plane):
-    grows = (plane["growth_rate"] > 0.0).transpose("theta", "mu").values
-    bound = plane["bound_mu"].values
-    assert np.all(np.isnan(bound) == (plane["theta"].values <= 0.0))
-    allowed = plane["mu"].values > np.where(np.isnan(bound), np.inf, bound)[:, None]
-    assert not np.any(grows & ~allowed)
+    bound = plane["bound_mu"].fillna(np.inf)
+    np.testing.assert_array_equal(np.isinf(bound), plane["theta"] <= 0.0)
+    assert not np.any((plane["growth_rate"] > 0.0) & (plane["mu"] <= bound))
 
 
 def test_branches_are_kept_to_their_ends(plane):
@@ -119,83 +109,109 @@ def test_the_windows_are_at_the_nearest_friction_there_is(mu, taken):
 
 def test_a_rig_whose_pairs_recover():
     data = computed(theta=evenly(0.0, 20.0, 11), mu=evenly(0.0, 0.6, 13), p1_length=0.08)
-    assert data.sizes["recovery"] > 0
-    known = np.isfinite(data["pair_recovery_mu"].values)
-    assert known.any()
-    assert np.all(data["pair_recovery_mu"].values[known] <= 0.6)
+    mu = data["pair_recovery_mu"].values
+    assert np.any(np.isfinite(mu))
+    assert np.all(mu[np.isfinite(mu)] <= 0.6)
     text = STUDY.report(data)
-    assert "recovery" in text
+    assert "\nrecovery " in text
     assert "paper" not in text.lower()
 
 
-# What it says.
+def over_the_plane(dataset):
+    """The figures of the plane by their names."""
+    (table,) = (part for part in findings.findings(dataset) if getattr(part, "heads", [""])[0] == "over the plane")
+    return dict(table.rows)
 
 
-def test_the_report_has_the_papers_numbers_beside_its_own(plane):
-    text = STUDY.report(plane)
-    assert "Lowest onset: mu = 0.0908 at theta = 2.593 degrees, 2802 Hz." in text
-    for line in (
-        "0.1112     0.12, near 2800 Hz",
-        "0.1530      0.16, near 400 Hz",
-        "0.2236     0.23, near 7700 Hz",
-    ):
-        assert line in text
-    assert "Unstable outside 0 < tan(theta) < mu: none." in text
-    assert "sign of the growth is not what the branches say: none" in text
-    assert "vibrates at 2700 Hz" in text
-    share = float((plane["growth_rate"] > 0.0).mean())
-    assert f"({100.0 * share:.1f} %)" in text
+def test_the_figures_of_the_plane(plane):
+    rows = over_the_plane(plane)
+    assert rows["points with a growing mode"].endswith(
+        f"({100.0 * float((plane['growth_rate'] > 0.0).mean()):.1f} %)"
+    )
+    for name in ("growing outside 0 < tan(theta) < mu", "growing, but not by the branches, or the reverse"):
+        assert rows[name] == "0"
+    top = plane.where(plane["growth_rate"] == plane["growth_rate"].max(), drop=True).squeeze()
+    place = f"theta = {float(top['theta']):g} degrees, mu = {float(top['mu']):g}"
+    rate = f"{float(top['growth_rate']):.0f} 1/s, {float(top['frequency']):.0f} Hz"
+    assert rows["largest growth rate"] == f"{rate} at {place}"
 
 
-def test_growth_without_an_onset_in_the_band_is_told():
+def test_growth_without_an_onset_in_the_band_is_counted():
     """At theta = 24 and mu = 0.8 a pair of the paper's rig diverges."""
     data = computed(theta=[20.0, 24.0, 28.0], mu=[0.7, 0.8, 0.9])
-    assert np.any(data["frequency"] == 0.0)
+    diverge = np.count_nonzero(data["frequency"] == 0.0)
+    differ = np.count_nonzero(data["unstable_modes"].values != findings.expected(data))
+    assert diverge
+    assert differ
+    rows = over_the_plane(data)
+    assert rows["points whose fastest growing mode does not oscillate"] == f"{diverge}"
+    assert rows["more or fewer growing modes than by the branches"] == f"{differ}"
+
+
+def test_branches_that_cannot_be_followed_leave_all_else(monkeypatch):
+    def fails(*args):
+        raise ArithmeticError("onsets near theta = 1 cannot be told apart")
+
+    monkeypatch.setattr(study, "onset_curves", fails)
+    data = computed(theta=[0.0, 5.0], mu=[0.1, 0.2])
+    assert data.sizes["pair"] == data.sizes["trace"] == 0
+    assert data.sizes["window"] == 2
     text = STUDY.report(data)
-    differ = np.count_nonzero(data["unstable_modes"].values != stability_report.expected(data))
-    assert f"grow than pairs by the branches: {differ}, and at" in text
+    assert "could not be followed over theta: onsets near theta = 1 cannot be told apart." in text
+    assert "by the branches" not in text
+
+
+def test_the_papers_numbers_stand_beside_the_branches_and_the_plane(plane):
+    def rows(data):
+        return [row[2:5] for row in findings.findings(data)[-1].rows]
+
+    mu = [["0.12", "0.1112", "-7.3 %"], ["0.16", "0.153", "-4.4 %"], ["0.23", "0.2236", "-2.8 %"]]
+    hertz = [["2800", "2802", "+0.1 %"], ["400", "397.8", "-0.5 %"], ["7700", "7705", "+0.1 %"]]
+    assert (rows(plane)[:6:2], rows(plane)[1:6:2]) == (mu, hertz)
+    # Two pairs at 5 degrees; none at 15, below 0 and above 12, where the rig slides steadily.
+    assert rows(plane)[6:] == [["2", "2", "none"], *[["0", "0", "none"]] * 3]
+    other = plane.copy(deep=True)
+    other["unstable_modes"].loc[{"theta": 13.0, "mu": paper.MU}] = 1
+    assert rows(other)[-2:] == [["0", "0", "none"], ["0", "0 to 1", "differs"]]
+    # An onset is known by its frequency, whichever branches there are.
+    few = computed(theta=[4.0, 5.0], mu=[0.0, 0.13])
+    assert few.sizes["pair"] == 1
+    assert rows(few) == rows(plane)[:2]
 
 
 EDGES = {
     "one inclination": ({"theta": [5.0], "mu": SMALL["mu"]}, "A single inclination has no window"),
     "one friction": ({"theta": SMALL["theta"], "mu": [0.2]}, "Windows of instability at mu = 0.2"),
-    "one point": ({"theta": [5.0], "mu": [0.2]}, "Unstable at 1 of 1 points"),
-    "one stable point": ({"theta": [15.0], "mu": [0.2]}, "Stable at all of 1 points"),
-    "no friction": ({"theta": [0.0, 5.0], "mu": [0.0]}, "No flutter onset in this range"),
+    "one point": ({"theta": [5.0], "mu": [0.2]}, "1 of 1 (100.0 %)"),
+    "one stable point": ({"theta": [15.0], "mu": [0.2]}, "0 of 1 (0.0 %)"),
+    "no friction": ({"theta": [0.0, 5.0], "mu": [0.0]}, "No pair is unstable at mu = 0"),
     "two by two, stable": ({"theta": [-5.0, -4.0], "mu": [0.1, 0.3]}, "No flutter onset in this range"),
-    "another rig": ({"theta": [2.0, 8.0, 12.0], "mu": [0.1, 0.3, 0.5], "head_mass": 0.5}, "Lowest onset"),
-    "steep": ({"theta": [-80.0, 80.0], "mu": [0.0, 1.0]}, "Stable at all of 4 points"),
+    "another rig": ({"theta": [2.0, 8.0, 12.0], "mu": [0.1, 0.3, 0.5], "head_mass": 0.5}, "\nonset "),
+    "steep": ({"theta": [-80.0, 80.0], "mu": [0.0, 1.0]}, "0 of 4 (0.0 %)"),
 }
 
 
 @pytest.mark.parametrize("case", EDGES)
-def test_other_grids_are_told_and_drawn(case, tmp_path):
-    given_values, said = EDGES[case]
+def test_other_grids_have_a_report_and_a_figure(case, tmp_path):
+    given_values, line = EDGES[case]
     data = computed(**given_values)
-    assert said in STUDY.report(data)
+    assert line in STUDY.report(data)
     assert runner.plot(STUDY, data, tmp_path / "stability.nc").stat().st_size > 5000
 
 
-def test_points_that_are_missing_stay_white(plane, tmp_path):
+@pytest.mark.parametrize(("first", "line"), [(10, " of 210 "), (0, "No point has been computed yet.")])
+def test_points_that_are_missing_stay_white(plane, first, line):
     some = plane.copy(deep=True)
     for name in ("growth_rate", "frequency", "unstable_modes"):
         some[name] = some[name].astype(float)
-        some[name][:, 10:] = np.nan
-    text = STUDY.report(some)
-    assert "of 210 points" in text
+        some[name][:, first:] = np.nan
+    assert line in STUDY.report(some)
     with figures.style():
         figure = STUDY.draw(some)
-        panel = figure.axes[0]
         figure.canvas.draw()
-    assert all(np.ma.getmaskarray(mesh.get_array()).reshape(26, 21)[10:].all() for mesh in panel.collections[:2])
-
-
-def test_nothing_computed_yet_is_no_error(plane, tmp_path):
-    none = plane.copy(deep=True)
-    for name in ("growth_rate", "frequency", "unstable_modes"):
-        none[name] = none[name].astype(float) * np.nan
-    assert "No point has been computed yet." in STUDY.report(none)
-    runner.plot(STUDY, none, tmp_path / "stability.nc")
+    meshes = [each for each in figure.axes[0].collections if np.size(each.get_array()) == 26 * 21]
+    assert meshes
+    assert all(np.ma.getmaskarray(mesh.get_array()).reshape(26, 21)[first:].all() for mesh in meshes)
 
 
 def test_the_legend_names_every_branch(plane):
@@ -203,8 +219,7 @@ def test_the_legend_names_every_branch(plane):
         figure = STUDY.draw(plane)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert [f"onset, {f:.0f} Hz" for f in plane["pair_lowest_frequency"].values] == labels[: plane.sizes["pair"]]
-    assert "tan θ = μ" in labels
-    assert "paper: vibrates (measured)" in labels
+    assert {"tan θ = μ", "paper: vibrates (measured)", "paper: slides steadily (measured)"} <= {*labels}
 
 
 def test_the_default_file_is_small(tmp_path):
@@ -214,14 +229,6 @@ def test_the_default_file_is_small(tmp_path):
     file = tmp_path / "stability.nc"
     STUDY.sweep({"theta": evenly(-10.0, 20.0, 61), "mu": evenly(0.0, 0.5, 51)}).plan(file).run("sync")
     assert file.stat().st_size < 150e3
-
-
-def test_batches_do_not_matter():
-    whole = computed(theta=[1.0, 5.0, 9.0], mu=[0.1, 0.2])
-    for theta in (1.0, 5.0, 9.0):
-        part = computed(theta=[theta], mu=[0.1, 0.2])
-        for name in ("growth_rate", "frequency", "unstable_modes"):
-            np.testing.assert_array_equal(part[name].values[0], whole[name].sel(theta=theta).values)
 
 
 @pytest.mark.parametrize(

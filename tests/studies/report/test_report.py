@@ -1,12 +1,12 @@
 """The report page as a file: what it holds, that no text becomes markup, and that its lines give its points."""
 
 import json
+import math
 import re
 import shlex
 import shutil
-import subprocess
 import sys
-import zipfile
+from base64 import b64decode
 from html.parser import HTMLParser
 from importlib.resources import files
 from itertools import pairwise
@@ -14,16 +14,16 @@ from itertools import pairwise
 import netCDF4
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from studies import registry, runner, spec
 from studies.cli.main import main
 from studies.maps import maps
-from studies.report import markup
+from studies.plotting import figures
 from studies.report import page as report
 from studies.report import points as report_points
 from studies.report.commands import again, spec_of
 from studies.report.points import points_of
-from tests import HOME
 from tests.helpers.reports import made
 
 HOSTILE = "</script><script>alert(1)</script><b onclick='x'>&amp;\"'"
@@ -88,18 +88,18 @@ def test_every_result_has_its_question_figure_numbers_cost_and_command(folder, t
     for name in ("table4", "fig5", "regimes", "scenes"):
         study = registry.load(name)
         own = section(text, name)
-        assert markup.joined(study.question) in own
-        assert markup.joined(study.paper) in own
+        assert escape(study.question) in own
+        assert escape(study.paper) in own
         assert own.count('<img src="data:image/png;base64,iVBOR') == 1
         assert "time of computing" in own
         data = runner.open_dataset(name, folder)
-        assert markup.joined(data.attrs["source"]) in own
+        assert escape(data.attrs["source"]) in own
         assert data.attrs["history"][:10] in own
     # The numbers beside the paper's, with the difference.
     assert re.search(
         r'<th scope="row" class="text">1</th><td>16</td><td>16</td><td>16\.0</td><td>0\.00</td>', text
     )
-    assert "0.12, near 2800 Hz" in section(text, "fig5")
+    assert "<td>2800</td><td>2802</td><td>+0.1 %</td>" in section(text, "fig5")
 
 
 def test_studies_not_run_are_listed_with_their_commands(text):
@@ -157,7 +157,7 @@ def test_text_of_a_file_stays_text(folder, tmp_path, name):
     told = json.loads(page.scripts[f"{name}-data"])
     column = next(each for each in told["columns"] if each["name"] == "wall_time")
     assert column["about"] == column["units"] == HOSTILE
-    assert markup.joined(HOSTILE) in text
+    assert escape(HOSTILE) in text
 
 
 def test_errors_are_shown_where_and_why_and_escaped(folder, tmp_path, text):
@@ -173,25 +173,77 @@ def test_errors_are_shown_where_and_why_and_escaped(folder, tmp_path, text):
 
     hostile = changed(folder, tmp_path, "scenes", change)
     assert "<b " not in hostile
-    assert str(markup.joined(HOSTILE)) in hostile
+    assert escape(HOSTILE) in hostile
     column = next(
         c for c in json.loads(Elements(hostile).scripts["scenes-data"])["columns"] if c["name"] == "error"
     )
     assert HOSTILE in [*column.get("at", {}).values(), column.get("fill"), *column.get("values", [])]
 
 
-def test_markup_escapes_whatever_is_not_its_own():
-    assert markup.tag("p", HOSTILE, title=HOSTILE).count("<") == 2
-    assert markup.tag("p", [markup.tag("b", "<"), ">"]) == "<p><b>&lt;</b>&gt;</p>"
-    assert "<" not in markup.data("x", HOSTILE)[len('<script type="application/json" id="x">') : -len("</script>")]
-    with pytest.raises(ValueError, match="its own end"):
-        markup.code("script", "'</SCRIPT>'")
+def test_only_the_projects_own_style_and_script_are_no_text():
+    template = files("studies.report").joinpath("page.html.j2").read_text()
+    assert re.findall(r"[^{ ]+\s*\|\s*safe\b", template) == ["style|safe", "script|safe"]
+    assert not re.search(r"autoescape|Markup|html_safe|\|\s*(?:forceescape|e)\b", template)
+    for name in ("page.css", *report.SCRIPTS):
+        assert "</" not in files("studies.report").joinpath(name).read_text()
+
+
+def image_of(text):
+    """The figure of a page with one result."""
+    return b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', text)[1])
+
+
+def test_a_figure_of_other_numbers_is_never_shown(folder, tmp_path):
+    """Neither an older one beside newer numbers, nor a newer one beside older, nor one from before the digest."""
+    there = tmp_path / "fig5"
+    shutil.copytree(folder / "fig5", there)
+    kept = (there / "fig5.png").read_bytes()
+
+    def shown():
+        return image_of(report.write(("fig5",), tmp_path, None, pytest.fail).read_text())
+
+    assert shown() == kept
+    with netCDF4.Dataset(there / "fig5.nc", "a") as file:
+        file["frequency"][0, 0] *= 1.5
+    assert shown() != kept
+    fresh = runner.plot(registry.load("fig5"), runner.open_dataset("fig5", tmp_path), there / "fig5.nc")
+    assert shown() == fresh.read_bytes() != kept
+    # What is beside is taken where it fits: a picture is not drawn again for nothing.
+    fitting = fresh.read_bytes() + b"as it lies there"
+    fresh.write_bytes(fitting)
+    assert shown() == fitting
+    fresh.write_bytes(kept.replace(b"tEXtSource", b"tEXtAuthor"))
+    assert shown() not in (kept, fitting, fresh.read_bytes())
+    fresh.unlink()
+    assert shown() == runner.image(registry.load("fig5"), runner.open_dataset("fig5", tmp_path))
+
+
+def test_times_of_computing_are_no_part_of_what_a_figure_shows(folder):
+    data = runner.open_dataset("scenes", folder)
+    digest = figures.data_digest(data)
+    assert figures.data_digest(data.assign(wall_time=2.0 * data["wall_time"])) == digest
+    for other in (
+        data.assign(regime=data["regime"] + 1),
+        data.assign(error=data["error"].str.replace("mu", "nu")),
+        data.assign_coords(mu=2.0 * data["mu"]),
+        data.assign_attrs(configuration="{}"),
+        data.isel(V=[0]),
+        data.drop_vars("velocity_rms"),
+    ):
+        assert figures.data_digest(other) != digest
+
+
+def test_the_digest_of_large_data_is_read_in_parts_and_the_same(folder, monkeypatch):
+    data = runner.open_dataset("fig5", folder)
+    digest = figures.data_digest(data)
+    monkeypatch.setattr(figures, "READ_BYTES", 100)
+    assert figures.data_digest(data) == digest
 
 
 def test_an_older_file_without_a_figure_or_numbers_says_so(folder, tmp_path):
     text = changed(folder, tmp_path, "regimes", lambda file: file.renameVariable("verdict", "other"))
     assert "They cannot be told of what is there: it lacks" in text
-    assert "There is no figure: it lacks" in text
+    assert "There is no figure: regimes.nc: it lacks verdict, which the figure shows" in text
     assert "Table of 9 points" in text
 
 
@@ -226,9 +278,11 @@ def test_a_million_points_are_bounded():
         {"configuration": json.dumps({"constants": {}}), "sweep": "stability"},
     )
     found = points_of(data)
-    assert found.embedded * 4 <= report_points.MOST_NUMBERS < 8 * found.embedded
+    embedded = math.prod(len(axis["values"]) for axis in found.data["axes"])
+    assert embedded * 4 <= report_points.MOST_NUMBERS < 8 * embedded
+    assert found.size.startswith(f"{embedded} of 1000000 points, every ")
     assert len(json.dumps(found.data)) < 1_000_000
-    assert "plane" in found.data
+    assert found.data["plane"]
 
 
 def test_embedded_values_are_those_of_the_file(folder):
@@ -240,6 +294,17 @@ def test_embedded_values_are_those_of_the_file(folder):
     assert np.allclose(values, data["velocity_rms"], rtol=1e-5)
     assert [axis["values"] for axis in told["axes"]] == [data[dim].values.tolist() for dim in data["status"].dims]
     assert told["plane"]["first"] == "regime"
+    # What the filter needs: whether a column is of numbers, texts or words, and the settings.
+    kinds = {name: columns[name]["kind"] for name in ("status", "regime", "velocity_rms")}
+    assert kinds == {"status": "words", "regime": "words", "velocity_rms": "number"}
+    assert told["settings"]["d1"] == 50.0
+
+
+def test_what_a_filter_can_name_has_a_name_that_an_expression_can_have(folder):
+    data = points_of(runner.open_dataset("fig5", folder)).data
+    names = [each["name"] for each in (*data["axes"], *data["columns"])]
+    assert "growth_rate_mode_1" in names
+    assert all(map(str.isidentifier, names))
 
 
 @pytest.mark.parametrize(
@@ -267,7 +332,7 @@ def test_the_command_of_other_settings_names_them(folder, tmp_path):
     data = runner.run("fig5", {"mu": [0.1, 0.2], "theta": 8.0, "p1_length": 0.06}, tmp_path).dataset
     assert again(data).whole == "fiv run fig5 --set mu=0.1,0.2 --set theta=8 --set p1_length=0.06"
     data.attrs["configuration"] = data.attrs["configuration"].replace('"fmax": 10000.0', '"fmax": 9000.0')
-    assert again(data) is None
+    assert again(data) == ("", "")
 
 
 @pytest.fixture
@@ -361,23 +426,3 @@ def test_an_interrupted_run_is_shown_as_far_as_it_is(tmp_path, monkeypatch):
 def _interrupt(snapshot):
     if snapshot.done > 4:
         raise KeyboardInterrupt
-
-
-def test_style_and_script_are_part_of_the_package():
-    for name in ("report.css", *report.SCRIPTS):
-        assert files("studies.report").joinpath(name).read_text().strip()
-
-
-@pytest.mark.slow
-def test_style_and_script_are_in_the_wheel(tmp_path):
-    home = HOME
-    copy = tmp_path / "copy"
-    for name in ("fivcore", "sweeps", "studies"):
-        shutil.copytree(home / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md"):
-        shutil.copy(home / name, copy)
-    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", str(tmp_path), str(copy)]
-    subprocess.run(build, check=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    names = zipfile.ZipFile(wheel).namelist()
-    assert {f"studies/{name}" for name in ("report.css", *report.SCRIPTS)} <= set(names)

@@ -15,7 +15,8 @@ from sweeps import Axis, Grid, Sweep, Variable
 from sweeps.fingerprint.code import differing, digests
 from sweeps.fingerprint.identity import differences, fingerprint
 from sweeps.fingerprint.provenance import versions, versions_differing
-from tests.helpers.identity_parts import HARMLESS, HOME, PROGRAM, edits, run
+from tests import HOME
+from tests.helpers.identity_parts import HARMLESS, PROGRAM, edits, run
 
 # What makes no difference.
 
@@ -298,7 +299,7 @@ def test_the_project_itself(tmp_path):
     printed = run(
         """
         import ast, json, pathlib
-        from studies import fig7
+        from studies.gallery import fig7
         from sweeps.fingerprint.code import differing, digests
 
         def changed(name, function):
@@ -312,8 +313,9 @@ def test_the_project_itself(tmp_path):
 
         before = digests(fig7.histories)
         print(json.dumps([fig7.__file__, before,
-            changed("studies/fig7.py", "draw"), changed("studies/fig7.py", "findings"),
-            changed("fivcore/transient/fast_kernel.py", "advance"), changed("studies/fig7.py", "histories")]))
+            changed("studies/gallery/fig7.py", "draw"), changed("studies/gallery/fig7.py", "findings"),
+            changed("fivcore/transient/fast_kernel.py", "advance"),
+            changed("studies/gallery/fig7.py", "histories")]))
         """,
         tmp_path,
     )
@@ -338,7 +340,8 @@ def test_the_project_itself(tmp_path):
 def test_a_run_leaves_the_projects_own_identity():
     code = """
         import json
-        from studies import fig7, scenes
+        from studies.gallery import fig7
+        from studies.gallery.scenes import study as scenes
         from sweeps.fingerprint.code import digests
         print(json.dumps(digests(fig7.histories, scenes.motions)))
         from fivcore import Rig, Scene, simulate
@@ -346,7 +349,7 @@ def test_a_run_leaves_the_projects_own_identity():
         print(json.dumps(digests(fig7.histories, scenes.motions)))
         """
     lines = run(code, HOME, PYTHONHASHSEED="1").splitlines()
-    assert lines == run(code, HOME / "tests", HOME, PYTHONHASHSEED="2").splitlines()
+    assert lines == run(code, HOME / "results", HOME, PYTHONHASHSEED="2").splitlines()
     assert lines[0] == lines[1]
 
 

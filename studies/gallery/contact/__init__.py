@@ -1,1 +1,0 @@
-"""Figs. 8 to 10: the contact in time."""

@@ -1,0 +1,74 @@
+"""What a map says in words: what was mapped, what was held, what was found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from studies.maps.quantities import AXES, QUANTITIES, RIG
+from studies.motion import transients
+from studies.plotting import planes
+from studies.study import constants
+from studies.tables import Part
+from sweeps import INTERPOLATED_FLAG, STATUS_FLAGS
+
+# Units and factors for a reader.
+UNITS = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "s-1": ("1/s", 1.0), "1": ("", 1.0)}
+
+
+def findings(dataset: xr.Dataset) -> list[Part]:
+    """What was mapped, how many of its points were computed, and what was found."""
+    quantity = constants(dataset)["quantity"]
+    values, status = dataset[quantity], dataset["status"].values
+    about = held(dataset)
+    lines: list[Part] = [f"{quantity}: {values.attrs['long_name']}{'; ' if about else ''}{', '.join(about)}"]
+    for name in map(str, values.dims):
+        ends = planes.shown(name, dataset[name].values[[0, -1]])
+        lines.append(f"over {planes.label(name)} from {ends[0]:g} to {ends[1]:g} ({dataset.sizes[name]})")
+    counts = [
+        f"{count} {word} ({100.0 * count / status.size:.3g} %)"
+        for code, word in (STATUS_FLAGS | INTERPOLATED_FLAG).items()
+        if (count := int(np.count_nonzero(status == code)))
+    ]
+    lines += ["", f"{status.size} points: {', '.join(counts)}."]
+    return [*lines, *_found(quantity, values.values[np.isfinite(values.values)])]
+
+
+def _found(quantity: str, values: NDArray[Any]) -> list[str]:
+    """The range of a number, or the share of each class."""
+    if not len(values):
+        return ["No point has a value."]
+    if not QUANTITIES[quantity].is_whole:
+        label, factor = readable(quantity, QUANTITIES[quantity].variable.units)
+        lines = [f"{label} from {factor * values.min():.4g} to {factor * values.max():.4g}."]
+        if quantity == "growth_rate":
+            lines.append(f"Unstable at {100.0 * np.mean(values > 0.0):.3g} % of the points.")
+        return lines
+    kinds, counts = np.unique(values.astype(int), return_counts=True)
+    words = transients.REGIMES if quantity == "regime" else None
+    shares = [
+        f"{words[kind] if words else kind} {100.0 * count / len(values):.3g} %"
+        for kind, count in zip(kinds.tolist(), counts, strict=True)
+    ]
+    return [f"{quantity.replace('_', ' ')} at points with a value: {', '.join(shares)}."]
+
+
+def held(dataset: xr.Dataset) -> list[str]:
+    """What was the same at all points and matters, for a reader; of the rig what is not the paper's."""
+    given = constants(dataset)
+    matter = QUANTITIES[given["quantity"]].matter
+    rig = [name for name in RIG if given.get(name, AXES[name].value) != AXES[name].value]
+    sign = ["V < 0"] if "V" not in matter and given.get("V", 1.0) < 0.0 else []
+    runs = [f"{given['members']} run{'s' if given['members'] > 1 else ''} a point"] if "members" in given else []
+    scene, others = ([planes.named(n, given[n]) for n in names if n in given] for names in (matter, rig))
+    return [*scene, *sign, *others, *runs]
+
+
+def readable(quantity: str, units: str) -> tuple[str, float]:
+    """Name and unit of a quantity as they stand at a scale, and the factor to that unit."""
+    unit, factor = UNITS.get(units, (units, 1.0))
+    name = quantity.replace("_", " ")
+    return (f"{name} / ({unit})" if "/" in unit else f"{name} / {unit}" if unit else name), factor

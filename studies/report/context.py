@@ -1,0 +1,204 @@
+"""What the page shows of each result, as plain data: texts, tables, a figure and points."""
+
+from __future__ import annotations
+
+import re
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from studies import runner
+from studies.plotting import figures
+from studies.report.commands import again
+from studies.report.points import points_of
+from studies.study import Study
+from studies.tables import Part, Table
+from sweeps import FAILED, INTERPOLATED_FLAG, STATUS_FLAGS, duration
+
+UNFINISHED = {"running": "still going on", "interrupted": "interrupted"}
+# Failures that are listed.
+MOST_FAILURES = 20
+# A cell with more letters is broken into lines.
+LONG = 40
+# What a file may lack that is not whole, or not of this code.
+UNUSABLE = (KeyError, ValueError, IndexError, TypeError, ArithmeticError)
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A result to be shown.
+
+    Attributes
+    ----------
+    study : Study
+    dataset : xarray.Dataset
+    file : Path
+    state : str
+        "complete", "running" or "interrupted".
+    target : str
+        What a command calls it: the study's name, or the path.
+    """
+
+    study: Study
+    dataset: xr.Dataset
+    file: Path
+    state: str
+    target: str
+
+    @property
+    def anchor(self) -> str:
+        """Where it stands in the page."""
+        own = self.target == self.study.name
+        return self.target if own else "of-" + re.sub(r"[^\w-]", "-", self.target)
+
+    @property
+    def title(self) -> str:
+        """What it is called: of a map what it shows."""
+        own = self.target == self.study.name
+        return self.study.title if own else str(self.dataset.attrs.get("title", self.file.stem))
+
+    @property
+    def seconds(self) -> float:
+        """Time of computing."""
+        return float(np.nansum(self.dataset["wall_time"].values))
+
+    @property
+    def made(self) -> str:
+        """When it was last computed; of a run that is not at its end the file does not say."""
+        last = str(self.dataset.attrs.get("history", "")).splitlines()[-1:] if self.state == "complete" else []
+        return re.sub(r"^(\d{4}-\d\d-\d\d)T(\d\d:\d\d):\d\dZ$", r"\1 \2 UTC", " ".join(last).partition(" ")[0])
+
+
+def overview(results: Sequence[Result]) -> dict[str, Any]:
+    """A row for each result."""
+    rows = [
+        [
+            result.title,
+            f"{result.dataset['status'].size}",
+            f"{np.count_nonzero(result.dataset['status'].values == FAILED)}",
+            duration(result.seconds),
+            result.made or result.state,
+        ]
+        for result in results
+    ]
+    return table(("study", "points", "failed", "time of computing", "computed"), rows, "What is in this page")
+
+
+def shown(result: Result) -> dict[str, Any]:
+    """All of one result; what cannot be shown is None, and `no_` and its name say why."""
+    commands = again(result.dataset)
+    context: dict[str, Any] = {
+        "anchor": result.anchor,
+        "target": result.target,
+        "title": result.title,
+        "question": result.study.question,
+        "paper": result.study.paper,
+        "unfinished": UNFINISHED.get(result.state),
+        "failures": _failures(result),
+        "facts": _facts(result),
+        "command": commands.whole,
+    }
+    parts: dict[str, Callable[[], Any]] = {
+        "figure": lambda: b64encode(_figure(result)).decode(),
+        "findings": lambda: _findings(result.study.findings(result.dataset), result.title),
+        "points": lambda: points_of(result.dataset, commands.point),
+    }
+    for name, make in parts.items():
+        try:
+            context |= {name: make(), f"no_{name}": ""}
+        except UNUSABLE as problem:
+            reason = f"it lacks {problem}" if isinstance(problem, KeyError) else str(problem)
+            context |= {name: None, f"no_{name}": reason}
+    return context
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> dict[str, Any]:
+    """Cells with the classes they have: numbers stand flush right, words flush left.
+
+    The caption is for those who cannot see the table.
+    """
+    words = [k == 0 or not all(_is_number(row[k]) for row in rows) for k in range(len(heads))]
+
+    def looks(cells: Sequence[str]) -> list[tuple[str, str | None]]:
+        texts = ["text" if word else "" for word in words]
+        return [
+            (cell, f"{text} {'long' if len(cell) > LONG else ''}".strip() or None)
+            for cell, text in zip(cells, texts, strict=True)
+        ]
+
+    return {"caption": caption, "heads": looks(heads), "rows": list(map(looks, rows))}
+
+
+def _is_number(cell: str) -> bool:
+    """Whether a cell says how much, or nothing."""
+    return cell in ("", "-") or cell.lstrip("<>+- ")[:1].isdigit()
+
+
+def _figure(result: Result) -> bytes:
+    """The figure beside the file if it shows what the file holds, else one drawn anew."""
+    beside = result.file.with_suffix(".png")
+    if beside.is_file():
+        image = beside.read_bytes()
+        if figures.shows(image, figures.data_digest(result.dataset)):
+            return image
+    return runner.image(result.study, result.dataset, whose=result.file.name)
+
+
+def _findings(parts: Iterable[Part], title: str) -> list[Any]:
+    """A study's report: tables, and paragraphs as lists of lines."""
+    found: list[Any] = []
+    # Lines that follow one another are a paragraph; an empty one ends it.
+    for is_line, group in groupby(parts, lambda part: isinstance(part, str) and part != ""):
+        block = list(group)
+        if is_line:
+            found.append(_flowing(list(map(str, block))))
+        else:
+            tables = (each for each in block if isinstance(each, Table))
+            found += [
+                table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables
+            ]
+    return found
+
+
+def _flowing(lines: Sequence[str]) -> list[str]:
+    """Lines of a terminal: a sentence goes on, and what follows an end or is set in begins anew."""
+    flowing, before = [lines[0].strip()], lines[0]
+    for line in lines[1:]:
+        if before.rstrip()[-1:] in ".:" or line.startswith(" ") or before.startswith(" "):
+            flowing.append(line.strip())
+        else:
+            flowing[-1] += " " + line.strip()
+        before = line
+    return flowing
+
+
+def _failures(result: Result) -> dict[str, Any] | None:
+    """What failed, where, and why; whether it is in the table of points or not."""
+    status = result.dataset["status"]
+    places = np.argwhere(status.values == FAILED)
+    if not len(places):
+        return None
+    points = [result.dataset.isel(dict(zip(status.dims, p, strict=True))) for p in places[:MOST_FAILURES]]
+    heads = [*map(str, status.dims), "error"]
+    rows = [[str(point[name].item()) for name in heads] for point in points]
+    listed = table(heads, rows, f"{result.title}: what failed")
+    return {"total": len(places), "table": listed, "left": len(places) - len(rows)}
+
+
+def _facts(result: Result) -> dict[str, str]:
+    codes = result.dataset["status"].values
+    counts = {word: np.count_nonzero(codes == code) for code, word in (STATUS_FLAGS | INTERPOLATED_FLAG).items()}
+    points = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+    return {
+        "points": f"{codes.size} ({points})" if points else "none",
+        "time of computing": duration(result.seconds),
+        "computed": result.made or "not at its end",
+        "by": str(result.dataset.attrs.get("source", "unknown")),
+        "file": f"{result.file.parent.name}/{result.file.name}",
+    }
