@@ -61,8 +61,10 @@ def run(
     it; the same command goes on from there.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import runner
-    from studies.cli.progress import progress
+    from studies.cli.progress import progress, tell_compiling
 
+    if not quiet:
+        tell_compiling()
     planned, config = _planned(study, verbose, scheduler=scheduler, workers=workers, writing=True, **what)
     with InputErrors(verbose):
         backend = runner.backend(config.scheduler, config.workers)
@@ -104,10 +106,12 @@ def draw_map(
     it changes.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import runner
-    from studies.cli.progress import progress
+    from studies.cli.progress import progress, tell_compiling
     from studies.maps import maps
     from sweeps import check_free
 
+    if not quiet:
+        tell_compiling()
     with InputErrors(verbose):
         backend = runner.backend(scheduler, workers)
         plane = maps.plane_of(x, y, halvings)

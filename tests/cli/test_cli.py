@@ -261,3 +261,11 @@ def test_help_imports_nothing_heavy(tmp_path):
         "print(sorted(heavy), file=sys.stderr)\n"
     )
     assert fiv(tmp_path, "-c", program, command=(sys.executable,)).stderr.strip() == "[]"
+
+
+def test_a_first_run_says_that_it_compiles(tmp_path, monkeypatch):
+    """Whatever the plan says of the points' own time."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    run = ("run", "fig5", "--set", "mu=0.1,0.2")
+    assert "fiv: compiling once, about 8 s\n" in fiv(tmp_path, *run).stderr
+    assert "compiling" not in fiv(tmp_path, *run, "--fresh").stderr
