@@ -52,8 +52,16 @@ def run(study: str | Study, *, out: str | Path | None = None, fresh: bool = Fals
 
 
 def open(name: str, out: str | Path | None = None) -> xr.Dataset:  # shadows the built-in only as studies.open
-    """Open the kept results of a study: by its name, in the results folder `out`, or by the path of its file."""
-    from studies import runner
+    """Open the kept results of a study: by its name, in the results folder `out`, or by the path of its file.
+
+    Where nothing of one's own is there, the reference is opened, with a warning.
+    """
+    from warnings import warn
+
+    from studies import results
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    return runner.open_dataset(name, out)
+    dataset = results.open_dataset(name, out)
+    if not results.is_path(str(name)) and (notice := results.notice(results.results_file(name, out), out)):
+        warn(notice, stacklevel=2)
+    return dataset

@@ -1,9 +1,18 @@
-"""The studies by name; a study's module is imported when it is asked for."""
+"""The studies: predefined, installed (entry points `fiv.studies`), or a file of one's own.
+
+A study's module is imported when it is asked for. What a result says of its study is a name and nothing more:
+only who types the path of a file has it loaded.
+"""
 
 from __future__ import annotations
 
+import json
+import re
+from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from studies.study import Study
@@ -31,22 +40,98 @@ UNLISTED = ("map",)
 ELSEWHERE = {"map": "maps.maps", "accuracy": "accuracy.study", "stress": "stress.study"} | {
     name: f"gallery.{name}.study" for name in ("table6", "stick_time", "stability", "regimes", "scenes")
 }
+GROUP = "fiv.studies"
+CATALOGUE = Path(__file__).with_name("catalogue.json")
+# Studies of one's own that this process was given, by name.
+_given: dict[str, Study] = {}
 
 
-def load(name: str) -> Study:
-    """The study called `name`.
+@cache
+def installed() -> dict[str, EntryPoint]:
+    """Studies that installed packages bring along, by name; none of them is imported."""
+    taken = (*NAMES, *UNLISTED)
+    return {each.name: each for each in entry_points(group=GROUP) if each.name not in taken}
+
+
+def catalogue() -> dict[str, dict[str, Any]]:
+    """What `fiv list` says of each predefined study, without its import: title, question, points, usual time."""
+    found: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
+    return found
+
+
+def names() -> list[str]:
+    """Every study that a name stands for: the predefined ones, then the installed ones."""
+    return [*NAMES, *sorted(installed())]
+
+
+def resolve(text: str | Study) -> Study:
+    """The study that STUDY says: a name, or the path of a Python file that defines STUDY, which is run for it.
 
     Raises
     ------
-    ValueError
+    InputError
+        If there is none; of a name the nearest is suggested.
+    """
+    from studies.study import Study
+    from sweeps import InputError, load_script
+
+    if isinstance(text, Study):
+        return given(text)
+    if not (isinstance(text, str) and is_file(text)):
+        return load(text)
+    study = getattr(load_script(text), "STUDY", None)
+    if not isinstance(study, Study):
+        raise InputError(f"{text}: it defines no study; it must have one called STUDY (studies.study.Study)")
+    return given(study, text)
+
+
+def is_file(text: str) -> bool:
+    """Whether STUDY is the path of a Python file."""
+    return text.endswith(".py")
+
+
+def given(study: Study, where: str = "name") -> Study:
+    """A study of one's own, which this process knows by its name from now on.
+
+    Raises
+    ------
+    InputError
+        If it has the name of another, or one that no folder can have.
+    """
+    from sweeps import InputError
+
+    if study.name in (*NAMES, *UNLISTED):
+        if study is load(study.name):
+            return study
+        raise InputError(f"{where}: a predefined study is called {study.name!r}; choose another name")
+    if not re.fullmatch(r"\w[\w-]*", study.name) or study.name == "reference":
+        raise InputError(f"{where}: a study cannot be called {study.name!r}; use letters, digits, _ and -")
+    _given[study.name] = study
+    return study
+
+
+def load(name: str) -> Study:
+    """The study called `name`: predefined, installed, or given to this process before; no file is run.
+
+    Raises
+    ------
+    InputError
         If there is none; the message suggests the nearest.
     """
-    if not isinstance(name, str) or name not in (*NAMES, *UNLISTED):
-        from studies.study import suggest
+    from studies.study import Study, suggest
+    from sweeps import InputError
 
-        raise ValueError(
-            f"STUDY = {name!r}: there is no such study; {suggest(str(name), list(NAMES))}"
-            f"the studies are {', '.join(NAMES)}"
-        )
-    study: Study = import_module("studies." + ELSEWHERE.get(name, f"gallery.{name}")).STUDY
-    return study
+    if name in NAMES or name in UNLISTED:
+        study: Study = import_module("studies." + ELSEWHERE.get(name, f"gallery.{name}")).STUDY
+        return study
+    if name in _given:
+        return _given[name]
+    if name in installed():
+        found = installed()[name].load()
+        if not isinstance(found, Study) or found.name != name:
+            raise InputError(f"STUDY = {name!r}: the entry point {installed()[name].value} is no study called so")
+        return given(found)
+    raise InputError(
+        f"STUDY = {name!r}: there is no such study; {suggest(str(name), names())}"
+        f"the studies are {', '.join(names())}; one's own is named by its file, FILE.py"
+    )

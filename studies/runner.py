@@ -6,13 +6,25 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import sweeps
 from studies import registry
-from sweeps import check_backend
+from studies.comparison import compared
+from studies.config import request
+from studies.results import (
+    FOLDER,
+    command,
+    file_of,
+    open_dataset,
+    reference_folder,
+    results_file,
+    results_folder,
+    study_of,
+)
+from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,6 +33,24 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Progress
 
+
+__all__ = [
+    "FORMATS",
+    "Finished",
+    "backend",
+    "check_free",
+    "drawn",
+    "execute",
+    "format_of",
+    "open_dataset",
+    "plan",
+    "plot",
+    "results_file",
+    "results_folder",
+    "run",
+    "study_of",
+    "written",
+]
 
 # What a figure may be written as.
 FORMATS = ("png", "svg", "pdf")
@@ -35,15 +65,19 @@ class Finished:
     file: Path
     figure: Path
 
+    def beside_reference(self) -> str:
+        """How far it is from the reference, in a line; "" where there is none."""
+        name = self.study.name
+        kept = reference_folder(self.file.parent.parent) / name / f"{name}.nc"
+        if not kept.exists():
+            return ""
+        with sweeps.open_results(kept) as reference:
+            return compared(name, self.dataset, reference)
+
     @property
     def failed(self) -> int:
         """Points that failed."""
         return int((self.dataset["status"] == 2).sum())
-
-
-def results_folder(out: str | Path | None = None) -> Path:
-    """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
-    return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
 
 
 def plan(
@@ -55,45 +89,38 @@ def plan(
     retry_failed: bool = False,
     record: Sequence[str] = (),
     sample_rate: float | None = None,
+    reference: bool = False,
 ) -> sweeps.Plan:
-    """The plan of a study, by its name or one's own, with its file in the results folder.
+    """The plan of a study (`registry.resolve`), with its file in the results folder.
 
     Raises
     ------
-    ValueError
-        For a study of one's own that has another's name, or whose sweep is not called as it is.
+    InputError
+        For a study of one's own that has another's name, or whose sweep is not called as it is; for the folder of
+        the reference, unless it is to be made.
     """
-    own = _own(study)
-    one = own or registry.load(cast(str, study))
-    if own is not None and one.name in (*registry.NAMES, *registry.UNLISTED):
-        raise ValueError(f"name = {one.name!r}: a predefined study is called so; choose another")
+    if results_folder(out).name == FOLDER and not reference:
+        raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
+    one = registry.resolve(study)
     sweep = one.sweep(given, record=record, sample_rate=sample_rate)
     if sweep.name != one.name:
-        raise ValueError(
+        raise InputError(
             f"build: the sweep is called {sweep.name!r}; it must be called as the study, {one.name!r}"
         )
-    file = results_folder(out) / one.name / f"{one.name}.nc"
-    return sweep.plan(file, fresh=fresh, retry_failed=retry_failed)
+    sweep = replace(sweep, request=request(one, given, tuple(record), sample_rate))
+    return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed)
 
 
 def run(
     study: str | Study, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False
 ) -> Finished:
-    """Plan and execute a study, by its name or one's own."""
-    return execute(plan(study, given, out, fresh=fresh), *backend(None, None), study=_own(study))
-
-
-def _own(study: str | Study) -> Study | None:
-    """A study that is given as such, and not by its name."""
-    from studies.study import Study
-
-    return study if isinstance(study, Study) else None
+    """Plan and execute a study, by its name, the file that defines it, or as it is."""
+    return execute(plan(study, given, out, fresh=fresh), *backend(None, None))
 
 
 def check_free(name: str, out: str | Path | None = None) -> None:
     """Refuse, before anything is planned, a study that another run is writing."""
-    registry.load(name)
-    sweeps.check_free(results_file(name, out))
+    sweeps.check_free(file_of(registry.load(name).name, out))
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:
@@ -103,7 +130,7 @@ def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None
 
     Raises
     ------
-    ValueError
+    InputError
         If they do not go together.
     """
     if scheduler is None:
@@ -111,10 +138,10 @@ def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None
 
         address = dask.config.get("scheduler-address", None)
         if address is not None and "://" not in str(address):
-            raise ValueError(f"DASK_SCHEDULER_ADDRESS = {address!r}: it must be an address like tcp://host:8786")
+            raise InputError(f"DASK_SCHEDULER_ADDRESS = {address!r}: it must be an address like tcp://host:8786")
         scheduler = "processes" if workers is not None else (address or "threads")
     if "://" in scheduler and workers is not None:
-        raise ValueError(f"--workers {workers}: the cluster at {scheduler} has workers of its own; leave it out")
+        raise InputError(f"--workers {workers}: the cluster at {scheduler} has workers of its own; leave it out")
     check_backend(scheduler, workers)
     return scheduler, workers
 
@@ -126,69 +153,21 @@ def execute(
     progress: Progress | None = None,
     *,
     fail_fast: bool = False,
-    study: Study | None = None,
 ) -> Finished:
-    """Run a study's plan, then draw what its file holds, which may be more than was asked for now.
-
-    A predefined study is known by its plan; one's own is given.
-    """
-    study = registry.load(planned.sweep.name) if study is None else study
+    """Run a study's plan, then draw what its file holds, which may be more than was asked for now."""
+    study = registry.load(planned.sweep.name)
     assert planned.store is not None
     dataset = planned.run(scheduler, workers, progress, fail_fast=fail_fast)
     whole = dataset if planned.points == planned.manifest.grid.size else sweeps.open_results(planned.store)
     return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
 
 
-def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
-    """The kept results of a study, by name or by path, whole or as far as they are."""
-    file = results_file(name, out)
-    if str(name) in registry.NAMES:
-        try:
-            dataset = sweeps.open_results(file)
-        except FileNotFoundError:
-            raise FileNotFoundError(f"{file}: there is no such file; make it with: fiv run {name}") from None
-        if dataset.attrs.get("sweep") != name:
-            raise ValueError(f"{file}: it holds the results of {dataset.attrs.get('sweep')}, not of {name}")
-        return dataset
-    return sweeps.open_results(file)
-
-
-def results_file(name: str | Path, out: str | Path | None = None) -> Path:
-    """The netCDF file that a STUDY or a PATH names; a study of one's own, or a map, is found by its name too."""
-    text, folder = os.fspath(name), results_folder(out)
-    if text in registry.NAMES:
-        return folder / text / f"{text}.nc"
-    if not (text.endswith(".nc") or os.sep in text):
-        for found in (folder / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)):
-            if found.exists() or found.with_suffix(".parts").exists():
-                return found
-        registry.load(text)  # raises, with a suggestion
-    return Path(text).expanduser()
-
-
-def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
-    """The study that a dataset is the result of.
-
-    Raises
-    ------
-    ValueError
-        If it is none of fiv's own.
-    """
-    name = str(dataset.attrs.get("sweep", ""))
-    try:
-        return registry.load(name)
-    except ValueError:
-        raise ValueError(
-            f"{whose}: {name!r} is no study of fiv, which can query it; what it shows is drawn where it is defined"
-        ) from None
-
-
-def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
+def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset", out: Path | None = None) -> Figure:
     """The study's figure.
 
     Raises
     ------
-    ValueError
+    InputError
         If the dataset lacks something that the figure shows.
     """
     from studies.plotting import figures
@@ -199,8 +178,9 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
         except KeyError as missing:
             # xarray lists everything that there is.
             name = re.sub(r"^No variable named '?([^']*)'?\..*$", r"\1", str(missing.args[0]), flags=re.DOTALL)
-            raise ValueError(
-                f"{whose}: it lacks {name}, which the figure shows; make it whole with: fiv run {study.name}"
+            again = command("run", study.name, out)
+            raise InputError(
+                f"{whose}: it lacks {name}, which the figure shows; make it whole with: {again}"
             ) from None
 
 
@@ -209,12 +189,12 @@ def format_of(path: str | Path, form: str | None = None) -> str:
 
     Raises
     ------
-    ValueError
+    InputError
         If that is none of `FORMATS`.
     """
     chosen = form or Path(path).suffix.removeprefix(".") or FORMATS[0]
     if chosen not in FORMATS:
-        raise ValueError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")
+        raise InputError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")
     return chosen
 
 
@@ -225,19 +205,23 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
 
     Raises
     ------
-    ValueError
+    InputError
         If the file lacks something that the figure shows.
     StoreError
         If the figure cannot be written.
     """
     target = beside.with_suffix(f".{form}")
-    whole = image(study, dataset, form, whose or str(beside))
+    folder = beside.parent.parent if beside.parent.name == study.name else None
+    out = None if folder is None or folder.resolve() == results_folder().resolve() else folder
+    whole = image(study, dataset, form, whose or str(beside), out)
     with written(target) as temporary:
         temporary.write_bytes(whole)
     return target
 
 
-def image(study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset") -> bytes:
+def image(
+    study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset", out: Path | None = None
+) -> bytes:
     """The study's figure as a file, which names the data that it shows (`studies.plotting.figures.data_digest`).
 
     Raises
@@ -249,7 +233,7 @@ def image(study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "da
     from studies.plotting import figures
 
     with figures.style():
-        return figures.saved(drawn(study, dataset, whose), form, figures.data_digest(dataset))
+        return figures.saved(drawn(study, dataset, whose, out), form, figures.data_digest(dataset))
 
 
 @contextmanager

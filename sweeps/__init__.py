@@ -4,8 +4,9 @@ It knows no physics. A sweep is declared, planned, executed and stored; each ste
 """
 
 from sweeps.compute.run import check_backend
-from sweeps.errors import AbandonedError, LockedError, SchedulerError, StoreError, SweepStoppedError
+from sweeps.errors import AbandonedError, InputError, LockedError, SchedulerError, StoreError, SweepStoppedError
 from sweeps.fingerprint.identity import json_equal, plain
+from sweeps.fingerprint.scripts import load_script
 from sweeps.grid import (
     DONE,
     FAILED,
@@ -38,6 +39,7 @@ __all__ = [
     "AbandonedError",
     "Axis",
     "Grid",
+    "InputError",
     "LockedError",
     "Plan",
     "Progress",
@@ -54,6 +56,7 @@ __all__ = [
     "check_free",
     "duration",
     "json_equal",
+    "load_script",
     "open_results",
     "plain",
     "refined",

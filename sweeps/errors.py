@@ -23,7 +23,11 @@ class SweepStoppedError(RuntimeError):
     """A point failed and the sweep was to stop at once; what was finished is kept."""
 
 
-class SchedulerError(ValueError):
+class InputError(ValueError):
+    """What was given cannot be used; the message names it, its value and what would do."""
+
+
+class SchedulerError(InputError):
     """The scheduler that was asked for cannot be used; the message says why."""
 
 

@@ -8,7 +8,22 @@ from typing import Any
 import click
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class BrokenPipe(Exception):  # noqa: N818 - no error where it is the standard output's
+    """Something could not be written to; its cause says what. Click would end with 1 for it."""
+
+
+class Fiv(click.Group):
+    """The program, which leaves broken pipes to `main`."""
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(context)
+        except BrokenPipeError as problem:
+            raise BrokenPipe(str(problem)) from problem
+
+
+@click.group(cls=Fiv, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="fiv", prog_name="fiv")
 def fiv() -> None:
     """Studies of friction-induced vibration: two beams in frictional point contact.

@@ -6,6 +6,9 @@ Whatever goes wrong meanwhile offers nothing: a shell that completes is no place
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import redirect_stdout
+from glob import escape, glob
+from io import StringIO
 
 import click
 from click.shell_completion import CompletionItem
@@ -24,17 +27,19 @@ def script(program: click.Command, shell: str) -> str:
 
 
 def _offering(
-    names: Callable[[click.Context], Iterable[str]], *, end: str = "", listed: bool = False
+    names: Callable[[click.Context], Iterable[str]], *, end: str = "", listed: bool = False, signed: bool = False
 ) -> Completer:
-    """Offer names, each with `end` behind it; of a list with commas, the last entry."""
+    """Offer names, each with `end` behind it; of a list with commas, the last entry, whose minus may be a sign."""
 
     def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
         before, comma, begun = incomplete.rpartition(",") if listed else ("", "", incomplete)
+        sign = "-" if signed and begun.startswith("-") else ""
+        begun = begun.removeprefix(sign)
         try:
             every = list(names(context))
         except Exception:  # noqa: BLE001 - no place for errors
             return []
-        return [CompletionItem(f"{before}{comma}{name}{end}") for name in every if name.startswith(begun)]
+        return [CompletionItem(f"{before}{comma}{sign}{name}{end}") for name in every if name.startswith(begun)]
 
     return complete
 
@@ -45,16 +50,19 @@ def _argument(context: click.Context, name: str) -> str:
     return context.args[0] if given is None else given
 
 
-def _studies(context: click.Context) -> Iterable[str]:
-    from studies.registry import NAMES
+def study(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Studies, and files of Python; any file where nothing of these begins so."""
+    from studies.registry import names
 
-    return NAMES
+    found = [name for name in names() if name.startswith(incomplete)] + sorted(glob(f"{escape(incomplete)}*.py"))
+    return [*map(CompletionItem, found)] or [CompletionItem(incomplete, type="file")]
 
 
 def _settable(context: click.Context) -> Iterable[str]:
     from studies import registry
 
-    study = registry.load(_argument(context, "study"))
+    with redirect_stdout(StringIO()):  # what a file prints is not offered
+        study = registry.resolve(_argument(context, "study"))
     return [*study.axes, *study.settings]
 
 
@@ -83,21 +91,33 @@ def _quantities(context: click.Context) -> Iterable[str]:
 
 
 def _columns(context: click.Context) -> Iterable[str]:
-    from studies import runner
+    from studies import results
 
-    with runner.open_dataset(_argument(context, "target"), context.params.get("out")) as dataset:
+    with results.open_dataset(_argument(context, "target"), context.params.get("out")) as dataset:
         return [str(name) for name in (*dataset.coords, *dataset.data_vars)]
 
 
-def studies_or_paths(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """A study; a file where no study begins so."""
-    return STUDY(context, parameter, incomplete) or [CompletionItem(incomplete, type="file")]
-
-
-STUDY = _offering(_studies)
 SETTABLE = _offering(_settable, end="=")
 SERIES_LIST = _offering(_series, listed=True)
 MAP_AXIS = _offering(_map_axes, end="=")
 MAP_SETTING = _offering(_map_settings, end="=")
 QUANTITY = _offering(_quantities)
 COLUMNS = _offering(_columns, listed=True)
+SORTED_COLUMNS = _offering(_columns, listed=True, signed=True)
+
+
+class SignedCommand(click.Command):
+    """A command that completes the value of an option also where it begins with a minus, as in `--sort -V`."""
+
+    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
+        """Keep the last word that was given: click does not tell it to `shell_complete`."""
+        context.meta["fiv.last"] = args[-1] if args else ""
+        return super().parse_args(context, args)
+
+    def shell_complete(self, context: click.Context, incomplete: str) -> list[CompletionItem]:
+        """What the option that lacks its value takes; else options."""
+        options = (each for each in self.params if isinstance(each, click.Option) and not each.is_flag)
+        for option in options:
+            if context.meta["fiv.last"] in option.opts:
+                return option.shell_complete(context, incomplete)
+        return super().shell_complete(context, incomplete)

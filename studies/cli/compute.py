@@ -11,16 +11,18 @@ import click
 
 from studies.cli import completion
 from studies.cli.app import command
+from studies.cli.errors import InputErrors
 from studies.cli.execution import carry_out
-from studies.cli.options import InputErrors, MapCommand, map_options, what_options, where_options
+from studies.cli.options import MapCommand, map_options, what_options, where_options
 
 if TYPE_CHECKING:
+    from studies.config import Config
     from studies.runner import Finished
     from sweeps import Plan
 
 
 @command("plan", "Dry run: what a run would compute and cost.")
-@click.argument("study", shell_complete=completion.STUDY)
+@click.argument("study", shell_complete=completion.study)
 @what_options
 @click.option("--time", "timed", is_flag=True, help="Compute a few points now, to tell how long all would take.")
 def show_plan(study: str, timed: bool, quiet: bool, verbose: bool, **what: Any) -> None:
@@ -30,12 +32,12 @@ def show_plan(study: str, timed: bool, quiet: bool, verbose: bool, **what: Any) 
     fiv plan fig5 --set mu=0:0.5:2001
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
-    planned = _planned(study, verbose, **what)
+    planned, _ = _planned(study, verbose, **what)
     click.echo(repr(planned.timed() if timed else planned))
 
 
 @command("run", "Compute a study, store it, draw it, tell its numbers.")
-@click.argument("study", shell_complete=completion.STUDY)
+@click.argument("study", shell_complete=completion.study)
 @what_options
 @where_options
 def run(
@@ -61,10 +63,9 @@ def run(
     from studies import runner
     from studies.cli.progress import progress
 
+    planned, config = _planned(study, verbose, scheduler=scheduler, workers=workers, writing=True, **what)
     with InputErrors(verbose):
-        backend = runner.backend(scheduler, workers)
-        runner.check_free(study, what["out"])
-    planned = _planned(study, verbose, **what)
+        backend = runner.backend(config.scheduler, config.workers)
 
     def execute() -> Finished:
         with progress(planned.todo, quiet) as told:
@@ -127,24 +128,54 @@ def _planned(
     study: str,
     verbose: bool,
     assignments: tuple[str, ...],
+    config_file: str | None,
     out: str | None,
     record: str | None,
     sample_rate: float | None,
     fresh: bool,
     retry_failed: bool,
-) -> Plan:
-    """The plan; whatever is wrong with the input shows here, before anything is written."""
-    from studies import registry, runner, spec
+    scheduler: str | None = None,
+    workers: int | None = None,
+    writing: bool = False,
+) -> tuple[Plan, Config]:
+    """The plan and what it was asked for; whatever is wrong with the input shows here, before anything is written.
+
+    Options come before the file of the configuration, and that before what a result was asked for.
+    """
+    from studies import config, registry, results, runner, spec
+    from sweeps import InputError
 
     with InputErrors(verbose):
-        given: dict[str, Any] = {}
-        texts = registry.load(study).texts
-        for text in assignments:
-            name, values = spec.assignment(text, texts)
-            if name in given:
-                raise ValueError(f"--set {text!r}: {name} is set already; give all its values at once")
-            given[name] = values
         names = () if record is None else tuple(name.strip() for name in record.split(","))
-        return runner.plan(
-            study, given, out, fresh=fresh, retry_failed=retry_failed, record=names, sample_rate=sample_rate
+        asked = config.Config("", {}, {}, names, sample_rate, scheduler, workers)
+        if config_file is not None:
+            asked = asked.over(config.read(config_file))
+        name = study
+        if results.is_path(study):
+            file = results.results_file(study)
+            made = config.of_result(results.open_dataset(study), str(file))
+            asked, name = asked.over(made), made.study
+        one = registry.resolve(name)
+        if asked.study not in ("", one.name, study):
+            raise InputError(
+                f"--config {config_file}: study = {asked.study!r}: STUDY is {one.name}; leave one out"
+            )
+        given = asked.given(one)
+        options: dict[str, Any] = {}
+        for text in assignments:
+            axis, values = spec.assignment(text, one.texts)
+            if axis in options:
+                raise InputError(f"--set {text!r}: {axis} is set already; give all its values at once")
+            options[axis] = values
+        if writing:
+            runner.check_free(one.name, out)
+        plan = runner.plan(
+            one,
+            given | options,
+            out,
+            fresh=fresh,
+            retry_failed=retry_failed,
+            record=asked.record,
+            sample_rate=asked.sample_rate,
         )
+        return plan, asked

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Callable
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from studies.cli.options import ASK_BYTES, ASK_SECONDS, INTERRUPTED, SOME_FAILED
+from studies.cli.errors import INTERRUPTED, SOME_FAILED
+from studies.cli.options import ASK_BYTES, ASK_SECONDS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,7 +28,7 @@ LISTED = 20
 
 def carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: bool, verbose: bool) -> None:
     """Show a plan, ask where it takes long, execute it, and tell what came of it."""
-    from sweeps import AbandonedError, SchedulerError
+    from sweeps import AbandonedError
 
     asking = not yes and sys.stdin.isatty()
     if asking and isnan(planned.seconds):
@@ -40,8 +42,6 @@ def carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: 
         sys.exit(INTERRUPTED)
     try:
         finished = execute()
-    except SchedulerError as problem:
-        raise click.UsageError(str(problem)) from None
     except KeyboardInterrupt as interrupt:
         # One more changes nothing.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -49,6 +49,8 @@ def carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: 
     click.echo(finished.study.report(finished.dataset))
     if not quiet:
         click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
+        if beside := finished.beside_reference():
+            click.echo(beside, err=True)
     if finished.failed:
         _list_failures(finished.dataset, verbose)
         sys.exit(SOME_FAILED)
@@ -63,12 +65,17 @@ def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
         # Whatever the store is like now, an interrupted run ends as one.
         found = status(str(planned.store))
         count = f"{found.done + found.failed} of {found.points} points"
-        kept = f"; {count} are kept, and the same command goes on from there"
+        kept = f"; {count} are kept; go on from there with: {typed('--fresh')}"
     click.echo(f"fiv: interrupted{kept}", err=True)
     if abandoned:
         sys.stdout.flush()
         os._exit(INTERRUPTED)
     sys.exit(INTERRUPTED)
+
+
+def typed(*without: str) -> str:
+    """The command of this process, as one would type it, without some of its options."""
+    return shlex.join(["fiv", *(each for each in sys.argv[1:] if each not in without)])
 
 
 def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:

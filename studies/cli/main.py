@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+from traceback import print_exception
 from typing import NoReturn
 
 import click
 
 from studies.cli import compute as commands_compute
 from studies.cli import read as commands_read
-from studies.cli.app import fiv
-from studies.cli.options import INTERRUPTED, SOME_FAILED, STORE_TAKEN, WRONG_INPUT
+from studies.cli.app import BrokenPipe, fiv
+from studies.cli.errors import INTERNAL, INTERRUPTED, SOME_FAILED, STORE_TAKEN, WRONG_INPUT, is_unread
 
 __all__ = ["commands_compute", "commands_read", "fiv", "main"]
 
@@ -21,16 +22,6 @@ def main() -> NoReturn:
     try:
         code = fiv.main(prog_name="fiv", standalone_mode=False)
         sys.stdout.flush()
-    except BrokenPipeError:
-        # Whoever read has enough; what is still in the buffer goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 0
-    except OSError as problem:
-        if problem.filename is not None:
-            raise
-        click.echo(f"fiv: standard output could not be written: {problem.strerror}", err=True)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = STORE_TAKEN
     except click.exceptions.Exit as stop:
         code = stop.exit_code
     except (click.Abort, KeyboardInterrupt):
@@ -39,12 +30,39 @@ def main() -> NoReturn:
     except click.ClickException as problem:
         click.echo(f"fiv: {problem.format_message()}", err=True)
         code = WRONG_INPUT
-    except Exception as problem:
-        # Imported here: most runs need no sweeps to fail.
-        from sweeps import StoreError, SweepStoppedError
-
-        if not isinstance(problem, (StoreError, SweepStoppedError)):
-            raise
-        click.echo(f"fiv: {problem}", err=True)
-        code = STORE_TAKEN if isinstance(problem, StoreError) else SOME_FAILED
+    except Exception as problem:  # noqa: BLE001 - each has its exit code
+        code = _code_of(problem)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _code_of(problem: Exception) -> int:
+    """Say in one line what went wrong; of a fault of our own, with its traceback."""
+    # Imported here: most runs need no sweeps to fail.
+    from sweeps import InputError, StoreError, SweepStoppedError
+
+    broken = isinstance(problem, (BrokenPipe, BrokenPipeError))
+    if is_unread() if broken else isinstance(problem, OSError) and _is_of_output(problem):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if broken:
+            return 0  # whoever read has enough
+        assert isinstance(problem, OSError)
+        click.echo(f"fiv: standard output could not be written: {problem.strerror}", err=True)
+        return STORE_TAKEN
+    for kind, code in ((InputError, WRONG_INPUT), (StoreError, STORE_TAKEN), (SweepStoppedError, SOME_FAILED)):
+        if isinstance(problem, kind):
+            click.echo(f"fiv: {problem}", err=True)
+            return code
+    print_exception(problem)
+    click.echo(f"fiv: internal error: {type(problem).__name__}; please report it with the lines above", err=True)
+    return INTERNAL
+
+
+def _is_of_output(problem: OSError) -> bool:
+    """Whether it is the standard output that could not be written, and nothing else."""
+    if problem.filename is not None:
+        return False
+    try:
+        sys.stdout.flush()
+    except OSError:
+        return True
+    return False

@@ -1,4 +1,4 @@
-"""What the commands have in common: options, exit codes, and one clear line for wrong input.
+"""What the commands have in common: their options.
 
 Nothing heavy is imported: `fiv --help` answers at once.
 """
@@ -6,14 +6,12 @@ Nothing heavy is imported: `fiv --help` answers at once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from traceback import print_exception
 from typing import Any
 
 import click
 
 from studies.cli import completion
 
-SOME_FAILED, WRONG_INPUT, STORE_TAKEN, INTERRUPTED = 1, 2, 3, 130
 ASK_SECONDS, ASK_BYTES = 300.0, 1e9
 
 set_option = click.option(
@@ -36,6 +34,14 @@ def what_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return _with(
         function,
         set_option,
+        click.option(
+            "--config",
+            "config_file",
+            type=click.Path(dir_okay=False),
+            metavar="FILE.toml",
+            help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
+            "prints a result's.",
+        ),
         out_option,
         click.option(
             "--record",
@@ -131,12 +137,18 @@ def query_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--show",
             metavar="A,B,...",
             shell_complete=completion.COLUMNS,
-            help="Which columns, in this order.",
+            help="Which columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",
+        ),
+        click.option(
+            "--by",
+            metavar="A,B,...",
+            shell_complete=completion.COLUMNS,
+            help="Group the rows that agree in these columns.",
         ),
         click.option(
             "--sort",
             metavar="A,...",
-            shell_complete=completion.COLUMNS,
+            shell_complete=completion.SORTED_COLUMNS,
             help="By which columns; descending with a minus in front: --sort -velocity_rms.",
         ),
         click.option("--limit", type=click.IntRange(min=0), metavar="N", help="So many rows at most."),
@@ -147,6 +159,9 @@ def query_options(function: Callable[..., Any]) -> Callable[..., Any]:
             default="table",
             show_default=True,
             help="csv and json are in full precision.",
+        ),
+        click.option(
+            "--units", is_flag=True, help="Heads with units: V [m s-1]; in json as an object beside rows."
         ),
         out_option,
     )
@@ -162,22 +177,6 @@ class MapCommand(click.Command):
         for head, names in (("Quantities", QUANTITIES), ("Axes", AXES), ("Settings of runs", RUN)):
             with formatter.section(head):
                 formatter.write_text(", ".join(names))
-
-
-class InputErrors:
-    """Turn what the checks of input raise into a usage error of one line."""
-
-    def __init__(self, verbose: bool) -> None:
-        self.verbose = verbose
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, problem: BaseException | None, traceback: Any) -> None:
-        if isinstance(problem, (ValueError, ArithmeticError, FileNotFoundError)):
-            if self.verbose:
-                print_exception(problem)
-            raise click.UsageError(str(problem)) from None
 
 
 def _with(function: Callable[..., Any], *options: Callable[..., Any]) -> Callable[..., Any]:

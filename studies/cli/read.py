@@ -5,18 +5,24 @@ Heavy packages are imported inside the commands: `fiv --help` answers at once.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from studies.cli import completion
 from studies.cli.app import command, fiv
+from studies.cli.errors import InputErrors
 from studies.cli.execution import status_text
-from studies.cli.options import InputErrors, out_option, query_options
+from studies.cli.options import out_option, query_options
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @command("list", "Studies: what each asks, its size and its time.")
-@click.argument("study", required=False, shell_complete=completion.STUDY)
+@click.argument("study", required=False, shell_complete=completion.study)
 def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
-    """Studies: what each asks, its size, and its time as probed now.
+    """Studies: what each asks, its size, and the time that its reference took.
 
     With the name of one: what the paper says, and all that can be set.
 
@@ -25,57 +31,73 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
     fiv list fig5
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry
-    from sweeps import duration
 
+    known = registry.catalogue()
     with InputErrors(verbose):
-        studies = [registry.load(name) for name in ((study,) if study else registry.NAMES)]
-        sweeps = [one.sweep({}) for one in studies]
-    for one, sweep in zip(studies, sweeps, strict=True):
-        click.echo(f"{one.name:<10} {one.title}")
-        if not quiet:
-            plan = sweep.plan().timed()
-            click.echo(f"{'':<10} {one.question}")
-            click.echo(f"{'':<10} {plan.points} points, about {duration(plan.seconds)} on one core")
-        if study:
-            click.echo(f"\n{one.statement()}")
+        for name in [study] if study else registry.names():
+            told, more = known.get(name), ""
+            if study or told is None:
+                one = registry.resolve(name)
+                points = one.sweep({}).grid.size
+                name, more = one.name, f"\n{one.statement()}" if study else ""
+                told = {"title": one.title, "question": one.question, "points": points} | (known.get(name) or {})
+            click.echo(f"{name:<10} {told['title']}")
+            if not quiet:
+                time = f", about {told['time']} on one core" if "time" in told else ""
+                click.echo(f"{'':<10} {told['question']}\n{'':<10} {told['points']} points{time}")
+            if more:
+                click.echo(more)
 
 
 @command("status", "How far a study is, also while it runs.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.studies_or_paths)
+@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@click.option(
+    "--toml", "as_toml", is_flag=True, help="What it was asked for, as fiv run --config FILE.toml reads it."
+)
 @out_option
-def show_status(target: str, as_json: bool, out: str | None, quiet: bool, verbose: bool) -> None:
+def show_status(target: str, as_json: bool, as_toml: bool, out: str | None, quiet: bool, verbose: bool) -> None:
     """How far a study is: running, interrupted or complete; from any shell, while it runs.
 
     \b
     fiv status regimes
     fiv status elsewhere/scenes/scenes.nc --json
+    fiv status scenes --toml > scenes.toml && fiv run scenes --config scenes.toml --out again
     """  # noqa: D301 - the backspace tells click to keep the lines
     from dataclasses import asdict
     from json import dumps
     from math import isnan
 
-    from studies import runner
+    from studies import results
     from sweeps import status
 
     with InputErrors(verbose):
-        found = status(runner.results_file(target, out))
+        file = results.results_file(target, out)
+        tell_reference(target, out, quiet)
+        if as_toml:
+            from studies import config
+
+            click.echo(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
+            return
+        found = status(file)
     told = asdict(found)
     if isnan(told["run"].get("left", 0.0)):
         told["run"]["left"] = None  # JSON has no NaN
     click.echo(dumps(told) if as_json else status_text(found))
 
 
-@command("query", "Rows of a result as a table, CSV or JSON.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.studies_or_paths)
+@command("query", "Rows of a result as a table, CSV or JSON.", completion.SignedCommand)
+@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @query_options
 def query_rows(
     target: str,
     where: str | None,
     show: str | None,
+    by: str | None,
     sort: str | None,
     limit: int | None,
     form: str,
+    units: bool,
     out: str | None,
     quiet: bool,
     verbose: bool,
@@ -84,25 +106,29 @@ def query_rows(
 
     \b
     fiv query regimes --where 'mu > 0.2 and regime == "intermittent"' --sort -velocity_rms --limit 5
+    fiv query regimes --where 'regime in ("periodic", "irregular")' --show 'V*1000, mu, regime' --units
+    fiv query regimes --by mu --show count,mean:stick_fraction,share:regime
     fiv query fig5 --where 'growth_rate > 0 and mu == 0.2' --show mu,frequency,growth_rate
-    fiv query results/map/growth_rate-theta-mu.nc --where '5 <= theta <= 8' --format csv > map.csv
     fiv query scenes --where 'status == "failed"' --show V,theta,mu,F,error
 
-    EXPR is of comparisons (== != < <= > >=, also 0.1 < mu < 0.2), and, or, not, + - * / **, brackets, numbers,
+    EXPR is of comparisons (== != < <= > >= in, also 0.1 < mu < 0.2), and, or, not, + - * / **, brackets, numbers,
     'texts' and names: axes, variables, and the settings of the study. Words such as those of regime and status may
     have spaces or underscores. No comparison is true of a missing value; x == nan finds it, x != nan all others.
 
     Equality of an axis with a number finds the axis's nearest value, if it is within a thousandth of that value's
     distance from its nearest neighbour, and of an axis with one value within a millionth of it. So theta ==
-    5.0000001 finds 5. Where no value is so near, no row matches and the nearest value is told.
+    5.0000001 finds 5. Where no value is so near, no row matches and a message has the nearest value.
 
     The points of the sweep are the rows. A variable that has many entries at each point (of modes, members, in
-    time) makes a row of each entry where it is asked for; entries without a value are left out, unless EXPR has
+    time) makes a row of each entry where it is named; entries without a value are left out, unless EXPR has
     nan in it. Without --show the columns are the axes and all that has one value for each row; with it they are
     those, and whatever tells the entries apart.
+
+    With --by the rows that agree in its columns are one group and one row. --show then has count, and mean:X,
+    std:X (of a sample), min:X, max:X and median:X of the values that are not missing; share:X is the share of the
+    group's rows that have each word, or for which a condition is true. --sort and --limit act on the groups.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import runner
-    from studies.query.printing import print_rows
+    from studies.query.output import print_rows
     from studies.query.query import select
 
     def note(text: str) -> None:
@@ -110,13 +136,13 @@ def query_rows(
             click.echo(f"fiv: {text}", err=True)
 
     with InputErrors(verbose):
-        dataset = runner.open_dataset(target, out)
-        chosen = select(dataset, where, show=show, sort=sort, limit=limit, note=note)
-        print_rows(chosen, form, show is None, note)
+        dataset = opened(target, out, quiet)
+        chosen = select(dataset, where, show=show, by=by, sort=sort, limit=limit, note=note)
+        print_rows(chosen, form, show is None, units, note)
 
 
 @command("plot", "Draw the figure of a study or map again.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.studies_or_paths)
+@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
 @click.option("--out", type=click.Path(), help="Results folder of a STUDY; of a PATH, where the figure goes.")
 @click.option(
     "--format",
@@ -133,20 +159,22 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     fiv plot fig5 --format svg
     fiv plot results/map/growth_rate-theta-mu.nc
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import runner
+    from studies import results, runner
 
     with InputErrors(verbose):
-        dataset = runner.open_dataset(target, out)
-        file = runner.results_file(target, out)
-        study = runner.study_of(dataset, str(file))
-        if out and (target.endswith(".nc") or "/" in target):
-            file = runner.results_folder(out) / file.name
+        dataset = opened(target, out, quiet)
+        file = results.results_file(target, out)
+        study = results.study_of(dataset, str(file))
+        if out and results.is_path(target):
+            file = results.results_folder(out) / file.name
+        elif not results.is_path(target) and results.is_reference(file):
+            file = results.file_of(study.name, out)
         drawn = runner.plot(study, dataset, file, form)
     click.echo(str(drawn))
 
 
 @command("report", "One HTML page of every result.")
-@click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.studies_or_paths)
+@click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.study)
 @out_option
 @click.option(
     "--file", type=click.Path(dir_okay=False), help="The page; default: report.html in the results folder."
@@ -163,11 +191,32 @@ def write_report(targets: tuple[str, ...], out: str | None, file: str | None, qu
 
     The page needs no network and no other file.
     """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import registry
     from studies.report import page as report
 
     with InputErrors(verbose):
+        for target in targets or registry.names():
+            tell_reference(target, out, quiet)
         page = report.write(targets, out, file, lambda line: click.echo(f"fiv: {line}", err=True))
     click.echo(str(page))
+
+
+def opened(target: str, out: str | None, quiet: bool) -> xr.Dataset:
+    """The result that STUDY or PATH names; it is said where the reference stands in for it."""
+    from studies import results
+
+    tell_reference(target, out, quiet)
+    return results.open_dataset(target, out)
+
+
+def tell_reference(target: str, out: str | None, quiet: bool) -> None:
+    """Say where the reference stands in for a result of one's own."""
+    from studies import results
+
+    if not quiet and not results.is_path(target):
+        notice = results.notice(results.results_file(target, out), out)
+        if notice:
+            click.echo(f"fiv: {notice}", err=True)
 
 
 @command("completion", "Print what a shell needs to complete names.")

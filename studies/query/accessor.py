@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @xr.register_dataset_accessor("fiv")  # type: ignore[no-untyped-call]
 class Accessor:
-    """What a result of a study can be asked.
+    """Rows, figure and scenes of a result.
 
     Parameters
     ----------
@@ -36,13 +36,14 @@ class Accessor:
         where: str | None = None,
         *,
         show: str | Sequence[str] | None = None,
+        by: str | Sequence[str] | None = None,
         sort: str | Sequence[str] | None = None,
         limit: int | None = None,
     ) -> pd.DataFrame:
         """Rows as a data frame, like ``fiv query``; see `studies.query.query.query`."""
         from studies.query.query import frame
 
-        return frame(self._dataset, where, show, sort, limit, 3)
+        return frame(self._dataset, where, show, by, sort, limit, 3)
 
     def plot(self, path: str | Path | None = None, format: str | None = None) -> Figure | Path:
         """Draw the study's figure.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 NUMBER, TEXT, WORDS = "number", "text", "words"
-# What a file says of the making of each point.
+# What a file says of how each point was computed.
 MAKING = ("status", "error", "wall_time")
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One thing that has a name in a result.
+    """One thing that has a name in a result, or is calculated from such.
 
     Attributes
     ----------
@@ -40,6 +40,10 @@ class Column:
         Whether it says where one is along a dimension; equality with a number then finds the nearest value.
     values : ndarray, optional
         Of an axis and of a setting; of anything else they are read where they are needed.
+    inputs : tuple of Column
+        What it is calculated from.
+    calculate : callable, optional
+        From the values of its inputs, by name, to its own.
     """
 
     name: str
@@ -50,15 +54,17 @@ class Column:
     whole: bool = False
     axis: bool = False
     values: NDArray[Any] | None = None
+    inputs: tuple[Column, ...] = ()
+    calculate: Callable[[Mapping[str, NDArray[Any]]], Any] | None = None
 
     def shown(self, values: NDArray[Any]) -> NDArray[Any]:
         """Words in place of codes; "" where there is none."""
         if self.words is None:
             return values
-        found = np.full(values.shape, "", dtype=object)
+        words = np.full(values.shape, "", dtype=object)
         for code, word in self.words.items():
-            found[values == code] = word
-        return found
+            words[values == code] = word
+        return words
 
     def missing(self, values: NDArray[Any]) -> NDArray[np.bool_]:
         """Where there is no value: NaN, or a text without letters."""
@@ -73,7 +79,7 @@ def spaced(word: str) -> str:
 
 
 class Columns:
-    """Everything that can be named of a result, found by name.
+    """Everything that can be named of a result.
 
     Parameters
     ----------
@@ -101,8 +107,8 @@ class Columns:
         rest = [str(name) for name in self.dataset.variables if name not in self.axes]
         return list(dict.fromkeys([*self.axes, *rest, *map(str, self.dataset.dims), *self.settings]))
 
-    def find(self, name: str, where: str) -> Column:
-        """What is called so; `where` says in a message where it was asked for.
+    def find(self, name: str, argument: str) -> Column:
+        """What is called so; `argument` says in a message whose value names it.
 
         Raises
         ------
@@ -110,20 +116,17 @@ class Columns:
             If there is nothing of the name; the message has the nearest that there is.
         """
         if name in self.dataset.variables:
-            return self._of_variable(name, where)
+            return self._of_variable(name, argument)
         if name in self.dataset.sizes:
             # Its entries have no names: they are counted as `isel` counts them.
-            return Column(
-                name, NUMBER, (name,), "", None, True, True, np.arange(self.dataset.sizes[name], dtype=np.int64)
-            )
+            numbers = np.arange(self.dataset.sizes[name], dtype=np.int64)
+            return Column(name, NUMBER, (name,), "", None, True, True, numbers)
         if name in self.settings:
             value = self.settings[name]
-            text = isinstance(value, str)
-            held = np.asarray(np.nan if value is None else value, dtype=object if text else None)
-            whole = isinstance(value, int)
-            return Column(
-                name, TEXT if text else NUMBER, (), self._unit_of_setting(name), None, whole, False, held
-            )
+            kind = TEXT if isinstance(value, str) else NUMBER
+            values = np.asarray(np.nan if value is None else value, dtype=object if kind == TEXT else None)
+            units = self._unit_of_setting(name)
+            return Column(name, kind, (), units, None, isinstance(value, int), False, values)
         from studies.study import suggest
 
         if self._is_word(name):
@@ -132,18 +135,18 @@ class Columns:
             near = "did you mean elapsed?"
         else:
             near = suggest(name, self.names).strip() or f"there are {', '.join(self.names)}"
-        raise ValueError(f"{where} = {name!r}: nothing is called so; {near}")
+        raise ValueError(f"{argument} = {name!r}: nothing is called so; {near}")
 
     def _is_word(self, name: str) -> bool:
         """Whether it is what a code stands for."""
-        told = (str(each.attrs.get("flag_meanings", "")) for each in self.dataset.variables.values())
-        return any(name in meanings.split() for meanings in told)
+        meanings = (str(each.attrs.get("flag_meanings", "")) for each in self.dataset.variables.values())
+        return any(name in words.split() for words in meanings)
 
-    def _of_variable(self, name: str, where: str) -> Column:
+    def _of_variable(self, name: str, argument: str) -> Column:
         variable = self.dataset.variables[name]
         dims = tuple(map(str, variable.dims))
         attributes = variable.attrs
-        kept = np.dtype(variable.encoding.get("dtype", variable.dtype))
+        stored = np.dtype(variable.encoding.get("dtype", variable.dtype))
         axis = name in self.axes or (dims == (name,) and name in self.dataset.dims)
         values = np.asarray(variable.values) if axis else None
         if "flag_meanings" in attributes and "flag_values" in attributes:
@@ -153,9 +156,11 @@ class Columns:
         if variable.dtype.kind in "OU":
             return Column(name, TEXT, dims, "", None, False, axis, values)
         if variable.dtype.kind not in "iufb":
-            raise ValueError(f"{where} = {name!r}: it is of type {variable.dtype}, which has no place in a table")
+            raise ValueError(
+                f"{argument} = {name!r}: it is of type {variable.dtype}, which has no place in a table"
+            )
         units = str(attributes.get("units", ""))
-        whole = variable.dtype.kind in "iu" or kept.kind in "iu"
+        whole = variable.dtype.kind in "iu" or stored.kind in "iu"
         return Column(name, NUMBER, dims, "" if units == "1" else units, None, whole, axis, values)
 
     def _unit_of_setting(self, name: str) -> str:
@@ -184,9 +189,9 @@ def configuration(dataset: xr.Dataset) -> dict[str, Any]:
         If it does not say.
     """
     try:
-        found: dict[str, Any] = json.loads(dataset.attrs["configuration"])
-        if isinstance(found["axes"], dict) and isinstance(found["constants"], dict):
-            return found
+        content: dict[str, Any] = json.loads(dataset.attrs["configuration"])
+        if isinstance(content["axes"], dict) and isinstance(content["constants"], dict):
+            return content
     except (KeyError, TypeError, ValueError):
         pass
     raise ValueError(
@@ -196,10 +201,10 @@ def configuration(dataset: xr.Dataset) -> dict[str, Any]:
 
 def settings(constants: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """The numbers and texts among constants, by the names of settings: of a rig d1, p1_length and so on."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for name, value in constants.items():
         if isinstance(value, Mapping):
-            found |= settings(value, prefix if name == "rig" else f"{prefix}{name}_")
+            flat |= settings(value, prefix if name == "rig" else f"{prefix}{name}_")
         elif value is None or isinstance(value, (bool, int, float, str)):
-            found[f"{prefix}{name}"] = value
-    return found
+            flat[f"{prefix}{name}"] = value
+    return flat

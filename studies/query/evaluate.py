@@ -1,48 +1,68 @@
-"""How two parts of an expression are compared: numbers, words that codes stand for, texts, and what is missing.
+"""What an expression means for the columns of a result, and its value for every row.
 
 A comparison with a value that is missing is false, with != too; `x == nan` is true where x is missing, and
-`x != nan` where it is not. Words may be written with spaces or with underscores. Equality between an axis and a
-number asks for the axis's nearest value (`studies.query.nearest`).
+`x != nan` where it is not. ``x in (a, b)`` means ``x == a or x == b``, ``x not in (a, b)`` ``x != a and x != b``.
+Words may be written with spaces or with underscores. Equality between an axis and a number asks for the axis's
+nearest value (`studies.query.nearest`).
 """
 
 from __future__ import annotations
 
+import ast
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.query.columns import NUMBER, TEXT, WORDS, Column, spaced
-from studies.query.language import SHOWN
+from studies.query.columns import NUMBER, TEXT, WORDS, Column, Columns, spaced
+from studies.query.language import Expression, parse, shortened
 from studies.query.nearest import nearest
-from studies.query.tree import Node
 
+# The largest power, of either sign.
+MOST_POWER = 100.0
 TRUTH, MISSING = "truth", "missing"
 
 Values = Mapping[str, NDArray[Any]]
 Evaluate = Callable[[Values], Any]
-_COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
+Note = Callable[[str], None]
+
+_ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: np.divide,
+    ast.Pow: np.power,
+}
+_COMPARISONS: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
+    ast.Eq: ("==", operator.eq),
+    ast.NotEq: ("!=", operator.ne),
+    ast.Lt: ("<", operator.lt),
+    ast.LtE: ("<=", operator.le),
+    ast.Gt: (">", operator.gt),
+    ast.GtE: (">=", operator.ge),
+}
+_KINDS = {
+    NUMBER: "a number",
+    TEXT: "a text",
+    WORDS: "a word",
+    TRUTH: "true or false",
+    MISSING: "the missing value",
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A part of an expression that is understood.
+    """A part of an expression with its meaning.
 
     Attributes
     ----------
     kind : str
         NUMBER, TEXT, WORDS, TRUTH or MISSING.
-    said : str
+    text : str
         As it was written.
     evaluate : callable
         From the values of columns, arrays that broadcast, to an array or a scalar.
@@ -50,91 +70,296 @@ class Term:
         Where it is one and nothing else.
     constant : float or str, optional
         Where it is one.
+    units : str
+        Those of all columns in a sum or a difference that agree in them; "" for everything else.
     """
 
     kind: str
-    said: str
+    text: str
     evaluate: Evaluate
     column: Column | None = None
     constant: float | str | None = None
+    units: str = ""
+
+    @property
+    def described(self) -> str:
+        """What it is, for a message."""
+        return f"{shortened(self.text)} is {_KINDS[self.kind]}"
+
+    @property
+    def example(self) -> str:
+        """A comparison with it, for a message."""
+        words = self.column.words if self.column else None
+        value = repr(next(iter(words.values()))) if words else {TEXT: "'text'"}.get(self.kind, "0")
+        return f"{shortened(self.text)} == {value}"
 
 
-def compared(node: Node, left: Term, sign: str, right: Term, note: Callable[[str], None]) -> Evaluate:
-    """What compares two neighbours in a comparison.
+def condition(expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr) -> Evaluate:
+    """Which rows a part of an expression chooses.
 
     Parameters
     ----------
-    node : Node
-        All of the comparison, to be shown in messages.
-    left, right : Term
-    sign : str
+    expression : Expression
+    columns : mapping of str to Column
+        Every name that stands in it.
     note : callable
-        Told, in a sentence, of a value that no axis has.
+        Called with a sentence on a value that no axis has.
+    part : ast.expr
+
+    Returns
+    -------
+    callable
+        From the columns' values by name, arrays that broadcast, to booleans.
 
     Raises
     ------
     ValueError
-        If they cannot be compared.
+        If it is not true or false, or its parts do not go together; the message shows which.
     """
-    kinds = {left.kind, right.kind}
-    equality = sign in ("==", "!=")
-    one, other = (right, left) if left.column is None else (left, right)
-    if TRUTH in kinds:
-        truth = left if left.kind == TRUTH else right
-        raise _wrong(node, f"{shortened(truth.said)} is true or false already; join it by and, or")
-    if not equality and kinds != {NUMBER}:
-        raise _wrong(node, "only numbers are above or below each other; other values are compared by == and !=")
-    if MISSING in kinds:
-        return _missing(node, left if right.kind == MISSING else right, sign)
-    if kinds == {NUMBER}:
-        if equality and one.column is not None and one.column.axis and isinstance(other.constant, float):
-            return _at(one.column, sign, other.constant, f"{left.said} {sign} {right.said}", note)
-        return _numbers(left, sign, right)
-    if NUMBER in kinds:
-        raise _unlike(node, left, right)
-    if WORDS in kinds and isinstance(other.constant, str):
-        return _word(node, one, sign, other.constant)
-    if one.column is not None and one.column.axis and isinstance(other.constant, str):
-        _known(one.column, sign, other.constant, note)
-    return _texts(left, sign, right)
+    term = _Meaning(expression, columns, note).of(part)
+    if term.kind != TRUTH:
+        raise expression.wrong(part, f"it is {_KINDS[term.kind]}; compare it, like {term.example}")
+    return _quietly(term.evaluate)
 
 
-def _at(column: Column, sign: str, asked: float, said: str, note: Callable[[str], None]) -> Evaluate:
-    """Where an axis has the value nearest to a number, if that is near enough."""
-    name = column.name
-    assert column.values is not None
-    value, found = nearest(column.values, asked) if column.values.size else (np.nan, False)
-    if not found and sign == "==":
-        note(f"{said}: {name} has no such value; the nearest is {value:.15g}")
-    compare = _COMPARISONS[sign]
-    return lambda values: compare(values[name], value if found else np.nan)
+def column(every: Columns, text: str, argument: str, note: Note) -> Column:
+    """The column of a name, or one that an expression calculates: of numbers, or of what is true or false.
+
+    Parameters
+    ----------
+    every : Columns
+    text : str
+    argument : str
+        Whose value it is, for messages.
+    note : callable
+        Called with a sentence on a value that no axis has.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    if text in every.names or text.isidentifier():
+        return every.find(text, argument)
+    expression = parse(text, argument)
+    inputs = {name: every.find(name, argument) for name in expression.names()}
+    term = _Meaning(expression, inputs, note).of(expression.tree)
+    if term.column is not None:
+        return term.column
+    if term.kind not in (NUMBER, TRUTH):
+        raise expression.wrong(
+            expression.tree, f"it is {_KINDS[term.kind]}; a column has a name, or is calculated"
+        )
+    dims = tuple(str(dim) for dim in every.dataset.sizes if any(dim in each.dims for each in inputs.values()))
+    calculate = _quietly(term.evaluate)
+    return Column(expression.text, term.kind, dims, term.units, inputs=tuple(inputs.values()), calculate=calculate)
 
 
-def _known(column: Column, sign: str, asked: str, note: Callable[[str], None]) -> None:
-    """Tell of a text that an axis does not have."""
-    assert column.values is not None
-    known = [str(value) for value in column.values.ravel()]
-    if sign == "==" and asked not in known:
-        note(f"{column.name} == {asked!r}: {column.name} has no such value; {_near(asked, known)}")
+def _quietly(evaluate: Evaluate) -> Evaluate:
+    """The same without warnings of NumPy: what has no value becomes NaN."""
+
+    def evaluated(values: Values) -> Any:
+        with np.errstate(all="ignore"):
+            return evaluate(values)
+
+    return evaluated
 
 
-def _numbers(left: Term, sign: str, right: Term) -> Evaluate:
-    compare = _COMPARISONS[sign]
+class _Meaning:
+    """Gives each node of an expression its kind and what evaluates it."""
 
+    def __init__(self, expression: Expression, columns: Mapping[str, Column], note: Note) -> None:
+        self.expression, self.columns, self.note = expression, columns, note
+
+    def of(self, node: ast.expr) -> Term:
+        """The meaning of one node."""
+        text = self.expression.part(node)
+        match node:
+            case ast.Constant(value=str()):
+                return Term(TEXT, text, lambda values: text[1:-1], None, text[1:-1])
+            case ast.Constant():
+                return _constant(float(text), text)
+            case ast.Name(id="nan"):
+                return Term(MISSING, text, lambda values: np.nan)
+            case ast.Name(id=name):
+                column = self.columns[name]
+                return Term(column.kind, text, lambda values: values[name], column, None, column.units)
+            case ast.UnaryOp(op=ast.Not()):
+                inner = self._truth(node.operand, node, "not")
+                return Term(TRUTH, text, lambda values: np.logical_not(inner.evaluate(values)))
+            case ast.UnaryOp():
+                number = self._number(node.operand, node)
+                sign = -1.0 if isinstance(node.op, ast.USub) else 1.0
+                return _numeric(text, lambda values: sign * _wide(number.evaluate(values)), [number], number.units)
+            case ast.BinOp():
+                return self._arithmetic(node)
+            case ast.BoolOp():
+                word, join = ("and", np.logical_and) if isinstance(node.op, ast.And) else ("or", np.logical_or)
+                terms = [self._truth(each, node, word) for each in node.values]
+                return Term(TRUTH, text, lambda values: reduce(join, (term.evaluate(values) for term in terms)))
+            case ast.Compare():
+                return self._chain(node)
+        raise self.expression.wrong(node, "a list has its place after in, like mu in (0.1, 0.2)")
+
+    def _truth(self, node: ast.expr, whole: ast.expr, word: str) -> Term:
+        term = self.of(node)
+        if term.kind != TRUTH:
+            why = f"{term.described}; {word} is for what is true or false, like {term.example}"
+            raise self.expression.wrong(whole, why)
+        return term
+
+    def _number(self, node: ast.expr, whole: ast.expr) -> Term:
+        term = self.of(node)
+        if term.kind != NUMBER:
+            raise self.expression.wrong(whole, f"{term.described}; only numbers can be calculated with")
+        return term
+
+    def _arithmetic(self, node: ast.BinOp) -> Term:
+        # A long sum leans to the left, node within node; it is read without recursion.
+        steps: list[tuple[type[ast.operator], Term]] = []
+        first: ast.expr = node
+        while isinstance(first, ast.BinOp):
+            right = self._number(first.right, first)
+            if isinstance(first.op, ast.Pow) and not (
+                isinstance(right.constant, float) and abs(right.constant) <= MOST_POWER
+            ):
+                limits = f"from -{MOST_POWER:g} to {MOST_POWER:g}"
+                raise self.expression.wrong(first, f"the power {shortened(right.text)} must be a number {limits}")
+            steps.append((type(first.op), right))
+            first = first.left
+        start = self._number(first, node)
+        steps.reverse()
+
+        def calculated(values: Values) -> Any:
+            result = _wide(start.evaluate(values))
+            for kind, term in steps:
+                result = _ARITHMETIC[kind](result, _wide(term.evaluate(values)))
+            return result
+
+        terms = [start, *(term for _, term in steps)]
+        alike = {term.units for term in terms} == {start.units} and {kind for kind, _ in steps} <= {
+            ast.Add,
+            ast.Sub,
+        }
+        return _numeric(self.expression.part(node), calculated, terms, start.units if alike else "")
+
+    def _chain(self, node: ast.Compare) -> Term:
+        pairs = []
+        left = self.of(node.left)
+        for sign, comparator in zip(node.ops, node.comparators, strict=True):
+            if isinstance(sign, (ast.In, ast.NotIn)):
+                pairs.append(self._member(node, left, sign, comparator))
+                if comparator is not node.comparators[-1]:
+                    raise self.expression.wrong(node, "nothing is compared with a list; join comparisons by and")
+                continue
+            right = self.of(comparator)
+            pairs.append(self._compared(node, left, type(sign), right))
+            left = right
+        text = self.expression.part(node)
+        return Term(TRUTH, text, lambda values: reduce(np.logical_and, (pair(values) for pair in pairs)))
+
+    def _member(self, node: ast.Compare, left: Term, sign: ast.In | ast.NotIn, members: ast.expr) -> Evaluate:
+        """Whether a value is one of a list."""
+        if not (isinstance(members, ast.Tuple) and members.elts):
+            why = (
+                "after in comes a list in brackets, like (0.1, 0.2); one of a single value has a comma too: (0.1,)"
+            )
+            raise self.expression.wrong(node, why)
+        inside = isinstance(sign, ast.In)
+        kind, join = (ast.Eq, np.logical_or) if inside else (ast.NotEq, np.logical_and)
+        pairs = [self._compared(node, left, kind, self.of(each)) for each in members.elts]
+        return lambda values: reduce(join, (pair(values) for pair in pairs))
+
+    def _compared(self, node: ast.Compare, left: Term, kind: type[ast.cmpop], right: Term) -> Evaluate:
+        """What compares two neighbours in a comparison."""
+        kinds = {left.kind, right.kind}
+        sign, compare = _COMPARISONS[kind]
+        one, other = (right, left) if left.column is None else (left, right)
+        wrong = self.expression.wrong
+        if TRUTH in kinds:
+            truth = left if left.kind == TRUTH else right
+            raise wrong(node, f"{shortened(truth.text)} is true or false already; join it by and, or")
+        if sign not in ("==", "!=") and kinds != {NUMBER}:
+            why = "only numbers are above or below each other; other values are compared by == and !="
+            raise wrong(node, why)
+        if MISSING in kinds:
+            present = left if right.kind == MISSING else right
+            if present.kind in (TEXT, MISSING):
+                raise wrong(node, "nan is a missing number or word; of texts the empty one is ''")
+            return _missing(present, sign)
+        axis = one.column if one.column is not None and one.column.axis else None
+        if kinds == {NUMBER}:
+            if axis is not None and sign in ("==", "!=") and isinstance(other.constant, float):
+                return self._at(axis, sign, other.constant, f"{left.text} {sign} {right.text}")
+            return _numbers(left, compare, right)
+        if NUMBER in kinds:
+            raise wrong(node, _unlike(left, right))
+        if WORDS in kinds and isinstance(other.constant, str):
+            return self._word(node, one, sign, other.constant)
+        if axis is not None and isinstance(other.constant, str):
+            known = [str(value) for value in np.ravel(np.asarray(axis.values))]
+            if sign == "==" and other.constant not in known:
+                near = _near(other.constant, known)
+                self.note(f"{axis.name} == {other.constant!r}: {axis.name} has no such value; {near}")
+        return _texts(left, sign, right)
+
+    def _at(self, column: Column, sign: str, number: float, text: str) -> Evaluate:
+        """Where an axis has the value nearest to a number, if that is near enough."""
+        assert column.values is not None
+        value, near = nearest(column.values, number) if column.values.size else (np.nan, False)
+        if not near and sign == "==":
+            self.note(f"{text}: {column.name} has no such value; the nearest is {value:.15g}")
+        compare = operator.eq if sign == "==" else operator.ne
+        return lambda values: compare(values[column.name], value if near else np.nan)
+
+    def _word(self, node: ast.Compare, one: Term, sign: str, word: str) -> Evaluate:
+        """Where codes stand for a word, or for another."""
+        assert one.column is not None
+        assert one.column.words is not None
+        column, words = one.column, one.column.words
+        codes = [code for code, each in words.items() if spaced(each) == spaced(word)]
+        if not codes:
+            near = _near(word, list(words.values()))
+            raise self.expression.wrong(node, f"{column.name} is never {word!r}; {near}")
+
+        def compared(values: Values) -> Any:
+            own = one.evaluate(values)
+            same = np.isin(own, codes)
+            return same if sign == "==" else ~(same | column.missing(own))
+
+        return compared
+
+
+def _constant(value: float, text: str) -> Term:
+    return Term(NUMBER, text, lambda values: value, None, value)
+
+
+def _numeric(text: str, evaluate: Evaluate, terms: list[Term], units: str) -> Term:
+    """A number; a constant where all that it is made of is constant."""
+    if all(isinstance(term.constant, float) for term in terms):
+        with np.errstate(all="ignore"):
+            return _constant(float(evaluate({})), text)
+    return Term(NUMBER, text, evaluate, units=units)
+
+
+def _wide(values: Any) -> Any:
+    """Numbers to calculate with: whole ones would overflow, and divide by zero with an error."""
+    return np.asarray(values, dtype=float)
+
+
+def _numbers(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
     def compared(values: Values) -> Any:
         a, b = left.evaluate(values), right.evaluate(values)
-        found = compare(a, b)
+        result = compare(a, b)
         # NaN is unequal to everything, but nothing is known of what is missing.
-        return found & (a == a) & (b == b) if sign == "!=" else found
+        return result & (a == a) & (b == b) if compare is operator.ne else result
 
     return compared
 
 
-def _missing(node: Node, one: Term, sign: str) -> Evaluate:
+def _missing(one: Term, sign: str) -> Evaluate:
     """Where a column or a number has no value, or has one."""
-    if one.kind in (TEXT, MISSING):
-        raise _wrong(node, "nan is a missing number or word; of texts the empty one is ''")
-    column = one.column or Column(one.said, NUMBER)
+    column = one.column or Column(one.text, NUMBER)
 
     def compared(values: Values) -> Any:
         absent = column.missing(np.asarray(one.evaluate(values)))
@@ -143,56 +368,33 @@ def _missing(node: Node, one: Term, sign: str) -> Evaluate:
     return compared
 
 
-def _word(node: Node, one: Term, sign: str, asked: str) -> Evaluate:
-    """Where codes stand for a word, or for another."""
-    assert one.column is not None
-    assert one.column.words is not None
-    column, words = one.column, one.column.words
-    codes = [code for code, word in words.items() if spaced(word) == spaced(asked)]
-    if not codes:
-        raise _wrong(node, f"{column.name} is never {asked!r}; {_near(asked, list(words.values()))}")
-
-    def compared(values: Values) -> Any:
-        found = np.isin(one.evaluate(values), codes)
-        return found if sign == "==" else ~(found | column.missing(one.evaluate(values)))
-
-    return compared
-
-
 def _texts(left: Term, sign: str, right: Term) -> Evaluate:
     """Texts, or the words that codes stand for."""
 
     def plain(term: Term, values: Values) -> Any:
-        found = term.evaluate(values)
-        return term.column.shown(found) if term.kind == WORDS and term.column is not None else found
+        own = term.evaluate(values)
+        return term.column.shown(own) if term.kind == WORDS and term.column is not None else own
 
     def compared(values: Values) -> Any:
         a, b = plain(left, values), plain(right, values)
         same = np.asarray(a == b, dtype=bool)
-        known = np.ones((), dtype=bool)
-        for term, found in ((left, a), (right, b)):
+        result = same if sign == "==" else ~same
+        for term, own in ((left, a), (right, b)):
             if term.kind == WORDS:
-                known = known & np.asarray(found != "", dtype=bool)
-        return (same if sign == "==" else ~same) & known
+                result = result & np.asarray(own != "", dtype=bool)
+        return result
 
     return compared
 
 
-def _wrong(node: Node, why: str) -> ValueError:
-    return ValueError(f"where = {shortened(node.said)!r}: {why}")
-
-
-def _unlike(node: Node, left: Term, right: Term) -> ValueError:
+def _unlike(left: Term, right: Term) -> str:
     """Why a number and something else cannot be compared."""
-    for one, other in ((left, right), (right, left)):
-        if one.kind == WORDS and one.column is not None and one.column.words is not None:
-            words = ", ".join(map(repr, one.column.words.values()))
-            return _wrong(
-                node, f"{one.said} is a word and {shortened(other.said)} a number; its words are {words}"
-            )
-    text, number = (left, right) if left.kind == TEXT else (right, left)
-    hint = f"; without quotes {text.constant} is a number" if _is_number(text.constant) else ""
-    return _wrong(node, f"{shortened(text.said)} is a text and {shortened(number.said)} a number{hint}")
+    one, number = (right, left) if left.kind == NUMBER else (left, right)
+    if one.column is not None and one.column.words is not None:
+        words = ", ".join(map(repr, one.column.words.values()))
+        return f"{one.text} is a word and {shortened(number.text)} a number; its words are {words}"
+    hint = f"; without quotes {one.constant} is a number" if _is_number(one.constant) else ""
+    return f"{shortened(one.text)} is a text and {shortened(number.text)} a number{hint}"
 
 
 def _is_number(text: Any) -> bool:
@@ -202,13 +404,8 @@ def _is_number(text: Any) -> bool:
         return False
 
 
-def _near(asked: str, known: list[str]) -> str:
+def _near(text: str, values: list[str]) -> str:
     from studies.study import suggest
 
-    listed = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
-    return f"{suggest(spaced(asked), known)}its values are {listed}"
-
-
-def shortened(text: str) -> str:
-    """What is shown of a part of an expression."""
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+    listed = ", ".join(values[:20]) + (", ..." if len(values) > 20 else "")
+    return f"{suggest(spaced(text), values)}its values are {listed}"

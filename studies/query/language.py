@@ -1,74 +1,113 @@
-"""Expressions that choose rows: a grammar so small that nothing in one can call, import or look inside.
+"""Expressions over the columns of a result: a small part of Python's, read by Python's own parser.
 
-    any         all { "or" all }
-    all         not { "and" not }
-    not         "not" not | comparison
-    comparison  sum { ("==" | "!=" | "<" | "<=" | ">" | ">=") sum }
-    sum         product { ("+" | "-") product }
-    product     sign { ("*" | "/") sign }
-    sign        ("-" | "+") sign | power
-    power       atom [ "**" sign ]
-    atom        NUMBER | TEXT | NAME | "nan" | "(" any ")"
+There are comparisons (also ``0.1 < mu < 0.2`` and ``mu in (0.1, 0.2)``), ``and``, ``or``, ``not``, + - * / **,
+brackets, numbers, texts, ``nan`` and names. `ast` parses an expression, every other type of node is refused, and
+`studies.query.evaluate` walks what is left over NumPy arrays: nothing is compiled or run. `DataFrame.query`,
+numexpr and SQL engines are not used, because what they read may execute code or open files.
 
-As in Python, `a < b < c` is `a < b and b < c`, and `-a ** 2` is `-(a ** 2)`. A TEXT is in single or double quotes
-and holds no quote of its kind; nothing in it is escaped. What an expression means is in `query.conditions`.
+A text is in single or double quotes, holds no quote of its kind, and knows no escapes. The page's filter
+(`studies/report/filter.js`) speaks the same language; `tests/studies/query/expressions.json` holds both to it.
 """
 
 from __future__ import annotations
 
+import ast
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NoReturn
+from itertools import accumulate
 
-from studies.query.tree import Arithmetic, Comparison, Logic, Minus, Missing, Name, Node, Not, Number, Text
-
-# In letters; and in brackets, signs, powers and nots within each other.
-LONGEST, DEEPEST = 4000, 40
-# Of an expression so much is shown about what is wrong with it.
-SHOWN = 60
+# The most letters; the most brackets, and the most signs, powers and nots, within each other; the letters of an
+# expression that a message shows.
+LONGEST, DEEPEST, SHOWN = 4000, 40, 60
 
 GRAMMAR = (
-    "an expression is of names, numbers, 'texts', nan, comparisons (== != < <= > >=), and, or, not, + - * / ** "
+    "an expression is of names, numbers, 'texts', nan, comparisons (== != < <= > >= in), and, or, not, + - * / ** "
     "and brackets"
 )
-COMPARISONS = ("==", "!=", "<=", ">=", "<", ">")
 # What people write who know other languages.
 HINTS = {
     "=": "to compare is ==",
-    "in": "write mu == 0.1 or mu == 0.2",
     "&": "write and",
     "|": "write or",
     "!": "write not, or != to compare",
     "^": "a power is **",
     "~": "write not",
-    "(": "nothing can be called",
-    "[": "nothing can be indexed",
-    ".": "there are no attributes",
+    "[": 'nothing can be indexed; a list is in round brackets, like regime in ("stuck", "periodic")',
     "'": "a text ends with the quote that it began with",
     '"': "a text ends with the quote that it began with",
+    ast.Call: "nothing can be called",
+    ast.Attribute: "there are no attributes",
+    ast.FloorDiv: "there is no //",
+    ast.Is: "to compare is ==",
+    ast.IsNot: "to compare is !=",
 }
 
-_TOKENS = re.compile(
-    r"(?P<space>[ \t\r\n]+)"
-    r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?(?![\w.]))"
-    r"|(?P<text>'[^'\r\n]*'|\"[^\"\r\n]*\")"
-    r"|(?P<name>[^\W\d]\w*)"
-    r"|(?P<symbol>\*\*|==|!=|<=|>=|[-+*/()<>])"
+_PARTS = (
+    ast.expr,
+    *(ast.And, ast.Or, ast.Not, ast.USub, ast.UAdd, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow),
+    *(ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.In, ast.NotIn, ast.Load),
 )
-_STRANGE = re.compile(r"[\w.]+|.", re.DOTALL)
+_NUMBER = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_TEXT = re.compile(r"'[^'\r\n]*'|\"[^\"\r\n]*\"")
+# Of what is no text: a number of another form, a sign that stands for nothing, or = and ! alone.
+_STRANGE = re.compile(
+    rf"(?<![\w.])(?=\.?[0-9])(?!{_NUMBER}(?![\w.]))[\w.]+"
+    r"|[^\w \t\r\n.,+\-*/()<>=!]"
+    r"|(?<![=!<>])=(?!=)|!(?!=)"
+)
 
 
-@dataclass(frozen=True)
-class _Token:
-    kind: str
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """An expression that was parsed.
+
+    Attributes
+    ----------
+    text : str
+        As it was written, without space at its ends.
+    argument : str
+        Whose value it is, for messages.
+    tree : ast.expr
+        Of the types of node that the language has.
+    """
+
     text: str
-    start: int
-    end: int
+    argument: str
+    tree: ast.expr
+    _bytes: bytes
+
+    def span(self, node: ast.expr) -> tuple[int, int]:
+        """Where a node begins and ends, without the brackets around it, in letters; `ast` counts bytes."""
+        start, end = (len(self._bytes[:offset].decode()) for offset in (node.col_offset, node.end_col_offset))
+        return start, end
+
+    def part(self, node: ast.expr) -> str:
+        """What was written for a node."""
+        return self.text[slice(*self.span(node))]
+
+    def wrong(self, node: ast.expr, why: str) -> ValueError:
+        """An error of what a node means."""
+        return ValueError(f"{self.argument} = {shortened(self.part(node))!r}: {why}")
+
+    def names(self, node: ast.expr | None = None) -> list[str]:
+        """Every name in it, or in a part of it, once."""
+        names = (each.id for each in ast.walk(node or self.tree) if isinstance(each, ast.Name))
+        return [name for name in dict.fromkeys(names) if name != "nan"]
+
+    def speaks_of_missing(self) -> bool:
+        """Whether `nan` stands anywhere in it."""
+        return any(isinstance(each, ast.Name) and each.id == "nan" for each in ast.walk(self.tree))
 
 
-def parse(text: str) -> Node:
+def parse(text: str, argument: str = "where") -> Expression:
     """Read an expression.
+
+    Parameters
+    ----------
+    text : str
+    argument : str
+        Whose value it is, for messages.
 
     Raises
     ------
@@ -76,147 +115,106 @@ def parse(text: str) -> Node:
         If it is none; the message shows the place.
     """
     if not isinstance(text, str):
-        raise ValueError(f"where = {text!r}: it must be a text; {GRAMMAR}")
+        raise ValueError(f"{argument} = {text!r}: it must be a text; {GRAMMAR}")
     if len(text) > LONGEST:
-        raise ValueError(f"where = {text[:SHOWN]!r}...: it has {len(text)} letters; it may have {LONGEST}")
-    return _Parser(text).whole()
+        raise ValueError(f"{argument} = {text[:SHOWN]!r}...: it has {len(text)} letters; it may have {LONGEST}")
+    text = text.strip(" \t\r\n")
+    bare = _without_texts(text)
+    if strange := _STRANGE.search(bare):
+        raise _misplaced(text, argument, *strange.span(), HINTS.get(strange[0], ""))
+    depths = _depths(bare)
+    if max(depths, default=0) > DEEPEST:
+        raise _too_deep(text, argument)
+    # On one line, and with texts that hold nothing which means something to Python.
+    plain = _TEXT.sub(lambda match: match[0][0] + "_" * (len(match[0]) - 2) + match[0][0], text)
+    plain = re.sub(r"[\t\r\n]", " ", plain)
+    try:
+        tree = ast.parse(plain, mode="eval").body
+    except SyntaxError as problem:
+        start, end = (problem.offset or len(text) + 1) - 1, (problem.end_offset or 0) - 1
+        # Of a bracket that does not end Python shows the beginning.
+        unclosed = text[start : start + 1] == "(" and depths[-1] > 0
+        raise _misplaced(text, argument, len(text) if unclosed else start, end) from None
+    except (RecursionError, MemoryError):
+        raise _too_deep(text, argument) from None
+    expression = Expression(text, argument, tree, plain.encode())
+    for node, depth in _walk(tree):
+        if kind := _refused(node, expression.part(node)):
+            raise _misplaced(text, argument, *_spot(expression, node), HINTS.get(kind, ""))
+        if depth > DEEPEST:
+            raise _too_deep(text, argument)
+    return expression
 
 
-class _Parser:
-    """Reads one expression, token by token."""
+def shortened(text: str) -> str:
+    """What a message shows of a part of an expression."""
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
 
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.depth = 0
-        self.tokens = list(self._cut())
-        self.place = 0
 
-    def whole(self) -> Node:
-        found = self._any()
-        if self._now.kind != "end":
-            self._refuse(self._now)
-        return found
+def split(text: str) -> list[str]:
+    """The entries of a list: at commas outside of brackets and texts."""
+    bare = _without_texts(text)
+    cuts = [k for k, depth in enumerate(_depths(bare)) if bare[k] == "," and depth == 0]
+    return [text[a:b].strip() for a, b in zip([0, *(cut + 1 for cut in cuts)], [*cuts, None], strict=True)]
 
-    def _cut(self) -> Iterator[_Token]:
-        at = 0
-        while at < len(self.text):
-            match = _TOKENS.match(self.text, at)
-            kind = "strange" if match is None else str(match.lastgroup)
-            # A number that runs into letters is shown as a whole.
-            found = match or _STRANGE.match(self.text, at)
-            assert found is not None
-            if kind != "space":
-                yield _Token(kind, found[0], at, found.end())
-            at = found.end()
-        yield _Token("end", "", at, at)
 
-    @property
-    def _now(self) -> _Token:
-        return self.tokens[self.place]
+def _without_texts(text: str) -> str:
+    """The same letters at the same places, and blanks where texts are."""
+    return _TEXT.sub(lambda match: " " * len(match[0]), text)
 
-    def _is(self, *texts: str) -> bool:
-        return self._now.kind in ("symbol", "name") and self._now.text in texts
 
-    def _take(self) -> _Token:
-        token = self._now
-        self.place += 1
-        return token
+def _depths(text: str) -> list[int]:
+    """How many brackets are open after each letter."""
+    return list(accumulate((letter == "(") - (letter == ")") for letter in text))
 
-    def _said(self, begin: int) -> str:
-        """What was written from the token `begin` to the one before this."""
-        return self.text[self.tokens[begin].start : self.tokens[self.place - 1].end]
 
-    def _any(self) -> Node:
-        return self._logic("or", self._all)
+def _walk(tree: ast.expr) -> Iterator[tuple[ast.expr, int]]:
+    """Every node, from the whole to its parts, and how many signs, powers and nots it is within."""
+    stack = [(tree, 0)]
+    while stack:
+        node, depth = stack.pop()
+        yield node, depth
+        power = node.right if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) else None
+        inside = isinstance(node, ast.UnaryOp)
+        parts = (child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr))
+        stack.extend((part, depth + (inside or part is power)) for part in parts)
 
-    def _all(self) -> Node:
-        return self._logic("and", self._not)
 
-    def _logic(self, word: str, part: Callable[[], Node]) -> Node:
-        begin, found = self.place, [part()]
-        while self._is(word):
-            self._take()
-            found.append(part())
-        return found[0] if len(found) == 1 else Logic(self._said(begin), word, tuple(found))
+def _refused(node: ast.expr, part: str) -> type[ast.AST] | None:
+    """The type of what the language does not have, if a node is that or has such an operator."""
+    if isinstance(node, ast.Constant):
+        good = bool(_TEXT.fullmatch(part) or re.fullmatch(_NUMBER, part))
+    elif isinstance(node, ast.Name):
+        # Python takes letters of other widths for those that they look like.
+        good = node.id == part
+    else:
+        good = isinstance(node, (ast.BoolOp, ast.UnaryOp, ast.BinOp, ast.Compare, ast.Tuple))
+    if not good:
+        return type(node)
+    return next((type(each) for each in ast.iter_child_nodes(node) if not isinstance(each, _PARTS)), None)
 
-    def _not(self) -> Node:
-        begin = self.place
-        if not self._is("not"):
-            return self._chain(Comparison, COMPARISONS, self._sum)
-        self._take()
-        of = self._deeper(self._not)
-        return Not(self._said(begin), of)
 
-    def _sum(self) -> Node:
-        return self._chain(Arithmetic, ("+", "-"), self._product)
+def _spot(expression: Expression, node: ast.expr) -> tuple[int, int]:
+    """Where what is wrong with a node stands: behind its first part, if it begins with one."""
+    start, end = expression.span(node)
+    parts = [expression.span(part) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
+    behind = min(parts)[1] if parts else end
+    behind += len(expression.text[behind:]) - len(expression.text[behind:].lstrip(" )"))
+    return (behind, end) if behind < end else (start, end)
 
-    def _product(self) -> Node:
-        return self._chain(Arithmetic, ("*", "/"), self._sign)
 
-    def _chain(
-        self, kind: type[Arithmetic] | type[Comparison], signs: tuple[str, ...], part: Callable[[], Node]
-    ) -> Node:
-        begin, first, rest = self.place, part(), list[tuple[str, Node]]()
-        while self._is(*signs):
-            sign = self._take().text
-            rest.append((sign, part()))
-        return kind(self._said(begin), first, tuple(rest)) if rest else first
+def _misplaced(text: str, argument: str, start: int, end: int, hint: str = "") -> ValueError:
+    """An error of what stands from one letter to another."""
+    part = text[start : max(end, start + 1)]
+    if part:
+        odd = ", ".join(f"U+{ord(letter):04X}" for letter in shortened(part) if not letter.isascii())
+        what = f"{shortened(part)!r}{f' ({odd})' if odd else ''} at letter {start + 1} cannot stand there"
+    else:
+        what = "something is missing at its end" if text else "it is empty"
+    begin = max(min(start - SHOWN // 2, len(text) - SHOWN), 0)
+    shown = f"{'...' if begin else ''}{text[begin : begin + SHOWN]!r}{'...' if begin + SHOWN < len(text) else ''}"
+    return ValueError(f"{argument} = {shown}: {what}; {hint}{'; ' if hint else ''}{GRAMMAR}")
 
-    def _sign(self) -> Node:
-        begin = self.place
-        if not self._is("-", "+"):
-            return self._power()
-        sign = self._take().text
-        of = self._deeper(self._sign)
-        return Minus(self._said(begin), of) if sign == "-" else Arithmetic(self._said(begin), of, ())
 
-    def _power(self) -> Node:
-        begin, base = self.place, self._atom()
-        if not self._is("**"):
-            return base
-        self._take()
-        exponent = self._deeper(self._sign)
-        return Arithmetic(self._said(begin), base, (("**", exponent),))
-
-    def _atom(self) -> Node:
-        token = self._now
-        if self._is("("):
-            self._take()
-            inner = self._deeper(self._any)
-            if not self._is(")"):
-                self._refuse(self._now)
-            self._take()
-            return inner
-        if token.kind not in ("number", "text", "name") or token.text in ("and", "or", "not"):
-            self._refuse(token)
-        self._take()
-        if token.kind == "number":
-            return Number(token.text, float(token.text))
-        if token.kind == "text":
-            return Text(token.text, token.text[1:-1])
-        return Missing(token.text) if token.text == "nan" else Name(token.text, token.text)
-
-    def _deeper(self, part: Callable[[], Node]) -> Node:
-        self.depth += 1
-        if self.depth > DEEPEST:
-            raise ValueError(f"where = {self._about(self._now)}: more than {DEEPEST} levels are within each other")
-        found = part()
-        self.depth -= 1
-        return found
-
-    def _refuse(self, token: _Token) -> NoReturn:
-        """Raise, with the place."""
-        if token.kind == "end":
-            what = "something is missing at its end" if self.text.strip() else "it is empty"
-        else:
-            shown = token.text if len(token.text) <= SHOWN else f"{token.text[:SHOWN]}..."
-            odd = "" if shown.isascii() else f" ({', '.join(f'U+{ord(c):04X}' for c in shown if not c.isascii())})"
-            what = f"{shown!r}{odd} at letter {token.start + 1} cannot stand there"
-        hint = HINTS.get(token.text, HINTS["."] if token.text.startswith(".") else "")
-        raise ValueError(f"where = {self._about(token)}: {what}; {hint}{'; ' if hint else ''}{GRAMMAR}")
-
-    def _about(self, token: _Token) -> str:
-        """The expression, or of a long one what is about a token."""
-        begin = max(min(token.start - SHOWN // 2, len(self.text) - SHOWN), 0)
-        part = self.text[begin : begin + SHOWN]
-        return f"{'...' if begin else ''}{part!r}{'...' if begin + SHOWN < len(self.text) else ''}"
+def _too_deep(text: str, argument: str) -> ValueError:
+    return ValueError(f"{argument} = {shortened(text)!r}: more than {DEEPEST} levels are within each other")

@@ -1,4 +1,4 @@
-"""The rule by which a number that is asked for is a value of an axis."""
+"""The rule by which a number is a value of an axis."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from numpy.typing import ArrayLike
 OF_SPACING, OF_VALUE = 1e-3, 1e-6
 
 
-def nearest(values: ArrayLike, asked: float) -> tuple[Any, bool]:
-    """The value of an axis nearest to a number, as the axis has it, and whether it is what was asked for.
+def nearest(values: ArrayLike, number: float) -> tuple[Any, bool]:
+    """The value of an axis nearest to a number, as the axis has it, and whether it is near enough to be meant.
 
     Parameters
     ----------
     values : array_like
         Of the axis, in any order, one or more.
-    asked : float
+    number : float
 
     Returns
     -------
     value : numpy scalar
-    found : bool
+    near : bool
         Whether they differ by no more than a thousandth of the distance of `value` from its nearest neighbour. So
         0.1 + 0.2 finds 0.3, and what a table shows in six digits is found again, on even axes and on logarithmic
         ones. On an axis with one value: by no more than a millionth of it.
     """
     known = np.unique(np.asarray(values))
-    away = np.abs(known.astype(float) - asked)
+    away = np.abs(known.astype(float) - number)
     place = int(np.argmin(away))
     gaps = np.diff(known[max(place - 1, 0) : place + 2].astype(float))
     allowed = OF_SPACING * gaps.min() if len(gaps) else OF_VALUE * abs(float(known[place]))

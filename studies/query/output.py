@@ -1,10 +1,17 @@
-"""Rows of a result as text: a table to read, CSV and JSON to go on with; some rows at a time."""
+"""Rows of a result as text: a table to read, CSV and JSON to go on with; some rows at a time.
+
+The command `query` prints them to standard output, until it ends or nobody reads any more.
+"""
 
 from __future__ import annotations
 
 import csv
 import json
+import os
+import shutil
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import Any, TextIO
 
@@ -12,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.query.columns import NUMBER, Column
-from studies.query.rows import Rows
+from studies.query.groups import Groups
+from studies.query.rows import Rows, Selection
 
 # The widths of a table's columns are those of its first rows; rows are written so many at a time.
 MEASURED, AT_ONCE = 5000, 20_000
@@ -56,16 +64,72 @@ def write_table(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -
     widths = [max(len(row[k]) for row in (*heads, *first)) for k in range(len(columns))]
     count = 0
     for row in chain(heads, first, cells):
-        told = (
+        aligned = (
             cell.rjust(width) if column.kind == NUMBER else cell.ljust(width)
             for column, cell, width in zip(columns, row, widths, strict=True)
         )
-        file.write(GAP.join(told).rstrip() + "\n")
+        file.write(GAP.join(aligned).rstrip() + "\n")
         count += 1
     return count - len(heads)
 
 
 WRITERS: dict[str, Write] = {"table": write_table, "csv": write_csv, "json": write_json}
+
+
+def print_rows(
+    chosen: Selection | Groups, form: str, narrow: bool, units: bool, note: Callable[[str], None]
+) -> None:
+    """Print a selection to standard output.
+
+    Parameters
+    ----------
+    chosen : Selection or Groups
+    form : str
+        One of WRITERS.
+    narrow : bool
+        Whether columns that do not fit on a terminal are left out, with a note.
+    units : bool
+        Whether heads carry units: "V [m s-1]"; JSON is then an object of "units", by name, and "rows".
+    note : callable
+        Called with what a reader should know besides.
+    """
+    columns, rows = chosen.columns, chosen.rows()
+    if units and form != "json":
+        columns, rows = _with_units(columns, rows)
+    if narrow and form == "table" and sys.stdout.isatty():
+        columns, rows = _narrowed(columns, rows, note)
+    try:
+        if units and form == "json":
+            known = {column.name: column.units for column in columns if column.units}
+            sys.stdout.write(f'{{"units": {json.dumps(known)},\n"rows": ')
+        count = WRITERS[form](columns, rows, sys.stdout)
+        sys.stdout.write("}\n" if units and form == "json" else "")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read has enough. What is still in the buffer goes nowhere, or Python would complain at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return
+    if not count:
+        note("no row")
+
+
+def _with_units(columns: tuple[Column, ...], rows: Iterator[Rows]) -> tuple[tuple[Column, ...], Iterator[Rows]]:
+    """Columns whose names carry their units, and their rows."""
+    heads = {column.name: f"{column.name} [{column.units}]" if column.units else column.name for column in columns}
+    renamed = ({heads[name]: values for name, values in part.items()} for part in rows)
+    return tuple(replace(column, name=heads[column.name], units="") for column in columns), renamed
+
+
+def _narrowed(
+    columns: tuple[Column, ...], rows: Iterator[Rows], note: Callable[[str], None]
+) -> tuple[tuple[Column, ...], Iterator[Rows]]:
+    """The columns that fit, and the rows from the first on."""
+    first = [part for part in [next(rows, {})] if part]
+    fit = fitting(columns, first, shutil.get_terminal_size().columns)
+    left_out = [column.name for column in columns[len(fit) :]]
+    if left_out:
+        note(f"too wide for this terminal and left out: {', '.join(left_out)}; choose with --show")
+    return tuple(fit), chain(first, rows)
 
 
 def fitting(columns: Sequence[Column], rows: Sequence[Rows], width: int) -> list[Column]:
@@ -111,17 +175,17 @@ def _cell(value: Any) -> str:
 def _plain(column: Column, values: NDArray[Any], nothing: Any, infinite: bool = True) -> list[Any]:
     """Values as Python's own: whole numbers, floats, texts; `nothing` where there is none, or no finite one."""
     if column.kind != NUMBER:
-        shown: list[Any] = column.shown(values).tolist()
-        return [each or nothing for each in shown] if column.words is not None else shown
-    found: list[Any]
-    there = ~column.missing(values) if infinite else np.isfinite(values)
+        texts: list[Any] = column.shown(values).tolist()
+        return [each or nothing for each in texts] if column.words is not None else texts
+    present = ~column.missing(values) if infinite else np.isfinite(values)
+    numbers: list[Any]
     if column.whole:
-        found = np.where(there, values, 0).astype(np.int64).tolist()
+        numbers = np.where(present, values, 0).astype(np.int64).tolist()
     else:
-        found = (shortest(values) if values.dtype == np.float32 else values).tolist()
-    if np.all(there):
-        return found
-    return [each if known else nothing for each, known in zip(found, there.tolist(), strict=True)]
+        numbers = (shortest(values) if values.dtype == np.float32 else values).tolist()
+    if np.all(present):
+        return numbers
+    return [each if there else nothing for each, there in zip(numbers, present.tolist(), strict=True)]
 
 
 def shortest(values: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -131,7 +195,7 @@ def shortest(values: NDArray[np.float32]) -> NDArray[np.float64]:
     such a one does and of nine at most.
     """
     wide = values.astype(float)
-    found = wide.copy()
+    result = wide.copy()
     with np.errstate(all="ignore"):
         decade = np.floor(np.log10(np.abs(wide)))
         left = np.isfinite(wide) & (wide != 0.0)
@@ -143,10 +207,10 @@ def shortest(values: NDArray[np.float32]) -> NDArray[np.float64]:
             tried = np.where(places >= 0.0, whole / power, whole * power)
             same = (tried.astype(np.float32) == values[left]) & (np.abs(places) <= 22.0)
             place = np.flatnonzero(left)[same]
-            found[place] = tried[same]
+            result[place] = tried[same]
             left[place] = False
             if not left.any():
                 break
     for place in np.flatnonzero(left):
-        found[place] = float(str(values[place]))
-    return found
+        result[place] = float(str(values[place]))
+    return result

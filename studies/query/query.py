@@ -1,24 +1,25 @@
 """Rows of a result: its points, or the entries that a further dimension has at each; chosen, sorted and limited.
 
-What is asked for decides what a row is. The points are the rows; a name on a further dimension (mode, member,
+The columns of a query decide what a row is. The points are the rows; a name on a further dimension (mode, member,
 elapsed) makes a row of each of its entries, and the dimension's coordinate a column. A dimension has room for as
 many entries as any point might have; those without a value in anything shown along it are left out, unless the
-expression speaks of nan. Points stay, with values or without.
+expression speaks of nan. Points stay, with values or without. Rows may be put in groups (`studies.query.groups`).
 """
 
 from __future__ import annotations
 
+import ast
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.query import language as expression
-from studies.query import tree
+from studies.query import evaluate
 from studies.query.columns import MAKING, TEXT, Column, Columns
-from studies.query.conditions import condition
-from studies.query.rows import Rows, Selection, Source
+from studies.query.groups import Groups, order_of, statistics
+from studies.query.language import Expression, parse, split
+from studies.query.rows import Order, Rows, Selection, Source
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +31,7 @@ def query(
     where: str | None = None,
     *,
     show: str | Sequence[str] | None = None,
+    by: str | Sequence[str] | None = None,
     sort: str | Sequence[str] | None = None,
     limit: int | None = None,
 ) -> pd.DataFrame:
@@ -40,13 +42,19 @@ def query(
     dataset : xarray.Dataset
         Of a sweep: `studies.open`, `sweeps.open_results`, or plain xarray on its file.
     where : str, optional
-        An expression over axes, variables and settings, like ``mu > 0.2 and theta == 5 and regime == "stuck"``
-        (`studies.query.language`, `studies.query.conditions`); by default every row.
+        An expression over axes, variables and settings, ``mu > 0.2 and theta in (5, 8) and regime == "stuck"``
+        (`studies.query.language`, `studies.query.evaluate`); by default every row.
     show : str or sequence of str, optional
-        Columns, "V,mu,regime" or a list; by default the axes and what each point, or each entry, has one value of.
+        Columns, "V*1000,mu,regime" or a list, by name or calculated; by default the axes and what each point, or
+        each entry, has one value of. With `by` the statistics of each group: "count", and "mean:X", "std:X"
+        (of a sample), "min:X", "max:X" and "median:X" of the values that are not missing; "share:X" has a column
+        for each word, the share of the group's rows, and of a condition one column; by default "count".
+    by : str or sequence of str, optional
+        Columns; rows that agree in them are one group, and one row.
     sort : str or sequence of str, optional
-        Columns to sort by, the first first; with a minus in front descending. What is missing comes last. By
-        default the order of the file.
+        Columns to sort by, the first first, by name or calculated; with a minus in front, which is no part of the
+        expression, descending. What is missing comes last. By default the order of the file. With `by` columns of
+        the grouped table; by default those of `by`.
     limit : int, optional
         So many rows at most.
 
@@ -60,30 +68,30 @@ def query(
     ValueError
         Naming the argument. A number that an axis does not have is a warning.
     """
-    return frame(dataset, where, show, sort, limit, 3)
+    return frame(dataset, where, show, by, sort, limit, 3)
 
 
-def frame(dataset: xr.Dataset, where: Any, show: Any, sort: Any, limit: Any, depth: int) -> pd.DataFrame:
-    """The same; what it warns of is laid to the caller so many calls above."""
+def frame(dataset: xr.Dataset, where: Any, show: Any, by: Any, sort: Any, limit: Any, depth: int) -> pd.DataFrame:
+    """The same; its warnings are laid to the caller so many calls above."""
     import pandas as pd
 
     notes: list[str] = []
-    chosen = select(dataset, where, show=show, sort=sort, limit=limit, note=notes.append)
+    selected = select(dataset, where, show=show, by=by, sort=sort, limit=limit, note=notes.append)
     for text in notes:
         warnings.warn(text, stacklevel=depth)
-    found = list(chosen.rows())
-    whole = {
-        column.name: np.concatenate([rows[column.name] for rows in found]) if found else _none(dataset, column)
-        for column in chosen.columns
-    }
-    for column in chosen.columns:
+    parts = list(selected.rows())
+    table: dict[str, Any] = {}
+    for column in selected.columns:
+        values = np.concatenate([rows[column.name] for rows in parts]) if parts else _none(dataset, column)
         if column.kind == TEXT:
-            whole[column.name] = pd.Series(whole[column.name], dtype="str")
+            table[column.name] = pd.Series(values, dtype="str")
         elif column.words is not None:
-            words = dict.fromkeys(column.words.values())
-            shown = pd.Series(column.shown(whole[column.name]), dtype=object).replace("", None)
-            whole[column.name] = pd.Categorical(shown, categories=list(words))
-    return pd.DataFrame(whole)
+            words = list(dict.fromkeys(column.words.values()))
+            shown = pd.Series(column.shown(values), dtype=object).replace("", None)
+            table[column.name] = pd.Categorical(shown, categories=words)
+        else:
+            table[column.name] = values
+    return pd.DataFrame(table)
 
 
 def _none(dataset: xr.Dataset, column: Column) -> Any:
@@ -97,50 +105,78 @@ def select(
     where: str | None = None,
     *,
     show: str | Sequence[str] | None = None,
+    by: str | Sequence[str] | None = None,
     sort: str | Sequence[str] | None = None,
     limit: int | None = None,
     note: Callable[[str], None] = lambda text: None,
-) -> Selection:
-    """Understand what is asked; arguments and errors are those of `query`, and `note` is told what it warns of."""
+) -> Selection | Groups:
+    """Understand a query; arguments and errors are those of `query`, and `note` is called with its warnings."""
     whole = isinstance(limit, (int, np.integer)) and not isinstance(limit, bool)
     if limit is not None and not (whole and limit >= 0):
         raise ValueError(f"limit = {limit!r}: it must be a whole number, 0 or above")
+    limit = None if limit is None else int(limit)
     every = Columns(dataset)
-    node = None if where is None else expression.parse(where)
-    asked = [] if node is None else [every.find(name, "where") for name in dict.fromkeys(tree.names(node))]
-    order = [(every.find(name.removeprefix("-"), "sort"), name.startswith("-")) for name in _listed(sort, "sort")]
-    named = asked + [column for column, _ in order]
+    expression = None if where is None else parse(where)
+    named = [] if expression is None else [every.find(name, "where") for name in expression.names()]
+
+    def selection(dims: tuple[str, ...], shown: Sequence[Column], order: Order, most: int | None) -> Selection:
+        columns = {column.name: column for column in [*shown, *named, *_read([*shown, *named])]}
+        further = set(dims) - set(every.point_dims)
+        padded = [column for column in _read(shown) if further & set(column.dims) and not column.axis]
+        if expression is not None and expression.speaks_of_missing():
+            padded = []
+        conditions = tuple(_conditions(expression, columns, dataset, note))
+        return Selection(tuple(shown), Source(dataset, columns, dims), conditions, tuple(padded), order, most)
+
+    if by is not None:
+        keys = [every.find(name, "by") for name in _listed(by, "by")]
+        measures = statistics(
+            [entry for entry in _listed(show, "show") or ["count"] if entry not in [key.name for key in keys]],
+            lambda text: evaluate.column(every, text, "show", note),
+        )
+        columns = _once([*keys, *(each.of for each in measures if each.of is not None)])
+        together = _read([*columns, *named])
+        beside = [column for column in together if not set(column.dims) <= set(every.point_dims)]
+        dims = _dims(every, together, points=all(column.axis for column in beside))
+        ranks = order_of(_listed(sort, "sort"), [*keys, *(each.column for each in measures)])
+        return Groups(selection(dims, columns, (), None), tuple(keys), tuple(measures), ranks, limit)
+    order = tuple(
+        (_number(every, name.removeprefix("-").strip(), "sort", note), name[0] == "-")
+        for name in _listed(sort, "sort")
+    )
+    named += [column for column, _ in order]
     if show is None:
+        _dims(every, _read(named), points=False)
         dims, shown = _by_default(every, named)
     else:
-        shown = [every.find(name, "show") for name in _listed(show, "show")]
-        dims = _dims(every, [*shown, *named], points=False)
-    shown = _with_coordinates(every, dims, shown)
-    columns = {column.name: column for column in (*shown, *named)}
-    further = set(dims) - set(every.point_dims)
-    padded = [column for column in shown if further & set(column.dims) and not column.axis]
-    if node is not None and tree.speaks_of_missing(node):
-        padded = []
-    return Selection(
-        tuple(shown),
-        Source(dataset, columns, dims),
-        tuple(_conditions(node, columns, dataset, note)),
-        tuple(padded),
-        tuple(order),
-        None if limit is None else int(limit),
-    )
+        shown = [_number(every, text, "show", note) for text in _listed(show, "show")]
+        dims = _dims(every, _read([*shown, *named]), points=False)
+    return selection(dims, _with_coordinates(every, dims, shown), order, limit)
+
+
+def _number(every: Columns, text: str, argument: str, note: Callable[[str], None]) -> Column:
+    """A column to be shown or to sort by: one of a name, or one of numbers."""
+    column = evaluate.column(every, text, argument, note)
+    if column.kind == evaluate.TRUTH:
+        raise ValueError(f"{argument} = {text!r}: it is true or false; where = {text!r} chooses such rows")
+    return column
 
 
 def _listed(names: str | Sequence[str] | None, argument: str) -> list[str]:
-    """Names in a text or a list, each once."""
+    """The entries of a text or a list, each once."""
     if names is None:
         return []
-    found = [name.strip() for name in (names.split(",") if isinstance(names, str) else names)]
-    if not found or not all(found):
+    entries = split(names) if isinstance(names, str) else [name.strip() for name in names]
+    if not entries or not all(entries):
         raise ValueError(
             f"{argument} = {names!r}: it must be one name or more, with commas between them, like V,mu"
         )
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(entries))
+
+
+def _read(columns: Sequence[Column]) -> list[Column]:
+    """The columns that are read for some: themselves, or what they are calculated from."""
+    return [each for column in columns for each in ([column] if column.calculate is None else column.inputs)]
 
 
 def _dims(every: Columns, columns: Sequence[Column], points: bool) -> tuple[str, ...]:
@@ -164,15 +200,15 @@ def _dims(every: Columns, columns: Sequence[Column], points: bool) -> tuple[str,
 
 def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> ValueError:
     """What cannot stand in one row."""
-    told = []
+    parts = []
     for own in dims:
         along = sorted((column for column in columns if set(own) <= set(column.dims)), key=lambda each: each.axis)
-        told.append(f"{along[0].name} runs along {', '.join(own)}")
-    return ValueError(f"{' and '.join(told)}: they have no rows in common; ask for them one after the other")
+        parts.append(f"{along[0].name} runs along {', '.join(own)}")
+    return ValueError(f"{' and '.join(parts)}: they have no rows in common; query them one after the other")
 
 
 def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...], list[Column]]:
-    """What the rows run along, and the columns shown, where none are asked for but some are `named`."""
+    """What the rows run along, and the columns shown, where none are given but some are `named`."""
     variables = [
         every.find(str(name), "show") for name in every.dataset.variables if _fits(every.dataset, str(name))
     ]
@@ -213,24 +249,30 @@ def _once(columns: Sequence[Column]) -> list[Column]:
 
 def _with_coordinates(every: Columns, dims: tuple[str, ...], shown: Sequence[Column]) -> list[Column]:
     """The columns, with the coordinate of each further dimension before the first that runs along it."""
-    found = list(shown)
+    columns = list(shown)
     for dim in dims:
-        if dim not in every.point_dims and dim not in [column.name for column in found]:
-            place = next((k for k, column in enumerate(found) if dim in column.dims), len(found))
-            found.insert(place, every.find(dim, "show"))
-    return found
+        if dim not in every.point_dims and dim not in [column.name for column in columns]:
+            place = next((k for k, column in enumerate(columns) if dim in column.dims), len(columns))
+            columns.insert(place, every.find(dim, "show"))
+    return columns
 
 
 def _conditions(
-    node: tree.Node | None, columns: Mapping[str, Column], dataset: xr.Dataset, note: Callable[[str], None]
+    expression: Expression | None,
+    columns: dict[str, Column],
+    dataset: xr.Dataset,
+    note: Callable[[str], None],
 ) -> Iterator[tuple[tuple[str, ...], Callable[[Rows], Any]]]:
-    """What an expression asks, in parts that all must be true, those first that read least."""
-    if node is None:
+    """The parts of an expression that all must be true, those first that read least."""
+    if expression is None:
         return
-    parts = tree.parts(node) if isinstance(node, tree.Logic) and node.word == "and" else (node,)
-    decided = [(tuple(dict.fromkeys(tree.names(part))), condition(part, columns, note)) for part in parts]
+    tree = expression.tree
+    parts = tree.values if isinstance(tree, ast.BoolOp) and isinstance(tree.op, ast.And) else [tree]
+    conditions = [
+        (tuple(expression.names(part)), evaluate.condition(expression, columns, note, part)) for part in parts
+    ]
 
     def cost(each: tuple[tuple[str, ...], Any]) -> int:
         return sum(dataset.variables[name].size for name in each[0] if columns[name].values is None)
 
-    yield from sorted(decided, key=cost)
+    yield from sorted(conditions, key=cost)

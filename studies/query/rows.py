@@ -1,8 +1,8 @@
-"""Rows that are chosen, sorted and limited block by block, so that no more is in memory than is asked for."""
+"""Rows that are chosen, sorted and limited block by block, so that no more is in memory than is needed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Rows = dict[str, NDArray[Any]]
+# Columns to sort by, and whether descending.
+Order = tuple[tuple[Column, bool], ...]
 
 # So many rows are in hand at once; columns of at most so many values are read once.
 AT_ONCE, KEPT = 200_000, 100_000
@@ -47,30 +49,36 @@ class Source:
         rest = self.shape[len(block) :]
         return (*(len(range(*part.indices(n))) for part, n in zip(block, self.shape, strict=False)), *rest)
 
-    def arrays(self, names: Sequence[str], block: tuple[slice, ...]) -> Rows:
+    def arrays(self, names: Iterable[str], block: tuple[slice, ...]) -> Rows:
         """Values in a block, with length 1 along every dimension that a column does not have."""
         if self._last[0] != block:
             self._last = (block, {})
-        held = self._last[1]
+        values = self._last[1]
         for name in names:
-            if name not in held:
-                held[name] = self._array(self.columns[name], dict(zip(self.dims, block, strict=False)))
-        return held
+            if name not in values:
+                values[name] = self._values(self.columns[name], block)
+        return values
 
     def take(self, names: Sequence[str], block: tuple[slice, ...], places: NDArray[np.intp]) -> Rows:
         """Values at some places of a block."""
-        held = self.arrays(names, block)
+        arrays = self.arrays(names, block)
         # Without dimensions there is one row.
         index = np.unravel_index(places, self.extent(block)) if self.dims else ()
-        found: Rows = {}
+        rows: Rows = {}
         for name in names:
-            values = held[name]
+            values = arrays[name]
             place = [0 if n == 1 else at for at, n in zip(index, values.shape, strict=True)]
             # With the dots it stays an array.
-            found[name] = values[(*place, ...)]
-            if found[name].shape != places.shape:
-                found[name] = np.full(places.shape, found[name], dtype=values.dtype)
-        return found
+            rows[name] = values[(*place, ...)]
+            if rows[name].shape != places.shape:
+                rows[name] = np.full(places.shape, rows[name], dtype=values.dtype)
+        return rows
+
+    def _values(self, column: Column, block: tuple[slice, ...]) -> NDArray[Any]:
+        if column.calculate is None:
+            return self._array(column, dict(zip(self.dims, block, strict=False)))
+        values = np.asarray(column.calculate(self.arrays([each.name for each in column.inputs], block)))
+        return values if values.ndim else values.reshape([1] * len(self.dims))
 
     def _array(self, column: Column, block: Mapping[str, slice]) -> NDArray[Any]:
         index = {dim: part for dim, part in block.items() if dim in column.dims}
@@ -96,7 +104,7 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What is asked of a result, understood; nothing is read before its rows are.
+    """A query of a result that was understood; nothing is read before its rows are.
 
     Attributes
     ----------
@@ -107,8 +115,7 @@ class Selection:
         Names and, from their values, what is true of a row that is chosen; the cheapest first.
     padded : tuple of Column
         A row without a value in any of them is left out.
-    order : tuple
-        Columns to sort by, and whether descending.
+    order : Order
     limit : int, optional
         So many rows at most.
     """
@@ -117,7 +124,7 @@ class Selection:
     source: Source
     conditions: tuple[tuple[tuple[str, ...], Callable[[Rows], Any]], ...]
     padded: tuple[Column, ...]
-    order: tuple[tuple[Column, bool], ...]
+    order: Order
     limit: int | None
 
     def rows(self) -> Iterator[Rows]:
@@ -146,10 +153,9 @@ class Selection:
                 if not np.any(chosen):
                     break
             if np.any(chosen) and self.padded:
-                held = self.source.arrays([column.name for column in self.padded], block)
-                chosen = chosen & ~np.logical_and.reduce(
-                    np.broadcast_arrays(*(column.missing(held[column.name]) for column in self.padded))
-                )
+                values = self.source.arrays([column.name for column in self.padded], block)
+                absent = [column.missing(values[column.name]) for column in self.padded]
+                chosen = chosen & ~np.logical_and.reduce(np.broadcast_arrays(*absent))
             yield block, np.flatnonzero(np.broadcast_to(chosen, shape)), before
             before += prod(shape)
 
@@ -157,20 +163,20 @@ class Selection:
         """The same in order: first what decides it, then the columns of the rows that are left."""
         places = np.empty(0, dtype=np.intp)
         keys: list[NDArray[Any]] = []
-        for block, found, before in self._chosen():
-            if len(found):
-                new = self.source.take([column.name for column, _ in self.order], block, found)
-                told = [new[column.name] for column, _ in self.order]
-                keys = [np.concatenate(pair) for pair in zip(keys, told, strict=True)] if keys else told
-                places = np.concatenate([places, found + before])
+        for block, chosen, before in self._chosen():
+            if len(chosen):
+                new = self.source.take([column.name for column, _ in self.order], block, chosen)
+                more = [new[column.name] for column, _ in self.order]
+                keys = [np.concatenate(pair) for pair in zip(keys, more, strict=True)] if keys else more
+                places = np.concatenate([places, chosen + before])
             if self.limit is not None and len(places) > 2 * self.limit + AT_ONCE:
-                best = np.sort(self._ordered(keys)[: self.limit])
+                best = np.sort(ordered(self.order, keys)[: self.limit])
                 places, keys = places[best], [key[best] for key in keys]
             if len(places) > MOST_SORTED:
                 raise ValueError(
                     f"sort: more than {MOST_SORTED} rows are to be sorted; give a limit, or choose fewer"
                 )
-        places = places[self._ordered(keys)[: self.limit]] if keys else places
+        places = places[ordered(self.order, keys)[: self.limit]] if keys else places
         whole: Rows = {}
         ranks = np.argsort(places, kind="stable")
         before, done = 0, 0
@@ -185,17 +191,13 @@ class Selection:
         for start in range(0, len(places), AT_ONCE):
             yield {name: values[start : start + AT_ONCE] for name, values in whole.items()}
 
-    def _ordered(self, keys: Sequence[NDArray[Any]]) -> NDArray[np.intp]:
-        """Places of the keys in order; equal ones stay as they are."""
-        ranks: list[NDArray[Any]] = []
-        for (column, descending), key in zip(self.order, keys, strict=True):
-            absent = column.missing(key)
-            rank = np.unique(key.astype(str), return_inverse=True)[1] if column.kind == TEXT else key.astype(float)
-            ranks += [np.where(absent, 0.0, -rank if descending else rank), absent]
+
+def ordered(order: Order, keys: Sequence[NDArray[Any]]) -> NDArray[np.intp]:
+    """Places of rows in the order of their keys, an array a column: equal ones stay, missing ones come last."""
+    ranks: list[NDArray[Any]] = []
+    for (column, descending), key in zip(order, keys, strict=True):
+        absent = column.missing(key)
+        rank = np.unique(key.astype(str), return_inverse=True)[1] if column.kind == TEXT else key.astype(float)
         # The last of `lexsort`'s keys is its first.
-        return np.lexsort(_first_last(ranks))
-
-
-def _first_last(ranks: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
-    """Pairs of rank and absence, for `lexsort`: absence before rank, the first pair before the second."""
-    return [each for k in range(len(ranks) - 2, -1, -2) for each in ranks[k : k + 2]]
+        ranks = [np.where(absent, 0.0, -rank if descending else rank), absent, *ranks]
+    return np.lexsort(ranks)

@@ -107,35 +107,35 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
 
 def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
     """The value of each axis at a point, where it has one."""
-    for name, asked in point.items():
+    for name, value in point.items():
         if name not in every.axes:
             near = suggest(name, list(every.axes))
             raise ValueError(
-                f"{name} = {asked}: there is no such axis; {near}the axes are {', '.join(every.axes)}"
+                f"{name} = {value}: there is no such axis; {near}the axes are {', '.join(every.axes)}"
             )
-    found = {}
+    chosen = {}
     for name in every.axes:
         values = np.atleast_1d(every.dataset[name].values)
         if name in point:
-            found[name] = _nearest(name, values, point[name])
+            chosen[name] = _nearest(name, values, point[name])
         elif len(values) == 1:
-            found[name] = values[0]
+            chosen[name] = values[0]
         elif name in AXES:
             raise _needed(name, values)
-    return found
+    return chosen
 
 
 def _needed(name: str, values: Any) -> ValueError:
     return ValueError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")
 
 
-def _nearest(name: str, values: Any, asked: Any) -> Any:
-    number = isinstance(asked, (int, float, np.integer, np.floating)) and not isinstance(asked, bool)
-    if not number or values.dtype.kind not in "iuf":
-        raise ValueError(f"{name} = {asked!r}: it must be one number")
-    value, there = nearest(values, float(asked))
-    if not there:
-        raise ValueError(f"{name} = {asked}: the axis has no such value; the nearest is {value}")
+def _nearest(name: str, values: Any, number: Any) -> Any:
+    one = isinstance(number, (int, float, np.integer, np.floating)) and not isinstance(number, bool)
+    if not one or values.dtype.kind not in "iuf":
+        raise ValueError(f"{name} = {number!r}: it must be one number")
+    value, near = nearest(values, float(number))
+    if not near:
+        raise ValueError(f"{name} = {number}: the axis has no such value; the nearest is {value}")
     return value
 
 

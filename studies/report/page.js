@@ -11,14 +11,14 @@ function element(name, text = null, attributes = {}) {
 // The points of a result: rows in the order of its grid, columns by number.
 class Points {
   constructor(id) {
-    const { axes, columns, plane } = JSON.parse(document.getElementById(id).textContent);
-    Object.assign(this, { axes, plane });
+    const { axes, columns, plane, settings } = JSON.parse(document.getElementById(id).textContent);
+    Object.assign(this, { axes, plane, settings });
     this.shape = axes.map((axis) => axis.values.length);
     this.count = this.shape.reduce((product, size) => product * size, 1);
     this.columns = [
-      ...axes.map((axis, dim) => ({ ...axis, dim })),
+      ...axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
       ...axes.flatMap((axis, dim) =>
-        axis.names ? [{ name: axis.name + "_name", units: "", about: axis.about, dim, values: axis.names }] : []),
+        axis.names ? [{ name: axis.name + "_name", kind: "text", units: "", about: axis.about, dim, values: axis.names }] : []),
       ...columns.map((column) => ({ ...column, dim: null })),
     ];
     this.place = new Map(this.columns.map((column, k) => [column.name, k]));

@@ -14,8 +14,9 @@ import sweeps
 from studies import registry, runner
 from studies.maps import maps
 from studies.report.context import Result, overview, shown
+from studies.results import command as typed
 
-SCRIPTS = ("page.js", "table.js", "map.js")
+SCRIPTS = ("page.js", "filter.js", "table.js", "map.js")
 
 
 def write(
@@ -44,7 +45,8 @@ def write(
     results, missing, problems = gather(names, out)
     folder = runner.results_folder(out)
     if not results:
-        nothing = f"{folder}: nothing of this has been computed there yet; begin with: fiv run {[*missing, ''][0]}"
+        begin = typed("run", [*missing, ""][0], out)
+        nothing = f"{folder}: nothing of this has been computed there yet; begin with: {begin}"
         raise ValueError(problems[0] if problems else nothing)
     for problem in problems:
         warn(problem)
@@ -59,14 +61,14 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
     """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
     kept_maps = sorted(map(str, (runner.results_folder(out) / maps.NAME).glob("*.nc")))
     results, missing, problems = [], [], []
-    for target in dict.fromkeys(names or [*registry.NAMES, *kept_maps]):
+    for target in dict.fromkeys(names or [*registry.names(), *kept_maps]):
         file = runner.results_file(target, out)
         try:
             dataset = runner.open_dataset(target, out)
             study = runner.study_of(dataset, str(file))
             results.append(Result(study, dataset, file, sweeps.status(file).state, target))
         except FileNotFoundError:
-            if target not in registry.NAMES:
+            if target not in registry.names():
                 raise
             missing.append(target)
         except KeyError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,7 +18,9 @@ from studies.gallery.regimes import figure as regimes_figure
 from studies.maps.figure import STABLE
 from studies.motion import transients
 from studies.plotting import planes
+from studies.query.columns import NUMBER, TEXT, WORDS, settings
 from studies.report.commands import scene_lines
+from studies.study import constants
 
 # So many numbers of one result are embedded: some 600 kB of text.
 MOST_NUMBERS = 120_000
@@ -28,7 +31,7 @@ DIGITS = 6
 
 
 class Points(NamedTuple):
-    """What is embedded of a result: `axes`, `columns` and `plane`, for JSON; and how many points that is."""
+    """What a page embeds of a result, as JSON: `axes`, `columns`, `settings`, `plane`; and how many points."""
 
     data: dict[str, Any]
     size: str
@@ -51,7 +54,11 @@ def points_of(dataset: xr.Dataset, point_command: str = "") -> Points:
         ordinals = {2: "second", 3: "third"}
         every = " and ".join(f"{ordinals.get(n, f'{n}th')} value of {dim}" for dim, n in strides.items() if n > 1)
         size = f"{status[coarse].size} of {size}, every {every}, to keep this page small"
-    return Points({"axes": axes, "columns": columns, "plane": plane}, size)
+    held = settings(constants(dataset)).items()
+    finite = {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in held
+    }
+    return Points({"axes": axes, "columns": columns, "settings": finite, "plane": plane}, size)
 
 
 def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
@@ -65,7 +72,9 @@ def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
             if len(each.dims) == len(dims) + 1 and len(beside) == 1 and each.sizes[beside[0]] <= MOST_BESIDE:
                 labels = dataset[beside[0]].values if beside[0] in dataset.coords else range(each.sizes[beside[0]])
                 for k, label in enumerate(labels):
-                    variables[f"{name}[{beside[0]}={label}]"] = each.isel({beside[0]: k}, drop=True)
+                    # A name that an expression can have.
+                    own_name = re.sub(r"\W", "_", f"{name}_{beside[0]}_{label}")
+                    variables[own_name] = each.isel({beside[0]: k}, drop=True)
     last = {name: own[name] for name in ("wall_time", "error") if name in own}
     return {"status": own["status"]} | variables | last
 
@@ -109,7 +118,7 @@ def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
 
 def _described(name: str, variable: xr.DataArray) -> dict[str, Any]:
     units, about = (str(variable.attrs.get(key, "")) for key in ("units", "long_name"))
-    return {"name": name, "units": "" if units == "1" else units, "about": about}
+    return {"name": name, "units": "" if units == "1" else units, "about": about, "kind": _kind(variable)}
 
 
 def _values(values: NDArray[Any]) -> list[Any]:
@@ -117,6 +126,13 @@ def _values(values: NDArray[Any]) -> list[Any]:
     if values.dtype.kind == "f":
         return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
     return values.tolist() if values.dtype.kind in "iub" else [str(value) for value in values]
+
+
+def _kind(variable: xr.DataArray) -> str:
+    """What an expression takes the values for."""
+    if "flag_meanings" in variable.attrs:
+        return WORDS
+    return TEXT if variable.dtype.kind in "OU" else NUMBER
 
 
 def _plane(dataset: xr.Dataset, columns: list[str], point_command: str) -> dict[str, Any] | None:

@@ -1,38 +1,6 @@
-// The table of all points: sorted by its heads, filtered by a line of conditions.
+// The table of all points: sorted by its heads, filtered by an expression.
 
 const PAGE = 25;
-
-// Rows for which every condition holds: mu > 0.2 and regime == "intermittent"; other words are looked for as text.
-function filter(points, text) {
-  const conditions = text.split(/\s+and\s+|&&|,/i).map((part) => part.trim()).filter(Boolean);
-  const tests = conditions.map((condition) => {
-    const parts = /^([\w[\]=]+?)\s*(<=|>=|!=|==|<|>|=)\s*(.+)$/.exec(condition);
-    if (!parts) {
-      const wanted = condition.toLowerCase();
-      return (row) => points.columns.some((_, k) => String(points.value(row, k) ?? "").toLowerCase().includes(wanted));
-    }
-    const [, name, sign, written] = parts;
-    if (!points.place.has(name)) throw new Error(`there is no column ${name}`);
-    const column = points.place.get(name);
-    const bare = written.replace(/^(["'])(.*)\1$/, "$2");
-    const number = bare !== "" && !Number.isNaN(Number(bare)) ? Number(bare) : null;
-    return (row) => {
-      const value = points.value(row, column);
-      if (value === null) return false;
-      const [left, right] = typeof value === "number" && number !== null ? [value, number] : [String(value), bare];
-      const near = typeof left === "number" && Math.abs(left - right) <= 1e-6 * Math.abs(right);
-      switch (sign) {
-        case "<": return left < right && !near;
-        case ">": return left > right && !near;
-        case "<=": return left <= right || near;
-        case ">=": return left >= right || near;
-        case "!=": return !(left === right || near);
-        default: return left === right || near;
-      }
-    };
-  });
-  return (row) => tests.every((test) => test(row));
-}
 
 class PointTable {
   constructor(box) {
@@ -58,7 +26,7 @@ class PointTable {
     form.append(label);
     form.addEventListener("submit", (event) => event.preventDefault());
     this.input.addEventListener("input", () => this.filtered());
-    this.told = element("p", null, { role: "status" });
+    this.message = element("p", null, { role: "status" });
     const table = element("table");
     table.append(element("caption", "All points", { class: "hidden" }));
     const heads = element("tr");
@@ -79,18 +47,22 @@ class PointTable {
     scroll.append(table);
     this.more = element("button", "", { type: "button" });
     this.more.addEventListener("click", () => { this.size += 4 * PAGE; this.fill(); });
-    box.append(form, this.told, scroll, this.more);
+    box.append(form, this.message, scroll, this.more);
   }
 
   filtered() {
+    this.problem = "";
+    this.rows = this.all;
+    this.input.removeAttribute("aria-invalid");
     try {
-      this.rows = this.all.filter(filter(this.points, this.input.value));
-      this.input.removeAttribute("aria-invalid");
-      this.problem = "";
+      if (this.input.value.trim()) {
+        const { test, notes } = filter(this.points, this.input.value);
+        this.rows = this.all.filter(test);
+        this.problem = notes.map((note) => `${note}. `).join("");
+      }
     } catch (error) {
       this.input.setAttribute("aria-invalid", "true");
       this.problem = `${error.message}; all are shown. `;
-      this.rows = this.all;
     }
     this.size = PAGE;
     this.fill();
@@ -122,7 +94,7 @@ class PointTable {
     const rows = this.inOrder().slice(0, this.size);
     this.body.replaceChildren(...rows.map((row) => this.line(row)));
     const left = this.rows.length - rows.length;
-    this.told.textContent = `${this.problem || ""}${this.rows.length} of ${this.all.length} points; ${rows.length} shown.`;
+    this.message.textContent = `${this.problem || ""}${this.rows.length} of ${this.all.length} points; ${rows.length} shown.`;
     this.more.hidden = left === 0;
     this.more.textContent = `Show ${Math.min(left, 4 * PAGE)} more`;
   }

@@ -32,6 +32,7 @@ from typing import Any
 
 import numpy as np
 
+from sweeps.fingerprint.scripts import is_script, own_name
 from sweeps.fingerprint.source import Module, Statement, bound, imported, is_library, names, read, root
 
 ENGINE = root(__name__)
@@ -115,6 +116,7 @@ class _Reach:
 
     def _library(self, name: str) -> bool:
         """Whether a module is another's, or the engine's."""
+        name = own_name(name)
         return name not in self.homes if root(name) == ENGINE else root(name) not in self.own and is_library(name)
 
     def _module(self, name: str) -> Module | None:
@@ -132,13 +134,13 @@ class _Reach:
             self._ask(f"{source}.{head}", rest)
         elif not chosen and not hasattr(builtins, head):  # for the module's `__getattr__`
             chosen += module.statements
-        if head and source == "__main__":  # of what a script does counts what changes the name's object
+        if head and is_script(source):  # of what a script does counts what changes the name's object
             chosen += [each for each in module.statements if head in each.effects]
         if module not in self._taken:
             self._taken[module] = set()
             for loaded in {source.rpartition(".")[0]}.union(*(each.loads for each in module.statements)):
                 self._ask(loaded, "__name__")
-            acts = source != "__main__"
+            acts = not is_script(source)
             chosen += [each for each in module.statements if each.is_made or (acts and each.effects)]
         for statement in chosen:
             self._taken[module].add(statement)
@@ -172,8 +174,9 @@ class _Reach:
             parts = [self.text(each) for each in (value.items() if isinstance(value, dict) else value)]
             return f"{self._class(kind)} {sorted(parts) if isinstance(value, (set, frozenset)) else parts}"
         if isinstance(value, ModuleType):
-            self._ask(value.__name__, "")
-            return value.__name__
+            name = own_name(value.__name__)
+            self._ask(name, "")
+            return name
         if isinstance(value, type):
             return self._class(value)
         if isinstance(value, FunctionType):
@@ -278,7 +281,8 @@ class _Reach:
         return " ".join([taken, code.co_code.hex(), code.co_exceptiontable.hex(), *code.co_names, *constants])
 
     def _class(self, kind: type) -> str:
-        home, name = kind.__module__, f"{kind.__module__}.{kind.__qualname__}"
+        home = own_name(kind.__module__)
+        name = f"{home}.{kind.__qualname__}"
         if id(kind) in self._seen or self._library(home):
             return name
         self._seen[id(kind)] = kind
@@ -318,7 +322,7 @@ def _innermost(function: Any) -> Any:
 def _home(function: Any) -> str:
     """The module where a function's globals are; `__module__` may be another's, copied or set."""
     named = function.__globals__.get("__name__") if isinstance(function, FunctionType) else None
-    return str(named or getattr(function, "__module__", None) or "__main__")
+    return own_name(str(named or getattr(function, "__module__", None) or "__main__"))
 
 
 @cache

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -19,6 +20,8 @@ from sweeps.plan.declaration import Declaration
 # Longer axes are summarised.
 LISTED = 20
 ABSENT = object()
+# Constants that follow from one request differ by less, relative, on processors and with libraries of any kind.
+ROUNDING = 1e-9
 
 
 def configuration(sweep: Declaration, grid: Grid) -> str:
@@ -27,7 +30,8 @@ def configuration(sweep: Declaration, grid: Grid) -> str:
     The axes are those of the file's grid; their values are the coordinates of the same file.
     """
     axes = {name: _summary(axis) for name, axis in grid.axes.items()}
-    return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)})
+    asked = {"request": plain(sweep.request)} if sweep.request else {}
+    return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)} | asked)
 
 
 def _summary(axis: Axis) -> Any:
@@ -60,7 +64,7 @@ def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> d
         },
         "name": sweep.name,
         "sources": digests(*functions, *sorted(classes, key=repr)),
-    }
+    } | ({"request": plain(sweep.request)} if sweep.request else {})
     loaded: dict[str, Any] = json.loads(json.dumps(parts))
     return loaded
 
@@ -79,11 +83,18 @@ def metadata_digest(sweep: Declaration) -> str:
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
-    """What differs, in one line; "" if nothing does."""
+    """What differs, in one line; "" if nothing does.
+
+    A constant may have been computed from what was asked for. Where both sides were asked for the same, constants
+    differ if they do so by more than ROUNDING; what was asked for itself is compared by the constants.
+    """
     found = []
+    alike = "request" in present and stored.get("request") == present["request"]
     for name, before, now in _changed(stored, present):
         part, _, inner = name.partition(".")
-        if part != "sources":
+        if part == "constants" and alike and _is_close(before, now):
+            continue
+        if part not in ("sources", "request"):
             what = inner if part == "constants" else f"{part} {inner}".rstrip()
             found.append(f"{what} = {_short(before)} there, {_short(now)} here")
     modules = differing(stored.get("sources", {}), present["sources"])
@@ -100,6 +111,15 @@ def _changed(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, 
             yield from _changed(before.get(key, ABSENT), now.get(key, ABSENT), f"{name}.{key}".lstrip("."))
     elif before is ABSENT or now is ABSENT or not json_equal(before, now):
         yield name, before, now
+
+
+def _is_close(before: Any, now: Any) -> bool:
+    """Whether numbers, or lists of them, are equal but for rounding."""
+    if isinstance(before, list) and isinstance(now, list):
+        return len(before) == len(now) and all(map(_is_close, before, now))
+    if isinstance(before, float) and isinstance(now, float):
+        return math.isclose(before, now, rel_tol=ROUNDING)
+    return json_equal(before, now)
 
 
 def json_equal(one: Any, other: Any) -> bool:

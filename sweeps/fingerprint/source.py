@@ -16,6 +16,8 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+from sweeps.fingerprint.scripts import script_name
+
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 DEFINITIONS = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 IMPORTS = (ast.Import, ast.ImportFrom)
@@ -94,7 +96,8 @@ _parsed = cache(Module)
 
 def find(name: str) -> ModuleSpec | None:
     """Where a module lies; no package above it is imported for that."""
-    loaded, above = sys.modules.get(name), name.rpartition(".")[0]
+    loaded = sys.modules.get("__main__" if name == script_name() else name)
+    above = name.rpartition(".")[0]
     if isinstance(loaded, ModuleType):
         file = vars(loaded).get("__file__")  # a script has no more than that
         return loaded.__spec__ or (importlib.util.spec_from_file_location(name, file) if file else None)

@@ -45,6 +45,9 @@ class Declaration:
     batch_multiple : int
         How many points the function computes side by side at little more than the cost of one: batches hold as
         many, where there are.
+    request : mapping
+        What the sweep was asked for, where its constants follow from that, as JSON holds it. It is kept in the
+        file's configuration. Sweeps of one request may have constants that differ by rounding.
     refinement : Refinement, optional
         What decides which points are computed; given by `sweeps.refined`. Without it all are.
     """
@@ -61,6 +64,7 @@ class Declaration:
     scale: Callable[[Points], Mapping[str, Any]] | None = None
     order_by: tuple[str, ...] = ()
     batch_multiple: int = 1
+    request: Mapping[str, Any] = field(default_factory=dict)
     refinement: Refinement | None = None
 
     def __post_init__(self) -> None:

@@ -7,20 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-FIV = str(Path(sys.executable).with_name("fiv"))
-
-
-def fiv(folder, *arguments, command=(FIV,)):
-    environment = {k: v for k, v in os.environ.items() if k != "FIV_RESULTS"}
-    return subprocess.run([*command, *arguments], cwd=folder, capture_output=True, text=True, env=environment)
-
-
-def written(folder) -> list[str]:
-    return sorted(str(p.relative_to(folder)) for p in Path(folder).rglob("*") if p.is_file())
+from tests.helpers.commands import fiv, written
 
 
 def test_run_prints_numbers_and_leaves_file_and_figure(tmp_path):
@@ -196,7 +186,8 @@ def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path):
     _, said = running.communicate(timeout=60)
     assert running.returncode == 130
     kept = re.fullmatch(
-        r"fiv: interrupted; (\d+) of 31 points are kept, and the same command goes on from there", said.strip()
+        r"fiv: interrupted; (\d+) of 31 points are kept; go on from there with: fiv run fig5 --set mu=0:0.5:31 -q",
+        said.strip(),
     )
     assert kept
     status = json.loads(fiv(tmp_path, "status", "fig5", "--json").stdout)

@@ -23,7 +23,7 @@ def offered(*words):
 
 @pytest.fixture(autouse=True)
 def results(monkeypatch):
-    monkeypatch.setenv("FIV_RESULTS", str(HOME / "results"))
+    monkeypatch.setenv("FIV_RESULTS", str(HOME / "results" / "reference"))
 
 
 @pytest.mark.parametrize(
@@ -37,6 +37,14 @@ def results(monkeypatch):
         (["map", "--x", "th"], ["theta="]),
         (["map", "--quantity", "growth"], [name for name in QUANTITIES if name.startswith("growth")]),
         (["query", "table6", "--show", "theta,dom"], ["theta,dominant_frequency"]),
+        (["query", "table6", "--sort", "-dom"], ["-dominant_frequency"]),
+        (["query", "table6", "--sort", "-theta,dom"], ["-theta,dominant_frequency"]),
+        (["query", "table6", "--sort", "theta,-dom"], ["theta,-dominant_frequency"]),
+        (["query", "table6", "--limit", "3", "--sort", "-dom"], ["-dominant_frequency"]),
+        (["query", "table6", "--show", "-dom"], []),
+        (["query", "table6", "--by", "dom"], ["dominant_frequency"]),
+        (["query", "table6", "--units", "--sor"], ["--sort"]),
+        (["query", "table6", "--limit", "3", "--sor"], ["--sort"]),
         (["query", "table6", "--format", "c"], ["csv"]),
         (["completion", ""], [*SHELLS]),
         # What cannot be told is not offered.
@@ -52,6 +60,14 @@ def test_studies_or_files():
     assert offered("plot", "") == [*registry.NAMES]
     (item,) = ShellComplete(fiv, {}, "fiv", "_FIV_COMPLETE").get_completions(["plot"], "results/")
     assert (item.type, item.value) == ("file", "results/")
+
+
+def test_a_file_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "figures.py").write_text("print('not offered')\nfrom studies.gallery.fig5 import STUDY\n")
+    (tmp_path / "figures.txt").touch()
+    assert offered("run", "fig") == ["fig5", "fig6", "fig7", "fig11", "figures.py"]
+    assert offered("run", "figures.py", "--set", "m") == ["mu="]
 
 
 @pytest.mark.parametrize("shell", SHELLS)

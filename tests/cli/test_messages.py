@@ -3,30 +3,12 @@
 In this process, through the command's own entry point: a second of imports is saved each time.
 """
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
 
 from studies import registry
-from studies.cli.main import main
-from tests.cli.test_cli import written
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch, capsys):
-    """Run `fiv` in an empty folder."""
-
-    def run(*arguments):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.delenv("FIV_RESULTS", raising=False)
-        monkeypatch.setattr(sys, "argv", ["fiv", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return subprocess.CompletedProcess(arguments, ended.value.code, *capsys.readouterr())
-
-    return run
+from tests.helpers.commands import written
 
 
 def test_plan_writes_nothing(tmp_path, here):
@@ -135,6 +117,17 @@ def test_wrong_input_is_one_clear_line(tmp_path, here, arguments, message):
     assert message in done.stderr
     assert done.stderr.strip().count("\n") == 0
     assert done.stdout == ""
+    assert written(tmp_path) == []
+
+
+@pytest.mark.parametrize("command", ["plan", "run"])
+def test_a_grid_that_no_memory_holds_is_one_line(tmp_path, here, command):
+    done = here(command, "scenes", "--set", "V=1e-3:1e-2:1000", "--set", "mu=0.1:0.3:1000", "--set", "F=1:9:1000")
+    assert done.returncode == 2
+    assert done.stderr == (
+        "fiv: grid = V 1000 x theta 4 x mu 1000 x F 1000: 4e+09 points are more than the 2e+08 that one plan can "
+        "hold; take fewer values, or run parts of them into folders of their own\n"
+    )
     assert written(tmp_path) == []
 
 

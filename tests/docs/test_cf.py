@@ -20,7 +20,7 @@ from tests import HOME
 from tests.helpers import trials
 from tests.helpers.boundaries import refine
 
-RESULTS = HOME / "results"
+RESULTS = HOME / "results" / "reference"
 KEPT = sorted(RESULTS.glob("*/*.nc"))
 VERSION = "1.11"
 # Findings that stay, each with its reason, as part of the message: none.

@@ -86,6 +86,15 @@ def test_imports_form_no_circle(package, owed):
     assert len(in_circles(module_imports(package))) <= owed
 
 
+def test_no_test_imports_another():
+    """What tests share stands in conftest files and in tests/helpers."""
+    tests = {name for name in module_imports("tests") if name.rpartition(".")[2].startswith("test_")}
+    found = {name: sorted(names & tests) for name, names in module_imports("tests").items() if names & tests}
+    # What the studies' and the command line's tests still owe; nothing may be added.
+    owed = {"tests.studies.query.test_query_command", "tests.studies.test_maps", "tests.cli.test_messages"}
+    assert not set(found) - owed, found
+
+
 def test_nothing_outside_reaches_past_the_front_of_the_engine():
     for file in (HOME / "studies").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
@@ -162,6 +171,6 @@ def test_both_commands_stand_on_the_readmes_first_screen():
 
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_the_results_kept_here_are_those_of_this_code(name):
-    sweep, file = registry.load(name).sweep({}), HOME / "results" / name / f"{name}.nc"
+    sweep, file = registry.load(name).sweep({}), HOME / "results" / "reference" / name / f"{name}.nc"
     plan = sweep.plan(file)
     assert (plan.todo, plan.failed, plan.whole) == (0, 0, True)

@@ -18,8 +18,9 @@ from tests.docs import first_time
 
 README = (HOME / "README.md").read_text()
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-# How to compute the first figure, to test, and to come from nothing; the rest are examples, run in their order.
-FIRST, TEST, WAY, *EXAMPLES = re.findall(r"```sh\n(.*?)\n```", README, re.DOTALL)
+# How to compute the first figure, to test, to come from nothing, and what one does with a study of one's own; the
+# rest are examples, run in their order.
+FIRST, TEST, WAY, *EXAMPLES, OWN = re.findall(r"```sh\n(.*?)\n```", README, re.DOTALL)
 COMMANDS = [line.partition("  #")[0].rstrip() for block in EXAMPLES for line in block.splitlines()]
 # What reads, and needs no more than the results that are kept here.
 READING = [line for line in COMMANDS if line.split()[1] in ("plan", "query", "plot") or line == "fiv list fig5"]
@@ -35,11 +36,11 @@ kill "$@" 2> /dev/null || true
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """An empty folder with the results that are kept here, and commands that find this environment's `fiv`."""
+    """An empty folder with the reference, and commands that find this environment's `fiv`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("FIV_RESULTS", raising=False)
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    shutil.copytree(HOME / "results", tmp_path / "results")
+    shutil.copytree(HOME / "results" / "reference", tmp_path / "results" / "reference")
     return tmp_path
 
 
@@ -51,7 +52,7 @@ def run(*command, **options):
 
 def test_every_example_is_a_command_of_fiv():
     assert len(COMMANDS) > 15
-    assert len(READING) == 6
+    assert len(READING) == 8
     for line in COMMANDS:
         assert line.startswith("fiv "), line
     used = {line.split()[1] for line in COMMANDS} | {line.split()[1] for line in first_time.lines()[2:]}
@@ -74,28 +75,53 @@ def test_the_api_in_ten_lines(tmp_path, monkeypatch):
     assert names["motion"].time[-1] == pytest.approx(0.5, rel=1e-4)
 
 
-def test_a_study_of_ones_own(tmp_path):
-    (tmp_path / "mine.py").write_text(PYTHON[1])
-    first = run(sys.executable, "mine.py", cwd=tmp_path)
-    assert "head mass kg   mm/s" in first
-    assert len(first.splitlines()) == 5
-    folder = tmp_path / "results" / "head_mass"
-    assert {path.name for path in folder.iterdir()} == {"head_mass.nc", "head_mass.png"}
-    computed = (folder / "head_mass.nc").read_bytes()
-    assert run(sys.executable, "mine.py", cwd=tmp_path) == first
-    assert (folder / "head_mass.nc").read_bytes() == computed
-    rows = run(sys.executable, "-m", "studies", "query", "head_mass", "--where", "V == 5e-3", cwd=tmp_path)
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """An empty folder with the README's own study, and commands that find this environment's `fiv`."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("FIV_RESULTS", raising=False)
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    (tmp_path / "head_mass.py").write_text(PYTHON[1])
+    return tmp_path
+
+
+def test_a_study_of_ones_own_in_every_command(own):
+    """Each line as it is printed, in the order of the README; all are one computation."""
+    listed, planned, report, state, rows, drawn, page, again = (
+        run("bash", "-c", line) for line in OWN.split("\n")
+    )
+    assert "Does a heavier head calm the rig?" in listed
+    assert "axis     head_mass         2 to 4 (3)" in listed
+    assert "V 3 x head_mass 3" in planned
+    assert len(report.splitlines()) == 5
+    assert "state           complete" in state
     assert len(rows.splitlines()) == 5
+    folder = own / "results" / "head_mass"
+    assert drawn.strip() == "results/head_mass/head_mass.svg"
+    assert {path.name for path in folder.iterdir()} == {"head_mass.nc", "head_mass.png", "head_mass.svg"}
+    assert "Does a heavier head calm the rig?" in (own / page.strip()).read_text()
+    # The script finds what the command has computed ...
+    assert again == report
+    computed = (folder / "head_mass.nc").read_bytes()
+    assert run(sys.executable, "head_mass.py") == report
+    assert (folder / "head_mass.nc").read_bytes() == computed
+    # ... and the command what the script has.
+    shutil.rmtree(own / "results")
+    run(sys.executable, "head_mass.py")
+    assert "to do           0" in run("fiv", "plan", "head_mass.py")
+    # Its name finds its results; its file is not run for them.
+    assert run("fiv", "query", "head_mass", "--where", "V == 5e-3") == rows
+    done = subprocess.run(["fiv", "plot", "head_mass"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.endswith("name the file: fiv plot FILE.py\n")
+
+
+def test_another_run_of_ones_own_study(own):
     said = re.search(r"# (studies\.run\(STUDY, .*\)) for another", PYTHON[1])
     assert said
-    (tmp_path / "mine.py").write_text(PYTHON[1].replace("studies.run(STUDY)", said[1]))
-    assert len(run(sys.executable, "mine.py", cwd=tmp_path).splitlines()) == 5
-    assert (tmp_path / "longer" / "head_mass" / "head_mass.nc").exists()
-    plot = subprocess.run(
-        [sys.executable, "-m", "studies", "plot", "head_mass"], cwd=tmp_path, capture_output=True
-    )
-    assert plot.returncode == 2
-    assert b"'head_mass' is no study of fiv, which can query it" in plot.stderr
+    (own / "head_mass.py").write_text(PYTHON[1].replace("studies.run(STUDY)", said[1]))
+    assert len(run(sys.executable, "head_mass.py").splitlines()) == 5
+    assert (own / "longer" / "head_mass" / "head_mass.nc").exists()
 
 
 def test_a_sweep_of_ones_own_runs_and_resumes(tmp_path):

@@ -12,10 +12,10 @@ from fivcore.contact.reduced import full_model, reduced_model, relaxation_time
 from fivcore.contact.step_map import at_most
 from fivcore.transient.published import BETA2, TAU, contact_closing, largest_step
 
-SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
+SCENE = Scene(0.02, 5.0, 0.2, 9.0)
 CUTOFF = 75e3
-# Past the first separation at 5 mm/s.
-BURST = 0.04
+# Past the first separation at 20 mm/s.
+BURST = 0.0125
 
 
 def relaxing(tau):

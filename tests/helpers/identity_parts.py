@@ -1,9 +1,12 @@
 """Packages, classes and functions to be told apart, for the tests of what code does."""
 
+import contextlib
 import dataclasses
 import enum
 import importlib
+import io
 import os
+import runpy
 import subprocess
 import sys
 import textwrap
@@ -292,6 +295,13 @@ def run(code, *folders, **environment):
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def printed(script):
+    """What a script prints, started in this process as Python starts it."""
+    with contextlib.redirect_stdout(io.StringIO()) as text:
+        runpy.run_path(str(script), run_name="__main__")
+    return text.getvalue()
 
 
 def maker(held):

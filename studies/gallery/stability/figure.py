@@ -103,9 +103,9 @@ def _draw_branches(axes: Axes, dataset: xr.Dataset) -> list[Line2D]:
 def _draw_bound(panels: list[Axes]) -> list[Line2D]:
     """Where tan(theta) = mu, as far as it lies in the plane."""
     (left, right), (low, high) = panels[0].get_xlim(), panels[0].get_ylim()
-    theta = np.degrees(np.arctan(np.linspace(max(low, np.tan(np.radians(max(left, 0.0)))), high, 200)))
-    theta = theta[theta <= right]
-    if not len(theta):
+    first, last = np.degrees(np.arctan((max(low, 0.0), high)))
+    theta = np.linspace(max(left, first), min(right, last), 200)
+    if theta[0] >= theta[-1]:
         return []
     look: dict[str, Any] = {"color": figures.GREEN, "linestyle": "--", "linewidth": 1.2, "label": "tan θ = μ"}
     for axes in panels:

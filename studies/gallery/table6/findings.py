@@ -45,9 +45,9 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     }
     of_paper = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
     return [
-        f"Steady sliding and motion at {len(theta)} theta, V = {1e3 * given['V']:g} mm/s, mu = {given['mu']:g}, "
-        f"F = {given['F']:g} N; modes below {transients.BAND / 1e3:g} kHz; {given['members']} runs at each, "
-        f"their figures from {transients.SETTLING:g} s after first slip on.",
+        f"Steady sliding and motion by inclination ({len(theta)}), V = {1e3 * given['V']:g} mm/s, "
+        f"mu = {given['mu']:g}, F = {given['F']:g} N; modes below {transients.BAND / 1e3:g} kHz; "
+        f"{given['members']} runs at each, their figures from {transients.SETTLING:g} s after first slip on.",
         "",
         *_by_inclination(dataset),
         "",

@@ -75,8 +75,8 @@ def windows(rig: Rig, mu: float, V: float, low: float, high: float) -> dict[str,
     """
     if low == high:
         return _no_windows()
-    found = unstable_windows(rig, mu, *((low, high) if V > 0.0 else (-high, -low)), transients.BAND)
-    values = {name: np.asarray(getattr(found, field)) for name, (field, _, _) in WINDOWS.items()}
+    solved = unstable_windows(rig, mu, *((low, high) if V > 0.0 else (-high, -low)), transients.BAND)
+    values = {name: np.asarray(getattr(solved, field)) for name, (field, _, _) in WINDOWS.items()}
     if V < 0.0:
         # In the mirror a window begins where it ended; 0 - theta, for -theta makes -0 of 0.
         values = {name: values["_".join(OTHER_END.get(part, part) for part in name.split("_"))] for name in values}

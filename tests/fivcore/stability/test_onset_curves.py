@@ -35,8 +35,9 @@ def test_under_a_heavy_head_onsets_keep_their_frequency_and_follow_a_closed_form
     """With h_NN = h + c^2 H_a + s^2 H_b and h_NT = s c (H_a - H_b), e = (h + H_a) / (H_b - H_a) is real at an
     onset, whatever theta; there mu = (1 + e) tan(theta) + e / tan(theta), least at tan(theta)^2 = e / (1 + e).
     """
-    curves = onset_curves(Rig(head_mass=1e12), np.linspace(0.5, 40.0, 40))
+    curves = onset_curves(Rig(head_mass=1e12), np.linspace(0.5, 40.0, 20))
     assert len(curves.onsets) >= 3
+    inside = 0
     for curve in both(curves):
         np.testing.assert_allclose(curve.frequency, curve.frequency[0], rtol=1e-9)
         t = np.tan(np.radians(curve.theta))
@@ -46,6 +47,8 @@ def test_under_a_heavy_head_onsets_keep_their_frequency_and_follow_a_closed_form
         if curve.theta[0] < least < curve.theta[-1]:
             assert curve.lowest[0] == pytest.approx(least, rel=1e-6)
             assert curve.lowest[1] == pytest.approx(2.0 * np.sqrt(e * (1.0 + e)), rel=1e-9)
+            inside += 1
+    assert inside >= 3
 
 
 def test_the_papers_rig_needs_more_friction_than_the_tangent_of_the_angle():
@@ -75,22 +78,21 @@ def test_the_lowest_point_may_lie_beside_the_end_of_the_range(angles):
 RANGES = [(Rig(), 10e3), *((workshop_rig(seed, seed % 4 > 0), 6e3) for seed in (6, 9, 16, 48))]
 
 
+@cache
+def traced(rig, fmax, count):
+    """Curves that several tests look at."""
+    return onset_curves(rig, np.linspace(1.0, 42.0, count), fmax)
+
+
 @pytest.mark.parametrize(("rig", "fmax"), RANGES)
 def test_the_curves_at_the_given_angles_are_all_onsets_and_recoveries_there(rig, fmax):
-    theta = np.linspace(-5.0, 42.0, 36)
-    curves = onset_curves(rig, theta, fmax)
-    for k, angle in enumerate(theta):
+    curves = traced(rig, fmax, 30)
+    for k, angle in enumerate(curves.theta):
         found = flutter_onsets(rig, angle, fmax)
-        pairs = {
-            "onset": (curves.mu[k], curves.frequency[k], found.mu, found.frequency),
-            "recovery": (
-                curves.recovery_mu[k],
-                curves.recovery_frequency[k],
-                found.recovery_mu,
-                found.recovery_frequency,
-            ),
-        }
-        for mu, frequency, *expected in pairs.values():
+        for mu, frequency, *expected in (
+            (curves.mu[k], curves.frequency[k], found.mu, found.frequency),
+            (curves.recovery_mu[k], curves.recovery_frequency[k], found.recovery_mu, found.recovery_frequency),
+        ):
             there = np.isfinite(mu)
             order = np.argsort(mu[there])
             np.testing.assert_array_equal(mu[there][order], expected[0])
@@ -99,7 +101,7 @@ def test_the_curves_at_the_given_angles_are_all_onsets_and_recoveries_there(rig,
 
 @pytest.mark.parametrize(("rig", "fmax"), RANGES)
 def test_between_the_given_angles_the_curves_are_onsets_too(rig, fmax):
-    for curve in both(onset_curves(rig, np.linspace(1.0, 42.0, 9), fmax)):
+    for curve in both(traced(rig, fmax, 6)):
         assert np.all(np.diff(curve.theta) > 0.0)
         for k in range(1, len(curve.theta) - 1, max(len(curve.theta) // 6, 1)):
             found = flutter_onsets(rig, curve.theta[k], fmax, 1.1)
@@ -111,8 +113,7 @@ def test_between_the_given_angles_the_curves_are_onsets_too(rig, fmax):
 
 @pytest.mark.parametrize(("rig", "fmax"), RANGES)
 def test_a_branch_does_not_depend_on_the_angles_it_is_asked_for_at(rig, fmax):
-    coarse, fine = (onset_curves(rig, np.linspace(1.0, 42.0, count), fmax) for count in (6, 30))
-    for few, many in zip(both(coarse), both(fine), strict=True):
+    for few, many in zip(*(both(traced(rig, fmax, count)) for count in (6, 30)), strict=True):
         assert few.ends == many.ends
         np.testing.assert_allclose(few.theta[[0, -1]], many.theta[[0, -1]], rtol=1e-9)
         np.testing.assert_allclose(few.mu[[0, -1]], many.mu[[0, -1]], rtol=1e-7)
@@ -150,7 +151,7 @@ def test_a_curve_leaves_the_band():
 def test_onset_and_recovery_meet_in_a_fold(seed):
     """On one side of it there are both, apart by the root of the distance in theta; on the other there is none."""
     rig, fmax = workshop_rig(seed), 10e3
-    curves = onset_curves(rig, np.linspace(0.5, 42.0, 84), fmax)
+    curves = onset_curves(rig, np.linspace(0.5, 42.0, 42), fmax)
     ends = {}
     for curve in both(curves):
         for k, end in zip((0, -1), curve.ends, strict=True):
@@ -166,19 +167,12 @@ def test_onset_and_recovery_meet_in_a_fold(seed):
 
         def apart(shift, at=one[2]):
             found = flutter_onsets(rig, at[0] + shift, fmax, 1.1)
-            rise, fall = (
-                mu[np.abs(frequency / at[2] - 1.0) < 0.02]
-                for mu, frequency in (
-                    (found.mu, found.frequency),
-                    (found.recovery_mu, found.recovery_frequency),
-                )
-            )
+            rise = found.mu[np.abs(found.frequency / at[2] - 1.0) < 0.02]
+            fall = found.recovery_mu[np.abs(found.recovery_frequency / at[2] - 1.0) < 0.02]
             return abs(rise[0] - fall[0]) if len(rise) and len(fall) else None
 
-        wide, narrow = apart(4e-7 * inwards), apart(1e-7 * inwards)
         assert apart(-1e-7 * inwards) is None, theta
-        assert narrow is not None
-        assert wide / narrow == pytest.approx(2.0, rel=0.1) or max(wide, narrow) < 1e-5
+        assert apart(4e-7 * inwards) / apart(1e-7 * inwards) == pytest.approx(2.0, rel=0.1)
 
 
 def test_a_single_angle_has_its_onsets_and_no_curves():
@@ -204,31 +198,20 @@ def test_without_damping_curves_are_the_limit_of_damped_ones():
 # Windows.
 
 
+@cache
+def found(rig, mu, fmax):
+    """Windows that several tests look at."""
+    return unstable_windows(rig, mu, -5.0, 25.0, fmax)
+
+
 def test_windows_of_the_papers_rig():
     """The 400 Hz pair, then the 2.8 kHz pair."""
-    windows = unstable_windows(Rig(), 0.2, -10.0, 20.0)
+    windows = found(Rig(), 0.2, 10e3)
     np.testing.assert_allclose(windows.theta_from, [1.97, 0.62], atol=0.01)
     np.testing.assert_allclose(windows.theta_to, [9.35, 10.68], atol=0.01)
     np.testing.assert_allclose(windows.frequency_from, [398.0, 2802.0], atol=0.5)
     np.testing.assert_allclose(windows.frequency_to, [398.0, 2802.0], atol=0.5)
     assert not np.any(windows.open_from | windows.open_to)
-
-
-def edge(rig, mu, fmax, theta, frequency, reach=1e-4):
-    """Where the number of growing modes changes near theta, by halving."""
-    low, high = theta - reach, theta + reach
-    counts = growing(rig, [low, high], mu, fmax)
-    assert counts[0] != counts[1], (theta, frequency)
-    while high - low > 1e-8:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if growing(rig, middle, mu, fmax) == counts[1] else (middle, high)
-    return 0.5 * (low + high)
-
-
-@cache
-def found(rig, mu, fmax):
-    """Windows that several tests look at."""
-    return unstable_windows(rig, mu, -5.0, 25.0, fmax)
 
 
 CASES = [(Rig(), 0.2, 10e3), (Rig(), 0.45, 10e3), (Rig(d1=0.0, d2=0.0), 0.2, 10e3)]
@@ -239,16 +222,11 @@ CASES += [(workshop_rig(seed, seed % 4 > 0), mu, 8e3) for seed, mu in ((1, 0.4),
 def test_windows_end_where_a_mode_ceases_to_grow(rig, mu, fmax):
     windows = found(rig, mu, fmax)
     assert len(windows.theta_from)
-    ends = [
-        (theta, frequency)
-        for name in ("from", "to")
-        for theta, frequency, beyond in zip(
-            *(getattr(windows, f"{each}_{name}") for each in ("theta", "frequency", "open")), strict=True
-        )
-        if not beyond
-    ]
-    for theta, frequency in ends[:4]:
-        assert edge(rig, mu, fmax, theta, frequency) == pytest.approx(theta, abs=1e-6)
+    ends = np.concatenate([windows.theta_from[~windows.open_from], windows.theta_to[~windows.open_to]])
+    assert len(ends)
+    for theta in ends:
+        before, after = growing(rig, [theta - 1e-6, theta + 1e-6], mu, fmax)
+        assert before != after, theta
 
 
 BLOCKS = [0, 1, *(pytest.param(block, marks=pytest.mark.slow) for block in range(2, 60))]
@@ -265,9 +243,9 @@ def test_no_growing_mode_is_outside_the_windows_and_no_window_without_one(block)
         high = low + rng.uniform(2.0, 40.0)
         windows = unstable_windows(rig, mu, low, high, fmax)
         theta = rng.uniform(low, high, 30)
-        differ = growing(rig, theta, mu, fmax) != around(windows, theta)
-        # As documented: what grows faster than it oscillates may cross the band unseen between two angles.
         modes = sliding_modes(rig, theta, mu, fmax)
+        differ = np.count_nonzero(modes.unstable & (modes.frequency > 0.0), axis=-1) != around(windows, theta)
+        # As documented: what grows faster than it oscillates may cross the band unseen between two angles.
         violent = np.any(modes.unstable & (modes.growth_rate > 2.0 * np.pi * modes.frequency), axis=-1)
         assert not np.any(differ & ~violent), seed
         checked += len(windows.theta_from)
@@ -291,7 +269,7 @@ def test_windows_lie_within_the_bound(mu):
 
 
 def test_windows_do_not_depend_on_the_range_but_where_it_cuts_them():
-    whole = unstable_windows(Rig(), 0.2, -10.0, 20.0)
+    whole = found(Rig(), 0.2, 10e3)
     near = unstable_windows(Rig(), 0.2, 0.3, 11.1)
     np.testing.assert_allclose(near.theta_from, whole.theta_from, rtol=1e-10)
     np.testing.assert_allclose(near.theta_to, whole.theta_to, rtol=1e-10)
@@ -305,7 +283,7 @@ def test_windows_do_not_depend_on_the_range_but_where_it_cuts_them():
 
 
 def test_a_range_that_ends_where_a_window_does():
-    whole = unstable_windows(Rig(), 0.2, -10.0, 20.0)
+    whole = found(Rig(), 0.2, 10e3)
     low, high = whole.theta_from[1], whole.theta_to[1]
     for reach in (-1e-8, 0.0, 1e-8):
         same = unstable_windows(Rig(), 0.2, low - reach, high + reach)
@@ -360,38 +338,36 @@ def test_a_window_ends_where_a_growing_mode_leaves_the_band():
 
 
 def test_results_are_read_only():
-    windows = unstable_windows(Rig(), 0.2, 0.0, 12.0)
+    windows = found(Rig(), 0.2, 10e3)
     for array in (PAPER.mu, PAPER.theta, PAPER.onsets[0].mu, windows.theta_from, windows.open_to):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("function", "arguments", "message"),
     [
-        ({"theta": [5.0, 3.0]}, r"theta of shape \(2,\): it must be a list of ascending angles"),
-        ({"theta": 5.0}, r"theta of shape \(\)"),
-        ({"theta": []}, r"theta of shape \(0,\)"),
-        ({"theta": [5.0, 90.0]}, "theta = 90.0: it must be a single angle between -90 and 90 degrees"),
-        ({"theta": [5.0], "fmax": 0.0}, "fmax = 0.0"),
-        ({"theta": [5.0], "mu_max": 0.0}, "mu_max = 0.0"),
+        (onset_curves, ([5.0, 3.0],), r"theta of shape \(2,\): it must be a list of ascending angles"),
+        (onset_curves, (5.0,), r"theta of shape \(\)"),
+        (onset_curves, ([],), r"theta of shape \(0,\)"),
+        (onset_curves, ([5.0, 90.0],), "theta = 90.0: it must be a single angle between -90 and 90 degrees"),
+        (onset_curves, ([5.0], 0.0), "fmax = 0.0"),
+        (onset_curves, ([5.0], 10e3, 0.0), "mu_max = 0.0"),
+        (unstable_windows, (-0.1, 0.0, 10.0), r"mu = -0.1: it must be a number from 0 to 1e\+06"),
+        (
+            unstable_windows,
+            (0.2, -90.0, 10.0),
+            "theta_min = -90: it must be an angle between -90 and 90 degrees",
+        ),
+        (
+            unstable_windows,
+            (0.2, 10.0, 10.0),
+            "theta_max = 10.0: it must be above theta_min = 10 and below 90 degrees",
+        ),
+        (unstable_windows, (0.2, 0.0, float("nan")), "theta_max = nan"),
+        (unstable_windows, (0.2, 0.0, 10.0, -1.0), "fmax = -1.0"),
     ],
 )
-def test_bad_arguments_of_curves_are_named(arguments, message):
+def test_bad_arguments_are_named(function, arguments, message):
     with pytest.raises(ValueError, match=message):
-        onset_curves(Rig(), **arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((-0.1, 0.0, 10.0), r"mu = -0.1: it must be a number from 0 to 1e\+06"),
-        ((0.2, -90.0, 10.0), "theta_min = -90.0: it must be an angle between -90 and 90 degrees"),
-        ((0.2, 10.0, 10.0), "theta_max = 10.0: it must be above theta_min = 10 and below 90 degrees"),
-        ((0.2, 0.0, float("nan")), "theta_max = nan"),
-        ((0.2, 0.0, 10.0, -1.0), "fmax = -1.0"),
-    ],
-)
-def test_bad_arguments_of_windows_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        unstable_windows(Rig(), *arguments)
+        function(Rig(), *arguments)

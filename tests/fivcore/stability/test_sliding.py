@@ -43,17 +43,20 @@ def test_the_papers_mesh_against_a_dense_solve(theta, mu):
     assert_same_modes(Rig(), theta, mu, 10e3, dense, (1e-11, 1e-11, 1e-10))
 
 
-SEEDS = [*range(30), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(30, 430))]
+BLOCKS = [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 15))]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_other_rigs_against_a_dense_solve(seed):
-    rig = workshop_rig(seed, damping=seed % 3 > 0)
-    rng = np.random.default_rng(seed)
-    theta, mu = rng.uniform(-75.0, 75.0), rng.uniform(0.0, 3.0)
-    fmax = 10 ** rng.uniform(2.5, 4.7)
-    dense = reference.sliding_eigenvalues(rig, theta, mu)
-    assert_same_modes(rig, theta, mu, fmax, dense, (1e-8, 1e-7, 1e-6))
+@pytest.mark.parametrize("block", BLOCKS)
+def test_other_rigs_against_a_dense_solve(block):
+    compared = 0
+    for seed in range(30 * block, 30 * block + 30):
+        rig = workshop_rig(seed, damping=seed % 3 > 0)
+        rng = np.random.default_rng(seed)
+        theta, mu = rng.uniform(-75.0, 75.0), rng.uniform(0.0, 3.0)
+        fmax = 10 ** rng.uniform(2.5, 4.7)
+        dense = reference.sliding_eigenvalues(rig, theta, mu)
+        compared += assert_same_modes(rig, theta, mu, fmax, dense, (1e-8, 1e-7, 1e-6))
+    assert compared > 100
 
 
 @pytest.mark.slow
@@ -113,7 +116,7 @@ def test_heavy_damping_does_not_cancel(d1):
 
 
 def test_nothing_flutters_beyond_the_bound_on_theta():
-    theta = np.linspace(0.1, 60.0, 120)[:, None]
+    theta = np.linspace(0.1, 60.0, 60)[:, None]
     below = np.tan(np.radians(theta)) / 1.001 * np.linspace(0.0, 0.999, 60)
     assert not np.any(sliding_modes(Rig(), theta, below).unstable)
     trailing = sliding_modes(Rig(), -theta, np.linspace(0.0, 1.0, 41))

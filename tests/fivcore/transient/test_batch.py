@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import step_map
-from fivcore.jit import SOURCES
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
-from fivcore.transient.fast_kernel import FEW, advance
+from fivcore.transient.fast_kernel import FEW
 from fivcore.transient.fast_scene import LANES
 from fivcore.transient.fast_solver import frozen_solver
 from fivcore.transient.normalised import Normalised
@@ -46,11 +45,6 @@ def same_figures(one, other):
     """Whether two runs have the same bits in every figure."""
     for name, value in one.summary.items():
         assert np.array_equal(value, other.summary[name], equal_nan=not isinstance(value, str)), name
-
-
-def test_compiled_code_is_kept_for_this_state_of_all_sources():
-    assert SOURCES in advance.stats.cache_path
-    assert len(SOURCES) == 16
 
 
 @pytest.mark.parametrize("count", [1, 2, FEW, LANES, LANES + 1, AT_ONCE, AT_ONCE + 1, AT_ONCE + 5])
@@ -186,9 +180,10 @@ def test_a_first_slip_at_the_end_of_a_segment_of_the_record(offset):
 @pytest.mark.parametrize("given", [{"contact_motion": 1}, {"cutoff": 75e3}, {}])
 @pytest.mark.parametrize("scene", [PAPERS, Scene(5e-3, -5.0, 0.2, 9.0)])
 def test_a_record_changes_no_bit_of_a_moving_contact_or_of_steady_sliding(scene, given):
-    plain = simulate(scene, 1.2, **given)
+    duration = 0.25 if given.get("contact_motion") else 1.2
+    plain = simulate(scene, duration, **given)
     for rate in (100e3, 5e5):
-        same_figures(plain, simulate(scene, 1.2, record=["state"], sample_rate=rate, **given))
+        same_figures(plain, simulate(scene, duration, record=["state"], sample_rate=rate, **given))
 
 
 @pytest.mark.parametrize("rate", [1e3, 100e3, 5e5, 1e7])
@@ -297,12 +292,11 @@ def test_where_a_mode_is_gone_within_a_step_there_are_no_skips():
 def test_without_eigenvectors_that_decay_there_are_no_skips():
     rig = Rig(d1=0.0, d2=0.0)
     model = reduced_model(rig, 5.0)
-    tables = skip_tables(frozen_solver(model, 0.2, model.default_step), 16)
+    assert skip_tables(frozen_solver(model, 0.2, model.default_step), 16).count > 0
     rigid = reduced_model(Rig(), 5.0, 75e3, "none")
     assert skip_tables(frozen_solver(rigid, 0.2, rigid.default_step), 16) is None
     every, skipped = (simulate(Scene(2e-3, 5.0, 0.2, 9.0, rig), 0.09, leap=leap).summary for leap in (False, True))
     assert skipped["first_slip_time"] == pytest.approx(every["first_slip_time"], abs=2e-6)
-    assert tables is None or tables.count > 0
 
 
 def test_a_skip_over_many_real_eigenvalues():

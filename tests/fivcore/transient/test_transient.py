@@ -38,37 +38,21 @@ def vibrating():
     return simulate(paper_scene(2e-3), 1.0, record=True)
 
 
-@pytest.fixture(scope="module")
-def onset():
-    """First slip and first separation of both methods, by speed."""
-    found = {}
-    for V in (1e-3, 2e-3, 5e-3):
-        for method in ("fast", "paper"):
-            summary = simulate(paper_scene(V), 0.5e-3 + 0.1435e-3 / V + 5e-3, method).summary
-            found[V, method] = summary["first_slip_time"], summary["first_separation_time"]
-    return found
-
-
 # What the paper's rig does.
 
 
-@pytest.mark.parametrize("method", ["fast", "paper"])
-@pytest.mark.parametrize("V", [1e-3, 2e-3, 5e-3])
-def test_first_slip_comes_when_the_clamp_has_moved_0_1435_mm(onset, V, method):
-    slip, _ = onset[V, method]
-    assert slip == pytest.approx(0.5e-3 + 0.1435e-3 / V, rel=0.01)
-
-
-@pytest.mark.parametrize("V", [1e-3, 2e-3])
-def test_first_separation_follows_in_3_6_to_3_95_ms_by_the_published_scheme(onset, V):
-    slip, separation = onset[V, "paper"]
-    assert 3.6e-3 <= separation - slip <= 3.95e-3
-
-
-@pytest.mark.parametrize("V", [1e-3, 2e-3, 5e-3])
-def test_fast_separates_first_when_the_published_scheme_does(onset, V):
-    (slip, separation), (theirs, apart) = onset[V, "fast"], onset[V, "paper"]
-    assert separation - slip == pytest.approx(apart - theirs, abs=0.2e-3)
+@pytest.mark.parametrize("V", [2e-3, 5e-3])
+def test_fast_slips_and_separates_first_when_the_published_scheme_does(V):
+    """First slip comes when the clamp has moved by 0.1435 mm, the first separation 3.6 to 3.95 ms later."""
+    delays = {}
+    for method in ("fast", "paper"):
+        summary = simulate(paper_scene(V), 0.5e-3 + 0.1435e-3 / V + 5e-3, method).summary
+        slip = summary["first_slip_time"]
+        assert slip == pytest.approx(0.5e-3 + 0.1435e-3 / V, rel=0.01)
+        delays[method] = summary["first_separation_time"] - slip
+    assert delays["fast"] == pytest.approx(delays["paper"], abs=0.2e-3)
+    if V == 2e-3:
+        assert 3.6e-3 <= delays["paper"] <= 3.95e-3
 
 
 @pytest.mark.parametrize(
@@ -114,6 +98,7 @@ def test_the_motion_does_not_depend_on_the_stretches_it_is_taken_in(scene, monke
 
 def test_while_stuck_a_glued_mode_rings():
     summary = simulate(paper_scene(1e-3), 2.0).summary
+    assert summary["first_slip_time"] == pytest.approx(0.5e-3 + 0.1435, rel=0.01)
     glued = glued_frequencies(Rig(), 5.0)
     assert np.min(np.abs(glued / summary["stuck_frequency"] - 1.0)) < 5e-3
     assert summary["regime"] == "intermittent"
@@ -125,6 +110,9 @@ def test_while_stuck_a_glued_mode_rings():
 def test_the_published_scheme_at_the_papers_speeds(V):
     expected = {1e-3: (0.925, 0.045, 0.030), 2e-3: (0.743, 0.073, 0.184), 5e-3: (0.596, 0.083, 0.321)}[V]
     summary = simulate(paper_scene(V), 2.8, "paper", settle=0.3).summary
+    assert summary["first_slip_time"] == pytest.approx(0.5e-3 + 0.1435e-3 / V, rel=0.01)
+    if V < 5e-3:
+        assert 3.6e-3 <= summary["first_separation_time"] - summary["first_slip_time"] <= 3.95e-3
     for key, fraction in zip(FRACTIONS, expected, strict=True):
         assert summary[key] == pytest.approx(fraction, abs=0.01)
     assert summary["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
@@ -188,30 +176,6 @@ def test_without_record_there_is_none():
     assert all(len(getattr(result, name)) == 0 for name in SERIES)
 
 
-@pytest.mark.parametrize("factor", [2.0, 3.0, 0.7])
-@pytest.mark.parametrize("method", ["fast", "paper"])
-def test_speed_and_load_together_only_scale_the_motion(factor, method):
-    """(a V, a F) gives a times the motion: the same bits of the motion per newton."""
-    duration = 0.2 if method == "fast" else 0.035
-    unit = simulate(Scene(5e-3 / 9.0, 5.0, 0.2, 1.0), duration, method, record=True)
-    scaled = simulate(Scene(factor * 5e-3, 5.0, 0.2, factor * 9.0), duration, method, record=True)
-    F = factor * 9.0
-    for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
-        assert np.array_equal(getattr(scaled, name), F * getattr(unit, name)), name
-    assert np.array_equal(scaled.time, unit.time)
-    assert np.array_equal(scaled.state, unit.state)
-    assert scaled.summary["first_separation_time"] == unit.summary["first_separation_time"]
-
-
-def test_the_mirrored_scene_moves_the_other_way():
-    scene = paper_scene(5e-3)
-    one, other = (simulate(s, 0.1, record=True) for s in (scene, scene.mirrored()))
-    assert np.array_equal(one.normal_force, other.normal_force)
-    assert np.array_equal(one.velocity_B, -other.velocity_B)
-    assert np.array_equal(one.tangential_force, -other.tangential_force)
-    assert np.array_equal(one.slip_velocity, -other.slip_velocity)
-
-
 def test_the_same_scene_has_the_same_bits_on_threads():
     scenes = [Scene(V, theta, 0.2, 9.0) for V in (5e-3, 8e-3) for theta in (3.0, 5.0, 8.0)]
     alone = [simulate(scene, 0.1, record=True) for scene in scenes]
@@ -251,6 +215,8 @@ def test_a_stable_scene_settles_into_steady_sliding(scene):
 
 
 HARD = [("fast", 0.05, seed) for seed in range(40)]
+# Beyond the critical friction.
+REFUSED = {1, 8, 14}
 HARD += [("exact", 0.005, seed) for seed in range(40, 52)] + [("paper", 0.002, seed) for seed in range(52, 64)]
 
 
@@ -264,7 +230,8 @@ def test_hard_scenes_end_with_an_answer_or_an_error_that_names_them(method, dura
         float(10 ** rng.uniform(-2, 4)),
     )
     ramp = float(rng.choice([0.0, 1e-3]))
-    if scene.mu >= critical_mu(Rig(), scene.theta, method):
+    assert (scene.mu >= critical_mu(Rig(), scene.theta, method)) == (seed in REFUSED)
+    if seed in REFUSED:
         with pytest.raises(ContactError, match=f"mu = {scene.mu:g}, ") as caught:
             simulate(scene, duration, method, ramp=ramp)
         assert caught.value.scene == scene
@@ -279,18 +246,18 @@ def test_hard_scenes_end_with_an_answer_or_an_error_that_names_them(method, dura
     assert sum(result.summary[key] for key in FRACTIONS) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("method", ["fast", "paper"])
-@pytest.mark.parametrize("termination", ["absorbing", "elastic", "none"])
+@pytest.mark.parametrize(
+    ("method", "termination"),
+    [("fast", "absorbing"), ("fast", "elastic"), ("fast", "none"), ("paper", "absorbing")],
+)
 def test_beyond_the_critical_friction_a_method_refuses(method, termination):
-    if method == "paper" and termination != "absorbing":
-        pytest.skip("the published scheme keeps every mode")
     critical = critical_mu(Rig(), 30.0, method, termination=termination)
     below, above = (Scene(0.1, 30.0, critical * factor, 9.0) for factor in (1 - 1e-6, 1 + 1e-6))
     simulate(below, 1e-4, method, termination=termination, cutoff=None if method == "paper" else 75e3)
     with pytest.raises(ContactError, match="Painleve") as caught:
         simulate(above, 1e-4, method, termination=termination)
     assert caught.value.scene == above
-    assert f"{critical:.6g}" in str(caught.value) or method == "fast"
+    assert f"from {critical:.6g} on" in str(caught.value)
 
 
 def test_without_an_element_24_modes_lose_their_contact_force_at_1_92():
@@ -373,36 +340,25 @@ def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
     assert every.summary["settled_early"] == (duration == 2.0)
 
 
-@pytest.fixture(scope="module")
-def finer_and_finer():
-    """Means over eight members of 1.2 s at the default step, its half and its quarter, for each speed."""
-    ramps = [1e-3 * (1 + 0.013 * k) for k in range(8)]
-    found = {}
-    for V in (2e-3, 5e-3):
-        for step in (2e-6, 1e-6, 0.5e-6):
-            runs = simulate_many([paper_scene(V)] * 8, 1.2, step=step, cutoff=75e3, ramp=ramps)
-            names = "switches_per_second", "energy_residual"
-            found[V, step] = [float(np.mean([run.summary[name] for run in runs])) for name in names]
-    return found
-
-
 @pytest.mark.parametrize("V", [2e-3, 5e-3])
-def test_switches_converge_as_the_step_goes_to_zero(V, finer_and_finer):
-    """Changes of contact state per second: 15 % too few at the default step, half of that at half the step."""
-    rates = [finer_and_finer[V, step][0] for step in (2e-6, 1e-6, 0.5e-6)]
+def test_switches_and_energy_converge_as_the_step_goes_to_zero(V):
+    """Changes of contact state per second: 15 % too few at the default step, half of that at half the step.
+
+    The energy residual is half a per cent already at the default step, where errors of both signs cancel. Means
+    over eight members of 1.2 s at the default step, its half and its quarter.
+    """
+    ramps, found = [1e-3 * (1 + 0.013 * k) for k in range(8)], []
+    for step in (2e-6, 1e-6, 0.5e-6):
+        runs = simulate_many([paper_scene(V)] * 8, 1.2, step=step, cutoff=75e3, ramp=ramps)
+        found.append([[run.summary[name] for run in runs] for name in ("switches_per_second", "energy_residual")])
+    rates, residuals = np.mean(found, axis=2).T
     limit = 2.0 * rates[2] - rates[1]
     if V == 5e-3:
         # `exact`: 38.7 thousand.
         assert limit == pytest.approx(38.7e3, rel=0.03)
-    missed = 1.0 - np.array(rates) / limit
+    missed = 1.0 - rates / limit
     assert 0.0 < missed[0] < 0.16
     assert np.all(missed[1:] < 0.67 * missed[:-1])
-
-
-@pytest.mark.parametrize("V", [2e-3, 5e-3])
-def test_the_energy_residual_falls_with_the_step(V, finer_and_finer):
-    """Already half a per cent at the default step, where errors of both signs cancel."""
-    residuals = [finer_and_finer[V, step][1] for step in (2e-6, 1e-6, 0.5e-6)]
     assert max(residuals) < 0.005
     assert residuals[2] < 0.5 * max(residuals)
 
@@ -459,8 +415,8 @@ def test_a_run_that_blows_up_says_so(method, monkeypatch):
 def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
     rig = replace(Rig(), p1=replace(Rig().p1, elements=n1), p2=replace(Rig().p2, elements=n2))
     scene = Scene(0.02, 5.0, 0.2, 9.0, rig)
-    if method == "exact" and not reduced_model(rig, 5.0).K.any():
-        assert n1 == n2
+    assert reduced_model(rig, 5.0).K.any() == (n1 != n2)
+    if method == "exact" and n1 == n2:
         with pytest.raises(ValueError, match=r"cutoff = 75\d+\..*: it keeps every mode .* or method 'fast'"):
             simulate(scene, 0.02, method)
         return
@@ -527,27 +483,37 @@ def test_moving_the_contact_point_hardly_matters_at_first(method, direction):
     assert moving["mean_normal_force"] == pytest.approx(frozen["mean_normal_force"], rel=0.02)
 
 
-@pytest.mark.parametrize("V", [-5e-3, 5e-3])
-def test_the_line_wanders_with_the_contact_point_and_the_mean_force_does_not(V):
+def test_the_line_wanders_with_the_contact_point_and_the_mean_force_does_not():
     """P2's stiffness at D, and with it the unstable pair, depends on where D is."""
-    scene = Scene(V, 5.0 if V > 0 else -5.0, 0.2, 9.0)
-    towards, away = (simulate(scene, 2.0, contact_motion=motion).summary for motion in (-1, 1))
+    scene = paper_scene(5e-3)
+    towards, away = (simulate(scene, 0.8, contact_motion=motion).summary for motion in (-1, 1))
     assert towards["dominant_frequency"] < 0.97 * away["dominant_frequency"]
     for summary in (towards, away):
         assert summary["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
 
 
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_the_mirrored_scene_moves_the_contact_the_same_way(direction):
+    one, other = (
+        simulate(scene, 0.06, contact_motion=direction, record=True)
+        for scene in (paper_scene(5e-3), paper_scene(5e-3).mirrored())
+    )
+    assert one.summary["first_separation_time"] < 0.06
+    assert np.array_equal(one.normal_force, other.normal_force)
+    assert np.array_equal(one.velocity_B, -other.velocity_B)
+
+
 @pytest.mark.parametrize(
     ("V", "theta", "place", "direction", "duration", "bound"),
     [
-        (1.0, 5.0, 0.14, 1, 0.0104, 0.01),
-        (1.0, -5.0, 0.14, 1, 0.0104, 1e-4),
-        (1.0, 5.0, 0.012, -1, 0.0103, 1e-3),
-        (0.1, 5.0, 0.07, -1, 0.05, 5e-3),
+        (1.0, 5.0, 0.14, 1, 0.0040, 0.01),
+        (1.0, -5.0, 0.14, 1, 0.0040, 1e-4),
+        (1.0, 5.0, 0.012, -1, 0.0040, 1e-3),
+        (0.1, 5.0, 0.07, -1, 0.025, 5e-3),
     ],
 )
 def test_energy_is_kept_while_the_contact_point_moves(V, theta, place, direction, duration, bound):
-    """Over a tenth of P2's length, through vibration and through steady sliding."""
+    """Over two elements of P2 and more, through vibration and through steady sliding."""
     scene = Scene(V, theta, 0.2, 9.0, Rig(contact_position=place))
     assert simulate(scene, duration, contact_motion=direction).summary["energy_residual"] < bound
 

@@ -19,7 +19,7 @@ from studies.query.query import query
 from tests import HOME
 from tests.helpers.boundaries import refine
 
-RESULTS = HOME / "results"
+RESULTS = HOME / "results" / "reference"
 # What a short run has figures of.
 FIGURES = ("velocity_rms", "stick_fraction", "max_normal_force", "first_slip_time")
 
@@ -57,6 +57,8 @@ def test_query_is_that_of_the_command():
     how = {"show": ["V", "mu", "velocity_rms"], "sort": "-velocity_rms", "limit": 4}
     pd.testing.assert_frame_equal(data.fiv.query(*ask, **how), query(data, *ask, **how))
     assert len(data.fiv.query(*ask, **how)) == 4
+    grouped = {"by": "regime", "show": "count,mean:velocity_rms"}
+    pd.testing.assert_frame_equal(data.fiv.query("mu > 0.2", **grouped), query(data, "mu > 0.2", **grouped))
     with pytest.warns(UserWarning, match="the nearest is 5") as told:
         data.fiv.query("theta == 6")
     assert told[0].filename == __file__

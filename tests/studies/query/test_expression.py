@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from studies.query.columns import NUMBER, TEXT, WORDS, Column
-from studies.query.conditions import condition
+from studies.query.evaluate import condition
 from studies.query.language import DEEPEST, LONGEST, parse
 from studies.query.nearest import nearest
-from studies.query.tree import Comparison, Logic, Not, names, parts
 
 AXIS = np.array([0.0, 1.0, 2.0, 5.0])
 COLUMNS = {
@@ -31,10 +30,10 @@ VALUES = {
 
 
 def chosen(text, values=VALUES, note=lambda text: None):
-    node = parse(text)
-    for name in names(node):
+    expression = parse(text)
+    for name in expression.names():
         assert name in COLUMNS
-    found = condition(node, COLUMNS, note)(values)
+    found = condition(expression, COLUMNS, note, expression.tree)(values)
     return np.flatnonzero(np.broadcast_to(found, AXIS.shape)).tolist()
 
 
@@ -48,17 +47,18 @@ def refused(text):
 
 
 ATTACKS = {
-    "__import__('os').system('touch owned')": "'(' at letter 11 cannot stand there; nothing can be called",
-    "().__class__": "')' at letter 2 cannot stand there",
+    "__import__('os').system('touch owned')": "at letter 24 cannot stand there; nothing can be called",
+    "open('owned', 'w')": "\"('owned', 'w')\" at letter 5 cannot stand there; nothing can be called",
+    "().__class__": "'.__class__' at letter 3 cannot stand there; there are no attributes",
     "x.__class__ == 1": "'.__class__' at letter 2 cannot stand there; there are no attributes",
     "x[0] == 1": "'[' at letter 2 cannot stand there; nothing can be indexed",
     "lambda: 1": "':' at letter 7 cannot stand there",
-    "lambda x: x": "'x' at letter 8 cannot stand there",
-    "f'{x}' == 1": """"'{x}'" at letter 2 cannot stand there""",
+    "lambda x: x": "':' at letter 9 cannot stand there",
+    "f'{x}' == 1": """"f'{x}'" at letter 1 cannot stand there""",
     "(x := 1) == 1": "':' at letter 4 cannot stand there",
     "x == 1; y == 1": "';' at letter 7 cannot stand there",
     "[k for k in x]": "'[' at letter 1 cannot stand there",
-    "x if y else 1": "'if' at letter 3 cannot stand there",
+    "x if y else 1": "'if y else 1' at letter 3 cannot stand there",
     "x == 1\\": r"'\\' at letter 7 cannot stand there",
     "x == {1}": "'{' at letter 6 cannot stand there",
     "x == 1 # y": "'#' at letter 8 cannot stand there",
@@ -76,11 +76,27 @@ ATTACKS = {
     "x = 1": "'=' at letter 3 cannot stand there; to compare is ==",
     "x ^ 2 == 1": "a power is **",
     "!x": "write not, or != to compare",
-    "x // 2 == 1": "'/' at letter 4 cannot stand there",
+    "x // 2 == 1": "'// 2' at letter 3 cannot stand there; there is no //",
     "x % 2 == 1": "'%' at letter 3 cannot stand there",
     "x @ y": "'@' at letter 3 cannot stand there",
-    "x in (1, 2)": "'in' at letter 3 cannot stand there",
-    "x is 1": "'is' at letter 3 cannot stand there",
+    "x is 1": "'is 1' at letter 3 cannot stand there; to compare is ==",
+    "1 < x is not 1": "'< x is not 1' at letter 3 cannot stand there; to compare is !=",
+    "(x) .real == 1": "'.real' at letter 5 cannot stand there; there are no attributes",
+    "x == (y for y in z)": "'for y in z)' at letter 9 cannot stand there",
+    "x in (*y, 1)": "'*y' at letter 7 cannot stand there",
+    "x == True": "'True' at letter 6 cannot stand there",
+    "x == ...": "'...' at letter 6 cannot stand there",
+    "x == 1j": "'1j' at letter 6 cannot stand there",
+    "x == 01": "'0' at letter 6 cannot stand there",
+    "x == 1or y == 1": "'1or' at letter 6 cannot stand there",
+    "x == 'a' 'b'": """"'a' 'b'" at letter 6 cannot stand there""",
+    "told == r'a'": """"r'a'" at letter 9 cannot stand there""",
+    "told == b'a'": """"b'a'" at letter 9 cannot stand there""",
+    "told == '''a'''": "at letter 9 cannot stand there",
+    "ｘ == 1": "'ｘ' (U+FF58) at letter 1 cannot stand there",
+    "(yield)": "'yield' at letter 2 cannot stand there",
+    "x == (1 y)": "'1 y' at letter 7 cannot stand there",
+    "x << 1 == 2": "'<< 1' at letter 3 cannot stand there",
     "": "it is empty",
     "  ": "it is empty",
     "x ==": "something is missing at its end",
@@ -118,6 +134,20 @@ def test_what_is_long_or_deep_is_refused_at_once():
     assert chosen("x == 1" + " + 0" * 990) == [1]
 
 
+def test_of_a_long_expression_a_message_shows_what_is_about_the_spot():
+    text = "x == 1 or " * 10 + "x = 1" + " or x == 1" * 10
+    spot = text.index("= 1 or x = 1") + len("= 1 or x ")
+    about = f"where = ...{text[spot - 30 : spot + 30]!r}...: '=' at letter {spot + 1} cannot stand there; "
+    assert refused(text).startswith(about)
+    text = "x = 1" + " or x == 1" * 10
+    assert refused(text).startswith(f"where = {text[:60]!r}...: '=' at letter 3 cannot stand there; ")
+    text = "x == 1 or " * 10 + "x ="
+    assert refused(text).startswith(f"where = ...{text[-60:]!r}: '=' at letter 103 cannot stand there; ")
+    # Of 60 letters all are shown.
+    assert refused("told == " + "1" * 60).endswith(f"told is a text and {'1' * 60} a number")
+    assert refused("told == " + "1" * 61).endswith(f"told is a text and {'1' * 60}... a number")
+
+
 def test_powers_are_bounded():
     for text in ("x == 10**10**10", "x == 10**(-1000)", "x ** 101 > 1", "x ** 1e999 > 1"):
         assert "must be a number from -100 to 100" in refused(text)
@@ -137,14 +167,14 @@ def test_the_grammar_reads_as_python_does():
     assert chosen("not x == 1 and x < 5 or x == 1") == [0, 1, 2]
     assert chosen("not (x == 1 or x == 5)") == [0, 2]
     assert chosen("x==.5e1 or\n\tx == 1.") == [1, 3]
-    assert isinstance(parse("not a == b"), Not)
-    chain = parse("1 < x == y")
-    assert isinstance(chain, Comparison)
-    assert [part.said for part in parts(chain)] == ["1", "x", "y"]
-    tree = parse("a == 1 and (b == 2 or c == 3) and d == 4")
-    assert isinstance(tree, Logic)
-    assert [part.said for part in parts(tree)] == ["a == 1", "b == 2 or c == 3", "d == 4"]
-    assert list(names(tree)) == ["a", "b", "c", "d"]
+    expression = parse(" μ == 1 and (b == '\\' or c == 3) and not d == b\n")
+    assert [expression.part(part) for part in expression.tree.values] == [
+        "μ == 1",
+        "b == '\\' or c == 3",
+        "not d == b",
+    ]
+    assert expression.names() == ["μ", "b", "c", "d"]
+    assert expression.names(expression.tree.values[1]) == ["b", "c"]
 
 
 def test_what_is_missing_matches_no_comparison():
@@ -282,6 +312,18 @@ COMPARED = st.one_of(
         st.just("kind"),
     ).map(" ".join),
     st.tuples(st.just("told"), st.sampled_from(["==", "!="]), st.sampled_from(["''", "'a'", "'z'"])).map(" ".join),
+    *(
+        st.tuples(
+            st.sampled_from(left),
+            st.sampled_from(["in", "not in"]),
+            st.lists(st.sampled_from(members), min_size=1, max_size=4).map(lambda parts: f"({', '.join(parts)},)"),
+        ).map(" ".join)
+        for left, members in (
+            (["z", "y", "z + 1", "2", "1 < y", "0 < z <= y"], ["z", "y", "0", "1.5", "y - 1", "5"]),
+            (["kind"], ["'calm'", "'wild'", "'steady sliding'", "kind"]),
+            (["told", "'a'"], ["''", "'a'", "told", "'z'"]),
+        )
+    ),
 )
 EXPRESSIONS = st.recursive(
     COMPARED,
@@ -305,3 +347,46 @@ def test_rows_are_those_that_a_loop_in_python_chooses(text):
         with np.errstate(all="ignore"):
             found.append(bool(eval(compile(read, "row", "eval"), row)))  # noqa: S307 - Python's own reading
     assert chosen(text, ROWS) == np.flatnonzero(found).tolist()
+
+
+PIECES = [
+    *("x", "y", "kind", "told", "nan", "1", "0.5", "1e400", "'calm'", '"a"', "'"),
+    *("==", "!=", "<", ">=", "in", "not", "and", "or", "+", "-", "*", "**", "/", "(", ")", ",", "."),
+    *("[", "]", "{", "}", ":", ":=", "=", "f'", "lambda", "if", "else", "for", "is", "await", "yield", "...", "@"),
+    *(
+        "\n",
+        "\t",
+        "\\",
+        "#",
+        ";",
+        "\0",
+        "\ud800",
+        "µ",
+        "ｘ",
+        "²",
+        "_",
+        "0x1",
+        "1j",
+        "None",
+        "print",
+        "!",
+        "%",
+        "&",
+        "~",
+    ),
+]
+
+
+@settings(max_examples=500, deadline=None)
+@given(st.lists(st.sampled_from(PIECES), max_size=12), st.sampled_from(["", " "]))
+def test_whatever_is_written_is_an_expression_or_refused_in_one_line(pieces, between):
+    text = between.join(pieces)
+    try:
+        expression = parse(text)
+        unknown = set(expression.names()) - set(COLUMNS)
+        assert unknown or chosen(text) is not None
+        message = ""
+    except ValueError as problem:
+        message = str(problem)
+    assert message == "" or message.isprintable()
+    assert len(message) < 600

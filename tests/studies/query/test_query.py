@@ -1,5 +1,7 @@
 """Rows of results: which there are, their columns and their order."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,31 +9,9 @@ import xarray as xr
 
 from studies import runner
 from studies.query import rows
-from studies.query.query import query
-from sweeps import open_results
+from studies.query.query import query, select
 from tests import HOME
-from tests.helpers.trials import FAILS, A, B, sweep
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("query") / "trial.nc"
-    sweep().plan(path).run("sync")
-    return path
-
-
-@pytest.fixture(scope="module")
-def data(file):
-    return open_results(file)
-
-
-def points(keep):
-    """Every point in the order of the file that is to be kept."""
-    return [(a, b) for a in A for b in B if keep(a, b)]
-
-
-def pairs(frame):
-    return list(zip(frame["a"], frame["b"], strict=True))
+from tests.helpers.trials import FAILS, A, B, pairs, points
 
 
 def test_the_points_are_the_rows(data):
@@ -69,9 +49,10 @@ def test_the_points_are_the_rows(data):
 )
 def test_where_chooses_rows(data, where, keep, monkeypatch):
     assert pairs(query(data, where)) == points(keep)
-    # However few rows are in hand at once.
-    for few in (1, 3, 7):
+    # However few rows are in hand at once, and whether columns are read once or block by block.
+    for few, whole in ((1, 100_000), (3, 0), (7, 10)):
         monkeypatch.setattr(rows, "AT_ONCE", few)
+        monkeypatch.setattr(rows, "KEPT", whole)
         assert pairs(query(data, where)) == points(keep)
 
 
@@ -128,10 +109,12 @@ def test_what_has_no_rows_in_common_is_refused(data):
 
 
 def test_without_numbers_of_their_own_points_have_rows_of_entries():
-    found = runner.open_dataset(f"{HOME}/results/fig5/fig5.nc").pipe(query, "mu == 0.2 and growth_rate > 0")
+    found = runner.open_dataset(f"{HOME}/results/reference/fig5/fig5.nc").pipe(
+        query, "mu == 0.2 and growth_rate > 0"
+    )
     assert list(found) == ["mu", "mode", "frequency", "growth_rate"]
     assert [round(f) for f in found["frequency"]] == [398, 2794]
-    whole = query(runner.open_dataset(f"{HOME}/results/fig6/fig6.nc"))
+    whole = query(runner.open_dataset(f"{HOME}/results/reference/fig6/fig6.nc"))
     assert list(whole) == ["mu", "mode", "frequency", "growth_rate"]
     assert len(whole) == 2 * 2001
 
@@ -184,6 +167,8 @@ def test_a_part_of_a_result_and_one_opened_by_xarray(file, data):
     part = data.sel(a=2.0)
     assert pairs(query(part, "size > 0 and a == 2")) == [(2.0, b) for b in B]
     assert pairs(query(data.isel(a=[1, 2], b=[0]))) == [(1.0, 1e-3), (2.0, 1e-3)]
+    with pytest.warns(UserWarning, match="a == 2: a has no such value; the nearest is nan"):
+        assert query(data.isel(a=[]), "a == 2").empty
     with pytest.raises(ValueError, match="not the result of a sweep"):
         query(data.drop_attrs())
     with pytest.raises(ValueError, match="not the result of a sweep"):
@@ -200,6 +185,16 @@ def test_what_is_not_known_is_told_with_the_nearest(data):
         ({"show": "a,,b"}, "show = 'a,,b': it must be one name or more"),
         ({"show": []}, r"show = \[\]: it must be one name or more"),
         ({"sort": "a, "}, "sort = 'a, ': it must be one name or more"),
+        ({"show": "a,b +"}, "show = 'b \\+': something is missing at its end"),
+        ({"show": "a > 1"}, "show = 'a > 1': it is true or false; where = 'a > 1' chooses such rows"),
+        ({"sort": "a > 1"}, "sort = 'a > 1': it is true or false"),
+        ({"show": "'x'"}, "it is a text; a column has a name, or is calculated"),
+        ({"sort": "-a b"}, "sort = 'a b': 'b' at letter 3 cannot stand there"),
+        ({"sort": "-"}, "sort = '': it is empty"),
+        ({"by": "sise"}, "by = 'sise': nothing is called so; did you mean size?"),
+        ({"by": ""}, "by = '': it must be one name or more"),
+        ({"by": "a", "sort": "b"}, "sort = 'b': the grouped table has no such column; there are a, count"),
+        ({"by": "a", "sort": "-coun"}, "sort = '-coun': the grouped table has no such column; did you mean count"),
         ({"limit": -1}, "limit = -1: it must be a whole number, 0 or above"),
         ({"limit": 2.5}, "limit = 2.5: it must be a whole number"),
         ({"limit": True}, "limit = True: it must be a whole number"),
@@ -225,4 +220,181 @@ def test_too_many_rows_are_not_sorted(data, monkeypatch):
     assert len(query(data, sort="size", limit=3)) == 3
 
 
-# --- texts
+def test_columns_are_calculated(data):
+    found = query(data, "a in (1, 3)", show="a*10, kind,(a + b) / 2,2 ** 3 ,-a", sort="-a*b,b")
+    assert list(found) == ["a*10", "kind", "(a + b) / 2", "2 ** 3", "-a"]
+    expected = sorted(points(lambda a, b: a in (1, 3)), key=lambda pair: (-pair[0] * pair[1], pair[1]))
+    np.testing.assert_array_equal(found["a*10"], [10 * a for a, _ in expected])
+    np.testing.assert_array_equal(found["(a + b) / 2"], [(a + b) / 2 for a, b in expected])
+    assert set(found["2 ** 3"]) == {8.0}
+    # A leading minus says descending, and is no part of the expression.
+    assert query(data, show="a", sort="-a + 1")["a"].tolist() == [4.0, 3.0, 2.0, 1.0, 0.0]
+    assert query(data, show="a", sort="1 - a")["a"].tolist() == [4.0, 3.0, 2.0, 1.0, 0.0]
+    # A list, whose entries may hold commas only in texts and brackets; a name in brackets is the column.
+    assert list(query(data, show=["(a)", "b"])) == ["a", "b"]
+    assert query(data, show="1 + 1").to_dict("list") == {"1 + 1": [2.0]}
+    # Whole numbers do not overflow, and what is missing stays so.
+    found = query(data, "a == 3", show="count ** 9, share * 0")
+    assert found["count ** 9"].tolist() == [30.0**9, 30.0**9, pytest.approx(np.nan, nan_ok=True), 30.0**9]
+    assert np.isnan(found["share * 0"]).tolist() == [False, False, True, False]
+
+
+def test_calculated_columns_run_along_further_dimensions(data):
+    found = query(data, "a == 2 and b == 0.1", show="mode_size * 2")
+    # Padding is left out: of three modes there are two. Division by zero is no padding.
+    assert found.to_dict("list") == {"mode": [1, 2], "mode_size * 2": [6.0, 8.0]}
+    found = query(data, "a == 2 and b == 0.1", show="mode_size / 0 - mode_size / 0")
+    assert found["mode"].tolist() == [1, 2]
+    assert list(query(data, show="mode_size", sort="-mode_size * top", limit=2)["mode_size"]) == [34.0, 24.0]
+    with pytest.raises(ValueError, match="they have no rows in common"):
+        query(data, show="mode_size * peak_size")
+    with pytest.raises(ValueError, match="they have no rows in common"):
+        query(data, sort="mode_size * peak_size")
+    assert list(query(data, sort="-a * b", limit=1))[-2:] == ["a * b", "status"]
+
+
+@pytest.mark.parametrize(
+    ("text", "units"),
+    [
+        ("-a", "m"),
+        ("+a", "m"),
+        ("a + top", "m"),
+        ("a - top - size", "m"),
+        ("a + b", ""),
+        ("a + 1", ""),
+        ("a * 1000", ""),
+        ("a / top", ""),
+        ("a ** 2", ""),
+        ("-(a - size)", "m"),
+        ("(a)", "m"),
+    ],
+)
+def test_sums_of_one_unit_keep_it(data, text, units):
+    (column,) = select(data, show=text).columns
+    assert column.units == units
+    assert not column.whole
+
+
+def test_groups_are_those_of_pandas(data):
+    shown = "count,mean:size,std:size,min:count,max:count,median:share,share:kind,share:size > 0.3,mean:a*b"
+    found = query(data, "b > 0.005", by="a", show=shown)
+    rows = query(data, "b > 0.005", show="a,b,size,count,share,kind")
+    groups = rows.groupby("a")
+    assert list(found) == [
+        *("a", "count", "mean:size", "std:size", "min:count", "max:count", "median:share"),
+        *("share:kind=calm", "share:kind=steady sliding", "share:kind=wild", "share:size > 0.3", "mean:a*b"),
+    ]
+    assert found["a"].tolist() == A.tolist()
+    assert found["count"].tolist() == [3] * 5
+    for name in ("mean:size", "std:size", "min:count", "max:count", "median:share"):
+        function, _, column = name.partition(":")
+        np.testing.assert_allclose(found[name], groups[column].agg(function), rtol=1e-7)
+    # Of four rows one has no kind.
+    assert found["share:kind=calm"].tolist() == [1.0, 0.0, 0.0, 2 / 3, 0.0]
+    assert found["share:kind=steady sliding"].tolist() == [0.0, 1.0, 0.0, 0.0, 1.0]
+    assert found["share:kind=wild"].tolist() == [0.0, 0.0, 1.0, 0.0, 0.0]
+    above = rows.assign(above=rows["size"] > 0.3).groupby("a")["above"].mean()
+    np.testing.assert_array_equal(found["share:size > 0.3"], above)
+    np.testing.assert_allclose(found["mean:a*b"], A * np.mean(B[1:]))
+
+
+def test_groups_by_words_settings_and_more_than_one_column(data):
+    found = query(data, by="kind,status")
+    assert found["kind"].cat.categories.tolist() == ["calm", "steady sliding", "wild"]
+    # What is missing makes a group, the last.
+    assert found["kind"].tolist()[:3] == ["calm", "steady sliding", "wild"]
+    assert found["kind"].isna().tolist() == [False, False, False, True]
+    assert found["status"].tolist() == ["done", "done", "done", "failed"]
+    assert found["count"].tolist() == [7, 8, 4, 1]
+    assert query(data, by="note,level").to_dict("list") == {"note": ["dry"], "level": [2.5], "count": [20]}
+    assert query(data, by=["a_name"], show=["count"])["a_name"].tolist() == ["four", "nil", "one", "three", "two"]
+    # A key may be shown too, and be averaged.
+    assert list(query(data, by="a", show="a,mean:a")) == ["a", "mean:a"]
+    assert query(data, by="b", show="mean:top")["mean:top"].tolist() == [6.0] * 4
+    # Every point is a row, whatever runs along fewer dimensions.
+    assert query(data, by="a", show="count,mean:top")["count"].tolist() == [4] * 5
+
+
+def test_groups_of_entries(data):
+    found = query(data, by="mode", show="count,max:mode_size")
+    # Those without a value are padding, and no rows.
+    assert found.to_dict("list") == {"mode": [1, 2, 3], "count": [15, 11, 7], "max:mode_size": [14.0, 24.0, 34.0]}
+    assert query(data, "mode_size == nan or mode_size != nan", by="mode", show="count,mean:mode_size")[
+        "count"
+    ].tolist() == [20, 20, 20]
+    assert query(data, by="member_kind")["count"].tolist() == [11, 15, 12]
+    assert query(data, by="peak", show="count,mean:peak_size")["mean:peak_size"].tolist() == [2.0, 3.0]
+    assert query(data, by="peak", show="count,mean:peak_size")["count"].tolist() == [1, 1]
+    assert query(data, "mode == 2", by="a")["count"].tolist() == [4] * 5
+    with pytest.raises(ValueError, match="they have no rows in common"):
+        query(data, by="mode", show="share:member_kind")
+
+
+@pytest.mark.parametrize("few", [1, 7, 10_000])
+def test_groups_are_sorted_and_limited(data, few, monkeypatch):
+    monkeypatch.setattr(rows, "AT_ONCE", few)
+    found = query(data, by="a,kind", show="count,mean:size", sort="-mean:size", limit=2)
+    assert found["a"].tolist() == [4.0, 3.0]
+    assert query(data, by="kind", sort="count,-kind")["count"].tolist() == [1, 4, 7, 8]
+    assert query(data, by="b", sort="-b", limit=3)["b"].tolist() == B[:0:-1].tolist()
+    assert query(data, by="a", limit=0).empty
+    assert query(data, "a > 9", by="kind", show="mean:size").empty
+    assert list(query(data, "a > 9", by="kind", show="mean:size")) == ["kind", "mean:size"]
+    # The limit is of groups, not of rows.
+    assert query(data, by="a", limit=1)["count"].tolist() == [4]
+
+
+def test_units_and_whole_numbers_of_groups(data):
+    shown = "count,mean:size,std:a*1,min:count,max:count,median:count,mean:count,share:kind"
+    columns = {column.name: column for column in select(data, by="a", show=shown).columns}
+    assert [column.units for column in columns.values()] == ["m", "", "m", *[""] * 8]
+    whole = [name for name, column in columns.items() if column.whole]
+    assert whole == ["count", "min:count", "max:count"]
+    # The least and the greatest are values of the column; means are calculated in full precision.
+    found = query(data, "a > 0", by="b", show="min:share,max:share,mean:share,std:share")
+    assert [str(kind) for kind in found.dtypes] == ["float64", "float32", "float32", "float64", "float64"]
+
+
+@pytest.mark.parametrize(
+    ("show", "message"),
+    [
+        ("mean:kind", "show = 'mean:kind': kind is a word, and its codes have no mean; use share:kind"),
+        ("median:status", "status is a word, and its codes have no median; use share:status"),
+        ("std:a_name", "show = 'std:a_name': a_name is a text, which has no std"),
+        ("share:a_name", "share is of words or of what is true, like share:regime or"),
+        ("share:a", "share is of words or of what is true"),
+        ("mean:a > 1", "it is true or false; use share:a > 1"),
+        ("mean", "show = 'mean': with by it must be count, or mean, std, min, max, median or share of a column"),
+        ("mean:", "with by it must be count"),
+        ("count:a", "with by it must be count"),
+        ("sum:a", "with by it must be count"),
+        ("size", "with by it must be count"),
+        ("mean:sise", "show = 'sise': nothing is called so; did you mean size?"),
+        ("mean:a +", "show = 'a +': something is missing at its end"),
+        ("mean:'x'", "it is a text; a column has a name, or is calculated"),
+    ],
+)
+def test_statistics_that_there_are_not(data, show, message):
+    with pytest.raises(ValueError, match=f"^[^\n]*{re.escape(message)}[^\n]*$"):
+        query(data, by="b", show=show)
+
+
+def test_too_many_rows_are_not_grouped(data, monkeypatch):
+    monkeypatch.setattr(rows, "MOST_SORTED", 19)
+    with pytest.raises(ValueError, match="by: more than 19 rows are to be grouped; choose fewer with where"):
+        query(data, by="a")
+    monkeypatch.setattr(rows, "MOST_SORTED", 20)
+    assert len(query(data, by="a")) == 5
+
+
+def test_groups_read_only_what_they_need(data, monkeypatch):
+    read = []
+    own = rows.Source._array
+
+    def logged(self, column, block):
+        read.append(column.name)
+        return own(self, column, block)
+
+    monkeypatch.setattr(rows.Source, "_array", logged)
+    query(data, "b == 0.1", by="a", show="mean:size*2,share:kind")
+    assert sorted(read) == ["a", "b", "kind", "size"]

@@ -21,14 +21,11 @@ from tests import HOME
 from tests.benchmarks import query as benchmark_query
 from tests.cli import test_messages
 from tests.cli.test_cli import FIV, begun
-from tests.helpers.trials import sweep
+from tests.helpers.trials import pairs, points, sweep
 from tests.helpers.waves import interrupted
-from tests.studies.query import test_query
-from tests.studies.query.test_query import pairs, points
 
 # Runs `fiv` in an empty folder.
 here = test_messages.here
-file, data = test_query.file, test_query.data
 
 
 def test_csv_reads_back_bit_for_bit(data):
@@ -126,8 +123,44 @@ def test_every_format_of_the_command(file, here):
     assert done.stdout.splitlines() == ["b,size", "1.0,4.0"]
 
 
+def test_heads_carry_units(file, here):
+    ask = ("query", str(file), "--where", "a == 4 and b > 0.05", "--show", "b,size,kind,b+b", "--units")
+    table = here(*ask).stdout.splitlines()
+    assert table[0] == "b [s]  size [m]  kind            b+b [s]"
+    assert table[1].split() == ["0.1", "1.26491", "steady", "sliding", "0.2"]
+    assert here(*ask, "--format", "csv").stdout.splitlines() == [
+        "b [s],size [m],kind,b+b [s]",
+        "0.1,1.2649110640673518,steady sliding,0.2",
+        "1.0,4.0,steady sliding,2.0",
+    ]
+    first = {"b": 0.1, "size": 1.2649110640673518, "kind": "steady sliding", "b+b": 0.2}
+    assert json.loads(here(*ask, "--limit", "1", "--format", "json").stdout) == {
+        "units": {"b": "s", "size": "m", "b+b": "s"},
+        "rows": [first],
+    }
+    empty = here("query", str(file), "--where", "a > 9", "--units", "--show", "a", "--format", "json")
+    assert json.loads(empty.stdout) == {"units": {"a": "m"}, "rows": []}
+
+
+def test_groups_of_the_command(file, here):
+    ask = ("query", str(file), "--by", "kind", "--show", "count,mean:size,max:count", "--sort", "-count")
+    assert here(*ask, "--where", "kind in ('calm', 'wild')").stdout.splitlines() == [
+        "kind  count  mean:size  max:count",
+        "                     m",
+        "calm      7   0.484981         30",
+        "wild      4   0.723925         20",
+    ]
+    rows = here(*ask, "--limit", "1", "--format", "csv", "--units").stdout.splitlines()
+    assert rows[0] == "kind,count,mean:size [m],max:count"
+    assert rows[1].startswith("steady sliding,8,0.904")
+    lines = json.loads(here("query", str(file), "--by", "b,kind", "--format", "json").stdout)
+    assert lines[0] == {"b": 0.001, "kind": "calm", "count": 2}
+    assert {"b": 0.1, "kind": None, "count": 1} in lines
+    assert here("query", str(file), "--by", "kind", "--where", "a > 9").stdout == "kind  count\n"
+
+
 def test_settings_have_the_units_that_their_study_declares(here):
-    done = here("query", f"{HOME}/results/fig5/fig5.nc", "--show", "theta,d1,p1_length,head_mass,fmax")
+    done = here("query", f"{HOME}/results/reference/fig5/fig5.nc", "--show", "theta,d1,p1_length,head_mass,fmax")
     assert done.stdout.splitlines()[0].split() == ["theta", "d1", "p1_length", "head_mass", "fmax"]
     assert done.stdout.splitlines()[1].split() == ["degree", "s-1", "m", "kg"]
     assert done.stdout.splitlines()[2].split() == ["5", "50", "0.05", "2.9434", "10000"]
@@ -149,13 +182,15 @@ def test_an_empty_result_is_its_header(file, here):
     [
         (("--where", "sise > 1"), "where = 'sise': nothing is called so; did you mean size?"),
         (("--where", "a == 'x'"), "'x' is a text and a a number"),
-        (("--where", "open('x')"), "'(' at letter 5 cannot stand there; nothing can be called"),
+        (("--where", "open('x')"), "at letter 5 cannot stand there; nothing can be called"),
         (("--show", "sise"), "show = 'sise': nothing is called so; did you mean size?"),
         (("--sort", "-sise"), "sort = 'sise': nothing is called so; did you mean size?"),
         (("--limit", "-1"), "Invalid value for '--limit': -1 is not in the range x>=0."),
         (("--limit", "many"), "Invalid value for '--limit'"),
         (("--format", "xml"), "'xml' is not one of 'table', 'csv', 'json'."),
         (("--show", "mode_size,member_kind"), "they have no rows in common"),
+        (("--show", "size * (2 + "), "show = 'size * (2 +': something is missing at its end"),
+        (("--by", "a", "--show", "mean:kind"), "kind is a word, and its codes have no mean; use share:kind"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_exit_2(file, here, given, told):
@@ -221,7 +256,7 @@ def test_what_is_half_done_has_words_for_its_codes(tmp_path, here):
 
 def test_a_damaged_file_is_one_line(tmp_path, here, monkeypatch):
     monkeypatch.setattr("sweeps.storage.netcdf.READ_AT_ONCE", 100)
-    shutil.copy(f"{HOME}/results/stability/stability.nc", tmp_path / "damaged.nc")
+    shutil.copy(f"{HOME}/results/reference/stability/stability.nc", tmp_path / "damaged.nc")
     with open(tmp_path / "damaged.nc", "r+b") as file:
         # The head is whole; of the first chunk of a variable after it some bytes are not.
         file.seek(60_000)
@@ -262,7 +297,7 @@ def test_a_refined_map(here):
 
 
 def test_a_closed_pipe_ends_quietly():
-    file = f"{HOME}/results/stability/stability.nc"
+    file = f"{HOME}/results/reference/stability/stability.nc"
     for form in ("table", "csv", "json"):
         running = subprocess.Popen(
             [FIV, "query", file, "--format", form], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -277,7 +312,7 @@ def test_a_closed_pipe_ends_quietly():
 def test_a_terminal_is_told_what_is_left_out():
     pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
     leader, follower = pty.openpty()
-    command = [FIV, "query", f"{HOME}/results/regimes/regimes.nc", "--limit", "1"]
+    command = [FIV, "query", f"{HOME}/results/reference/regimes/regimes.nc", "--limit", "1"]
     environment = os.environ | {"COLUMNS": "60"}
     done = subprocess.run(command, stdout=follower, stderr=subprocess.PIPE, text=True, env=environment)
     os.close(follower)
@@ -290,10 +325,12 @@ def test_a_terminal_is_told_what_is_left_out():
     assert left[1].split(", ")[-1] == "status"
 
 
-def test_the_command_does_not_import_what_it_does_not_need(tmp_path):
+@pytest.mark.parametrize("more", [("--sort", "-V*mu"), ("--by", "mu", "--sort", "-count")])
+def test_the_command_does_not_import_what_it_does_not_need(tmp_path, more):
+    file = f"{HOME}/results/reference/regimes/regimes.nc"
     program = (
         "import sys\nfrom studies.cli.main import main\n"
-        f"sys.argv = ['fiv', 'query', '{HOME}/results/regimes/regimes.nc', '--where', 'mu > 0.3', '-q']\n"
+        f"sys.argv = ['fiv', 'query', {file!r}, '--where', 'mu > 0.3', *{more}, '-q']\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         "heavy = {'matplotlib', 'numba', 'scipy', 'fivcore', 'distributed'} & set(sys.modules)\n"
         "print(sorted(heavy), file=sys.stderr)"

@@ -294,6 +294,17 @@ def test_embedded_values_are_those_of_the_file(folder):
     assert np.allclose(values, data["velocity_rms"], rtol=1e-5)
     assert [axis["values"] for axis in told["axes"]] == [data[dim].values.tolist() for dim in data["status"].dims]
     assert told["plane"]["first"] == "regime"
+    # What the filter needs: whether a column is of numbers, texts or words, and the settings.
+    kinds = {name: columns[name]["kind"] for name in ("status", "regime", "velocity_rms")}
+    assert kinds == {"status": "words", "regime": "words", "velocity_rms": "number"}
+    assert told["settings"]["d1"] == 50.0
+
+
+def test_what_a_filter_can_name_has_a_name_that_an_expression_can_have(folder):
+    data = points_of(runner.open_dataset("fig5", folder)).data
+    names = [each["name"] for each in (*data["axes"], *data["columns"])]
+    assert "growth_rate_mode_1" in names
+    assert all(map(str.isidentifier, names))
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,9 @@ from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.cluster import Cluster
 from sweeps.storage.parts import PartFolder
 from tests import HOME
-from tests.helpers.sweep_programs import cut, make
-from tests.sweeps.compute.test_backends import QUIET, values
-from tests.sweeps.compute.test_crashes import end
-from tests.sweeps.test_sweeps import size_of_batch
+from tests.helpers.sweep_programs import QUIET, end, make, values
 
+pytestmark = pytest.mark.usefixtures("small_pieces")
 COMPUTED: list[float] = []
 
 
@@ -44,7 +42,6 @@ def naps(points=200, **options):
 
 
 def test_threads_of_workers_are_counted(inner, monkeypatch):
-    cut(monkeypatch)
     monkeypatch.setattr("sweeps.watch.monitor.SHOWN", 1000)
     most = []
     naps().plan().run(inner, None, lambda snapshot: most.append(len(snapshot.now)))
@@ -52,7 +49,6 @@ def test_threads_of_workers_are_counted(inner, monkeypatch):
 
 
 def test_what_all_batches_share_travels_once(inner, monkeypatch):
-    cut(monkeypatch)
     sizes, payloads = [], []
     submit, register = distributed.Client.map, distributed.Client.register_plugin
 
@@ -75,7 +71,6 @@ def test_what_all_batches_share_travels_once(inner, monkeypatch):
 
 
 def test_workers_that_see_the_store_write_their_parts(tmp_path, inner, monkeypatch):
-    cut(monkeypatch)
     writers, put = [], PartFolder.put
 
     def written(self, name, content):
@@ -96,7 +91,6 @@ def test_workers_that_see_the_store_write_their_parts(tmp_path, inner, monkeypat
 
 
 def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monkeypatch):
-    cut(monkeypatch)
     put = PartFolder.put
 
     def refused(self, name, content):
@@ -109,14 +103,7 @@ def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monk
     np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
 
 
-def test_batches_grow_with_the_number_of_workers():
-    few, many = (size_of_batch(10**8, 1e-3, workers=workers) for workers in (2, 1000))
-    assert few == 1000
-    assert many == 10_000
-
-
-def test_a_batch_at_which_workers_die_does_not_stop_the_others(monkeypatch):
-    cut(monkeypatch)
+def test_a_batch_at_which_workers_die_does_not_stop_the_others():
     told = []
     parent = os.getpid()
     data = make(points=40, pause=0.2, parent=parent, deadly=5.0).plan().run("processes", 2, told.append)

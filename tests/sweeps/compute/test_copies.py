@@ -276,7 +276,10 @@ def test_everything_skipped_and_nothing_to_scale(tmp_path):
     path = tmp_path / "o.nc"
     grid = sweep().grid
     nothing = sweep(grid=Grid(grid.axes, skip=lambda points: points["F"] > 0.0))
-    assert np.all(nothing.plan(path).run()["status"] == 3)
+    for store in (None, path):
+        found = nothing.plan(store).run()
+        assert np.all(found["status"] == 3)
+        assert np.all(np.isnan(found["force"]))
     assert LOG == []
     found = sweep().plan(path).run()
     same(found, sweep())

@@ -4,45 +4,17 @@ import os
 import shutil
 import signal
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import open_results
 from sweeps.storage import lock
 from sweeps.storage.store import Store
-from tests.helpers.sweep_programs import cut, make, start, wait_for
+from tests.helpers.sweep_programs import check, end, finished_points, make, start, wait_for
 
-COMPARED = ["square", "powers", "status", "error"]
-
-
-@pytest.fixture(autouse=True)
-def _many_batches(monkeypatch):
-    cut(monkeypatch)
-
-
-def end(process):
-    """Kill a program with all that it has started."""
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
-
-
-def finished_points(store):
-    """What is in the shards, and need not be computed again."""
-    held = [store.folder.contents(name) for name in store.folder.names()]
-    # The points of `make` are the numbers from nought on.
-    return {float(x) for contents in held if contents is not None for x in contents.points}
-
-
-def check(path, points=60):
-    """The file is what an undisturbed run makes, and alone."""
-    whole = make(points=points).plan().run("sync")
-    xr.testing.assert_identical(open_results(path)[COMPARED].drop_attrs(), whole[COMPARED].drop_attrs())
-    assert sorted(p.name for p in path.parent.iterdir()) == [path.name]
+pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 def kill_often(folder, scheduler, kills, longest, seed):

@@ -13,7 +13,7 @@ import pytest
 from sweeps.fingerprint.code import differing, digests
 from tests import HOME
 from tests.helpers import waves
-from tests.helpers.identity_parts import FILES, NAMED, Caller, Colour, Inner, Outer, maker, run
+from tests.helpers.identity_parts import FILES, NAMED, Caller, Colour, Inner, Outer, maker, printed, run
 
 
 def same_everywhere():
@@ -215,14 +215,14 @@ def f(points):
 
 
 def bare(text):
-    names = {"__name__": "__main__"}
+    names = {"__name__": "nowhere"}
     exec(text, names)
     return digests(names["f"])
 
 
 def test_code_without_a_source_counts_as_it_was_compiled():
     found = bare(BARE)
-    assert set(found) == {"__main__"}
+    assert set(found) == {"nowhere"}
     for old, new in {"A text": "Another", "UNUSED = 2.0": "UNUSED = 2.0 "}.items():
         assert bare(BARE.replace(old, new)) == found, old
     assert bare("# a remark\n" + BARE.replace("(x):", "(x: float):")) == found
@@ -269,12 +269,12 @@ def test_a_script_is_read_from_its_file(tmp_path):
         if __name__ == "__main__":
             print(json.dumps(digests(f, g)))
         """
-    script = tmp_path / "script.py"
     found = []
     for old, new in (("", ""), ("return FACTOR", "return FACTOR  # twice"), ("FACTOR = 2", "FACTOR = 3")):
+        script = tmp_path / "script.py"
         script.write_text(textwrap.dedent(text).replace(old, new))
         found.append(run(script, HOME))
-    assert set(json.loads(found[0])) == {"__main__"}
+    assert set(json.loads(found[0])) == {"script"}
     assert found[0] == found[1] != found[2]
 
 
@@ -291,17 +291,23 @@ def test_what_a_script_changes_in_place_counts_where_it_is_used(tmp_path):
             return TABLE
         print(json.dumps(digests(f)))
         """
-    script, found = tmp_path / "script.py", {}
+    found = {}
     for edit in ("", "= 1 -> = 5", "b=2 -> b=5", "= 3 -> = 5"):
         old, _, new = edit.partition(" -> ")
+        script = tmp_path / "script.py"
         script.write_text(textwrap.dedent(text).replace(old, new) if old else textwrap.dedent(text))
         found[edit] = run(script, HOME)
-    assert set(json.loads(found[""])) == {"__main__"}
+    assert set(json.loads(found[""])) == {"script"}
     assert found[""] == found["= 3 -> = 5"]
     assert len({*found.values()}) == 3
 
 
-def test_scripts_differ_by_what_their_names_stand_for(tmp_path):
+def test_scripts_differ_by_what_their_names_stand_for(tmp_path, monkeypatch):
+    def found(factor):
+        monkeypatch.setenv("K", factor)
+        return printed(script)
+
+    monkeypatch.chdir(tmp_path)
     script, table = tmp_path / "script.py", tmp_path / "coef.txt"
     script.write_text(
         textwrap.dedent("""
@@ -318,11 +324,12 @@ def test_scripts_differ_by_what_their_names_stand_for(tmp_path):
             """)
     )
     table.write_text("1 2\n")
-    found = run(script, tmp_path, HOME, K="1")
-    assert found == run(script, tmp_path, HOME, K="1.0")
-    assert found != run(script, tmp_path, HOME, K="2")
+    first = found("1")
+    assert set(json.loads(first)) == {"__main__"}
+    assert found("1.0") == first
+    assert found("2") != first
     table.write_text("1 3\n")
-    assert found != run(script, tmp_path, HOME, K="1")
+    assert found("1") != first
 
 
 def test_an_installed_project_is_known_by_its_distribution(tmp_path):

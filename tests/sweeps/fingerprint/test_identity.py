@@ -213,7 +213,7 @@ def test_a_star_brings_a_script_no_more_than_it_uses(tmp_path):
         "import json\nfrom sweeps import *\nfrom sweeps.fingerprint.code import digests\n"
         "def f(points):\n    return points\nprint(json.dumps(digests(f)))\n"
     )
-    assert set(json.loads(run(script, HOME))) == {"__main__"}
+    assert set(json.loads(run(script, HOME))) == {"script"}
 
 
 def test_names_of_a_functions_own_lead_nowhere(package):

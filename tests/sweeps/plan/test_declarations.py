@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from sweeps import Axis, Grid, Variable
-from tests.sweeps.test_sweeps import X, Y, sweep
+from tests.helpers.waves import GRID, sweep
+
+X, Y = (Axis(values) for values in GRID.values())
 
 
 def scaled(scale):

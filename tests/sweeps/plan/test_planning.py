@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sweeps import Axis, Grid, Sweep, Variable
 from sweeps.plan import batches
 from sweeps.plan.batches import BatchSizes, Queue
-from tests.sweeps.test_sweeps import size_of_batch
+from tests.helpers.sweep_programs import size_of_batch
 
 CALLS: list[int] = []
 
@@ -124,11 +124,27 @@ def test_batches_grow_as_far_as_those_that_finished_allow(monkeypatch):
         found.append(sizes.next(10**6, 2))
         sizes.finished(found[-1], 1e-3 * found[-1])
     assert found == [8, 64, 512, 1000, 1000]
+    assert [size_of_batch(10**8, 1e-3, workers=workers) for workers in (2, 1000)] == [1000, 10_000]
     # A batch holds no more than fits into memory, and as many as are computed side by side.
     assert size_of_batch(10**6, 1e-3, row_bytes=batches.BATCH_BYTES / 10) == 10
     assert size_of_batch(10**6, 10.0, multiple=16) == 16
     assert size_of_batch(5, 10.0, multiple=16) == 5
     assert BatchSizes(multiple=16).next(10**6, 2) == 16
+
+
+@given(st.integers(1, 5000), st.floats(0.0, 10.0, exclude_min=True))
+@settings(max_examples=50, deadline=None)
+def test_batches_hold_every_point_once(points, seconds):
+    queue, cut = Queue(Grid({"x": Axis(np.arange(points))}), np.ones(points, dtype=bool)), []
+    while queue.left:
+        cut.append(queue.take(size_of_batch(queue.left, seconds)))
+    np.testing.assert_array_equal(np.concatenate(cut), np.arange(points))
+    sizes = np.array([len(batch) for batch in cut])
+    assert sizes.max() == 1 or sizes.max() * seconds <= 1.0
+    # Towards the end they are no longer than what the other workers have left to do, or a quarter of a second.
+    assert np.all(np.diff(sizes) <= 0)
+    left = np.cumsum(sizes[::-1])[::-1]
+    assert np.all((sizes <= left / 8 + 1) | (sizes == 1) | (sizes * seconds <= 0.25))
 
 
 def test_the_first_batches_are_small_and_size_the_next():

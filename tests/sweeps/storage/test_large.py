@@ -1,7 +1,5 @@
 """Variables too large for memory go from shard to file; what they hold is what small ones would hold."""
 
-import importlib
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -23,20 +21,11 @@ def small_memory(monkeypatch):
     """All variables but those of a few bytes a point are large; blocks of a file hold a few points."""
 
     def small_memory(yes):
-        for name in (
-            "storage.manifest",
-            "storage.netcdf",
-            "storage.existing",
-        ):
-            module = importlib.import_module(f"sweeps.{name}")
-            for limit, value in (
-                ("LARGE", 150 if yes else 1 << 40),
-                ("READ_AT_ONCE", 150 if yes else 1 << 40),
-                ("CHUNK_BYTES", 64),
-                ("MOST_CHUNK_BYTES", 128),
-            ):
-                if hasattr(module, limit):
-                    monkeypatch.setattr(module, limit, value)
+        limit = 150 if yes else 1 << 40
+        for name in ("manifest.LARGE", "netcdf.LARGE", "existing.LARGE", "netcdf.READ_AT_ONCE"):
+            monkeypatch.setattr(f"sweeps.storage.{name}", limit)
+        monkeypatch.setattr("sweeps.storage.netcdf.CHUNK_BYTES", 64)
+        monkeypatch.setattr("sweeps.storage.netcdf.MOST_CHUNK_BYTES", 128)
 
     return small_memory
 

@@ -451,7 +451,7 @@ def read():
 assert pickle.loads(pickle.dumps(NETCDF)) is NETCDF
 data = sweep(200).plan(sys.argv[1] + "/a.nc").run("sync")
 assert not data["y"].variable._in_memory
-expected, end, done = data["y"].values, time.monotonic() + 3.0, []
+expected, end, done = data["y"].values, time.monotonic() + 1.5, []
 thread = threading.Thread(target=read)
 thread.start()
 while time.monotonic() < end:

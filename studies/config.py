@@ -1,0 +1,165 @@
+"""What a run is asked for, as a TOML file: read for a run, and written so that it makes a result again."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from studies import spec
+from studies.study import Study, suggest
+from sweeps import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+# Keys of a file, with the types that their values may have and what these are called.
+KEYS: dict[str, tuple[tuple[type, ...], str]] = {
+    "study": ((str,), "a text"),
+    "axes": ((dict,), "a table"),
+    "settings": ((dict,), "a table"),
+    "record": ((list,), "a list of texts"),
+    "sample_rate": ((int, float), "a number"),
+    "scheduler": ((str,), "a text"),
+    "workers": ((int,), "a whole number"),
+}
+
+
+@dataclass(frozen=True)
+class Config:
+    """What a run is asked for.
+
+    Attributes
+    ----------
+    study : str
+        Its name or file; "" if it is not said.
+    axes, settings : mapping
+        SPEC, a number, or a list of numbers or texts; of a setting a number or SPEC.
+    record : tuple of str
+    sample_rate : float, optional
+    scheduler : str, optional
+    workers : int, optional
+    """
+
+    study: str = ""
+    axes: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    record: tuple[str, ...] = ()
+    sample_rate: float | None = None
+    scheduler: str | None = None
+    workers: int | None = None
+
+    def given(self, study: Study) -> dict[str, Any]:
+        """Values of the study's axes and settings, as `Study.sweep` takes them."""
+        for what, values, own in (("axes", self.axes, study.axes), ("settings", self.settings, study.settings)):
+            for name in values:
+                if name not in own and name in {**study.axes, **study.settings}:
+                    other = "settings" if what == "axes" else "axes"
+                    raise InputError(
+                        f"{what}.{name}: of study {study.name} it is one of the {other}; write it there"
+                    )
+                if name not in own:
+                    raise InputError(
+                        f"{what}.{name}: study {study.name} has nothing of that name there; "
+                        f"{suggest(name, list(own))}there are {', '.join(own) or 'none'}"
+                    )
+        found = {**self.axes, **self.settings}
+        for name, value in found.items():
+            of_texts = name in study.axes and study.axes[name].values.dtype.kind == "U"
+            if isinstance(value, str):
+                found[name] = [value] if of_texts else spec.parse(value, name)
+        return found
+
+    def over(self, other: Config) -> Config:
+        """The configuration, completed by another."""
+        ours = {name: value for name, value in vars(self).items() if value not in ("", (), None)}
+        ours |= {"axes": {**other.axes, **self.axes}, "settings": {**other.settings, **self.settings}}
+        if self.scheduler or self.workers:
+            ours |= {"scheduler": self.scheduler, "workers": self.workers}
+        return replace(other, **ours)
+
+
+def read(file: str | Path) -> Config:
+    """The configuration of a TOML file.
+
+    Raises
+    ------
+    InputError
+        If it is none, or has a key that it cannot have.
+    """
+    try:
+        content = tomllib.loads(Path(file).expanduser().read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise InputError(f"--config {file}: it cannot be read: {problem.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise InputError(f"--config {file}: it is not TOML: {problem}") from None
+    for key, value in content.items():
+        if key not in KEYS:
+            near = suggest(key, list(KEYS))
+            raise InputError(f"--config {file}: {key}: there is no such key; {near}the keys are {', '.join(KEYS)}")
+        kinds, called = KEYS[key]
+        if not isinstance(value, kinds) or isinstance(value, bool):
+            raise InputError(f"--config {file}: {key} = {value!r}: it must be {called}")
+    for name, value in [*content.get("axes", {}).items(), *content.get("settings", {}).items()]:
+        entries = value if isinstance(value, list) else [value]
+        if not all(isinstance(each, (int, float, str)) and not isinstance(each, bool) for each in entries):
+            raise InputError(f"--config {file}: {name} = {value!r}: it must be a number, SPEC or a list")
+    if not all(isinstance(each, str) for each in content.get("record", ())):
+        raise InputError(f"--config {file}: record = {content['record']!r}: it must be a list of texts")
+    return Config(**{**content, "record": tuple(content.get("record", ()))})
+
+
+def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sample_rate: float | None) -> Any:
+    """What makes a result again besides its axes, as JSON can hold it: it is kept in the file."""
+    settings = {name: each.value for name, each in study.settings.items()}
+    settings |= {name: np.asarray(given[name]).ravel()[0].item() for name in settings if name in given}
+    if sample_rate is not None and "sample_rate" in settings:
+        settings["sample_rate"], sample_rate = sample_rate, None
+    asked = {"settings": settings, "record": list(record), "sample_rate": sample_rate}
+    return {name: value for name, value in asked.items() if value}
+
+
+def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
+    """The configuration that makes a result again.
+
+    Raises
+    ------
+    InputError
+        If the file does not say it.
+    """
+    try:
+        configuration = json.loads(dataset.attrs["configuration"])
+        asked = configuration["request"]
+        axes = {name: dataset[name].values.tolist() for name in configuration["axes"]}
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{whose}: it does not say what it was asked for; maps and older files do not") from None
+    return Config(configuration["name"], axes, **{**asked, "record": tuple(asked.get("record", ()))})
+
+
+def toml(config: Config) -> str:
+    """A configuration as TOML, every number with all its digits."""
+    lines = [f"study = {json.dumps(config.study)}"]
+    if config.record:
+        lines.append(f"record = {json.dumps(list(config.record))}")
+    if config.sample_rate is not None:
+        lines.append(f"sample_rate = {config.sample_rate!r}")
+    for name, values in (("axes", config.axes), ("settings", config.settings)):
+        lines += ["", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in values.items())]
+    return "\n".join(lines)
+
+
+def _value(value: Any) -> str:
+    """A number, a text, or a list; a long list as a SPEC where one gives the same bits."""
+    if not isinstance(value, list):
+        return json.dumps(value)
+    if len(value) > 5 and all(isinstance(each, (int, float)) for each in value):
+        for start in ("", "log:"):
+            text = f"{start}{value[0]!r}:{value[-1]!r}:{len(value)}"
+            if (not start or value[0] > 0) and np.array_equal(spec.parse(text, "axis"), value):
+                return json.dumps(text)
+    return f"[{', '.join(map(json.dumps, value))}]"

@@ -1,0 +1,164 @@
+"""Rows in groups: how many each has, and statistics of columns over them, by pandas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.query import rows as reading
+from studies.query.columns import NUMBER, WORDS, Column
+from studies.query.evaluate import TRUTH
+from studies.query.rows import Order, Rows, Selection, ordered
+
+NUMERIC = ("mean", "std", "min", "max", "median")
+
+
+@dataclass(frozen=True, eq=False)
+class Statistic:
+    """A column of a grouped table.
+
+    Attributes
+    ----------
+    column : Column
+        As it is shown.
+    function : str
+        "count", "share" or one of NUMERIC.
+    of : Column, optional
+        Whose values are taken; none for "count".
+    code : int, optional
+        Of a word the share of whose rows it is.
+    """
+
+    column: Column
+    function: str
+    of: Column | None = None
+    code: int | None = None
+
+
+def statistics(entries: Sequence[str], find: Callable[[str], Column]) -> list[Statistic]:
+    """What the entries of `show` mean: "count", or a function and a column, like "mean:V*1000" or "share:regime".
+
+    Raises
+    ------
+    ValueError
+        If one means nothing, or a column has no such statistic.
+    """
+    return [each for entry in entries for each in _statistics(entry, find)]
+
+
+def _statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
+    if entry == "count":
+        return [Statistic(Column("count", NUMBER, whole=True), "count")]
+    function, _, text = (part.strip() for part in entry.partition(":"))
+    if function not in (*NUMERIC, "share") or not text:
+        known = ", ".join(NUMERIC)
+        raise ValueError(
+            f"show = {entry!r}: with by it must be count, or {known} or share of a column, like mean:V"
+        )
+    of, name = find(text), f"{function}:{text}"
+    if function != "share" and of.kind == NUMBER:
+        whole = of.whole and function in ("min", "max")
+        return [Statistic(Column(name, NUMBER, units=of.units, whole=whole), function, of)]
+    if function == "share" and of.kind == TRUTH:
+        return [Statistic(Column(name, NUMBER), function, of)]
+    if function == "share" and of.words is not None:
+        columns = {code: Column(f"{name}={word}", NUMBER) for code, word in of.words.items()}
+        return [Statistic(column, function, of, code) for code, column in columns.items()]
+    if function == "share":
+        why = "share is of words or of what is true, like share:regime or share:V > 1e-3"
+    elif of.kind == WORDS:
+        why = f"{text} is a word, and its codes have no {function}; use share:{text}"
+    elif of.kind == TRUTH:
+        why = f"it is true or false; use share:{text}"
+    else:
+        why = f"{text} is a text, which has no {function}"
+    raise ValueError(f"show = {entry!r}: {why}")
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Groups of the rows of a selection, one row for each; a `Selection` to whoever reads them.
+
+    Attributes
+    ----------
+    selection : Selection
+        Of all that the groups are made of.
+    keys : tuple of Column
+        Rows that agree in them are a group; what is missing makes a group too.
+    statistics : tuple of Statistic
+    order : tuple
+        Columns of the grouped table to sort by, and whether descending; without them the keys are ascending.
+    limit : int, optional
+        So many groups at most.
+    """
+
+    selection: Selection
+    keys: tuple[Column, ...]
+    statistics: tuple[Statistic, ...]
+    order: Order
+    limit: int | None
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Keys and statistics."""
+        return (*self.keys, *(each.column for each in self.statistics))
+
+    def rows(self) -> Iterator[Rows]:
+        """All groups at once, if there are any."""
+        parts: list[Rows] = []
+        count = 0
+        for part in self.selection.rows():
+            count += len(part[self.keys[0].name])
+            if count > reading.MOST_SORTED:
+                raise ValueError(
+                    f"by: more than {reading.MOST_SORTED} rows are to be grouped; choose fewer with where"
+                )
+            parts.append(part)
+        if not parts:
+            return
+        values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        table = self._grouped(values)
+        places = (
+            ordered(self.order, [table[column.name] for column, _ in self.order]) if self.order else slice(None)
+        )
+        yield {name: each[places][: self.limit] for name, each in table.items()}
+
+    def _grouped(self, values: Rows) -> Rows:
+        import pandas as pd
+
+        # Numbered, because a key and a statistic may be of one column.
+        numbered = {k: values[key.name] for k, key in enumerate(self.keys)}
+        for k, each in enumerate(self.statistics, len(self.keys)):
+            if each.of is not None:
+                own = values[each.of.name]
+                if each.code is not None:
+                    own = own == each.code
+                numbered[k] = own if each.function in ("min", "max") else own.astype(float)
+        groups = pd.DataFrame(numbered).groupby([*range(len(self.keys))], dropna=False)
+        sizes = groups.size()
+        index = sizes.index.to_frame()
+        table = {key.name: np.asarray(index[k], dtype=values[key.name].dtype) for k, key in enumerate(self.keys)}
+        for k, each in enumerate(self.statistics, len(self.keys)):
+            function = "mean" if each.function == "share" else each.function
+            table[each.column.name] = np.asarray(sizes if each.of is None else groups[k].agg(function))
+        return table
+
+
+def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:
+    """What a grouped table is sorted by.
+
+    Raises
+    ------
+    ValueError
+        For a name that it does not have.
+    """
+    known = {column.name: column for column in columns}
+    for name in names:
+        if name.removeprefix("-") not in known:
+            from studies.study import suggest
+
+            near = suggest(name.removeprefix("-"), [*known]).strip() or f"there are {', '.join(known)}"
+            raise ValueError(f"sort = {name!r}: the grouped table has no such column; {near}")
+    return tuple((known[name.removeprefix("-")], name.startswith("-")) for name in names)

@@ -1,0 +1,117 @@
+"""Where results are: folders, files, and how they are opened."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import sweeps
+from studies import registry
+from sweeps import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from studies.study import Study
+
+
+# The repository's own outcomes, in the results folder.
+FOLDER = "reference"
+
+
+def results_folder(out: str | Path | None = None) -> Path:
+    """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
+    return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
+
+
+def is_path(text: str) -> bool:
+    """Whether a STUDY or PATH names the file of a result, and not a study."""
+    return not registry.is_file(text) and (text.endswith(".nc") or os.sep in text)
+
+
+def file_of(study: str, out: str | Path | None = None) -> Path:
+    """The netCDF file of a study, by its name."""
+    return results_folder(out) / study / f"{study}.nc"
+
+
+def reference_folder(out: str | Path | None = None) -> Path:
+    """The repository's own outcomes: below the results folder, else below `results` of the current folder."""
+    own = results_folder(out) / FOLDER
+    return own if own.is_dir() else Path("results") / FOLDER
+
+
+def is_reference(file: Path) -> bool:
+    """Whether a file is one of the repository's own outcomes."""
+    return file.parent.parent.name == FOLDER
+
+
+def notice(file: Path, out: str | Path | None = None) -> str:
+    """What to say of a file that stands in for a result of one's own; "" of any other."""
+    if not is_reference(file):
+        return ""
+    return f"{results_folder(out) / file.stem} has no result; this is the reference, {file}"
+
+
+def is_there(file: Path) -> bool:
+    """Whether there is a result, finished or not."""
+    return file.exists() or file.with_suffix(".parts").exists()
+
+
+def results_file(name: str | Path, out: str | Path | None = None) -> Path:
+    """The netCDF file that a STUDY or a PATH names; a study of one's own, or a map, is found by its name too.
+
+    Where nothing of one's own is there, it is that of the reference, if there is one.
+    """
+    text, folder = os.fspath(name), results_folder(out)
+    if is_path(text):
+        return Path(text).expanduser()
+    if registry.is_file(text):
+        return file_of(registry.resolve(text).name, out)
+    if text in registry.names():
+        own, kept = file_of(text, out), reference_folder(out) / text / f"{text}.nc"
+        return kept if kept.exists() and not is_there(own) else own
+    for found in (folder / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)):
+        if is_there(found):
+            return found
+    return file_of(registry.load(text).name, out)  # raises, unless this process was given it
+
+
+def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
+    """The kept results of a study, by name, by its FILE.py, or by their own path; whole or as far as they are."""
+    text, file = os.fspath(name), results_file(name, out)
+    if is_path(text):
+        return sweeps.open_results(file)
+    try:
+        dataset = sweeps.open_results(file)
+    except FileNotFoundError:
+        raise FileNotFoundError(
+            f"{file}: there is no such file; make it with: {command('run', text, out)}"
+        ) from None
+    owner = dataset.attrs.get("sweep")
+    if owner not in (file.stem, *registry.UNLISTED):
+        raise InputError(f"{file}: it holds the results of {owner}, not of {file.stem}")
+    return dataset
+
+
+def command(verb: str, study: str, out: str | Path | None = None) -> str:
+    """A command of `fiv` as one types it, into the same results folder."""
+    return shlex.join(["fiv", verb, study, *(["--out", os.fspath(out)] if out else [])])
+
+
+def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
+    """The study that a dataset is the result of.
+
+    Raises
+    ------
+    InputError
+        If no name that is known stands for it.
+    """
+    name = str(dataset.attrs.get("sweep", ""))
+    try:
+        return registry.load(name)
+    except InputError:
+        raise InputError(
+            f"{whose}: {name!r} is a study of a file of one's own, or none; name the file: fiv plot FILE.py"
+        ) from None

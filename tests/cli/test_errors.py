@@ -1,0 +1,106 @@
+"""What is wrong input, what is a fault of our own, and who is told of it."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from studies.cli import execution
+from studies.cli.errors import is_told
+from studies.gallery import fig5
+from sweeps import InputError
+
+
+def fails(problem):
+    """A function that raises in a check of ours, or within a library."""
+
+    def check(*given, **named):
+        raise problem
+
+    def library(*given, **named):
+        return np.zeros(3) + np.zeros(4)
+
+    return check if problem else library
+
+
+def raised(function):
+    with pytest.raises(Exception) as told:  # noqa: PT011 - of any kind
+        function()
+    return told.value
+
+
+def test_a_check_tells_and_what_a_library_raises_is_a_fault():
+    assert is_told(raised(fails(InputError("x = 1: it must be 2"))))
+    assert is_told(raised(fails(ValueError("x = 1: it must be 2"))))
+    assert not is_told(raised(fails(None)))
+    assert not is_told(raised(lambda: int("x")))
+    assert not is_told(raised(lambda: np.full(2, 1.0).reshape(3)))
+    assert not is_told(raised(lambda: np.stack([])))  # raised by Python of NumPy's
+    assert not is_told(ValueError("never raised"))
+
+
+@pytest.mark.parametrize(
+    ("problem", "code", "last"),
+    [
+        (InputError("mu = 9: it must be less"), 2, "fiv: mu = 9: it must be less"),
+        (ValueError("mu = 9: it must be less"), 2, "fiv: mu = 9: it must be less"),
+        (None, 70, "fiv: internal error: ValueError; please report it with the lines above"),
+        (KeyError("mu"), 70, "fiv: internal error: KeyError; please report it with the lines above"),
+    ],
+)
+def test_a_fault_of_ours_is_not_told_as_wrong_input(here, monkeypatch, problem, code, last):
+    monkeypatch.setattr(type(fig5.STUDY), "sweep", fails(problem))
+    done = here("plan", "fig5")
+    assert done.returncode == code
+    assert done.stderr.splitlines()[-1] == last
+    assert ("Traceback" in done.stderr) == (code == 70)
+
+
+def test_a_figure_that_fails_is_a_fault_of_ours(here, monkeypatch):
+    here("run", "table4", "-q")
+    monkeypatch.setattr("studies.runner.plot", fails(None))
+    assert here("plot", "table4").returncode == 70
+
+
+def test_a_pipe_that_is_not_standard_output_is_an_error(here, monkeypatch):
+    """A cluster's socket, say."""
+    monkeypatch.setattr("studies.cli.main.is_unread", lambda: False)
+    monkeypatch.setattr(type(fig5.STUDY), "sweep", fails(BrokenPipeError(32, "Broken pipe")))
+    done = here("plan", "fig5")
+    assert done.returncode == 70
+    assert "BrokenPipeError: [Errno 32] Broken pipe" in done.stderr
+
+
+def test_who_has_read_enough_may_go():
+    """Whether what is left is much or little."""
+    for shell in ("fiv list -q | true", "fiv completion bash | head -n 1 > /dev/null"):
+        script = f'PATH="{os.path.dirname(sys.executable)}:$PATH"; set -o pipefail; {shell}'
+        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_hints_repeat_the_folder(here):
+    where = ("--out", "my results")
+    for arguments, hint in (
+        (("plot", "fig5", *where), "make it with: fiv run fig5 --out 'my results'"),
+        (("query", "fig5", *where), "make it with: fiv run fig5 --out 'my results'"),
+        (("report", *where), "begin with: fiv run table4 --out 'my results'"),
+        (("plot", "fig5"), "make it with: fiv run fig5"),
+    ):
+        done = here(*arguments)
+        assert done.returncode == 2
+        assert done.stderr.endswith(f"{hint}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["run", "fig5", "--set", "mu=0:0.5:31", "--out", "my results"], "--set mu=0:0.5:31 --out 'my results'"),
+        (["run", "fig5", "--fresh", "--workers", "2"], "--workers 2"),
+    ],
+)
+def test_what_goes_on_is_the_command_but_for_what_starts_over(monkeypatch, arguments, command):
+    monkeypatch.setattr(sys, "argv", ["/somewhere/fiv", *arguments])
+    assert execution.typed("--fresh") == f"fiv run fig5 {command}"
