@@ -17,8 +17,8 @@ from studies.stress.cases import CASES, EXPECTED, METHODS, PASSES, Case
 from studies.stress.checks import CHECKS, judged
 from studies.stress.findings import DEAR, FAILS, NOT_ASKED, OUTCOMES, findings
 from studies.stress.runs import gathered
-from studies.study import Study
-from sweeps import Axis, Grid, Sweep, Variable
+from studies.study import Study, deferred
+from sweeps import Axis, Variable
 
 TITLE = "What each method does under stress"
 PASSED = "whether what came is what was expected, and every check passed"
@@ -91,19 +91,6 @@ def described(dataset: xr.Dataset) -> xr.Dataset:
     return transients.with_flags(dataset, expected=EXPECTED)
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """The sweep over cases and methods."""
-    checks = {"check": Axis(list(CHECKS), long_name="check")}
-    return Sweep("stress", battery, Grid(dict(axes)), VARIABLES, coords=checks, title=TITLE, derive=described)
-
-
-def draw(dataset: xr.Dataset) -> Any:
-    """The figure (`studies.stress.figure`), imported where it is drawn: workers draw nothing."""
-    from studies.stress import figure
-
-    return figure.draw(dataset)
-
-
 STUDY = Study(
     name="stress",
     title=TITLE,
@@ -112,7 +99,10 @@ STUDY = Study(
     "such test is in the paper.",
     axes={"case": Axis(list(CASES), long_name="case"), "method": Axis(METHODS, long_name="method")},
     settings={},
-    build=build,
-    draw=draw,
+    function=battery,
+    variables=VARIABLES,
+    coords={"check": Axis(list(CHECKS), long_name="check")},
+    derive=described,
+    draw=deferred("studies.stress.figure:draw"),
     findings=findings,
 )

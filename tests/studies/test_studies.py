@@ -31,9 +31,9 @@ SMALLER = {
     "stability": {"theta": [-5.0, 5.0, 15.0], "mu": [0.0, 0.2, 0.4]},
     "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2], "members": 2, "least": 0.3, "load_ups": 1.0},
     "accuracy": {
-        "method": "fast",
-        "setting": ["default", "cut-off 1.05"],
-        "scene": "5 mm/s",
+        "method": [0],
+        "setting": [0, 8],
+        "scene": 2,
         "duration": 0.25,
         "variant_duration": 0.25,
         "members": 2,
