@@ -265,5 +265,10 @@ def of_all(shown: Sequence[int], count: int) -> str:
     return f" ({len(shown)} of {count})" if len(shown) < count else ""
 
 
+def text(value: Any, digits: int, scale: float = 1.0) -> str:
+    """A number for a reader; a dash where there is none."""
+    return "-" if np.isnan(value) else f"{scale * float(value):.{digits}f}"
+
+
 def _length(sample_rate: float) -> int:
     return round(WINDOW * sample_rate)
