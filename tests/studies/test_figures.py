@@ -13,31 +13,35 @@ from studies.plotting import figures
 COLUMNS = 1500
 
 
-def drawn(y, columns=COLUMNS):
+@pytest.fixture
+def drawn():
     """The axes with a series drawn in them."""
-    _, (axes,) = figures.panels(1, 1, 17.0, 8.0)
-    figures.trace(axes, np.arange(len(y)) * 1e-6, y, columns)
-    return axes
+
+    def draw(y, columns=COLUMNS):
+        _, (axes,) = figures.panels(1, 1, 17.0, 8.0)
+        figures.trace(axes, np.arange(len(y)) * 1e-6, y, columns)
+        return axes
+
+    return draw
 
 
-def outline(axes):
+@pytest.fixture
+def outline():
     """The points that stand for a long series."""
-    return np.concatenate([path.vertices for path in axes.collections[0].get_paths()])
+    return lambda axes: np.concatenate([path.vertices for path in axes.collections[0].get_paths()])
 
 
 @pytest.mark.parametrize("place", [0, 1, 2_499_999, 4_999_999])
 @pytest.mark.parametrize("peak", [1e3, -1e3])
-def test_a_spike_of_one_sample_among_five_million_is_drawn(place, peak):
+def test_a_spike_of_one_sample_among_five_million_is_drawn(place, peak, drawn, outline):
     y = np.zeros(5_000_000, dtype=np.float32)
     y[place] = peak
-    points = outline(drawn(y))
-    height = points[:, 1]
-    assert (height.max() if peak > 0 else height.min()) == peak
-    at = points[height == peak, 0]
-    assert np.abs(at - place * 1e-6).max() <= 5.0 / COLUMNS
+    across, height = outline(drawn(y)).T
+    assert height[np.abs(height).argmax()] == peak
+    assert np.abs(across[height == peak] - place * 1e-6).max() <= 5.0 / COLUMNS
 
 
-def test_no_pixel_column_has_more_than_four_points():
+def test_no_pixel_column_has_more_than_four_points(drawn, outline):
     y = np.random.default_rng(1).normal(size=1_000_000)
     across = outline(drawn(y))[:-1, 0]  # the last closes the outline
     column = np.round(across * COLUMNS)
@@ -53,14 +57,14 @@ def test_five_million_samples_take_less_than_a_second():
 
 
 @pytest.mark.parametrize("count", [1, 2, 4 * COLUMNS])
-def test_a_short_series_is_drawn_bit_for_bit(count):
+def test_a_short_series_is_drawn_bit_for_bit(count, drawn):
     y = np.random.default_rng(2).normal(size=count)
     axes = drawn(y)
     assert not axes.collections
     assert np.array_equal(axes.lines[0].get_ydata(), y)
 
 
-def test_gaps_stay_gaps_and_swallow_nothing_beside_them():
+def test_gaps_stay_gaps_and_swallow_nothing_beside_them(drawn):
     y = np.ones(100_000)
     y[30_000:40_000] = np.nan
     y[::1000] = np.nan

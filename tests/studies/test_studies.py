@@ -238,6 +238,7 @@ def test_results_go_where_the_environment_says(tmp_path, monkeypatch):
         ("fig5", {"mu": []}, r"mu = \[\]: it must be a number or a list of numbers"),
         ("fig5", {"mu": [0.1, [0.2]]}, r"mu = \[0.1, \[0.2\]\]: it must be a number or a list"),
         ("fig5", {"mu": np.zeros((2, 2))}, "mu = array"),
+        ("fig6", {"mu": 5.0}, "mu = 5.0: it must be a number from 0 to 4"),
         ("fig5", {"mu": 1e308}, r"mu = 1e\+308: it must be a number from 0 to 1e\+06"),
         ("fig5", {"d1": 1e300}, r"^d1 = 1e\+300: it must be a number from 0 to 1e\+12"),
         (5, {}, "STUDY = 5: there is no such study"),
