@@ -94,7 +94,8 @@ def _row(claim: Claim, answer: xr.DataArray) -> list[str]:
     where = ", ".join(
         _named(answer, name, claim.at.get(name, 0.0)) for name in (*claim.at, *others) if name in answer.coords
     )
-    name = str(answer.attrs["long_name"])
+    # As `fiv query` knows it, and shorter than its long name.
+    name = claim.variable
     if isinstance(claim.value, str):
         values = [answer[k] for k in range(len(answer))] if answer.ndim else [answer]
         here = ", ".join(sorted({word(value) for value in values}))

@@ -172,7 +172,7 @@ def test_what_is_said_and_drawn(small, tmp_path):
     study = registry.load("stick_time")
     said = study.report(small)
     assert "start-up, 1 to 2 mm/s" in said
-    assert re.search(rf"at 2 mm/s over that at 1 mm/s +{paper.STICK_RATIO:g} ", said)
+    assert re.search(rf"start_up_ratio +{paper.STICK_RATIO:g} ", said)
     none = small.isel(V=[0]).copy(deep=True)
     for name in ("stick_time", "start_up_count", "sustained_count", "start_up_total", "sustained_total"):
         none[name][:] = np.nan if name == "stick_time" else 0
