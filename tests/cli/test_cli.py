@@ -16,8 +16,8 @@ from tests.helpers.commands import fiv, written
 def test_run_prints_numbers_and_leaves_file_and_figure(tmp_path):
     done = fiv(tmp_path, "run", "fig5", "--set", "mu=0:0.5:51")
     assert done.returncode == 0
-    assert "0.1112    2802" in done.stdout
-    assert "0.12, near 2800 Hz" in done.stdout
+    assert "0.1112  2802" in done.stdout
+    assert "onset = 1   2800    2802" in done.stdout
     assert written(tmp_path) == ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
     assert "results/fig5/fig5.nc" in done.stderr
     assert "time to expect" in done.stderr
