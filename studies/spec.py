@@ -65,13 +65,18 @@ def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
         As `parse` does; or if there are no such values, or too many.
     """
     values = np.unique(parse(spec, name))
-    logarithmic = spec.startswith("log:")
+    logarithmic, refusal = (
+        spec.startswith("log:"),
+        f"it cannot be halved {halvings} times; choose a smaller --refine",
+    )
+    if (len(values) - 1) * 2**halvings >= MOST_VALUES:
+        raise ValueError(f"{name} = {spec!r}: {refusal}")
     for _ in range(halvings):
         # Written so that no sum or product overflows.
         low, high = values[:-1], values[1:]
         middle = _written(np.sqrt(low) * np.sqrt(high) if logarithmic else low + 0.5 * (high - low))
-        if not np.all((low < middle) & (middle < high)) or len(values) + len(middle) > MOST_VALUES:
-            raise ValueError(f"{name} = {spec!r}: it cannot be halved {halvings} times; choose a smaller --refine")
+        if not np.all((low < middle) & (middle < high)):
+            raise ValueError(refusal)
         both = np.empty(len(values) + len(middle))
         both[::2], both[1::2] = values, middle
         values = both

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from traceback import print_exception
@@ -58,11 +59,5 @@ def _code_of(problem: Exception) -> int:
 
 
 def _is_of_output(problem: OSError) -> bool:
-    """Whether it is the standard output that could not be written, and nothing else."""
-    if problem.filename is not None:
-        return False
-    try:
-        sys.stdout.flush()
-    except OSError:
-        return True
-    return False
+    """Whether the standard output could not be written: no file is named, and its device failed or is full."""
+    return problem.filename is None and problem.errno in (errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EDQUOT)

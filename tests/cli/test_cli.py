@@ -6,11 +6,10 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
-from tests.helpers.commands import fiv, written
+from tests.helpers.commands import begun, fiv, program, written
 
 
 def test_run_prints_numbers_and_leaves_file_and_figure(tmp_path):
@@ -97,29 +96,6 @@ def test_a_file_in_place_of_the_folder_is_exit_3(tmp_path):
     assert (tmp_path / "results").read_text() == "mine"
 
 
-# fig5 with a function of one's own in front of it; `again` says whether it is mended.
-PICKY = """
-import dataclasses, os, sys, time, studies.cli.progress, studies.gallery.fig5 as f
-from studies.cli.main import main
-whole = f.modes
-def picky(points, **constants):
-    if (points['mu'] == 0.25).any() and not os.path.exists('mended'):
-        raise ArithmeticError('not this one')
-    return whole(points, **constants)
-def slow(points, **constants):
-    time.sleep(0.4 * len(points['mu']))
-    return whole(points, **constants)
-f.STUDY = dataclasses.replace(f.STUDY, function={function})
-studies.cli.progress.INTERVAL = 0.5
-sys.argv = ['fiv', *{arguments}]
-main()
-"""
-
-
-def program(function: str, *arguments: str) -> tuple[str, ...]:
-    return (sys.executable, "-c", PICKY.format(function=function, arguments=list(arguments)))
-
-
 def test_failed_points_are_listed_and_exit_1(tmp_path):
     run = ("run", "fig5", "--set", "mu=0:0.5:3", "-q")
     done = fiv(tmp_path, command=program("picky", *run))
@@ -163,20 +139,6 @@ def test_other_settings_are_exit_3_and_fresh_starts_over(tmp_path):
     fresh = fiv(tmp_path, *run, "--set", "theta=8", "--fresh")
     assert fresh.returncode == 0
     assert "theta = 8 degrees" in fresh.stdout
-
-
-def begun(folder, *arguments):
-    """A slow run, once it has finished its first batches."""
-    running = subprocess.Popen(
-        program("slow", *arguments), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    until = time.monotonic() + 60.0
-    parts = folder / "results" / "fig5" / "fig5.parts"
-    while len(list(parts.glob("0*.part"))) < 4:
-        assert running.poll() is None
-        assert time.monotonic() < until
-        time.sleep(0.02)
-    return running
 
 
 def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path):

@@ -15,12 +15,10 @@ from studies.maps.quantities import AXES, QUANTITIES, RUN
 from studies.motion import ensembles, transients
 from studies.motion.jobs import run_all
 from studies.plotting import figures, planes
-from tests.cli import test_messages
-from tests.cli.test_cli import written
 from tests.helpers.boundaries import distances, refine
+from tests.helpers.commands import written
 
 # Runs `fiv` in an empty folder.
-here = test_messages.here
 
 MOTION = ("regime_certainty", *transients.SUMMARY)
 SHORT = {"members": 2, "least": 0.05, "load_ups": 1.0, "most": 0.2}

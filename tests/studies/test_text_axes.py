@@ -80,12 +80,12 @@ def test_a_study_states_its_texts():
 
 def test_rows_are_chosen_by_texts():
     data = STUDY.sweep({}).plan().run("sync")
-    rows = frame(data, "case == 'tangent, missed' and method != 'fast'", None, None, None, 3)
+    rows = frame(data, "case == 'tangent, missed' and method != 'fast'", None, None, None, None, 3)
     assert rows[["case", "method", "letters"]].values.tolist() == [["tangent, missed", "exact", 15]]
-    rows = frame(data, "letters > 7 and method == 'exact'", ["case"], ["-case"], None, 3)
+    rows = frame(data, "letters > 7 and method == 'exact'", ["case"], None, ["-case"], None, 3)
     assert rows["case"].tolist() == ["touching", "tangent, missed"]
     with pytest.warns(UserWarning, match="case has no such value; did you mean"):
-        assert frame(data, "case == 'tangents'", None, None, None, 3).empty
+        assert frame(data, "case == 'tangents'", None, None, None, None, 3).empty
 
 
 def test_the_command_that_makes_a_result_again_quotes_texts():

@@ -88,7 +88,7 @@ def test_plot_gives_a_figure_or_writes_one(tmp_path):
     with pytest.raises(ValueError, match=r"^dataset: it lacks frequency, .*; make it whole with: fiv run table4"):
         data.drop_vars("frequency").fiv.plot(tmp_path / "six.png")
     assert len(list(tmp_path.iterdir())) == 4
-    with pytest.raises(ValueError, match="'mine' is no study of fiv"):
+    with pytest.raises(ValueError, match="'mine' is a study of a file of one's own, or none; name the file"):
         data.assign_attrs(sweep="mine").fiv.plot()
 
 

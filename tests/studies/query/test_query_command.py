@@ -19,13 +19,9 @@ from studies.query import output as writing
 from studies.query.query import query, select
 from tests import HOME
 from tests.benchmarks import query as benchmark_query
-from tests.cli import test_messages
-from tests.cli.test_cli import FIV, begun
+from tests.helpers.commands import FIV, begun
 from tests.helpers.trials import pairs, points, sweep
 from tests.helpers.waves import interrupted
-
-# Runs `fiv` in an empty folder.
-here = test_messages.here
 
 
 def test_csv_reads_back_bit_for_bit(data):

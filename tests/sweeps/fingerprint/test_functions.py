@@ -325,7 +325,7 @@ def test_scripts_differ_by_what_their_names_stand_for(tmp_path, monkeypatch):
     )
     table.write_text("1 2\n")
     first = found("1")
-    assert set(json.loads(first)) == {"__main__"}
+    assert set(json.loads(first)) == {"script"}
     assert found("1.0") == first
     assert found("2") != first
     table.write_text("1 3\n")
