@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies import tables
-from sweeps import Axis, Grid, Sweep, Variable
+from sweeps import Axis, Grid, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -157,13 +157,14 @@ class Study:
     def _one_function(self, axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         """The sweep of `function` over the axes."""
         assert self.function is not None
-        fixed = dict(self.constants(settings))
+        grid, fixed = Grid(axes), dict(self.constants(settings))
+        check_size(grid)
         if self.check is not None:
             self.check(axes, fixed)
         return Sweep(
             self.name,
             self.function,
-            Grid(axes),
+            grid,
             self.variables,
             fixed,
             coords=self.coords(**fixed) if callable(self.coords) else self.coords,

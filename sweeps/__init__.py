@@ -20,6 +20,7 @@ from sweeps.grid import (
     Variable,
 )
 from sweeps.plan.plan import duration
+from sweeps.plan.planning import check_size
 from sweeps.refine.lattice import Refinement
 from sweeps.refine.refine import refined
 from sweeps.storage.netcdf import open_results
@@ -54,6 +55,7 @@ __all__ = [
     "blocks",
     "check_backend",
     "check_free",
+    "check_size",
     "duration",
     "json_equal",
     "load_script",

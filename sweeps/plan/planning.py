@@ -60,9 +60,9 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
             present = existing(place, sweep.name, own) or present
     stamp = () if place is None else place.stamp()
 
-    _check_size(sweep.grid)
+    check_size(sweep.grid)
     grid = present.grid.grown(sweep.grid)
-    _check_size(grid)
+    check_size(grid)
     attributes["configuration"] = configuration(sweep, grid)
     embedding = grid.embed(sweep.grid)
     live, requested = grid.live(), np.zeros(grid.shape, dtype=bool)
@@ -109,7 +109,7 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
     )
 
 
-def _check_size(grid: Grid) -> None:
+def check_size(grid: Grid) -> None:
     """Refuse a grid before anything is allocated for its points.
 
     Raises
