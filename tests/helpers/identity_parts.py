@@ -313,6 +313,10 @@ def maker(held):
     return inner
 
 
+def echo(points, *places, **constants):
+    return points, places, constants
+
+
 class Colour(enum.Enum):
     RED = 1
     BLUE = 2
