@@ -68,9 +68,8 @@ GROWTH = {
 
 @pytest.mark.parametrize("key", [None, product])
 @pytest.mark.parametrize("case", GROWTH)
-def test_axes_grow(tmp_path, case, key):
+def test_axes_grow(path, case, key):
     before, asked, union = GROWTH[case]
-    path = tmp_path / "waves.nc"
     old = sweep({"x": before, "y": [1.0, 4.0]}, key=key).plan(path).run()
     LOG.clear()
     found = sweep({"x": asked, "y": [1.0, 4.0]}, key=key).plan(path).run()
@@ -93,8 +92,7 @@ def test_axes_grow(tmp_path, case, key):
     assert LOG == []
 
 
-def test_two_axes_that_grow_leave_holes(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_two_axes_that_grow_leave_holes(path):
     sweep({"x": [1.0, 2.0], "y": [1.0, 2.0]}).plan(path).run()
     LOG.clear()
     found = sweep({"x": [2.0, 3.0], "y": [2.0, 3.0]}).plan(path).run()
@@ -110,11 +108,10 @@ def test_two_axes_that_grow_leave_holes(tmp_path):
     assert json.loads(whole.attrs["configuration"])["axes"] == {"x": [1.0, 2.0, 3.0], "y": [1.0, 2.0, 3.0]}
 
 
-def test_zipped_axes_grow_together(tmp_path):
+def test_zipped_axes_grow_together(path):
     def pairs(x, y):
         return sweep(Grid({"x": Axis(x), "k": Axis([1, 2]), "y": Axis(y)}, zipped=("x", "y")))
 
-    path = tmp_path / "waves.nc"
     pairs([1.0, 2.0], [5.0, 5.0]).plan(path).run()
     LOG.clear()
     found = pairs([1.0, 2.0, 2.0], [5.0, 6.0, 5.0]).plan(path).run()
@@ -130,8 +127,7 @@ def skipping(limit):
     return sweep(Grid(axes, skip=lambda points: points["x"] > limit))
 
 
-def test_what_is_skipped_may_change(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_what_is_skipped_may_change(path):
     assert skipping(1.5).plan(path).run()["status"].values.tolist() == [[1, 1], [3, 3], [3, 3]]
     LOG.clear()
     assert skipping(2.5).plan(path).run()["status"].values.tolist() == [[1, 1], [1, 1], [3, 3]]

@@ -1,0 +1,28 @@
+"""What tests of the store share."""
+
+import pytest
+
+
+@pytest.fixture
+def limits(monkeypatch):
+    """Sets from how many bytes on a variable is large, and the size of a file's chunks."""
+
+    def limits(large, chunk=64):
+        for name in ("manifest.LARGE", "netcdf.LARGE", "existing.LARGE", "netcdf.READ_AT_ONCE"):
+            monkeypatch.setattr(f"sweeps.storage.{name}", large)
+        monkeypatch.setattr("sweeps.storage.netcdf.CHUNK_BYTES", chunk)
+        monkeypatch.setattr("sweeps.storage.netcdf.MOST_CHUNK_BYTES", 2 * chunk)
+
+    return limits
+
+
+@pytest.fixture
+def flip():
+    """Changes one bit of a file."""
+
+    def flip(path, place):
+        content = bytearray(path.read_bytes())
+        content[place] ^= 4
+        path.write_bytes(content)
+
+    return flip
