@@ -18,7 +18,7 @@ from sweeps.fingerprint.code import differing, digests
 from sweeps.fingerprint.identity import differences, fingerprint
 from sweeps.fingerprint.provenance import versions, versions_differing
 from tests import HOME
-from tests.helpers.identity_parts import FILES, HARMLESS, PROGRAM, edits, run
+from tests.helpers.identity_parts import FILES, HARMLESS, PROGRAM, edits, printed, run
 
 # What makes no difference.
 
@@ -148,7 +148,7 @@ def test_a_star_brings_a_script_no_more_than_it_uses(tmp_path):
         "import json\nfrom sweeps import *\nfrom sweeps.fingerprint.code import digests\n"
         "def f(points):\n    return points\nprint(json.dumps(digests(f)))\n"
     )
-    assert set(json.loads(run(script, HOME))) == {"script"}
+    assert set(json.loads(printed(script))) == {"script"}
 
 
 def test_names_of_a_functions_own_lead_nowhere(package):
@@ -194,7 +194,7 @@ def test_the_project_itself(tmp_path):
     """Neither its place, a process, a run nor figures change its identity; an edit of what is computed does."""
     for name in ("fivcore", "sweeps", "studies"):
         shutil.copytree(HOME / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    printed = run(
+    found = run(
         """
         import ast, json, pathlib
         from studies.gallery import fig7
@@ -219,7 +219,7 @@ def test_the_project_itself(tmp_path):
         tmp_path,
         PYTHONHASHSEED="2",
     )
-    file, both, before, *changed = json.loads(printed)
+    file, both, before, *changed = json.loads(found)
     assert Path(file).is_relative_to(tmp_path)
     kernel, figure = "fivcore.transient.fast_kernel", "studies.gallery.fig7"
     assert {"fivcore.transient.fast", kernel, "studies.motion.transients", figure} <= set(before)
