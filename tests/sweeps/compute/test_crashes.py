@@ -81,7 +81,7 @@ def killed_at(number, path, when):
         try:
             for owner, name in STEPS:
                 setattr(owner, name, step(getattr(owner, name)))
-            make(points=5).plan(path).run("sync")
+            make(points=3).plan(path).run("sync")
         finally:
             os._exit(0)
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
@@ -93,8 +93,8 @@ def test_killed_at_each_step_on_the_disk(tmp_path, when):
     path = tmp_path / "store" / "powers.nc"
     while number := number + 1:
         killed = killed_at(number, path, when)
-        make(points=5).plan(path).run("sync")
-        check(path, 5)
+        make(points=3).plan(path).run("sync")
+        check(path, 3)
         shutil.rmtree(path.parent)
         if not killed:
             break
