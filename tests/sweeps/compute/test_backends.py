@@ -73,23 +73,19 @@ def test_functions_without_a_name_and_blas_on_one_thread(address, scheduler):
     assert np.all(data["n"] == 1)
 
 
-def test_a_worker_that_is_killed_costs_nothing():
-    before, killed = children(), []
+def test_of_workers_that_die_only_the_point_at_which_they_do_fails():
+    begin, before, parent, seen, killed = time.monotonic(), children(), os.getpid(), [], []
 
     def kill(snapshot):
-        if snapshot.done >= 16 and not killed:
-            killed.append((children() - before).pop())
+        seen.append(snapshot)
+        workers = children() - before if snapshot.done >= 16 and not killed else ()
+        if workers:
+            killed.append(workers.pop())
             os.kill(int(killed[0]), signal.SIGKILL)
 
-    data = make(points=40, pause=0.02).plan().run("processes", 2, kill)
-    assert killed
-    xr.testing.assert_identical(values(data), undisturbed(40))
-
-
-def test_a_point_at_which_workers_die_fails_alone():
-    begin, parent, seen = time.monotonic(), os.getpid(), []
-    data = make(points=40, pause=0.1, parent=parent, deadly=5.0).plan().run("processes", 2, seen.append)
+    data = make(points=40, pause=0.1, parent=parent, deadly=5.0).plan().run("processes", 2, kill)
     assert time.monotonic() - begin < 40.0
+    assert killed
     xr.testing.assert_identical(values(data).drop_sel(x=5.0), undisturbed(40).drop_sel(x=5.0))
     lost = data.sel(x=5.0)
     assert int(lost["status"]) == 2

@@ -19,6 +19,7 @@ from sweeps.storage.parts import PartFolder
 from sweeps.storage.store import Store
 from tests.helpers.sweep_programs import check, end, finished_points, make, start, wait_for
 
+FORKED = multiprocessing.get_context("fork")
 KEPT = r"could not be written: .*; (what was finished is kept, and the same run goes on|all points are kept)"
 
 
@@ -113,41 +114,29 @@ def test_places_that_cannot_be_written_to(tmp_path):
         plan.run()
 
 
-def as_anybody(action):
-    """What `action` returns, in a process for which permissions count: for root they do not."""
-    if os.geteuid() != 0:
-        return action()
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
+def test_a_folder_without_permission():
+    told = FORKED.SimpleQueue()
+
+    def refused():
+        if os.geteuid() == 0:  # for whom permissions do not count
             os.setgroups([])
             os.setgid(65534)
             os.setuid(65534)
-            os.write(writing, action().encode())
-            os._exit(0)
-        finally:
-            os._exit(1)
-    os.close(writing)
-    with open(reading) as told:
-        answer = told.read()
-    assert os.waitpid(child, 0)[1] == 0
-    return answer
-
-
-def test_a_folder_without_permission():
-    def refused():
         try:
             make(points=3).plan(folder / "a.nc").run("sync")
+            told.put("written")
         except StoreError as problem:
-            return str(problem)
-        return "written"
+            told.put(str(problem))
 
     # Not below pytest's own folder, which is closed to others.
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o555)
-        assert as_anybody(refused) == f"{folder} cannot be written to; choose another folder"
+        process = FORKED.Process(target=refused)
+        process.start()
+        process.join()
+        assert process.exitcode == 0
+        assert told.get() == f"{folder} cannot be written to; choose another folder"
         assert list(folder.iterdir()) == []
         folder.chmod(0o700)
 
@@ -252,16 +241,16 @@ def race(path, barrier, ended):
 
 
 def test_of_two_that_race_one_wins(tmp_path):
-    forked = multiprocessing.get_context("fork")
     for number in range(10):
-        path, ended = tmp_path / str(number) / "powers.nc", forked.SimpleQueue()
-        racers = [forked.Process(target=race, args=(path, barrier, ended)) for barrier in [forked.Barrier(2)] * 2]
+        path, told = tmp_path / str(number) / "powers.nc", (FORKED.Barrier(2), FORKED.SimpleQueue())
+        racers = [FORKED.Process(target=race, args=(path, *told)) for _ in range(2)]
         for racer in racers:
             racer.start()
-        # Who comes when the other has finished hears that its plan is old.
-        assert sorted(ended.get() for _ in racers) in (["LockedError", "won"], ["StoreError", "won"])
         for racer in racers:
             racer.join()
+            assert racer.exitcode == 0
+        # Who comes when the other has finished hears that its plan is old.
+        assert sorted(told[1].get() for _ in racers) in (["LockedError", "won"], ["StoreError", "won"])
         check(path, 6)
 
 

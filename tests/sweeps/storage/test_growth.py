@@ -40,10 +40,7 @@ def test_bits_do_not_depend_on_how_a_sweep_runs(data):
             part = grid | {"x": data.draw(st.permutations(grid["x"].tolist()))[:count]}
             sweep(part, order_by=together, key=key).plan(store).run(*run)
         found = sweep(grid, order_by=together, key=key).plan(store).run(*run)
-    points = {
-        name: mesh.ravel() for name, mesh in zip(grid, np.meshgrid(*grid.values(), indexing="ij"), strict=True)
-    }
-    for name, values in wave(points).items():
+    for name, values in wave(sweep(grid).grid.points()).items():
         expected = values.astype(VARIABLES[name].dtype).reshape(found[name].shape)
         assert found[name].values.tobytes() == expected.astype(found[name].dtype).tobytes()
     assert np.all(found["status"] == 1)
