@@ -48,6 +48,13 @@ def fresh(tmp_path_factory):
     zipped = Grid({"x": Axis([1.0, 2.0]), "y": Axis(["left", "right"])}, zipped=("x", "y"))
     bare = Sweep("bare", lambda points: {"z": points["x"]}, zipped, {"z": Variable()}, title="Bare")
     bare.plan(folder / "bare.nc").run("sync")
+    # Texts as an axis, one of which fails.
+    cases = Grid({"case": Axis(["fine", "µ = 0"], long_name="case"), "size": Axis([1.0, 2.0], "m")})
+
+    def picky(points):
+        return {"z": points["size"], "error": [ValueError(c) if c == "µ = 0" else None for c in points["case"]]}
+
+    Sweep("texts", picky, cases, {"z": Variable("m")}, title="Texts").plan(folder / "texts.nc").run("sync")
     plane = maps.plane_of("V=2e-3,5e-3", "mu=0.1,0.2")
     maps.sweep_of(plane, "regime", {"members": 1.0, "most": 0.03}).plan(folder / "regime.nc").run("sync")
     given = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
@@ -83,7 +90,7 @@ def test_results_pass_the_checker(suite, path):
     assert findings(suite, path) == []
 
 
-@pytest.mark.parametrize("name", ["failures", "refined", "whole", "bare", "regime", "recorded"])
+@pytest.mark.parametrize("name", ["failures", "refined", "whole", "bare", "texts", "regime", "recorded"])
 def test_what_is_written_now_passes_the_checker(suite, fresh, name):
     assert findings(suite, fresh / f"{name}.nc") == []
 

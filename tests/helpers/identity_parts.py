@@ -6,12 +6,14 @@ import enum
 import importlib
 import io
 import os
+import re
 import runpy
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
 
+# Of every marked line: what `compute` of `main.py` runs, or it stands in another module, which counts as a whole.
 FILES = {
     "__init__.py": "",
     "main.py": '''
@@ -21,7 +23,7 @@ FILES = {
 
         from typing import TYPE_CHECKING
 
-        import numpy as np
+        import numpy as np  # edit: numpy as -> numpy.lib as
 
         from ident import api, tools
         from ident.api import helper
@@ -33,60 +35,60 @@ FILES = {
         if TYPE_CHECKING:
             from ident.figures import Figure
 
-        SCALE = 2.0
+        SCALE = 2.0  # edit: 2.0 -> 2.5
         LIMITS: dict[str, float] = {"low": 0.0}
-        LIMITS["high"] = 9.0
+        LIMITS["high"] = 9.0  # edit: high -> low
 
 
-        @doubled
-        def compute(points, factor=DEFAULT):
+        @doubled  # edit: @doubled -> # without
+        def compute(points, factor=DEFAULT):  # edit: =DEFAULT -> =ORDER
             """What it gives."""
             from ident.late import arrive
 
             model = Model(points["x"])  # a remark
             total = SCALE * helper(model.value) + tools.shift(1.0) + ident.deep.inner.depth() + arrive()
-            return {"y": np.sin(total) * factor * ORDER + LIMITS["low"]}
+            return {"y": np.sin(total) * factor * ORDER + LIMITS["low"]}  # edit: np.sin -> np.cos
 
 
         def draw(figure: Figure, color="blue"):
             return tools.paint(figure, color)
         ''',
-    "api.py": "from ident.core import helper as helper, other\n",
-    "core.py": "def helper(x):\n    return x + 1\n\n\ndef other(x):\n    return x\n",
+    "api.py": "from ident.core import helper as helper, other  # edit: helper as -> other as\n",
+    "core.py": "def helper(x):\n    return x + 1  # edit: 1 -> 2\ndef other(x):\n    return +x  # edit: + -> -\n",
     "tools.py": """
-        STEP = 1
+        STEP = 1  # edit: 1 -> 2 | 1 -> 1; print()
 
         def shift(x):
-            return x + STEP
+            return x + STEP  # edit: + -> -
 
         def paint(figure, color):
-            return color
+            return color  # edit: color -> color, figure
         """,
-    "decorators.py": "def doubled(f):\n    return lambda *a, **k: f(*a, **k)\n",
+    "decorators.py": "def doubled(f):\n    return lambda *a, **k: f(*a, **k)  # edit: : f -> : 2 * f\n",
     "models.py": """
         from dataclasses import dataclass
 
         class Base:
-            unit = 1.0
+            unit = 1.0  # edit: 1.0 -> 2.0
 
         @dataclass
         class Model(Base):
-            value: float
-            weight: float = 3.0
+            value: float  # edit: float -> int
+            weight: float = 3.0  # edit: 3.0 -> 4.0
         """,
     "settings.py": """
         import sys
 
-        DEFAULT = 1.5
+        DEFAULT = 1.5  # edit: 1.5 -> 1.6
         if sys.platform == "nowhere":
             ORDER = 1
         else:
-            ORDER = 2
-        UNUSED = 7
+            ORDER = 2  # edit: 2 -> 3
+        UNUSED = 7  # edit: 7 -> 8
         """,
     "deep/__init__.py": "",
-    "deep/inner.py": "def depth():\n    return 4\n\n\ndef unused():\n    return 5\n",
-    "late.py": "def arrive():\n    return 6\n",
+    "deep/inner.py": "def depth():\n    return 4  # edit: 4 -> 44\ndef unused():\n    return 5  # edit: 5 -> 55\n",
+    "late.py": "def arrive():\n    return 6  # edit: 6 -> 66\n",
     "figures.py": "class Figure:\n    size = 8\n",
 }
 
@@ -251,11 +253,11 @@ def edits(program=PROGRAM):
     """Every edit marked in the program: file, line, the line as edited."""
     for name, text in program.items():
         for line in text.splitlines():
-            before, marked, edit = line.partition("  # edit: ")
-            if marked:
+            before, _, marked = line.strip().partition("  # edit: ")
+            for edit in marked.split(" | ") if marked else ():
                 old, _, new = edit.partition(" -> ")
                 assert before.count(old) == 1, line
-                yield name, line, before.replace(old, new)
+                yield name, before, before.replace(old, new)
 
 
 class Package:
@@ -269,7 +271,7 @@ class Package:
     def write(self, name, text):
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(textwrap.dedent(text))
+        path.write_text(re.sub("  # edit: .*", "", textwrap.dedent(text)))
 
     def edit(self, name, old, new):
         text = (self.folder / name).read_text()
@@ -309,6 +311,10 @@ def maker(held):
         return held
 
     return inner
+
+
+def echo(points, *places, **constants):
+    return points, places, constants
 
 
 class Colour(enum.Enum):

@@ -79,8 +79,8 @@ def powers(points, log, pause, long, parent, deadly):
 
 
 def rows(points):
-    """A megabyte for each point."""
-    return {"row": points["x"][:, None] + np.arange(MEGABYTE / 8)}
+    """A megabyte for each point, which the file shrinks fast and a part does not."""
+    return {"row": points["x"][:, None] + np.arange(MEGABYTE // 8) % 2}
 
 
 def make(function=powers, points=60, log="", pause=0.0, long=0.0, parent=0, deadly=-1.0):

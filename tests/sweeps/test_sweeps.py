@@ -50,13 +50,12 @@ def test_skipped_points_are_not_computed():
     np.testing.assert_array_equal(data["status"], [1, 1, 3])
 
 
-def test_whole_numbers_and_their_gaps_survive_the_file(tmp_path):
+def test_whole_numbers_and_their_gaps_survive_the_file(path):
     def double(points):
         if np.any(points["x"] == 1.0):
             raise ValueError("no")
         return {"y": np.where(points["x"] < 1.0, -1, 2.0 * points["x"]).astype(int)}
 
-    path = tmp_path / "whole.nc"
     data = one(double, variable=Variable("1", "number", dtype="int16")).plan(path).run()
     np.testing.assert_array_equal(data["y"], [-1.0, np.nan, 4.0])
     xr.testing.assert_equal(open_results(path), data)
@@ -95,15 +94,14 @@ def test_timing_survives_a_function_that_fails():
     assert np.all(plan.run()["status"] == 2)
 
 
-def test_files_that_are_none_of_this_sweeps_are_refused_and_stay(tmp_path):
-    path = tmp_path / "others.nc"
+def test_files_that_are_none_of_this_sweeps_are_refused_and_stay(path, tmp_path):
     one(lambda p: {"y": p["x"]}, name="others").plan(path).run()
     before = path.read_bytes()
     (tmp_path / "text.nc").write_text("no netCDF")
     xr.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "plain.nc")
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
     for name, said in {
-        "others.nc": "holds the results of others; the results of waves need another folder",
+        "sweep.nc": "holds the results of others; the results of waves need another folder",
         "text.nc": "is damaged or not netCDF",
         "plain.nc": "was not made by a sweep",
         "link/waves.nc": "is a link to nothing",

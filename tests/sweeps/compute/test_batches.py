@@ -63,13 +63,6 @@ def test_rounding_at_the_edges(kind):
     assert bits % (1 << (about.nmant - 10)) == 0
 
 
-def test_the_file_says_how_many_digits_it_keeps(tmp_path):
-    path = tmp_path / "batches.nc"
-    found = sweep(lambda p: {"y": np.pi * p["x"]}, variables={"y": Variable("m", digits=4)}).plan(path).run()
-    assert found["y"].attrs["comment"] == "kept to 4 significant digits"
-    np.testing.assert_array_equal(found["y"], rounded(np.pi * np.arange(8.0), 4))
-
-
 def test_a_function_may_use_its_arrays_again():
     """What was returned belongs to the table, whatever the function does with it later."""
     scratch = np.zeros(64)
@@ -96,26 +89,22 @@ def inner(x):
     return x
 
 
-def test_a_failure_is_kept_with_its_place_and_a_way_to_see_it_again(tmp_path):
-    path = tmp_path / "batches.nc"
+def test_a_failure_is_kept_with_its_place_and_a_way_to_see_it_again(path):
     found = sweep(lambda points: {"y": inner(points["x"])}).plan(path).run()
     with xr.open_dataset(path) as data:
         assert data["status"].values.tolist() == [1] * 6 + [2] * 2
-        text = data["error"].values[7]
-        assert text == "ArithmeticError: beyond five:\nλ too high \\0 \\udc80 here"
+        text = "ArithmeticError: beyond five:\nλ too high \\0 \\udc80 here"
         assert data["error"].values[:6].tolist() == [""] * 6
+        assert data["error"].values[7] == text
         assert data["traceback"].dims == ("failure",)
         assert data["failure_x"].values.tolist() == [6.0, 7.0]
         assert data["failure_x"].attrs["units"] == "m"
-        last = data["traceback"].values[0].splitlines()
-        assert last[-1] == "λ too high \\0 \\udc80 here"
-        assert "in inner" in data["traceback"].values[0]
-        assert "batch.py" not in data["traceback"].values[0]
-        assert (
-            data["reproduce"]
-            .values[1]
-            .startswith("from numpy import array; function({'x': array([7.0])})  # function: ")
-        )
+        trace = data["traceback"].values[0]
+        assert trace.splitlines()[-1] == text.splitlines()[-1]
+        assert "in inner" in trace
+        assert "batch.py" not in trace
+        line = "from numpy import array; function({'x': array([7.0])})  # function: "
+        assert data["reproduce"].values[1].startswith(line)
         xr.testing.assert_equal(data.load(), found)
 
 
@@ -123,14 +112,13 @@ def explain(points):
     raise ValueError(f"{'long ' * 400}{points['x'][0]:g}")
 
 
-def test_long_reasons_are_cut_and_whole_in_the_traceback(tmp_path):
-    found = sweep(explain, 2).plan(tmp_path / "batches.nc").run()
+def test_long_reasons_are_cut_and_whole_in_the_traceback(path):
+    found = sweep(explain, 2).plan(path).run()
     assert len(found["error"].values[1]) == MOST_LETTERS
     assert found["error"].values[1].endswith("...")
     assert found["traceback"].values[1].endswith("long 1")
-    line = found["reproduce"].values[1]
     with pytest.raises(ValueError, match=r"long 1$"):
-        exec(line, {})
+        exec(found["reproduce"].values[1], {})
 
 
 class OddError(Exception):
@@ -147,14 +135,13 @@ class OddError(Exception):
         (MemoryError("all of it"), "MemoryError: all of it"),
     ],
 )
-def test_any_exception_is_a_reason(tmp_path, problem, said):
+def test_any_exception_is_a_reason(path, problem, said):
     def fail(points):
         raise RAISED[-1]
 
     RAISED.append(problem)
-    for place in (None, tmp_path / "batches.nc"):
-        found = sweep(fail, 2).plan(place).run()
-        assert found["error"].values.tolist() == [said] * 2
+    for store in (None, path):
+        assert sweep(fail, 2).plan(store).run()["error"].values.tolist() == [said] * 2
 
 
 def test_a_batch_that_fails_is_halved_until_only_what_fails_is_left():
@@ -251,11 +238,10 @@ def test_nothing_said_of_errors_and_time_is_as_if_they_were_left_out():
     assert found["wall_time"].sum() < time.perf_counter() - begin
 
 
-def test_of_many_failures_the_first_thousand_are_told_in_full(tmp_path):
+def test_of_many_failures_the_first_thousand_are_told_in_full(path):
     def fail(points):
         return {"y": points["x"], "error": [ValueError(f"{x:g}") for x in points["x"]]}
 
-    path = tmp_path / "batches.nc"
     found = sweep(fail, 3500).plan(path).run()
     assert np.all(found["status"] == 2)
     assert found["error"].values[-1] == "ValueError: 3499"
@@ -268,74 +254,55 @@ def test_of_many_failures_the_first_thousand_are_told_in_full(tmp_path):
 
 def test_the_file_reads_as_cf_and_without_us(tmp_path):
     path = tmp_path / "deep" / "batches.nc"
-    axes = {
-        "x": Axis([1.0, 2.0], "m", "length"),
-        "kind": Axis(["a", "µm", ""]),
-        "n": Axis([3, 4]),
-        "w": Axis([5.0, 6.0], "s"),
-    }
+    axes = {"x": Axis([1.0, 2.0], "m", "length"), "kind": Axis(["a", "µm", ""])}
+    axes |= {"n": Axis([3, 4]), "w": Axis([5.0, 6.0], "s")}
 
     def compute(points, factor):
         if points["kind"][0] == "":
             raise ValueError("no kind")
-        return {"y": points["x"], "count": points["n"], "part": points["x"][:, None] * [1.0, 2.0]}
+        return {"y": np.pi * points["x"], "count": points["n"], "part": points["x"][:, None] * [1.0, 2.0]}
 
-    variables = {
-        "y": Variable("m", "length"),
-        "count": Variable(dtype="int32"),
-        "part": Variable("m", dims=("side",), dtype="float32"),
-    }
-    coords = {"side": Axis(["left", "right"])}
-    grid = Grid(axes, zipped=("n", "w"))
-    asked = sweep(
-        compute, grid=grid, variables=variables, coords=coords, constants={"factor": 2.0}, title="A title"
-    )
-    found = asked.plan(path).run()
+    variables = {"y": Variable("m", "length", digits=4), "count": Variable(dtype="int32")}
+    variables |= {"part": Variable("m", dims=("side",), dtype="float32")}
+    coords, constants = {"side": Axis(["left", "right"])}, {"factor": 2.0}
+    options = {"variables": variables, "coords": coords, "constants": constants, "title": "A title"}
+    found = sweep(compute, grid=Grid(axes, zipped=("n", "w")), **options).plan(path).run()
     xr.testing.assert_equal(open_results(path), found)
     assert [p.name for p in path.parent.iterdir()] == ["batches.nc"]
     with xr.open_dataset(path) as data:
         xr.testing.assert_equal(data.load(), found)
         assert data["x"].attrs == {"units": "m", "long_name": "length"}
-        assert json.loads(data.attrs["configuration"]) == {
-            "name": "batches",
-            "axes": {name: axis.values.tolist() for name, axis in axes.items()},
-            "constants": {"factor": 2.0},
-        }
-        assert data["kind"].values.tolist() == ["a", "µm", ""]
-        assert data["side"].values.tolist() == ["left", "right"]
+        assert data["y"].attrs["comment"] == "kept to 4 significant digits"
+        np.testing.assert_array_equal(data["y"][:, 0, 0], rounded(np.pi * np.array([1.0, 2.0]), 4))
+        values = {name: axis.values.tolist() for name, axis in axes.items()}
+        told = {"name": "batches", "axes": values, "constants": constants}
+        assert json.loads(data.attrs["configuration"]) == told
+        assert (data["kind"].values.tolist(), data["side"].values.tolist()) == (["a", "µm", ""], ["left", "right"])
         assert set(data.coords) == {"x", "kind", "n", "w", "side"}
     with netCDF4.Dataset(path) as file:
-        assert file.data_model == "NETCDF4"
-        assert file.Conventions == "CF-1.11"
-        assert file.title == "A title"
+        assert (file.data_model, file.Conventions, file.title) == ("NETCDF4", "CF-1.11", "A title")
         assert file.source.startswith("fiv ")
         assert isinstance(file.history, str)
-        for name in ("x", "kind", "n", "w", "side"):
-            assert "_FillValue" not in file[name].ncattrs()
+        assert not any("_FillValue" in file[name].ncattrs() for name in ("x", "kind", "n", "w", "side", "status"))
         assert file["status"].flag_values.tolist() == [0, 1, 2, 3]
         assert file["status"].flag_values.dtype == file["status"].dtype == np.int8
         assert file["status"].flag_meanings == "pending done failed skipped"
-        assert "_FillValue" not in file["status"].ncattrs()
-        assert file["y"].units == "m"
-        assert file["y"].coordinates == "w"
+        assert (file["y"].units, file["y"].coordinates, file["wall_time"].units) == ("m", "w", "s")
         assert np.isnan(file["y"]._FillValue)
         assert file["count"]._FillValue == np.iinfo("int32").min
-        assert file["wall_time"].units == "s"
         assert file["kind"][...].tolist() == ["a", "µm", ""]
-        assert file["error"][0, 2, 1] == "ValueError: no kind"
-        assert file["error"][0, 0, 0] == ""
+        assert (file["error"][0, 2, 1], file["error"][0, 0, 0]) == ("ValueError: no kind", "")
         assert not hasattr(file["kind"], "units")
         assert file["y"][0, 2, 0] is np.ma.masked
         # A file with texts of any length cannot be opened twice at once.
         assert all(variable.dtype is not str for variable in file.variables.values())
 
 
-def test_nothing_is_pickled(tmp_path, monkeypatch):
+def test_nothing_is_pickled(path, monkeypatch):
     def refuse(*arguments, **options):
         raise AssertionError("pickled")
 
     for name in ("dump", "dumps", "load", "loads", "Pickler", "Unpickler"):
         monkeypatch.setattr(pickle, name, refuse)
-    path = tmp_path / "batches.nc"
     sweep(lambda p: {"y": p["x"]}).plan(path).run("sync")
     assert np.all(sweep(lambda p: {"y": p["x"]}, 9).plan(path, fresh=True).run("sync")["status"] == 1)

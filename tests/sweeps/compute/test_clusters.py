@@ -69,49 +69,49 @@ def test_what_all_batches_share_travels_once(inner, monkeypatch):
     assert len(sizes) == 40
     assert max(sizes) < 500
 
+    # What is sent for a batch does not grow with the grid.
+    monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 48.0 * 5)
+    sizes.clear()
+    make(points=100).plan().run(inner)
+    small, count = max(sizes), len(sizes)
+    sizes.clear()
+
+    def enough(snapshot):
+        if len(sizes) >= count:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        make(points=1_000_000).plan().run(inner, None, enough)
+    assert len(sizes) >= count
+    assert max(sizes) <= small + 64
+
 
 def test_workers_that_see_the_store_write_their_parts(tmp_path, inner, monkeypatch):
-    writers, put = [], PartFolder.put
+    writers, refusing, put = [], [], PartFolder.put
 
     def written(self, name, content):
-        writers.append(threading.current_thread() is threading.main_thread())
+        main = threading.current_thread() is threading.main_thread()
+        if refusing and not main:
+            raise PermissionError(13, "Permission denied")
+        writers.append(main)
         put(self, name, content)
+
+    def run():
+        writers.clear()
+        data = naps(40).plan(tmp_path / "naps.nc", fresh=True).run(inner)
+        np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
+        return writers
 
     monkeypatch.setattr(PartFolder, "put", written)
-    data = naps(40).plan(tmp_path / "naps.nc").run(inner)
-    np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
-    assert writers == [False] * 40
+    assert run() == [False] * 40
+    # Workers that cannot write hand over what they have.
+    refusing.append(True)
+    assert run() == [True] * 40
     # Without the file that tells them that they see it, everything travels.
+    refusing.clear()
     monkeypatch.setattr(cluster.Path, "write_text", lambda self, text: 0)
-    writers.clear()
-    data = naps(40).plan(tmp_path / "naps.nc", fresh=True).run(inner)
-    np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
-    assert writers == [True] * 40
+    assert run() == [True] * 40
     assert os.listdir(tmp_path) == ["naps.nc"]
-
-
-def test_a_worker_that_cannot_write_hands_over_what_it_has(tmp_path, inner, monkeypatch):
-    put = PartFolder.put
-
-    def refused(self, name, content):
-        if threading.current_thread() is not threading.main_thread():
-            raise PermissionError(13, "Permission denied")
-        put(self, name, content)
-
-    monkeypatch.setattr(PartFolder, "put", refused)
-    data = naps(40).plan(tmp_path / "naps.nc").run(inner)
-    np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
-
-
-def test_a_batch_at_which_workers_die_does_not_stop_the_others():
-    told = []
-    parent = os.getpid()
-    data = make(points=40, pause=0.2, parent=parent, deadly=5.0).plan().run("processes", 2, told.append)
-    assert int(data["status"].sel(x=5.0)) == 2
-    assert np.count_nonzero(data["status"] == 2) == 2
-    # Others were done while the point was tried alone.
-    alone = [snapshot.done for snapshot in told if "x = 5" in snapshot.now]
-    assert max(alone) - min(alone) > 4
 
 
 def test_a_limit_of_threads_lasts_until_the_last_has_done():

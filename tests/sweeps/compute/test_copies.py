@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.plan import batches
+from tests.helpers.waves import interrupted
 
 # What was computed, and which computations fail; not part of a sweep's identity, as arguments would be.
 LOG: list[tuple] = []
@@ -21,6 +22,11 @@ def _in_small_pieces(monkeypatch):
     LOG.clear()
     BROKEN["keys"] = set()
     monkeypatch.setattr(batches, "BATCH_BYTES", 400.0)
+
+
+@pytest.fixture(params=[True, False], ids=["scaled", "plain"])
+def scaled(request):
+    return request.param
 
 
 def key(points):
@@ -102,96 +108,29 @@ def same(found, asked):
         assert found[name].values.tobytes() == values.astype(found[name].dtype).tobytes(), name
 
 
-@pytest.mark.parametrize("scaled", [True, False])
-@pytest.mark.parametrize("stored", [True, False])
-def test_a_geometric_grid_collapses_to_its_diagonals(tmp_path, scaled, stored):
-    asked = sweep(scaled=scaled)
-    planned = asked.plan(tmp_path / "o.nc" if stored else None)
-    distinct = (6 + 5 - 1) * 2 * 2
-    assert (planned.points, planned.distinct, planned.todo) == (120, distinct, distinct)
-    found = planned.run()
-    assert len(LOG) == len(set(LOG)) == distinct
-    same(found, asked)
-    # A copy costs nothing.
-    assert float(found["wall_time"].sum()) == distinct
-    assert np.count_nonzero(found["wall_time"]) == distinct
-
-
-@pytest.mark.parametrize("scaled", [True, False])
-def test_grown_grids_compute_new_diagonals_only(tmp_path, scaled):
-    path = tmp_path / "o.nc"
-    total = 0
-    for options in (
-        {},
-        {"F": (8, 6)},
-        {"F": (7, 7), "V": (0, 7)},
-        {"F": (7, 2), "mu": (0.5, 0.3)},
-        {"V": (6, 1), "F": (12, 1), "mu": (0.3,)},
-    ):
-        asked = sweep(**options, scaled=scaled)
+def test_a_geometric_grid_collapses_to_its_diagonals(path, scaled):
+    asked, distinct = sweep(scaled=scaled), (6 + 5 - 1) * 2 * 2
+    for store in (None, path):
         LOG.clear()
-        planned = asked.plan(path)
-        assert planned.cached + planned.todo == planned.distinct
+        planned = asked.plan(store)
+        assert (planned.points, planned.distinct, planned.todo) == (120, distinct, distinct)
         found = planned.run()
-        assert len(LOG) == planned.todo
-        total += planned.todo
+        assert len(LOG) == len(set(LOG)) == distinct
         same(found, asked)
-        whole = open_results(path)
-        assert np.nansum(whole["wall_time"]) == np.count_nonzero(whole["wall_time"] > 0.0) == total
-    known = set(zip(*np.where(whole["status"].values == 1), strict=True))
-    assert len(known) < whole["status"].size  # holes
-    # The order in which points are asked for decides which one is computed, and nothing else.
-    LOG.clear()
-    turned = sweep(V=(0, 6), F=(8, 5), theta=(1.0, 0.0), mu=(0.5, 0.1), scaled=scaled)
-    planned = turned.plan(path)
-    assert planned.todo == 0
-    same(planned.run(), turned)
-    assert LOG == []
-    assert np.nansum(open_results(path)["wall_time"]) == total
-
-
-@pytest.mark.parametrize("scaled", [True, False])
-def test_an_old_copy_may_become_what_is_computed(tmp_path, scaled):
-    """New points that equal old ones come first: all the same, nothing is computed and no time counts twice."""
-    path = tmp_path / "o.nc"
-    sweep(V=(1, 1), F=(8, 1), scaled=scaled).plan(path).run()
-    LOG.clear()
-    asked = sweep(V=(0, 1), F=(7, 1), scaled=scaled)
-    planned = asked.plan(path)
-    assert (planned.todo, planned.cached) == (0, 4)
-    same(planned.run(), asked)
-    assert LOG == []
-    whole = open_results(path)
-    assert whole["status"].values[:, 0, 0].tolist() == [[1, 0], [0, 1]]
-    assert np.nansum(whole["wall_time"]) == 4.0
-    filled = sweep(V=(0, 2), F=(7, 2), scaled=scaled)
-    same(filled.plan(path).run(), filled)
-    assert len(LOG) == 2 * 4
-    assert float(open_results(path)["wall_time"].sum()) == 12.0
-
-
-@pytest.mark.parametrize("scaled", [True, False])
-def test_copies_do_not_make_what_is_to_come_look_cheap(tmp_path, scaled):
-    sweep(scaled=scaled).plan(tmp_path / "o.nc").run()
-    planned = sweep(V=(0, 9), scaled=scaled).plan(tmp_path / "o.nc")
-    # Each computation has told that it took a second.
+        # A copy costs nothing.
+        assert float(found["wall_time"].sum()) == distinct
+        assert np.count_nonzero(found["wall_time"]) == distinct
+    # Nor does it make what is to come look cheap: each computation has told that it took a second.
+    planned = sweep(V=(0, 9), scaled=scaled).plan(path)
     assert planned.todo == 3 * 4
     assert planned.seconds == pytest.approx(planned.todo)
 
 
-@pytest.mark.parametrize("scaled", [True, False])
-def test_an_interrupted_run_goes_on(tmp_path, scaled):
-    path = tmp_path / "o.nc"
+def test_an_interrupted_run_goes_on(path, scaled):
     asked = sweep(scaled=scaled)
     sweep(V=(0, 3), scaled=scaled).plan(path).run()
-
-    def stop(snapshot):
-        if snapshot.done >= 6:
-            raise KeyboardInterrupt
-
     LOG.clear()
-    with pytest.raises(KeyboardInterrupt):
-        asked.plan(path).run("sync", progress=stop)
+    interrupted(asked.plan(path), 6)
     partly = open_results(path)
     done = (partly["status"] == 1).values
     assert 60 < np.count_nonzero(done) < 120
@@ -203,9 +142,7 @@ def test_an_interrupted_run_goes_on(tmp_path, scaled):
     assert float(found["wall_time"].sum()) == 40.0
 
 
-@pytest.mark.parametrize("scaled", [True, False])
-def test_a_failure_is_one_however_many_points_it_has(tmp_path, scaled):
-    path = tmp_path / "o.nc"
+def test_a_failure_is_one_however_many_points_it_has(path, scaled):
     rows = [tuple(row) for row in key(sweep().grid.points()).tolist()]
     broken = max(set(rows), key=rows.count)
     BROKEN["keys"] = {broken}
@@ -237,24 +174,33 @@ def test_a_failure_is_one_however_many_points_it_has(tmp_path, scaled):
     assert "traceback" not in open_results(path)
 
 
-@given(
-    st.lists(st.tuples(st.integers(-2, 3), st.integers(1, 5), st.integers(5, 9), st.integers(1, 4)), max_size=3),
-    st.booleans(),
-    st.sampled_from([(), "F", ("theta", "V")]),
-    st.booleans(),
-)
+GROWING = st.tuples(st.integers(-2, 3), st.integers(1, 5), st.integers(5, 9), st.integers(1, 4), st.just((0.5,)))
+DIAGONALS = [(0, 6, 8, 5), (0, 6, 8, 6), (0, 7, 7, 7), (0, 6, 7, 2, (0.5, 0.3)), (6, 1, 12, 1, (0.3,))]
+
+
+@given(st.lists(GROWING, max_size=3), st.booleans(), st.sampled_from([(), "F", ("theta", "V")]), st.booleans())
+@example(DIAGONALS, True, (), False)
+@example(DIAGONALS, False, (), False)
+# New points that equal old ones come first: an old copy may become what is computed.
+@example([(1, 1, 8, 1), (0, 1, 7, 1), (0, 2, 7, 2)], True, (), False)
+@example([(1, 1, 8, 1), (0, 1, 7, 1), (0, 2, 7, 2)], False, (), False)
 @settings(max_examples=15, deadline=None)
-def test_bits_do_not_depend_on_what_was_there_before(tmp_path_factory, before, scaled, together, skipping):
+def test_new_diagonals_only_are_computed_and_bits_do_not_depend_on_what_was_there(
+    tmp_path_factory, before, scaled, together, skipping
+):
     path = tmp_path_factory.mktemp("copies") / "o.nc"
     options = {"scaled": scaled, "order_by": together}
     LOG.clear()
-    for v, nv, f, nf in before:
-        sweep(V=(v, nv), F=(f, nf), mu=(0.5,), **options).plan(path).run()
-    assert len(LOG) == len(set(LOG))
-    asked = sweep(**options)
+    for v, nv, f, nf, *mu in before:
+        asked, done = sweep(V=(v, nv), F=(f, nf), **options, **({"mu": mu[0]} if mu else {})), len(LOG)
+        planned = asked.plan(path)
+        assert planned.cached + planned.todo == planned.distinct
+        same(planned.run(), asked)
+        assert len(LOG) - done == planned.todo
+    # The order in which points are asked for decides which one is computed, and nothing else.
+    asked = sweep(**options, theta=(1.0, 0.0), mu=(0.5, 0.1))
     if skipping:
         asked = sweep(**options, grid=Grid(asked.grid.axes, skip=lambda p: p["theta"] + p["mu"] > 1.2))
-    LOG.clear()
     found = asked.plan(path).run()
     assert len(LOG) == len(set(LOG))
     done = (found["status"] == 1).values
@@ -263,24 +209,21 @@ def test_bits_do_not_depend_on_what_was_there_before(tmp_path_factory, before, s
         np.testing.assert_array_equal(found[name].values[done], values[done])
     whole = open_results(path)
     assert np.nansum(whole["wall_time"]) == np.count_nonzero(whole["wall_time"] > 0.0)
+    assert skipping or np.nansum(whole["wall_time"]) == len(LOG)
 
 
-def test_a_factor_that_the_key_does_not_know(tmp_path):
-    """Without a key every point is computed, and multiplied all the same."""
-    asked = sweep(key=None)
-    same(asked.plan(tmp_path / "o.nc").run(), asked)
-    assert len(LOG) == 120
-
-
-def test_everything_skipped_and_nothing_to_scale(tmp_path):
-    path = tmp_path / "o.nc"
+def test_without_a_key_or_with_all_skipped(tmp_path):
+    """Without a key every point is computed, and multiplied all the same; where all is skipped, none is."""
     grid = sweep().grid
     nothing = sweep(grid=Grid(grid.axes, skip=lambda points: points["F"] > 0.0))
-    for store in (None, path):
+    for store in (None, tmp_path / "o.nc"):
         found = nothing.plan(store).run()
         assert np.all(found["status"] == 3)
         assert np.all(np.isnan(found["force"]))
     assert LOG == []
-    found = sweep().plan(path).run()
+    found = sweep().plan(tmp_path / "o.nc").run()
     same(found, sweep())
-    xr.testing.assert_identical(open_results(path), found)
+    xr.testing.assert_identical(open_results(tmp_path / "o.nc"), found)
+    LOG.clear()
+    same(sweep(key=None).plan(tmp_path / "all.nc").run(), sweep(key=None))
+    assert len(LOG) == 120

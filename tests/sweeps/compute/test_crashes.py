@@ -15,11 +15,20 @@ from sweeps.storage.store import Store
 from tests.helpers.sweep_programs import check, end, finished_points, make, start, wait_for
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
+SCHEDULERS = ["sync", "threads", "processes"]
 
 
-def kill_often(folder, scheduler, kills, longest, seed):
-    """Kill a run again and again at random moments, and see that nothing finished is computed again."""
-    path, log, moments = folder / "store" / "powers.nc", folder / "log", np.random.default_rng(seed)
+@pytest.mark.parametrize(
+    ("scheduler", "kills", "longest", "seed"),
+    [
+        ("threads", 10, 0.5, 1),
+        pytest.param("threads", 40, 0.5, 3, marks=pytest.mark.slow),
+        pytest.param("processes", 20, 3.0, 2, marks=pytest.mark.slow),
+    ],
+)
+def test_killed_at_random_moments_a_run_goes_on(tmp_path, scheduler, kills, longest, seed):
+    """Nothing that was finished is computed again."""
+    path, log, moments = tmp_path / "store" / "powers.nc", tmp_path / "log", np.random.default_rng(seed)
     store, done, whole, again = Store(path), 0, 0, {}
     # Where the machine has other things to do, more of them until they are spread over the run.
     while done < kills or (len(again) <= kills // 4 and done < 3 * kills):
@@ -44,20 +53,6 @@ def kill_often(folder, scheduler, kills, longest, seed):
     end(process)
     check(path)
     assert len(again) > kills // 4  # the moments were spread over the run
-
-
-def test_killed_at_any_moment_a_run_goes_on(tmp_path):
-    kill_often(tmp_path, "threads", 10, 0.5, 1)
-
-
-@pytest.mark.slow
-def test_killed_at_many_moments_a_run_goes_on(tmp_path):
-    kill_often(tmp_path, "threads", 40, 0.5, 3)
-
-
-@pytest.mark.slow
-def test_killed_with_its_workers_a_run_goes_on(tmp_path):
-    kill_often(tmp_path, "processes", 20, 3.0, 2)
 
 
 STEPS = [(os, "replace"), (os, "fsync"), (Path, "unlink"), (Path, "mkdir"), (shutil, "rmtree")]
@@ -86,7 +81,7 @@ def killed_at(number, path, when):
         try:
             for owner, name in STEPS:
                 setattr(owner, name, step(getattr(owner, name)))
-            make(points=5).plan(path).run("sync")
+            make(points=3).plan(path).run("sync")
         finally:
             os._exit(0)
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
@@ -98,8 +93,8 @@ def test_killed_at_each_step_on_the_disk(tmp_path, when):
     path = tmp_path / "store" / "powers.nc"
     while number := number + 1:
         killed = killed_at(number, path, when)
-        make(points=5).plan(path).run("sync")
-        check(path, 5)
+        make(points=3).plan(path).run("sync")
+        check(path, 3)
         shutil.rmtree(path.parent)
         if not killed:
             break
@@ -109,12 +104,7 @@ def test_killed_at_each_step_on_the_disk(tmp_path, when):
 # A terminal's Ctrl-C goes to the whole group; only where there are other processes does it make a difference.
 @pytest.mark.parametrize(
     ("scheduler", "group"),
-    [
-        ("sync", True),
-        ("threads", True),
-        ("processes", True),
-        pytest.param("processes", False, marks=pytest.mark.slow),
-    ],
+    [*((each, True) for each in SCHEDULERS), pytest.param("processes", False, marks=pytest.mark.slow)],
 )
 def test_the_first_interrupt_lets_batches_finish(tmp_path, scheduler, group):
     path, log = tmp_path / "powers.nc", tmp_path / "log"
@@ -138,9 +128,8 @@ def test_the_first_interrupt_lets_batches_finish(tmp_path, scheduler, group):
     check(path, 30)
 
 
-@pytest.mark.parametrize("scheduler", ["sync", "threads", "processes"])
-def test_the_second_interrupt_ends_at_once(tmp_path, scheduler):
-    path = tmp_path / "powers.nc"
+@pytest.mark.parametrize("scheduler", SCHEDULERS)
+def test_the_second_interrupt_ends_at_once(path, scheduler):
     process = start(store=path, points=8, long=30.0, scheduler=scheduler)
     wait_for(process, "progress 4")
     time.sleep(0.5)

@@ -20,31 +20,11 @@ def same_everywhere():
     pass
 
 
-VALUES = [
-    *(None, True, 1, 1.0, -0.0, 0.0, math.nan, 1j, "1", b"1", range(3), Colour.RED, Colour.BLUE),
-    *(
-        np.float64(1.0),
-        np.float32(1.0),
-        np.arange(3),
-        np.arange(3.0),
-        np.arange(3)[:, None],
-        np.array(["a", None]),
-    ),
-    *([1, 2], (1, 2), {1, 2}, {"a": 1}, {"a": 2}, Inner(), Inner(2.0), Outer(), Outer(Inner(2.0))),
-    *(
-        math.sin,
-        math.cos,
-        np.sin,
-        np.cos,
-        np.mean,
-        math,
-        np,
-        Inner,
-        Outer,
-        same_everywhere,
-        maker(1),
-    ),
-]
+VALUES = [None, True, 1, 1.0, -0.0, 0.0, math.nan, 1j, "1", b"1", range(3), Colour.RED, Colour.BLUE]
+VALUES += [np.float64(1.0), np.float32(1.0), np.arange(3), np.arange(3.0), np.arange(3)[:, None]]
+VALUES += [np.array(["a", None]), [1, 2], (1, 2), {1, 2}, {"a": 1}, {"a": 2}, Inner(), Inner(2.0), Outer()]
+VALUES += [Outer(Inner(2.0)), math.sin, math.cos, np.sin, np.cos, np.mean, math, np, Inner, Outer]
+VALUES += [same_everywhere, maker(1)]
 
 
 def test_a_closure_counts_with_its_values():
@@ -64,15 +44,6 @@ def test_what_cannot_be_compared_is_refused(value):
         digests(functools.partial(maker, held=value))
     with pytest.raises(ValueError, match=r"has the default held = .*, which cannot"):
         digests(lambda points, held=value: held)
-
-
-def test_a_closure_leads_to_its_function(package):
-    files = package({"__init__.py": "", "main.py": "def f(p):\n    return 1\n"})
-    f = files.load("main").f
-    before = digests(maker(f))
-    assert "ident.main" in before
-    files.edit("main.py", "return 1", "return 2")
-    assert "ident.main" in differing(before, digests(maker(f)))
 
 
 def test_a_function_that_calls_itself_within_another():
@@ -103,7 +74,7 @@ def test_a_partial_is_its_function_with_what_is_given():
     assert of(a=1) == digests(functools.partial(functools.partial(same_everywhere), a=1))
 
 
-def test_wrapped_functions_lead_to_both(package):
+def test_wrapped_and_closed_over_functions_lead_to_both(package):
     text = """
         import functools
         from ident.core import helper
@@ -116,13 +87,14 @@ def test_wrapped_functions_lead_to_both(package):
         """
     files = package(FILES | {"wrap.py": text})
     helper = files.load("core").helper
-    function, cached = files.load("wrap").wrapped(helper), functools.lru_cache(helper)
-    before = digests(function), digests(cached), digests(helper)
-    assert set(before[0]) == {"ident.core", "ident.wrap"}
-    assert before[1] == before[2]
+    function, cached, closed = files.load("wrap").wrapped(helper), functools.lru_cache(helper), maker(helper)
+    before, inside = digests(function), digests(closed)
+    assert set(before) == {"ident.core", "ident.wrap"}
+    assert digests(cached) == digests(helper)
     files.edit("core.py", "x + 1", "x + 2")
     files.edit("wrap.py", "3 * f(p)", "4 * f(p)")
-    assert differing(before[0], digests(function)) == ["ident.core", "ident.wrap"]
+    assert differing(before, digests(function)) == ["ident.core", "ident.wrap"]
+    assert differing(inside, digests(closed)) == ["ident.core"]
 
 
 def test_compiled_functions_are_their_python_with_the_compilers_options(package):
@@ -178,21 +150,15 @@ def test_numbers_and_arrays_of_modules_count(package, module, name, value, count
     assert differing(before, digests(f)) == [f"ident.{module}"] * counts
 
 
-def test_what_running_changes_does_not_count(package):
+def test_what_running_changes_does_not_count(package, monkeypatch):
     files = package(NAMED)
     files.edit("main.py", "settings.SAID", "settings.keep(points)")
     f = files.load("main").f
-    before = digests(f)
+    before, logged = digests(f), digests(waves.wave)
     f(1.0)
-    assert digests(f) == before
+    monkeypatch.setattr(waves, "LOG", [*waves.LOG, (1.0,)])
+    assert (digests(f), digests(waves.wave)) == (before, logged)
     assert files.load("settings").LAST == 1
-
-
-def test_the_log_of_a_sweep_is_not_its_identity():
-    before = digests(waves.wave)
-    waves.LOG.append((1.0,))
-    assert digests(waves.wave) == before
-    waves.LOG.pop()
 
 
 # Functions without a source, and other processes.
@@ -258,78 +224,43 @@ def test_every_process_finds_the_same(package):
     assert second == digests(files.load("main").compute)
 
 
-def test_a_script_is_read_from_its_file(tmp_path):
-    text = """
-        import json
+def test_a_script_counts_with_what_its_functions_use(tmp_path, monkeypatch):
+    """Text, what is changed in place, and what names stand for: also of an environment and a file."""
+    text = textwrap.dedent("""
+        import json, os, time
+        import numpy as np
         from sweeps.fingerprint.code import digests
-        FACTOR = 2
-        def f(points):
-            return FACTOR
-        g = lambda points: 1
-        if __name__ == "__main__":
-            print(json.dumps(digests(f, g)))
-        """
-    found = []
-    for old, new in (("", ""), ("return FACTOR", "return FACTOR  # twice"), ("FACTOR = 2", "FACTOR = 3")):
-        script = tmp_path / "script.py"
-        script.write_text(textwrap.dedent(text).replace(old, new))
-        found.append(run(script, HOME))
-    assert set(json.loads(found[0])) == {"script"}
-    assert found[0] == found[1] != found[2]
-
-
-def test_what_a_script_changes_in_place_counts_where_it_is_used(tmp_path):
-    text = """
-        import json
-        from sweeps.fingerprint.code import digests
-        TABLE = {}
+        start = time.time()
+        K = float(os.environ["K"])
+        T = np.loadtxt("coef.txt")
+        FACTOR, TABLE = 2, {}
         OTHER = {}
         TABLE["a"] = 1
         TABLE.update(b=2)
         OTHER["a"] = 3
-        def f(points):
-            return TABLE
-        print(json.dumps(digests(f)))
-        """
-    found = {}
-    for edit in ("", "= 1 -> = 5", "b=2 -> b=5", "= 3 -> = 5"):
+        def f(p):
+            start = p["x"]
+            return {"y": start * K + T, "z": FACTOR, "t": TABLE}
+        g = lambda points: 1
+        if __name__ == "__main__":
+            print(json.dumps(digests(f, g)))
+        """)
+    script, table = tmp_path / "script.py", tmp_path / "coef.txt"
+    monkeypatch.chdir(tmp_path)
+
+    def found(edit="", factor="1", coefficients="1 2\n"):
         old, _, new = edit.partition(" -> ")
-        script = tmp_path / "script.py"
-        script.write_text(textwrap.dedent(text).replace(old, new) if old else textwrap.dedent(text))
-        found[edit] = run(script, HOME)
-    assert set(json.loads(found[""])) == {"script"}
-    assert found[""] == found["= 3 -> = 5"]
-    assert len({*found.values()}) == 3
-
-
-def test_scripts_differ_by_what_their_names_stand_for(tmp_path, monkeypatch):
-    def found(factor):
+        assert not edit or text.count(old) == 1
+        script.write_text(text.replace(old, new) if edit else text)
+        table.write_text(coefficients)
         monkeypatch.setenv("K", factor)
         return printed(script)
 
-    monkeypatch.chdir(tmp_path)
-    script, table = tmp_path / "script.py", tmp_path / "coef.txt"
-    script.write_text(
-        textwrap.dedent("""
-            import json, os, time
-            import numpy as np
-            from sweeps.fingerprint.code import digests
-            start = time.time()
-            K = float(os.environ["K"])
-            T = np.loadtxt("coef.txt")
-            def f(p):
-                start = p["x"]
-                return {"y": start * K + T}
-            print(json.dumps(digests(f)))
-            """)
-    )
-    table.write_text("1 2\n")
-    first = found("1")
+    first = found()
     assert set(json.loads(first)) == {"script"}
-    assert found("1.0") == first
-    assert found("2") != first
-    table.write_text("1 3\n")
-    assert found("1") != first
+    assert {found('FACTOR, "t" -> FACTOR,  "t"'), found("= 3 -> = 5"), found(factor="1.0")} == {first}
+    others = [found(edit) for edit in ("= 2, -> = 3,", "= 1\n -> = 5\n", "b=2 -> b=5", ": 1\n -> : 2\n")]
+    assert len({first, *others, found(factor="2"), found(coefficients="1 3\n")}) == 7
 
 
 def test_an_installed_project_is_known_by_its_distribution(tmp_path):

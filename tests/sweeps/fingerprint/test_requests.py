@@ -10,45 +10,31 @@ from sweeps import Axis, Grid, StoreError, Sweep, Variable
 WHOLE = table4.tune_head_mass
 
 
-@pytest.mark.parametrize(
-    "perturbed",
-    [
-        lambda mass: np.nextafter(mass, 9.0),
-        lambda mass: mass * (1.0 + 1e-13),
-        # Past an edge of any rounding to twelve digits.
-        lambda mass: mass * (1.0 + 5e-12),
-        lambda mass: mass * (1.0 - 5e-12),
-    ],
-)
-def test_another_processor_takes_up_what_one_has_computed(tmp_path, monkeypatch, perturbed):
-    """A tuned head mass has another last digit there."""
+def test_another_processor_takes_up_what_one_has_computed(tmp_path, monkeypatch):
+    """A tuned head mass has another last digit there; another head mass is another computation."""
     runner.run("table4", {}, tmp_path)
-    monkeypatch.setattr(table4, "tune_head_mass", lambda *given: float(perturbed(WHOLE(*given))))
-    assert runner.plan("table4", {}, tmp_path).todo == 0
-    assert runner.plan("table4", {"mode": [1, 9]}, tmp_path).todo == 1
 
+    def perturbed(change):
+        monkeypatch.setattr(table4, "tune_head_mass", lambda *given: float(change(WHOLE(*given))))
 
-def test_another_head_mass_is_another_computation(tmp_path, monkeypatch):
-    runner.run("table4", {}, tmp_path)
-    monkeypatch.setattr(table4, "tune_head_mass", lambda *given: WHOLE(*given) * (1.0 + 1e-8))
+    # The last two are past an edge of any rounding to twelve digits.
+    for factor in (None, 1.0 + 1e-13, 1.0 + 5e-12, 1.0 - 5e-12):
+        perturbed(lambda mass, factor=factor: mass * factor if factor else np.nextafter(mass, 9.0))
+        assert runner.plan("table4", {}, tmp_path).todo == 0
+        assert runner.plan("table4", {"mode": [1, 9]}, tmp_path).todo == 1
+    perturbed(lambda mass: mass * (1.0 + 1e-8))
     with pytest.raises(StoreError, match=r"holds something else: rig\.head_mass = "):
         runner.plan("table4", {}, tmp_path)
-
-
-def test_what_is_asked_for_is_compared_exactly(tmp_path):
-    runner.run("table4", {}, tmp_path)
-    with pytest.raises(
-        StoreError, match=r"holds something else: .*contact_position = 0\.085 there, 0\.08500000000"
-    ):
+    # What is asked for is compared exactly.
+    monkeypatch.setattr(table4, "tune_head_mass", WHOLE)
+    said = r"holds something else: .*contact_position = 0\.085 there, 0\.08500000000"
+    with pytest.raises(StoreError, match=said):
         runner.plan("table4", {"contact_position": 0.085 * (1.0 + 1e-12)}, tmp_path)
 
 
 def sweep(constant, request):
-    axes = {"x": Axis([1.0, 2.0])}
-    variables = {"y": Variable()}
-    return Sweep(
-        "named", lambda points, a: {"y": points["x"]}, Grid(axes), variables, {"a": constant}, request=request
-    )
+    grid, variables = Grid({"x": Axis([1.0, 2.0])}), {"y": Variable()}
+    return Sweep("named", lambda points, a: {"y": points["x"]}, grid, variables, {"a": constant}, request=request)
 
 
 @pytest.mark.parametrize(

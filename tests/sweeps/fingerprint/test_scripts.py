@@ -8,7 +8,7 @@ import pytest
 from sweeps import InputError, load_script
 from sweeps.fingerprint.code import digests
 from tests import HOME
-from tests.helpers.identity_parts import run
+from tests.helpers.identity_parts import printed, run
 
 SCRIPT = """
 import dataclasses
@@ -52,9 +52,9 @@ def test_a_script_is_the_module_of_its_file(script, capsys):
     assert load_script(file) is module
     # Of what it does besides, as a script's, nothing counts that the functions do not use.
     file.write_text(SCRIPT + "print('more')\n")
-    assert run(file, HOME).startswith(json.dumps(started))
+    assert printed(file).startswith(json.dumps(started))
     file.write_text(SCRIPT.replace("= 2", "= 3"))
-    assert json.loads(run(file, HOME)) != started
+    assert json.loads(printed(file)) != started
 
 
 def test_an_import_of_a_script_that_does_nothing_besides_is_the_script(script):

@@ -42,10 +42,7 @@ def scaled(scale):
         (lambda: sweep().plan().run(workers=0), "workers = 0"),
         (lambda: sweep().plan().run(workers=True), "workers = True"),
         (lambda: sweep().plan().run(workers="two"), "workers = 'two'"),
-        (
-            lambda: sweep(key=lambda points: [1, 2]).plan(),
-            r"shape \(2,\) and type int64 for 6 points",
-        ),
+        (lambda: sweep(key=lambda points: [1, 2]).plan(), r"shape \(2,\) and type int64 for 6 points"),
         (lambda: sweep(grid=Grid({"x": X, "y": Y}, skip=lambda p: [True])).plan(), "skip returned the shape"),
         (lambda: sweep(order_by="z"), "order_by names 'z': it must be one of x, y"),
         (lambda: sweep(order_by=("x", 3)), "order_by names 3"),

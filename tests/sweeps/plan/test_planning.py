@@ -44,8 +44,7 @@ def test_planning_calls_nobody(tmp_path):
     assert sum(CALLS) == 100
 
 
-def test_earlier_runs_tell_the_time(tmp_path):
-    path = tmp_path / "p.nc"
+def test_earlier_runs_tell_the_time(path):
 
     def slow(points):
         return {"y": points["x"], "wall_time": np.full(len(points["x"]), 0.5)}
@@ -67,11 +66,7 @@ def test_plans_take_no_time(tmp_path, size, seconds):
 
 @pytest.mark.parametrize(
     ("changes", "most"),
-    [
-        ({}, 20.0),
-        ({"order_by": ("z",)}, 20.0),
-        ({"key": lambda points: points["x"] * 0.0 + points["z"]}, 80.0),
-    ],
+    [({}, 20.0), ({"order_by": ("z",)}, 20.0), ({"key": lambda points: points["x"] * 0.0 + points["z"]}, 80.0)],
 )
 def test_a_plan_is_flags_and_no_more(changes, most):
     size = 4_000_000
@@ -88,10 +83,7 @@ def test_a_plan_is_flags_and_no_more(changes, most):
     assert peak / size < most
 
 
-@given(
-    st.lists(st.integers(1, 7), min_size=1, max_size=3),
-    st.data(),
-)
+@given(st.lists(st.integers(1, 7), min_size=1, max_size=3), st.data())
 @settings(max_examples=60, deadline=None)
 def test_a_queue_gives_every_point_once_and_in_order(shape, data):
     names = "abc"[: len(shape)]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import xarray as xr
-from compliance_checker.runner import CheckSuite
 
 from sweeps import Axis, Grid, Refinement, Sweep, Variable, open_results, refined, status
 
@@ -33,10 +32,8 @@ def calls():
     return CALLS
 
 
-@pytest.mark.parametrize("run", [("sync", None), ("threads", 2), ("processes", 1)])
-def test_a_file_has_the_texts_and_is_read_by_them(tmp_path, run):
-    path = tmp_path / "letters.nc"
-    found = sweep().plan(path).run(*run)
+def test_a_file_has_the_texts_and_is_read_by_them(path):
+    found = sweep().plan(path).run("processes", 1)
     with xr.open_dataset(path) as plain:
         xr.testing.assert_equal(plain.load(), found)
         xr.testing.assert_equal(open_results(path), found)
@@ -55,38 +52,6 @@ def test_a_failure_tells_the_line_that_raises_it_again():
     assert found["failure_method"].values.tolist() == ["exact"] * 3
     with pytest.raises(ValueError, match="refused by 'exact'"):
         exec(str(found["reproduce"].values[0]))
-
-
-def test_what_is_there_is_kept_as_texts_are_added(tmp_path, calls):
-    """Also texts longer than any that the file has, in any order, and what failed."""
-    path = tmp_path / "letters.nc"
-    sweep(CASES[2:], ["paper"]).plan(path).run("sync")
-    sweep(CASES[:3], ["paper", "exact"]).plan(path).run("sync")
-    calls.clear()
-    assert sweep(CASES[2:], ["paper"]).plan(path).todo == 0
-    found = sweep(CASES[::-1]).plan(path).run("sync")
-    done = {(case, "paper") for case in CASES} | {(case, "exact") for case in CASES[:3]}
-    assert set(calls).isdisjoint(done)
-    assert found["case"].values.tolist() == CASES[::-1]
-    xr.testing.assert_equal(found["weight"], sweep(CASES[::-1]).plan().run("sync")["weight"])
-
-
-def test_an_interrupted_run_goes_on(tmp_path):
-    path = tmp_path / "letters.nc"
-
-    def stop(snapshot):
-        if snapshot.done >= 4:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        sweep().plan(path).run("sync", progress=stop)
-    unfinished = open_results(path)
-    assert unfinished["case"].values.tolist() == CASES
-    done = int((unfinished["status"] > 0).sum())
-    assert 4 <= done < 36
-    assert sweep().plan(path).todo == 36 - done
-    found = sweep().plan(path).run("sync")
-    xr.testing.assert_equal(found["weight"], sweep().plan().run("sync")["weight"])
 
 
 @pytest.mark.parametrize("columns", [["case"], ["case", "size"]])
@@ -113,16 +78,3 @@ def test_one_text_twice_and_what_is_no_text_are_refused():
         sweep(methods=["fast", "exact", "fast"])
     with pytest.raises(ValueError, match="they must be numbers or texts"):
         Axis([None, "fast"])
-
-
-def test_the_compliance_checker_finds_nothing(tmp_path):
-    sweep().plan(tmp_path / "letters.nc").run("sync")
-    CheckSuite.load_all_available_checkers()
-    suite = CheckSuite()
-    dataset = suite.load_dataset(str(tmp_path / "letters.nc"))
-    ((groups, problems),) = suite.run_all(dataset, ["cf:1.11"], []).values()
-    dataset.close()
-    assert not problems
-    assert len(groups) > 20
-    counted = [group for group in groups if isinstance(group.value, tuple)]
-    assert [group.msgs for group in counted if group.value[0] < group.value[1]] == []

@@ -1,11 +1,10 @@
 """Disks that are full, damaged or closed to us, and runs that want the same place."""
 
 import json
+import multiprocessing
 import os
 import re
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -20,6 +19,7 @@ from sweeps.storage.parts import PartFolder
 from sweeps.storage.store import Store
 from tests.helpers.sweep_programs import check, end, finished_points, make, start, wait_for
 
+FORKED = multiprocessing.get_context("fork")
 KEPT = r"could not be written: .*; (what was finished is kept, and the same run goes on|all points are kept)"
 
 
@@ -27,9 +27,8 @@ pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
 @pytest.fixture
-def half(tmp_path, monkeypatch):
+def half(path, monkeypatch):
     """A store of twenty points that was interrupted in the middle."""
-    path = tmp_path / "powers.nc"
     with monkeypatch.context() as patch:
         patch.setattr(PartFolder, "put", stops_after(4))
         with pytest.raises(StoreError, match=KEPT):
@@ -53,8 +52,7 @@ def stops_after(count, problem=OSError(28, "No space left on device")):  # noqa:
 
 @pytest.mark.parametrize("scheduler", ["sync", "threads"])
 @pytest.mark.parametrize("problem", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")])
-def test_a_disk_full_of_shards(tmp_path, monkeypatch, scheduler, problem):
-    path = tmp_path / "powers.nc"
+def test_a_disk_full_of_shards(path, monkeypatch, scheduler, problem):
     with monkeypatch.context() as patch:
         patch.setattr(PartFolder, "put", stops_after(3, problem))
         with pytest.raises(StoreError, match=KEPT) as caught:
@@ -69,8 +67,7 @@ def test_a_disk_full_of_shards(tmp_path, monkeypatch, scheduler, problem):
 
 
 @pytest.mark.parametrize("problem", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")])
-def test_a_disk_full_at_the_end(tmp_path, monkeypatch, problem):
-    path = tmp_path / "powers.nc"
+def test_a_disk_full_at_the_end(path, tmp_path, monkeypatch, problem):
     make(points=10).plan(path).run()
     before = path.read_bytes()
 
@@ -83,7 +80,7 @@ def test_a_disk_full_at_the_end(tmp_path, monkeypatch, problem):
         with pytest.raises(StoreError, match=KEPT):
             make(points=20).plan(path).run()
     assert path.read_bytes() == before
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["powers.nc", "powers.parts"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sweep.nc", "sweep.parts"]
     plan = make(points=20).plan(path)
     assert plan.todo == 0
     plan.run()
@@ -91,8 +88,7 @@ def test_a_disk_full_at_the_end(tmp_path, monkeypatch, problem):
 
 
 @pytest.mark.parametrize("size", [100, 12_000, 18_000])
-def test_files_that_may_not_grow(tmp_path, size):
-    path = tmp_path / "powers.nc"
+def test_files_that_may_not_grow(path, size):
     process = start(store=path, points=20, file_size=size)
     told = wait_for(process, "StoreError")
     assert process.wait(10) == 3
@@ -111,57 +107,42 @@ def test_places_that_cannot_be_written_to(tmp_path):
     for place in (tmp_path / "file" / "a.nc", Path("/proc/sweeps/a.nc"), Path("/proc/a.nc")):
         with pytest.raises(StoreError, match="choose another folder"):
             make(points=3).plan(place).run()
-
-
-def as_anybody(action):
-    """What `action` returns, in a process for which permissions count: for root they do not."""
-    if os.geteuid() != 0:
-        return action()
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            os.setgroups([])
-            os.setgid(65534)
-            os.setuid(65534)
-            os.write(writing, action().encode())
-            os._exit(0)
-        finally:
-            os._exit(1)
-    os.close(writing)
-    with open(reading) as told:
-        answer = told.read()
-    assert os.waitpid(child, 0)[1] == 0
-    return answer
+    # Closed after planning.
+    plan = make(points=3).plan(tmp_path / "deep" / "a.nc")
+    (tmp_path / "deep").write_text("")
+    with pytest.raises(StoreError, match=r"cannot be written: .*; choose another folder"):
+        plan.run()
 
 
 def test_a_folder_without_permission():
+    told = FORKED.SimpleQueue()
+
     def refused():
+        if os.geteuid() == 0:  # for whom permissions do not count
+            os.setgroups([])
+            os.setgid(65534)
+            os.setuid(65534)
         try:
             make(points=3).plan(folder / "a.nc").run("sync")
+            told.put("written")
         except StoreError as problem:
-            return str(problem)
-        return "written"
+            told.put(str(problem))
 
     # Not below pytest's own folder, which is closed to others.
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o555)
-        assert as_anybody(refused) == f"{folder} cannot be written to; choose another folder"
+        process = FORKED.Process(target=refused)
+        process.start()
+        process.join()
+        assert process.exitcode == 0
+        assert told.get() == f"{folder} cannot be written to; choose another folder"
         assert list(folder.iterdir()) == []
         folder.chmod(0o700)
 
 
-def test_a_folder_that_is_closed_after_planning(tmp_path):
-    folder = tmp_path / "deep"
-    plan = make(points=3).plan(folder / "a.nc")
-    folder.write_text("")
-    with pytest.raises(StoreError, match=r"cannot be written: .*; choose another folder"):
-        plan.run()
-
-
 def flip(path):
-    """Change one bit."""
+    """Change a bit in the middle."""
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 4
     path.write_bytes(content)
@@ -172,28 +153,22 @@ DAMAGES = {
     "flipped": flip,
     "empty": lambda path: path.write_bytes(b""),
     "another": lambda path: path.write_bytes(b"no netCDF at all"),
+    "gone": lambda path: path.unlink(),
 }
 
 
 @pytest.mark.parametrize("how", DAMAGES)
-def test_a_damaged_shard_is_computed_again(half, how):
+def test_a_damaged_part_is_computed_again_and_with_the_manifest_all(half, how):
     name = half.folder.names()[1]
     lost = set(half.folder.contents(name).points.tolist())
     whole = finished_points(half)
     DAMAGES[how](half.parts / name)
     plan = make(points=20).plan(half.file)
-    assert plan.damaged == (name,)
-    assert f"damaged         {name}: its points are computed again" in repr(plan)
+    assert plan.damaged == (name,) * (how != "gone")
+    assert (f"damaged         {name}: its points are computed again" in repr(plan)) == (how != "gone")
     assert plan.cached == len(whole - lost)
-    plan.run()
-    check(half.file, 20)
-
-
-def test_a_shard_that_has_gone_is_computed_again(half):
-    (half.parts / half.folder.names()[0]).unlink()
-    plan = make(points=20).plan(half.file)
-    assert plan.cached == len(finished_points(half))
-    plan.run()
+    DAMAGES[how](half.manifest)
+    make(points=20).plan(half.file).run()
     check(half.file, 20)
 
 
@@ -225,13 +200,6 @@ def test_rubbish_among_the_shards(half):
     check(half.file, 20)
 
 
-@pytest.mark.parametrize("how", DAMAGES)
-def test_a_damaged_layout_costs_its_shards(half, how):
-    DAMAGES[how](half.manifest)
-    make(points=20).plan(half.file).run()
-    check(half.file, 20)
-
-
 def test_shards_of_another_sweep_are_never_taken(half, tmp_path):
     half.manifest.unlink()
     changed = make(
@@ -241,8 +209,7 @@ def test_shards_of_another_sweep_are_never_taken(half, tmp_path):
     assert open_results(half.file)["square"].values.tolist() == [-float(x) for x in range(20)]
 
 
-def test_the_second_run_is_refused_and_the_first_undisturbed(tmp_path):
-    path = tmp_path / "powers.nc"
+def test_the_second_run_is_refused_and_the_first_undisturbed(path):
     process = start(store=path, points=20, long=0.2)
     wait_for(process, "progress 3")
     with pytest.raises(LockedError, match=rf"process {process.pid} on \S+, begun 20\S+Z; wait for it"):
@@ -253,8 +220,7 @@ def test_the_second_run_is_refused_and_the_first_undisturbed(tmp_path):
     check(path, 20)
 
 
-def test_the_lock_dies_with_its_holder(tmp_path):
-    path = tmp_path / "powers.nc"
+def test_the_lock_dies_with_its_holder(path):
     process = start(store=path, points=20, long=0.2)
     wait_for(process, "progress 3")
     end(process)
@@ -264,51 +230,31 @@ def test_the_lock_dies_with_its_holder(tmp_path):
     check(path, 20)
 
 
-RACE = """
-import sys, time
-from sweeps import LockedError, StoreError
-from tests.helpers.sweep_programs import make
-print("ready", flush=True)
-for line in sys.stdin:
-    plan = make(points=6, pause=0.02).plan(line.strip())
-    print("planned", flush=True)
-    sys.stdin.readline()
+def race(path, barrier, ended):
+    plan = make(points=6, pause=0.02).plan(path)
+    barrier.wait()
     try:
         plan.run()
-        print("won", flush=True)
+        ended.put("won")
     except StoreError as problem:
-        print(type(problem).__name__, flush=True)
-"""
+        ended.put(type(problem).__name__)
 
 
 def test_of_two_that_race_one_wins(tmp_path):
-    command = [sys.executable, "-c", RACE]
-    pipe = subprocess.PIPE
-    racers = [subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) for _ in range(2)]
-
-    def say(text):
-        for racer in racers:
-            racer.stdin.write(f"{text}\n")
-            racer.stdin.flush()
-
-    def hear():
-        return sorted(racer.stdout.readline().strip() for racer in racers)
-
-    assert hear() == ["ready", "ready"]
     for number in range(10):
-        path = tmp_path / str(number) / "powers.nc"
-        say(path)
-        assert hear() == ["planned", "planned"]
-        say("")
+        path, told = tmp_path / str(number) / "powers.nc", (FORKED.Barrier(2), FORKED.SimpleQueue())
+        racers = [FORKED.Process(target=race, args=(path, *told)) for _ in range(2)]
+        for racer in racers:
+            racer.start()
+        for racer in racers:
+            racer.join()
+            assert racer.exitcode == 0
         # Who comes when the other has finished hears that its plan is old.
-        assert hear() in (["LockedError", "won"], ["StoreError", "won"])
+        assert sorted(told[1].get() for _ in racers) in (["LockedError", "won"], ["StoreError", "won"])
         check(path, 6)
-    for racer in racers:
-        racer.communicate()
 
 
-def test_an_old_plan_is_refused(tmp_path):
-    path = tmp_path / "powers.nc"
+def test_an_old_plan_is_refused(path):
     old = make(points=6).plan(path)
     make(points=6).plan(path).run()
     before = path.read_bytes()
@@ -327,6 +273,7 @@ def test_progress_of_a_run_can_be_read_at_any_time(tmp_path):
                     states.append(json.loads(store.progress.read_text()))
                 except FileNotFoundError:
                     continue
+            time.sleep(1e-3)
 
     watcher = threading.Thread(target=look)
     watcher.start()

@@ -40,10 +40,7 @@ def test_bits_do_not_depend_on_how_a_sweep_runs(data):
             part = grid | {"x": data.draw(st.permutations(grid["x"].tolist()))[:count]}
             sweep(part, order_by=together, key=key).plan(store).run(*run)
         found = sweep(grid, order_by=together, key=key).plan(store).run(*run)
-    points = {
-        name: mesh.ravel() for name, mesh in zip(grid, np.meshgrid(*grid.values(), indexing="ij"), strict=True)
-    }
-    for name, values in wave(points).items():
+    for name, values in wave(sweep(grid).grid.points()).items():
         expected = values.astype(VARIABLES[name].dtype).reshape(found[name].shape)
         assert found[name].values.tobytes() == expected.astype(found[name].dtype).tobytes()
     assert np.all(found["status"] == 1)
@@ -68,9 +65,8 @@ GROWTH = {
 
 @pytest.mark.parametrize("key", [None, product])
 @pytest.mark.parametrize("case", GROWTH)
-def test_axes_grow(tmp_path, case, key):
+def test_axes_grow(path, case, key):
     before, asked, union = GROWTH[case]
-    path = tmp_path / "waves.nc"
     old = sweep({"x": before, "y": [1.0, 4.0]}, key=key).plan(path).run()
     LOG.clear()
     found = sweep({"x": asked, "y": [1.0, 4.0]}, key=key).plan(path).run()
@@ -93,8 +89,7 @@ def test_axes_grow(tmp_path, case, key):
     assert LOG == []
 
 
-def test_two_axes_that_grow_leave_holes(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_two_axes_that_grow_leave_holes(path):
     sweep({"x": [1.0, 2.0], "y": [1.0, 2.0]}).plan(path).run()
     LOG.clear()
     found = sweep({"x": [2.0, 3.0], "y": [2.0, 3.0]}).plan(path).run()
@@ -110,11 +105,10 @@ def test_two_axes_that_grow_leave_holes(tmp_path):
     assert json.loads(whole.attrs["configuration"])["axes"] == {"x": [1.0, 2.0, 3.0], "y": [1.0, 2.0, 3.0]}
 
 
-def test_zipped_axes_grow_together(tmp_path):
+def test_zipped_axes_grow_together(path):
     def pairs(x, y):
         return sweep(Grid({"x": Axis(x), "k": Axis([1, 2]), "y": Axis(y)}, zipped=("x", "y")))
 
-    path = tmp_path / "waves.nc"
     pairs([1.0, 2.0], [5.0, 5.0]).plan(path).run()
     LOG.clear()
     found = pairs([1.0, 2.0, 2.0], [5.0, 6.0, 5.0]).plan(path).run()
@@ -130,8 +124,7 @@ def skipping(limit):
     return sweep(Grid(axes, skip=lambda points: points["x"] > limit))
 
 
-def test_what_is_skipped_may_change(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_what_is_skipped_may_change(path):
     assert skipping(1.5).plan(path).run()["status"].values.tolist() == [[1, 1], [3, 3], [3, 3]]
     LOG.clear()
     assert skipping(2.5).plan(path).run()["status"].values.tolist() == [[1, 1], [1, 1], [3, 3]]

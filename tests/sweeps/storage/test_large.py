@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
+from tests.helpers.waves import interrupted
 
 LOG: list[float] = []
 BROKEN: dict[str, set] = {"points": set()}
@@ -14,20 +15,6 @@ DIMS = ("step", "one")
 
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
-
-
-@pytest.fixture
-def small_memory(monkeypatch):
-    """All variables but those of a few bytes a point are large; blocks of a file hold a few points."""
-
-    def small_memory(yes):
-        limit = 150 if yes else 1 << 40
-        for name in ("manifest.LARGE", "netcdf.LARGE", "existing.LARGE", "netcdf.READ_AT_ONCE"):
-            monkeypatch.setattr(f"sweeps.storage.{name}", limit)
-        monkeypatch.setattr("sweeps.storage.netcdf.CHUNK_BYTES", 64)
-        monkeypatch.setattr("sweeps.storage.netcdf.MOST_CHUNK_BYTES", 128)
-
-    return small_memory
 
 
 def record(points):
@@ -96,14 +83,8 @@ def runs(path, changes):
     axes = changes.get("grid")
     BROKEN["points"] = {111.0, 11.0}
     yield sweep(**changes).plan(path).run()
-
-    def stop(snapshot):
-        if snapshot.done >= 3:
-            raise KeyboardInterrupt
-
     if axes is None:
-        with pytest.raises(KeyboardInterrupt):
-            sweep(GROWN, **changes).plan(path).run("sync", progress=stop)
+        interrupted(sweep(GROWN, **changes).plan(path), 3)
         yield open_results(path)
         yield sweep(GROWN, **changes).plan(path).run()
         BROKEN["points"] = set()
@@ -112,11 +93,11 @@ def runs(path, changes):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_large_variables_are_what_small_ones_are(tmp_path, small_memory, case):
+def test_large_variables_are_what_small_ones_are(tmp_path, limits, case):
     found = {}
     for large in (False, True):
         folder = tmp_path / str(large)
-        small_memory(large)
+        limits(150 if large else 1 << 40)
         LOG.clear()
         found[large] = [data.load().drop_vars("wall_time") for data in runs(folder / "records.nc", CASES[case])]
         assert [p.name for p in folder.iterdir()] == ["records.nc"]
@@ -135,9 +116,8 @@ def test_large_variables_are_what_small_ones_are(tmp_path, small_memory, case):
         xr.testing.assert_equal(data.drop_vars("wall_time").load(), found[True][-1])
 
 
-def test_what_is_at_hand_is_not_computed_again(tmp_path, small_memory):
-    small_memory(True)
-    path = tmp_path / "records.nc"
+def test_what_is_at_hand_is_not_computed_again(path, limits):
+    limits(150)
     for changes, distinct in (({}, 24), (PLAIN_COPIES, 6)):
         LOG.clear()
         sweep(**changes).plan(path, fresh=True).run()
@@ -154,9 +134,8 @@ def test_what_is_at_hand_is_not_computed_again(tmp_path, small_memory):
         assert np.count_nonzero(times > 0.0) == distinct + len(LOG)
 
 
-def test_large_variables_are_read_when_they_are_used(tmp_path, small_memory):
-    small_memory(True)
-    path = tmp_path / "records.nc"
+def test_large_variables_are_read_when_they_are_used(path, limits):
+    limits(150)
     seen = {}
 
     def derive(data):
@@ -168,19 +147,16 @@ def test_large_variables_are_read_when_they_are_used(tmp_path, small_memory):
     assert not found["series"].variable._in_memory
     assert not sweep(GRID | {"b": [30.0]}).plan(path).run()["series"].variable._in_memory
     np.testing.assert_array_equal(found["first"], found["series"].values[..., 0, 0])
-    points = {
-        name: mesh.ravel() for name, mesh in zip(GRID, np.meshgrid(*GRID.values(), indexing="ij"), strict=True)
-    }
-    np.testing.assert_array_equal(found["series"].values.ravel(), record(points)["series"].ravel())
+    expected = record(sweep().grid.points())["series"]
+    np.testing.assert_array_equal(found["series"].values.ravel(), expected.ravel())
 
 
-def test_what_cannot_be_derived_does_not_take_large_variables_with_it(tmp_path, small_memory):
-    small_memory(True)
+def test_what_cannot_be_derived_does_not_take_large_variables_with_it(path, limits):
+    limits(150)
 
     def broken(data):
         raise ArithmeticError(f"no {float(data['series'].max())}")
 
-    path = tmp_path / "records.nc"
     with pytest.raises(ArithmeticError, match="no "):
         sweep(derive=broken).plan(path).run()
     LOG.clear()

@@ -62,8 +62,7 @@ MIXED = Grid({"x": Axis(GRID["x"], "m"), "y": Axis(GRID["y"], "mm")})
         ({"key": product}, "the code of tests."),
     ],
 )
-def test_other_configurations_are_refused_and_named(tmp_path, changes, said):
-    path = tmp_path / "waves.nc"
+def test_other_configurations_are_refused_and_named(path, tmp_path, changes, said):
     base = {"constants": {"factor": 1.0, "rig": Rig()}}
     for unfinished in (True, False):
         if unfinished:
@@ -81,8 +80,7 @@ def test_other_configurations_are_refused_and_named(tmp_path, changes, said):
         assert {p.name: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
-def test_names_and_derived_figures_may_change(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_names_and_derived_figures_may_change(path):
     old = sweep().plan(path).run()
     LOG.clear()
     axes = {"x": Axis(GRID["x"], "m", "width"), "y": Axis(GRID["y"], "m")}
@@ -102,20 +100,19 @@ def test_names_and_derived_figures_may_change(tmp_path):
     xr.testing.assert_identical(open_results(path), found)
 
 
-def test_damaged_files_are_refused(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_damaged_files_are_refused(path, tmp_path):
     sweep().plan(path).run()
     good = path.read_bytes()
     grown = sweep({"x": [1.0, 2.0, 3.0, 4.0], "y": [1.0, 3.0]})
     for content in (good[: len(good) // 2], good[:10], b"", b"no netCDF" * 100):
         path.write_bytes(content)
         for planned in (sweep(), grown):
-            with pytest.raises(StoreError, match=r"waves.nc is damaged"):
+            with pytest.raises(StoreError, match=r"sweep.nc is damaged"):
                 planned.plan(path).run()
-        with pytest.raises(ValueError, match=r"waves.nc: it is damaged"):
+        with pytest.raises(ValueError, match=r"sweep.nc: it is damaged"):
             open_results(path)
         assert path.read_bytes() == content
-        assert not (tmp_path / "waves.parts").exists()
+        assert not (tmp_path / "sweep.parts").exists()
     path.write_bytes(good)
     with netCDF4.Dataset(path, "a") as file:
         file.delncattr("identity")
@@ -132,17 +129,18 @@ def test_damaged_files_are_refused(tmp_path):
 
 def test_damaged_values_are_noticed(tmp_path):
     """Check sums of the chunks: wrong values are never passed on."""
-    path = tmp_path / "waves.nc"
-    rng = np.random.default_rng(1)
-    random = Sweep(
-        "waves", lambda p: {"y": noise[p["x"]]}, Grid({"x": Axis(np.arange(40_000))}), {"y": Variable()}
-    )
-    noise = rng.random(50_000)
-    random.plan(path).run()
+    path, noise = tmp_path / "waves.nc", np.random.default_rng(1).random((5, 10_000))
+
+    def random(count):
+        variables, coords = {"y": Variable(dims=("k",))}, {"k": Axis(np.arange(10_000))}
+        grid = Grid({"x": Axis(np.arange(count))})
+        return Sweep("waves", lambda p: {"y": noise[p["x"]]}, grid, variables, coords=coords)
+
+    random(4).plan(path).run()
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF  # noise does not shrink, so this is in the midst of it
     path.write_bytes(content)
-    for planned in (random, dataclasses.replace(random, grid=Grid({"x": Axis(np.arange(40_001))}))):
+    for count in (4, 5):
         with pytest.raises(StoreError, match=r"waves.nc.* damaged"):
-            planned.plan(path).run()
+            random(count).plan(path).run()
         assert path.read_bytes() == content

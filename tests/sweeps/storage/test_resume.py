@@ -10,29 +10,13 @@ from tests.helpers.waves import BROKEN, GRID, LOG, NAMES, POWERS, VARIABLES, int
 pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
-def test_what_is_complete_is_not_touched(tmp_path):
-    path = tmp_path / "waves.nc"
-    first = sweep().plan(path).run()
-    before, marks = path.read_bytes(), path.stat()
-    LOG.clear()
-    planned = sweep().plan(path)
-    assert (planned.todo, planned.cached) == (0, 6)
-    xr.testing.assert_identical(planned.run(), first)
-    assert LOG == []
-    assert path.read_bytes() == before
-    assert path.stat().st_mtime_ns == marks.st_mtime_ns
-    assert [p.name for p in tmp_path.iterdir()] == ["waves.nc"]
-
-
-def test_an_interrupted_run_goes_on(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_an_interrupted_run_goes_on_and_what_is_complete_is_not_touched(path):
     interrupted(sweep().plan(path), 3)
     assert not path.exists()
     done = set(LOG)
     LOG.clear()
     partly = open_results(path)
-    assert np.count_nonzero(partly["status"] == 1) == 3
-    assert np.count_nonzero(partly["status"] == 0) == 3
+    assert np.count_nonzero(partly["status"] == 1) == np.count_nonzero(partly["status"] == 0) == 3
     np.testing.assert_array_equal(np.isnan(partly["root"]), partly["status"] == 0)
     planned = sweep().plan(path)
     assert (planned.todo, planned.cached) == (3, 3)
@@ -41,10 +25,18 @@ def test_an_interrupted_run_goes_on(tmp_path):
     assert not done & set(LOG)
     xr.testing.assert_equal(found[NAMES], sweep().plan().run()[NAMES])
     np.testing.assert_array_equal(partly["root"].where(partly["status"] == 1, 0), found["root"] * partly["status"])
+    LOG.clear()
+    before, marks = path.read_bytes(), path.stat()
+    planned = sweep().plan(path)
+    assert (planned.todo, planned.cached) == (0, 6)
+    xr.testing.assert_identical(planned.run(), found)
+    assert LOG == []
+    assert path.read_bytes() == before
+    assert path.stat().st_mtime_ns == marks.st_mtime_ns
+    assert list(path.parent.iterdir()) == [path]
 
 
-def test_failures_are_kept_until_they_are_retried(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_failures_are_kept_until_they_are_retried(path):
     BROKEN["points"] = {(1.0, 1.0), (2.0, 3.0)}
     first = sweep().plan(path).run()
     assert np.count_nonzero(first["status"] == 2) == first.sizes["failure"] == 2
@@ -72,8 +64,7 @@ def test_failures_are_kept_until_they_are_retried(tmp_path):
     assert "traceback" not in found
 
 
-def test_failures_keep_their_reasons_when_a_file_grows(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_failures_keep_their_reasons_when_a_file_grows(path):
     BROKEN["points"] = {(2.0, 3.0)}
     first = sweep(key=product).plan(path).run()
     BROKEN["points"] = set()
@@ -85,8 +76,7 @@ def test_failures_keep_their_reasons_when_a_file_grows(tmp_path):
     assert "failure" not in sweep({"x": [0.5], "y": [3.0]}, key=product).plan(path).run().dims
 
 
-def test_an_unfinished_store_shows_what_is_finished(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_an_unfinished_store_shows_what_is_finished(path):
     first = sweep().plan(path).run()
     before = path.read_bytes()
     interrupted(sweep({"x": [1.0, 2.0, 3.0, 4.0, 5.0], "y": [1.0, 3.0]}).plan(path), 2)
@@ -104,8 +94,7 @@ def test_an_unfinished_store_shows_what_is_finished(tmp_path):
     xr.testing.assert_equal(whole[NAMES].sel(x=first["x"]), first[NAMES])
 
 
-def test_starting_over_mixes_nothing(tmp_path):
-    path = tmp_path / "waves.nc"
+def test_starting_over_mixes_nothing(path):
     sweep().plan(path).run()
     doubled = sweep(constants={"factor": 2.0})
     before = path.read_bytes()
@@ -132,11 +121,10 @@ def test_starting_over_mixes_nothing(tmp_path):
     assert found["status"].values.tolist() == [[2, 1], [1, 1], [1, 1]]
 
 
-def test_what_others_left_behind_is_not_taken_up(tmp_path):
+def test_what_others_left_behind_is_not_taken_up(path):
     """Shards whose layout is gone or unreadable, and those of a sweep of another name."""
-    path = tmp_path / "waves.nc"
     interrupted(sweep().plan(path), 4)
-    layout = path.with_name("waves.parts") / "manifest"
+    layout = path.with_name("sweep.parts") / "manifest"
     other = Sweep("others", wave, sweep().grid, VARIABLES, coords={"power": POWERS})
     for fresh in (False, True):
         with pytest.raises(StoreError, match="holds the results of waves; the results of others need another"):
@@ -147,9 +135,8 @@ def test_what_others_left_behind_is_not_taken_up(tmp_path):
     assert np.all(found["status"] == 2)
 
 
-def test_texts_as_axes_and_keys(tmp_path):
+def test_texts_as_axes_and_keys(path):
     """Of any length and alphabet, empty too; they fail, are interrupted, resumed and grown like numbers."""
-    path = tmp_path / "waves.nc"
 
     def texts(*kinds):
         return sweep({"kind": list(kinds), "y": [1.0, 2.0]}, key=lambda points: points["kind"])

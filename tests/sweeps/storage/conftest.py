@@ -1,0 +1,29 @@
+"""What tests of the store share."""
+
+import pytest
+
+
+@pytest.fixture
+def limits(monkeypatch):
+    """Sets from how many bytes on a variable is large, and how many are in a chunk of a file and read at once."""
+
+    def limits(large, chunk=256, block=400):
+        for name in ("manifest.LARGE", "netcdf.LARGE", "netcdf.READ_AT_ONCE"):
+            monkeypatch.setattr(f"sweeps.storage.{name}", large)
+        monkeypatch.setattr("sweeps.storage.existing.LARGE", block)
+        monkeypatch.setattr("sweeps.storage.netcdf.CHUNK_BYTES", chunk)
+        monkeypatch.setattr("sweeps.storage.netcdf.MOST_CHUNK_BYTES", 2 * chunk)
+
+    return limits
+
+
+@pytest.fixture
+def flip():
+    """Changes one bit of a file."""
+
+    def flip(path, place):
+        content = bytearray(path.read_bytes())
+        content[place] ^= 4
+        path.write_bytes(content)
+
+    return flip
