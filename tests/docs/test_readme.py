@@ -59,10 +59,8 @@ def test_every_example_is_a_command_of_fiv():
 
 
 def test_the_api_in_ten_lines(here):
-    assert (
-        len([each for each in ast.parse(PYTHON[0]).body if not isinstance(each, (ast.Import, ast.ImportFrom))])
-        == 10
-    )
+    statements = ast.parse(PYTHON[0]).body
+    assert len([each for each in statements if not isinstance(each, (ast.Import, ast.ImportFrom))]) == 10
     names: dict = {}
     exec(PYTHON[0], names)
     unstable = names["modes"].frequency[names["modes"].unstable]
