@@ -1,9 +1,6 @@
 """Studies that are not predefined: of a file, of an installed package; and what is never run unasked."""
 
-import os
 import shutil
-import sys
-import textwrap
 
 import netCDF4
 import pytest
@@ -11,7 +8,6 @@ import pytest
 import studies
 from studies import registry
 from sweeps import InputError
-from tests.helpers.commands import fiv
 
 FILE = """
 import numpy as np
@@ -39,52 +35,45 @@ STUDY = Study(
 
 
 @pytest.fixture
-def file(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(registry, "_given", {})
-    before = set(sys.modules)
+def file(tmp_path, forgetful):
     path = tmp_path / "my_squares.py"
     path.write_text(FILE)
-    yield path
-    for name in set(sys.modules) - before:
-        if getattr(sys.modules[name], "__file__", None) == str(path):
-            del sys.modules[name]
+    return path
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
-    """An installed package with a study, on the path of this process and of others."""
+def package(tmp_path, monkeypatch, forgetful):
+    """An installed package with a study, which has the name of a predefined one, too."""
     home = tmp_path / "site-packages"
-    (home / "squarer-1.0.dist-info").mkdir(parents=True)
+    about = home / "squarer-1.0.dist-info"
+    about.mkdir(parents=True)
     (home / "squarer.py").write_text(FILE)
-    (home / "squarer-1.0.dist-info" / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: squarer\nVersion: 1.0\n"
-    )
-    points = "[fiv.studies]\nsquares = squarer:STUDY\nfig5 = squarer:STUDY\n"
-    (home / "squarer-1.0.dist-info" / "entry_points.txt").write_text(points)
-    monkeypatch.setenv("PYTHONPATH", str(home), prepend=os.pathsep)
-    return tmp_path
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: squarer\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[fiv.studies]\nsquares = squarer:STUDY\nfig5 = squarer:STUDY\n")
+    monkeypatch.syspath_prepend(home)
+    registry.installed.cache_clear()
+    yield
+    registry.installed.cache_clear()
 
 
-def test_an_installed_study_is_known_by_its_name(package):
-    done = fiv(package, "run", "squares", "--set", "x=1,2,3,4", "-q")
-    assert done.stdout == "largest: 16\n"
-    assert done.stderr == ""
-    assert "squares    Squares" in fiv(package, "list", "squares").stdout
-    assert "cached          4" in fiv(package, "plan", "squares", "--set", "x=2,4,1,3").stdout
-    assert "state           complete" in fiv(package, "status", "squares").stdout
-    assert len(fiv(package, "query", "squares", "--format", "csv").stdout.splitlines()) == 5
+@pytest.mark.usefixtures("package")
+def test_an_installed_study_is_known_by_its_name(here):
+    done = here("run", "squares", "--set", "x=1,2,3,4", "-q")
+    assert (done.stdout, done.stderr) == ("largest: 16\n", "")
+    assert "squares    Squares" in here("list", "squares").stdout
+    assert "cached          4" in here("plan", "squares", "--set", "x=2,4,1,3").stdout
+    assert "state           complete" in here("status", "squares").stdout
+    assert len(here("query", "squares", "--format", "csv").stdout.splitlines()) == 5
     # By its path too, for it is installed.
-    assert fiv(package, "plot", "results/squares/squares.nc").stdout == "results/squares/squares.png\n"
-    assert fiv(package, "report").returncode == 0
+    assert here("plot", "results/squares/squares.nc").stdout == "results/squares/squares.png\n"
+    assert here("report").returncode == 0
     # A predefined study keeps its name.
-    assert "Fig. 5" in fiv(package, "list", "fig5").stdout
+    assert "Fig. 5" in here("list", "fig5").stdout
 
 
-def test_what_a_result_says_is_never_run(file, monkeypatch):
+def test_what_a_result_says_is_never_run(file, here):
     """A result may come from anybody, and may name any file."""
-    monkeypatch.chdir(file.parent)
-    studies.run(studies.registry.resolve("my_squares.py"))
+    assert here("run", "my_squares.py", "-q").returncode == 0
     kept = file.parent / "results" / "squares" / "squares.nc"
     registry._given.clear()
     for name in ("my_squares.py", str(file), "my_squares"):
@@ -94,15 +83,15 @@ def test_what_a_result_says_is_never_run(file, monkeypatch):
             studies.open(str(kept)).fiv.plot()
 
 
-def test_hints_name_the_file(file):
-    done = fiv(file.parent, "plot", "my_squares.py")
+@pytest.mark.usefixtures("file")
+def test_hints_name_the_file(here):
+    done = here("plot", "my_squares.py")
     assert done.returncode == 2
     assert done.stderr.endswith("there is no such file; make it with: fiv run my_squares.py\n")
-    assert fiv(file.parent, "run", "my_squares.py", "-q").stdout == "largest: 9\n"
+    assert here("run", "my_squares.py", "-q").stdout == "largest: 9\n"
     # A result elsewhere is drawn by naming both.
-    shutil.move(file.parent / "results", file.parent / "else where")
-    done = fiv(file.parent, "plot", "my_squares.py", "--out", "else where")
-    assert done.stdout == "else where/squares/squares.png\n"
+    shutil.move("results", "else where")
+    assert here("plot", "my_squares.py", "--out", "else where").stdout == "else where/squares/squares.png\n"
 
 
 @pytest.mark.parametrize(
@@ -118,15 +107,14 @@ def test_hints_name_the_file(file):
         (FILE.replace('Sweep("squares"', 'Sweep("circles"'), "build: the sweep is called 'circles'"),
     ],
 )
-def test_a_file_that_is_no_study_is_one_line(file, text, message):
-    file.write_text(textwrap.dedent(text))
-    done = fiv(file.parent, "run", "my_squares.py")
-    assert done.returncode == 2
+def test_a_file_that_is_no_study_is_one_line(file, here, text, message):
+    file.write_text(text)
+    done = here("run", "my_squares.py")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert message in done.stderr
-    assert done.stderr.count("\n") == 1
     assert not (file.parent / "results").exists()
 
 
-def test_there_is_no_such_file(tmp_path):
-    done = fiv(tmp_path, "status", "none.py")
+def test_there_is_no_such_file(here):
+    done = here("status", "none.py")
     assert (done.returncode, done.stderr) == (2, "fiv: none.py: there is no such file\n")

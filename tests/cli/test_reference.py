@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -102,18 +100,6 @@ def test_chaotic_motion_is_compared_by_its_statistics():
 def test_what_is_listed_is_the_studys_own(name):
     """By `python -m studies.reference`, which makes the reference, too."""
     assert registry.catalogue()[name] == json.loads(json.dumps(entry(name, KEPT)))
-
-
-def test_the_list_imports_and_computes_nothing(tmp_path):
-    program = (
-        "import sys\nfrom studies.cli.main import main\nsys.argv = ['fiv', 'list']\n"
-        "try:\n    main()\nexcept SystemExit:\n    pass\n"
-        "heavy = {'numpy', 'scipy', 'numba', 'dask', 'xarray', 'matplotlib', 'netCDF4'} & set(sys.modules)\n"
-        "print(sorted(heavy), file=sys.stderr)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
-    assert done.stderr.strip() == "[]"
-    assert len(done.stdout.splitlines()) == 3 * len(registry.NAMES)
 
 
 def test_the_reference_is_made_by_one_command(tmp_path, monkeypatch):

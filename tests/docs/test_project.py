@@ -28,15 +28,8 @@ def imported(package: str) -> set[str]:
 
 
 def test_imports_point_one_way():
-    assert not imported("fivcore") & {
-        "studies",
-        "sweeps",
-        "dask",
-        "distributed",
-        "xarray",
-        "netCDF4",
-        "matplotlib",
-    }
+    files = {"dask", "distributed", "xarray", "netCDF4", "matplotlib"}
+    assert not imported("fivcore") & {"studies", "sweeps", *files}
     assert not imported("sweeps") & {"studies", "fivcore", "numba", "matplotlib", "click"}
     assert {"fivcore", "sweeps"} <= imported("studies")
 
@@ -142,11 +135,8 @@ def test_every_dependency_has_its_reason_in_the_readme():
 
 def test_the_numba_in_use_is_the_newest_that_is_allowed():
     """Kernels are tested with one series of Numba; another may compile them otherwise, or not at all."""
-    (requirement,) = (
-        each
-        for each in tomllib.loads((HOME / "pyproject.toml").read_text())["project"]["dependencies"]
-        if each.startswith("numba")
-    )
+    project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
+    (requirement,) = (each for each in project["dependencies"] if each.startswith("numba"))
     low, high = re.fullmatch(r"numba>=0\.(\d+),<0\.(\d+)", requirement).groups()
     series = int(version("numba").split(".")[1])
     assert int(low) <= series == int(high) - 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import os
 import re
+import shlex
 import shutil
 import stat
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from studies import registry
 from tests import HOME
 from tests.docs import first_time
 
@@ -35,11 +37,8 @@ kill "$@" 2> /dev/null || true
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
-    """An empty folder with the reference, and commands that find this environment's `fiv`."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("FIV_RESULTS", raising=False)
-    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+def clone(tmp_path, here):
+    """An empty folder with the reference."""
     shutil.copytree(HOME / "results" / "reference", tmp_path / "results" / "reference")
     return tmp_path
 
@@ -59,13 +58,9 @@ def test_every_example_is_a_command_of_fiv():
     assert used == {"list", "plan", "run", "status", "plot", "query", "map", "report"}
 
 
-def test_the_api_in_ten_lines(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("FIV_RESULTS", raising=False)
-    assert (
-        len([each for each in ast.parse(PYTHON[0]).body if not isinstance(each, (ast.Import, ast.ImportFrom))])
-        == 10
-    )
+def test_the_api_in_ten_lines(here):
+    statements = ast.parse(PYTHON[0]).body
+    assert len([each for each in statements if not isinstance(each, (ast.Import, ast.ImportFrom))]) == 10
     names: dict = {}
     exec(PYTHON[0], names)
     unstable = names["modes"].frequency[names["modes"].unstable]
@@ -75,64 +70,56 @@ def test_the_api_in_ten_lines(tmp_path, monkeypatch):
     assert names["motion"].time[-1] == pytest.approx(0.5, rel=1e-4)
 
 
-@pytest.fixture
-def own(tmp_path, monkeypatch):
-    """An empty folder with the README's own study, and commands that find this environment's `fiv`."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("FIV_RESULTS", raising=False)
-    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    (tmp_path / "head_mass.py").write_text(PYTHON[1])
-    return tmp_path
-
-
-def test_a_study_of_ones_own_in_every_command(own):
+@pytest.mark.usefixtures("forgetful")
+def test_a_study_of_ones_own_in_every_command(tmp_path, here):
     """Each line as it is printed, in the order of the README; all are one computation."""
-    listed, planned, report, state, rows, drawn, page, again = (
-        run("bash", "-c", line) for line in OWN.split("\n")
-    )
+
+    def fiv(line):
+        registry._given.clear()  # as another process would
+        done = here(*shlex.split(line)[1:])
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    script = tmp_path / "head_mass.py"
+    script.write_text(PYTHON[1])
+    *lines, python = OWN.split("\n")
+    listed, planned, report, state, rows, drawn, page = map(fiv, lines)
     assert "Does a heavier head calm the rig?" in listed
     assert "axis     head_mass         2 to 4 (3)" in listed
     assert "V 3 x head_mass 3" in planned
     assert len(report.splitlines()) == 5
     assert "state           complete" in state
     assert len(rows.splitlines()) == 5
-    folder = own / "results" / "head_mass"
+    folder = tmp_path / "results" / "head_mass"
     assert drawn.strip() == "results/head_mass/head_mass.svg"
     assert {path.name for path in folder.iterdir()} == {"head_mass.nc", "head_mass.png", "head_mass.svg"}
-    assert "Does a heavier head calm the rig?" in (own / page.strip()).read_text()
+    assert "Does a heavier head calm the rig?" in (tmp_path / page.strip()).read_text()
     # The script finds what the command has computed ...
-    assert again == report
     computed = (folder / "head_mass.nc").read_bytes()
-    assert run(sys.executable, "head_mass.py") == report
+    assert python == "python head_mass.py"
+    assert run(sys.executable, script.name) == report
     assert (folder / "head_mass.nc").read_bytes() == computed
-    # ... and the command what the script has.
-    shutil.rmtree(own / "results")
-    run(sys.executable, "head_mass.py")
-    assert "to do           0" in run("fiv", "plan", "head_mass.py")
+    # ... and the command what the script has, with other numbers, as a remark of the script tells.
+    remark = re.search(r"# (studies\.run\(STUDY, .*\)) for another", PYTHON[1])
+    script.write_text(PYTHON[1].replace("studies.run(STUDY)", remark[1]))
+    assert len(run(sys.executable, script.name).splitlines()) == 5
+    assert "to do           0" in fiv("fiv plan head_mass.py --set duration=1.0 --out longer")
     # Its name finds its results; its file is not run for them.
-    assert run("fiv", "query", "head_mass", "--where", "V == 5e-3") == rows
-    done = subprocess.run(["fiv", "plot", "head_mass"], capture_output=True, text=True)
+    assert fiv("fiv query head_mass --where 'V == 5e-3'") == rows
+    registry._given.clear()
+    done = here("plot", "head_mass")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert done.stderr.endswith("name the file: fiv plot FILE.py\n")
 
 
-def test_another_run_of_ones_own_study(own):
-    said = re.search(r"# (studies\.run\(STUDY, .*\)) for another", PYTHON[1])
-    assert said
-    (own / "head_mass.py").write_text(PYTHON[1].replace("studies.run(STUDY)", said[1]))
-    assert len(run(sys.executable, "head_mass.py").splitlines()) == 5
-    assert (own / "longer" / "head_mass" / "head_mass.nc").exists()
-
-
 def test_a_sweep_of_ones_own_runs_and_resumes(tmp_path):
-    (tmp_path / "mine.py").write_text(PYTHON[2] + "print(data['x'].sizes)\n")
-    first, second = (run(sys.executable, "mine.py", cwd=tmp_path) for _ in range(2))
-    assert "to do           202" in first
-    assert "to do           0" in second
-    assert "{'t': 101, 'a': 2}" in second
+    (tmp_path / "mine.py").write_text(PYTHON[2])
+    assert "to do           202" in run(sys.executable, "mine.py", cwd=tmp_path)
     # What the script does besides is no part of the function.
-    (tmp_path / "mine.py").write_text(PYTHON[2] + "print(data['x'].max())\n")
-    assert "to do           0" in run(sys.executable, "mine.py", cwd=tmp_path)
+    (tmp_path / "mine.py").write_text(PYTHON[2] + "print(data['x'].sizes)\n")
+    again = run(sys.executable, "mine.py", cwd=tmp_path)
+    assert "to do           0" in again
+    assert "{'t': 101, 'a': 2}" in again
 
 
 @pytest.mark.slow
@@ -149,32 +136,27 @@ def test_a_run_under_slurm(tmp_path, monkeypatch):
     smaller = smaller.replace("5e-3]", '5e-3], "mu": [0.2, 0.3]').replace("16GB", "2GB")
     (tmp_path / "run.py").write_text(smaller)
     assert "to do" in run(sys.executable, "run.py", cwd=tmp_path, timeout=300)
-    rows = run(
-        sys.executable,
-        "-m",
-        "studies",
-        "query",
-        "regimes",
-        "--out",
-        "on-slurm",
-        "--show",
-        "V,mu,status",
-        cwd=tmp_path,
-    )
+    shown = ("--out", "on-slurm", "--show", "V,mu,status")
+    rows = run(sys.executable, "-m", "studies", "query", "regimes", *shown, cwd=tmp_path)
     assert rows.count("done") == 6
 
 
-@pytest.mark.parametrize("line", READING)
-def test_what_reads(line, here):
-    assert run("bash", "-euo", "pipefail", "-c", line) or ">" in line
+@pytest.mark.usefixtures("clone")
+def test_what_reads(here):
+    for line in READING:
+        _, *arguments = shlex.split(line.replace(" > lines.csv", ""))
+        done = here(*arguments)
+        assert done.returncode == 0, done.stderr
+        assert len(done.stdout.splitlines()) >= (1 if arguments[0] == "plot" else 4), line
 
 
 @pytest.mark.slow
-def test_every_example_in_its_order(here):
+def test_every_example_in_its_order(clone, monkeypatch):
     """Some minutes."""
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     run("bash", "-euo", "pipefail", "-c", "\n".join(COMMANDS))
     for name in ("elsewhere/fig5/fig5.nc", "series/scenes/scenes.png", "results/map/regime-V-mu.png", "lines.csv"):
-        assert (here / name).stat().st_size > (100 if name.endswith("csv") else 10_000)
+        assert (clone / name).stat().st_size > (100 if name.endswith("csv") else 10_000)
 
 
 @pytest.mark.slow

@@ -18,34 +18,25 @@ def written(folder) -> list[str]:
     return sorted(str(p.relative_to(folder)) for p in Path(folder).rglob("*") if p.is_file())
 
 
-# fig5 with a function of one's own in front of it; `again` says whether it is mended.
-PICKY = """
-import dataclasses, os, sys, time, studies.cli.progress, studies.gallery.fig5 as f
+# The command with batches that take their time; what they compute, and so the store, is the study's own.
+SLOW = """
+import sys, time
 from studies.cli.main import main
-whole = f.modes
-def picky(points, **constants):
-    if (points['mu'] == 0.25).any() and not os.path.exists('mended'):
-        raise ArithmeticError('not this one')
-    return whole(points, **constants)
-def slow(points, **constants):
+from sweeps.compute.batch import Task
+compute = Task.compute
+def slowly(self, points):
     time.sleep(0.4 * len(points['mu']))
-    return whole(points, **constants)
-f.STUDY = dataclasses.replace(f.STUDY, function={function})
-studies.cli.progress.INTERVAL = 0.5
-sys.argv = ['fiv', *{arguments}]
+    return compute(self, points)
+Task.compute = slowly
+sys.argv = ['fiv', *sys.argv[1:]]
 main()
 """
 
 
-def program(function: str, *arguments: str) -> tuple[str, ...]:
-    return (sys.executable, "-c", PICKY.format(function=function, arguments=list(arguments)))
-
-
 def begun(folder, *arguments):
-    """A slow run, once it has finished its first batches."""
-    running = subprocess.Popen(
-        program("slow", *arguments), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    """A slow run of `fig5`, once it has finished its first batches."""
+    command = [sys.executable, "-c", SLOW, *arguments]
+    running = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60.0
     parts = folder / "results" / "fig5" / "fig5.parts"
     while len(list(parts.glob("0*.part"))) < 4:

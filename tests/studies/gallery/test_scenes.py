@@ -39,7 +39,7 @@ def test_every_point_has_the_bits_of_its_own_simulation(tmp_path):
     }
     data = computed(tmp_path, SHORT | axes | {"head_mass": 2.0})
     assert data["velocity_rms"].dims == ("V", "theta", "mu", "F")
-    for place in list(np.ndindex(*data["velocity_rms"].shape))[::2]:
+    for place in list(np.ndindex(*data["velocity_rms"].shape))[::5]:
         at = data.isel(dict(zip(data["velocity_rms"].dims, place, strict=True)))
         run = direct(*(float(at[name]) for name in transients.SCENE), rig=Rig(head_mass=2.0))
         for name, value in transients.figures_of(run).items():
@@ -47,35 +47,10 @@ def test_every_point_has_the_bits_of_its_own_simulation(tmp_path):
 
 
 def test_a_grid_is_planned_as_its_distinct_scenes():
-    axes = {
-        "V": 1e-3 * RATIO ** np.arange(10),
-        "theta": np.linspace(-15.0, 15.0, 13),
-        "mu": np.linspace(0.05, 0.55, 11),
-        "F": 0.9 * RATIO ** np.arange(10),
-    }
+    axes = {"V": 1e-3 * RATIO ** np.arange(10), "F": 0.9 * RATIO ** np.arange(10)}
+    axes |= {"theta": np.linspace(-15.0, 15.0, 13), "mu": np.linspace(0.05, 0.55, 11)}
     plan = scenes.STUDY.sweep(axes | {"duration": 1e-3}).plan()
-    assert plan.points == 10 * 13 * 11 * 10
-    assert plan.distinct == 19 * 13 * 11
-
-
-@pytest.mark.slow
-def test_the_whole_grid_of_four_axes_has_the_bits_of_direct_simulations(tmp_path):
-    axes = {
-        "V": 2e-3 * RATIO ** np.arange(10),
-        "theta": np.linspace(-15.0, 15.0, 13),
-        "mu": np.linspace(0.05, 0.55, 11),
-        "F": 2.7 * RATIO ** np.arange(10),
-    }
-    plan = scenes.STUDY.sweep(SHORT | axes).plan(tmp_path / "scenes.nc")
     assert (plan.points, plan.distinct) == (14_300, 19 * 13 * 11)
-    data = plan.run()
-    assert np.all(data["status"] == 1)
-    random = np.random.default_rng(4)
-    for _ in range(100):
-        at = data.isel({name: random.integers(data.sizes[name]) for name in transients.SCENE})
-        run = direct(*(float(at[name]) for name in transients.SCENE))
-        for name, value in transients.figures_of(run).items():
-            np.testing.assert_array_equal(at[name].values, value, err_msg=name)
 
 
 def test_a_basis_is_built_once_for_each_inclination(tmp_path):
@@ -133,13 +108,8 @@ def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
     points = {name: np.array([value] * 5) for name, value in (("V", 1e-3), ("theta", 40.0), ("F", 9.0))}
     found = sweep.function(points | {"mu": np.array([0.1, 5.0, 0.2, 6.0, 0.3])}, **sweep.constants)
     assert len(ran) == 5
-    assert [type(error) for error in found["error"]] == [
-        type(None),
-        ContactError,
-        type(None),
-        ContactError,
-        type(None),
-    ]
+    assert [isinstance(error, ContactError) for error in found["error"]] == [False, True, False, True, False]
+    assert found["error"][::2] == [None] * 3
     assert np.all(found["wall_time"] > 0.0)
 
     data = sweep.plan(tmp_path / "scenes.nc").run("sync")
@@ -249,20 +219,8 @@ def test_a_study_with_times_of_its_own_records_there(name, axis, tmp_path):
 @pytest.mark.parametrize(
     ("name", "given", "record", "rate", "message"),
     [
-        (
-            "scenes",
-            {},
-            ["velocity_b"],
-            None,
-            "^record = 'velocity_b': there is no such series; did you mean velocity_B",
-        ),
-        (
-            "fig7",
-            {},
-            ["force"],
-            None,
-            "^record = 'force': there is no such series; .*the series are velocity_B, normal",
-        ),
+        ("scenes", {}, ["velocity_b"], None, "^record = 'velocity_b': .* no such series; did you mean velocity_B"),
+        ("fig7", {}, ["force"], None, "^record = 'force': .* no such series; .*the series are velocity_B, normal"),
         ("fig5", {}, ["velocity_B"], None, "^study fig5 has no motion in time to record"),
         ("fig6", {}, (), 1e4, "^study fig6 has no motion in time to record"),
         ("table4", {}, ["state"], 1e4, "^study table4 has no motion in time to record"),
@@ -271,20 +229,8 @@ def test_a_study_with_times_of_its_own_records_there(name, axis, tmp_path):
         ("scenes", {}, ["state"], 99.0, "^sample_rate = 99.0: it must be a number from 100 to 1e"),
         ("scenes", {}, ["state"], 2e6, "^sample_rate = 2000000.0: it must be a number from 100 to 1e"),
         ("scenes", {}, ["state"], "fast", "^sample_rate = 'fast': it must be a number"),
-        (
-            "scenes",
-            {"duration": 40.0},
-            ["state"],
-            None,
-            r"^sample_rate = 50000: over duration = 40 s it must be at most 25000",
-        ),
-        (
-            "scenes",
-            {"duration": 1e-3},
-            ["state"],
-            500.0,
-            r"^sample_rate = 500: over duration = 0.001 s it must be at least",
-        ),
+        ("scenes", {"duration": 40.0}, ["state"], None, "= 50000: over duration = 40 s it must be at most 25000"),
+        ("scenes", {"duration": 1e-3}, ["state"], 500.0, "= 500: over duration = 0.001 s it must be at least"),
         ("fig7", {"sample_rate": 1e4}, ["state"], 2e4, "^sample_rate = 20000.0: study fig7 has it as a setting"),
         ("fig11", {}, ["state"], 200.0, "^sample_rate = 200.0: it must be a number from 1000 to"),
         ("contact", {}, ["state"], 1e5, "^record = state: study contact keeps its series in a window already"),
@@ -302,12 +248,8 @@ GRIDS = {
     "one axis": {"V": 5e-3, "theta": [-5.0, 0.0, 5.0], "mu": 0.2, "F": 9.0},
     "one wide axis": {"V": [1e-4, 1e-3, 1e-2], "theta": 5.0, "mu": 0.2, "F": 9.0},
     "two axes": {"V": [-5e-3, 5e-3], "theta": [5.0, 40.0], "mu": 5.0, "F": 9.0},
-    "two long axes": {"V": np.linspace(2e-3, 8e-3, 12), "theta": [0.0, 5.0], "mu": 0.2, "F": 9.0},
-    "three axes": {"V": [2e-3, 5e-3], "theta": [5.0, 10.0], "mu": np.linspace(0.1, 0.4, 6), "F": 9.0},
     "four axes": {"V": [2e-3, 4e-3], "theta": [5.0, 10.0], "mu": [0.2, 0.3], "F": np.arange(1.0, 6.0)},
-    "all failed": {"V": [2e-3, 4e-3], "theta": [40.0, 41.0], "mu": 5.0, "F": 9.0},
     "a row failed": {"V": [2e-3, 4e-3], "theta": 40.0, "mu": 5.0, "F": 9.0},
-    "one failed": {"V": 2e-3, "theta": 40.0, "mu": 5.0, "F": 9.0},
 }
 
 
@@ -317,9 +259,8 @@ def test_every_grid_has_its_figure_and_report(grid, tmp_path):
     with figures.style():
         figure = scenes.STUDY.draw(data)
         figure.savefig(tmp_path / "figure.png")
-    maps = {"two axes": 1, "two long axes": 1, "three axes": 2, "four axes": 4}
-    if grid in maps:
-        assert len(figure.axes) == maps[grid]
+    if grid in ("two axes", "four axes"):
+        assert len(figure.axes) == {"two axes": 1, "four axes": 4}[grid]
     lines = scenes.STUDY.report(data).splitlines()
     count = int(np.prod([data.sizes[name] for name in transients.SCENE]))
     assert lines[0].startswith(f"{count} scene")
