@@ -1,6 +1,7 @@
 """Compiled kernels are kept for the state of all sources, wherever there is a place, and not for ever."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -20,17 +21,12 @@ def test_compiled_code_is_kept_for_this_state_of_all_sources():
 def test_every_source_of_every_room_counts(tmp_path):
     """Numba itself looks only at the file of a kernel, not at what is inlined into it."""
     home = Path(jit.__file__).parent
-    for file in home.rglob("*.py"):
-        place = tmp_path / "fivcore" / file.relative_to(home)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_bytes(file.read_bytes())
+    shutil.copytree(home, tmp_path / "fivcore", ignore=shutil.ignore_patterns("__pycache__"))
 
     def sources():
         command = [sys.executable, "-c", "from fivcore import jit; print(jit.__file__, jit.SOURCES)"]
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-        return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
-        ).stdout.split()
+        given = {"cwd": tmp_path, "env": os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}}
+        return subprocess.run(command, capture_output=True, text=True, check=True, **given).stdout.split()
 
     first = sources()
     assert first[0].startswith(str(tmp_path))

@@ -16,7 +16,7 @@ AT_85 = Rig(contact_position=0.085)
 
 def test_table_4_is_found_again_at_85_mm():
     rig = replace(AT_85, head_mass=tune_head_mass(AT_85, 5.0, 16.0))
-    assert rig.head_mass == pytest.approx(2.9434, abs=1e-4)
+    assert rig.head_mass == pytest.approx(Rig().head_mass, abs=1e-4)
     np.testing.assert_allclose(glued_frequencies(rig, 5.0), paper.GLUED_NUMERICAL, rtol=0.0025)
 
 
@@ -28,16 +28,14 @@ def test_table_4_is_not_found_at_80_mm():
 
 
 def test_a_ninth_mode_below_10_khz_is_not_in_the_paper():
-    ninth = glued_frequencies(AT_85, 5.0, 9)[8]
-    assert ninth == pytest.approx(8237.0, abs=1.0)
+    assert glued_frequencies(AT_85, 5.0, 9)[8] == pytest.approx(8237.0, abs=1.0)
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_frequencies_are_those_of_a_dense_solve(seed):
     rig, theta = (AT_85, 5.0) if seed == 0 else (workshop_rig(seed), 7.0 * seed - 40.0)
-    count = 12
-    dense = np.sqrt(reference.glued_eigenvalues(rig, theta)[:count]) / (2.0 * np.pi)
-    np.testing.assert_allclose(glued_frequencies(rig, theta, count), dense, rtol=1e-10)
+    dense = np.sqrt(reference.glued_eigenvalues(rig, theta)[:12]) / (2.0 * np.pi)
+    np.testing.assert_allclose(glued_frequencies(rig, theta, 12), dense, rtol=1e-10)
 
 
 def test_every_mode_can_be_asked_for_and_none_beyond():
@@ -71,10 +69,9 @@ def test_tuning_is_exact_at_the_ends_of_its_range(frequency):
     assert glued_frequencies(rig, 5.0, 1)[0] == pytest.approx(frequency, rel=1e-9)
 
 
-def test_a_mode_has_the_same_bits_whatever_the_count():
-    everything = glued_frequencies(AT_85, 5.0, 60)
-    for count in (1, 6, 17):
-        np.testing.assert_array_equal(glued_frequencies(AT_85, 5.0, count), everything[:count])
+@pytest.mark.parametrize("count", [1, 6, 17])
+def test_a_mode_has_the_same_bits_whatever_the_count(count):
+    np.testing.assert_array_equal(glued_frequencies(AT_85, 5.0, count), glued_frequencies(AT_85, 5.0, 60)[:count])
 
 
 @given(rigs, angles)

@@ -35,7 +35,7 @@ def test_under_a_heavy_head_onsets_keep_their_frequency_and_follow_a_closed_form
     """With h_NN = h + c^2 H_a + s^2 H_b and h_NT = s c (H_a - H_b), e = (h + H_a) / (H_b - H_a) is real at an
     onset, whatever theta; there mu = (1 + e) tan(theta) + e / tan(theta), least at tan(theta)^2 = e / (1 + e).
     """
-    curves = onset_curves(Rig(head_mass=1e12), np.linspace(0.5, 40.0, 20))
+    curves = onset_curves(Rig(head_mass=1e12), np.linspace(0.5, 40.0, 8))
     assert len(curves.onsets) >= 3
     inside = 0
     for curve in both(curves):
@@ -75,7 +75,8 @@ def test_the_lowest_point_may_lie_beside_the_end_of_the_range(angles):
 
 # Curves.
 
-RANGES = [(Rig(), 10e3), *((workshop_rig(seed, seed % 4 > 0), 6e3) for seed in (6, 9, 16, 48))]
+RANGES = [(Rig(), 10e3), *((workshop_rig(seed, seed % 4 > 0), 6e3) for seed in (9, 16))]
+RANGES += [pytest.param(workshop_rig(seed, seed % 4 > 0), 6e3, marks=pytest.mark.slow) for seed in (6, 48)]
 
 
 @cache
@@ -86,7 +87,7 @@ def traced(rig, fmax, count):
 
 @pytest.mark.parametrize(("rig", "fmax"), RANGES)
 def test_the_curves_at_the_given_angles_are_all_onsets_and_recoveries_there(rig, fmax):
-    curves = traced(rig, fmax, 30)
+    curves = traced(rig, fmax, 12)
     for k, angle in enumerate(curves.theta):
         found = flutter_onsets(rig, angle, fmax)
         for mu, frequency, *expected in (
@@ -113,7 +114,7 @@ def test_between_the_given_angles_the_curves_are_onsets_too(rig, fmax):
 
 @pytest.mark.parametrize(("rig", "fmax"), RANGES)
 def test_a_branch_does_not_depend_on_the_angles_it_is_asked_for_at(rig, fmax):
-    for few, many in zip(*(both(traced(rig, fmax, count)) for count in (6, 30)), strict=True):
+    for few, many in zip(*(both(traced(rig, fmax, count)) for count in (6, 12)), strict=True):
         assert few.ends == many.ends
         np.testing.assert_allclose(few.theta[[0, -1]], many.theta[[0, -1]], rtol=1e-9)
         np.testing.assert_allclose(few.mu[[0, -1]], many.mu[[0, -1]], rtol=1e-7)
@@ -147,11 +148,11 @@ def test_a_curve_leaves_the_band():
     )
 
 
-@pytest.mark.parametrize("seed", [6, 9, 16, 42])
+@pytest.mark.parametrize("seed", [pytest.param(6, marks=pytest.mark.slow), 9, 16, 42])
 def test_onset_and_recovery_meet_in_a_fold(seed):
     """On one side of it there are both, apart by the root of the distance in theta; on the other there is none."""
     rig, fmax = workshop_rig(seed), 10e3
-    curves = onset_curves(rig, np.linspace(0.5, 42.0, 42), fmax)
+    curves = onset_curves(rig, np.linspace(0.5, 42.0, 12), fmax)
     ends = {}
     for curve in both(curves):
         for k, end in zip((0, -1), curve.ends, strict=True):
@@ -188,7 +189,7 @@ def test_where_nothing_flutters_there_are_no_curves():
 
 
 def test_without_damping_curves_are_the_limit_of_damped_ones():
-    theta = np.linspace(0.5, 30.0, 30)
+    theta = np.linspace(0.5, 20.0, 10)
     bare, light = (onset_curves(Rig(d1=d1, d2=d2), theta) for d1, d2 in ((0.0, 0.0), (1e-3, 1e-13)))
     for one, other in zip(both(bare), both(light), strict=True):
         assert one.ends == other.ends
@@ -201,7 +202,7 @@ def test_without_damping_curves_are_the_limit_of_damped_ones():
 @cache
 def found(rig, mu, fmax):
     """Windows that several tests look at."""
-    return unstable_windows(rig, mu, -5.0, 25.0, fmax)
+    return unstable_windows(rig, mu, -0.5, 25.0, fmax)
 
 
 def test_windows_of_the_papers_rig():
@@ -215,7 +216,8 @@ def test_windows_of_the_papers_rig():
 
 
 CASES = [(Rig(), 0.2, 10e3), (Rig(), 0.45, 10e3), (Rig(d1=0.0, d2=0.0), 0.2, 10e3)]
-CASES += [(workshop_rig(seed, seed % 4 > 0), mu, 8e3) for seed, mu in ((1, 0.4), (6, 0.7), (13, 0.4))]
+CASES += [(workshop_rig(seed), 0.4, 8e3) for seed in (1, 13)]
+CASES += [pytest.param(workshop_rig(6), 0.7, 8e3, marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize(("rig", "mu", "fmax"), CASES)
@@ -229,14 +231,14 @@ def test_windows_end_where_a_mode_ceases_to_grow(rig, mu, fmax):
         assert before != after, theta
 
 
-BLOCKS = [0, 1, *(pytest.param(block, marks=pytest.mark.slow) for block in range(2, 60))]
+BLOCKS = [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 90))]
 
 
 @pytest.mark.parametrize("block", BLOCKS)
 def test_no_growing_mode_is_outside_the_windows_and_no_window_without_one(block):
     """Onsets, recoveries, divergences and modes that cross the end of the band, on any rig."""
     checked = 0
-    for seed in range(15 * block, 15 * block + 15):
+    for seed in range(10 * block, 10 * block + 10):
         rng = np.random.default_rng(seed)
         rig, fmax = workshop_rig(seed, seed % 4 > 0), 10 ** rng.uniform(3.0, 4.2)
         mu, low = rng.choice([0.1, 0.2, 0.4, 0.7, 1.2]), rng.uniform(-30.0, 5.0)
@@ -252,18 +254,14 @@ def test_no_growing_mode_is_outside_the_windows_and_no_window_without_one(block)
     assert checked > 0
 
 
-@pytest.mark.parametrize("mu", [0.2, 1.0])
-def test_the_papers_rig_is_stable_at_negative_angles_and_upright(mu):
-    assert len(unstable_windows(Rig(), mu, -40.0, 0.0).theta_from) == 0
-
-
-def test_without_friction_nothing_grows():
-    assert len(unstable_windows(Rig(), 0.0, -10.0, 20.0).theta_from) == 0
+@pytest.mark.parametrize(("mu", "low", "high"), [(0.2, -40.0, 0.0), (1.0, -40.0, 0.0), (0.0, -10.0, 20.0)])
+def test_the_papers_rig_is_stable_at_negative_angles_upright_and_without_friction(mu, low, high):
+    assert len(unstable_windows(Rig(), mu, low, high).theta_from) == 0
 
 
 @pytest.mark.parametrize("mu", [0.1, 0.4])
 def test_windows_lie_within_the_bound(mu):
-    windows = unstable_windows(Rig(), mu, -2.0, 25.0)
+    windows = unstable_windows(Rig(), mu, -0.5, 25.0)
     assert np.all(windows.theta_from > 0.0)
     assert np.all(np.tan(np.radians(windows.theta_to)) < mu)
 
@@ -293,11 +291,11 @@ def test_a_range_that_ends_where_a_window_does():
 
 def test_windows_shrink_to_nothing_at_the_lowest_onset():
     theta, mu, _ = min((curve.lowest for curve in PAPER.onsets), key=lambda lowest: lowest[1])
-    for share in (1e-4, 1e-8):
-        above = unstable_windows(Rig(), mu * (1.0 + share), 0.0, 10.0)
+    for share, low, high in ((1e-4, 0.0, 10.0), (1e-8, 2.5, 2.7)):
+        above = unstable_windows(Rig(), mu * (1.0 + share), low, high)
         assert above.theta_from < theta < above.theta_to
         assert above.theta_to - above.theta_from == pytest.approx(2.0 * theta * np.sqrt(2.0 * share), rel=0.02)
-        assert len(unstable_windows(Rig(), mu * (1.0 - share), 0.0, 10.0).theta_from) == 0
+        assert len(unstable_windows(Rig(), mu * (1.0 - share), low, high).theta_from) == 0
 
 
 @pytest.mark.parametrize(("rig", "mu", "fmax"), CASES)
@@ -362,7 +360,7 @@ def test_results_are_read_only():
         (
             unstable_windows,
             (0.2, 10.0, 10.0),
-            "theta_max = 10.0: it must be above theta_min = 10 and below 90 degrees",
+            "theta_max = 10.0: it must be above theta_min = 10 and below 90",
         ),
         (unstable_windows, (0.2, 0.0, float("nan")), "theta_max = nan"),
         (unstable_windows, (0.2, 0.0, 10.0, -1.0), "fmax = -1.0"),

@@ -64,11 +64,10 @@ def test_other_rigs_onsets_by_a_dense_solve(seed):
 def right_half_plane(rig: Rig, theta: float, mu: np.ndarray, fmax: float) -> np.ndarray:
     """Growing eigenvalues phi: two for a growing oscillation, one for a divergence."""
     modes = sliding_modes(rig, theta, mu, fmax)
-    growing = modes.unstable
-    return np.sum(np.where(growing, np.where(modes.frequency > 0.0, 2, 1), 0), axis=-1)
+    return np.sum(modes.unstable * np.where(modes.frequency > 0.0, 2, 1), axis=-1)
 
 
-BLOCKS = [*range(4), *(pytest.param(block, marks=pytest.mark.slow) for block in range(4, 60))]
+BLOCKS = [0, 1, *(pytest.param(block, marks=pytest.mark.slow) for block in range(2, 60))]
 
 
 @pytest.mark.parametrize("block", BLOCKS)
@@ -126,9 +125,7 @@ def test_heavy_damping_is_searched_quickly(d2):
 @pytest.mark.parametrize("seed", range(8))
 def test_undamped_onsets_are_the_limit_of_damped_ones(seed):
     rig = workshop_rig(seed, damping=False)
-    bare = flutter_onsets(rig, 8.0, 5e3)
-    light = flutter_onsets(Rig(rig.p1, rig.p2, rig.contact_position, rig.head_mass, 1e-3, 1e-13), 8.0, 5e3)
-    assert len(bare.mu) == len(light.mu)
+    bare, light = (flutter_onsets(each, 8.0, 5e3) for each in (rig, replace(rig, d1=1e-3, d2=1e-13)))
     np.testing.assert_allclose(bare.mu, light.mu, rtol=1e-6)
     np.testing.assert_allclose(bare.recovery_mu, light.recovery_mu, rtol=1e-6)
 

@@ -1,5 +1,7 @@
 """Complex modes of steady sliding against dense solves, symmetries and limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -38,9 +40,8 @@ def assert_same_modes(rig: Rig, theta: float, mu: float, fmax: float, dense: np.
 @pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.0), (5.0, 0.2), (5.0, 0.45), (10.0, 0.3), (-5.0, 0.2)])
 def test_the_papers_mesh_against_a_dense_solve(theta, mu):
     dense = reference.sliding_eigenvalues(Rig(), theta, mu)
-    assert assert_same_modes(Rig(), theta, mu, 10e3, dense, (1e-8, 1e-7, 1e-6)) >= 10
-    # The Rayleigh quotients of the reference allow a good deal more.
-    assert_same_modes(Rig(), theta, mu, 10e3, dense, (1e-11, 1e-11, 1e-10))
+    # What the Rayleigh quotients of the reference allow.
+    assert assert_same_modes(Rig(), theta, mu, 10e3, dense, (1e-11, 1e-11, 1e-10)) >= 10
 
 
 BLOCKS = [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 15))]
@@ -123,13 +124,10 @@ def test_nothing_flutters_beyond_the_bound_on_theta():
     assert not np.any(trailing.unstable)
 
 
-def test_the_papers_unstable_pairs_at_its_operating_point():
+def test_the_papers_unstable_pairs_at_its_operating_point_and_modes_5_and_6_without_friction():
     modes = sliding_modes(Rig(), 5.0, 0.2)
     np.testing.assert_allclose(modes.frequency[modes.unstable], [398.0, 2794.0], atol=0.5)
     np.testing.assert_allclose(modes.growth_rate[modes.unstable], [384.0, 1764.0], atol=0.5)
-
-
-def test_modes_5_and_6_without_friction():
     np.testing.assert_allclose(sliding_modes(Rig(), 5.0, 0.0).frequency[4:6], [2530.0, 3087.0], atol=1.0)
 
 
@@ -144,12 +142,9 @@ def test_proportional_damping_only_maps_the_eigenvalues():
 @given(rigs, angles, frictions, st.floats(1.5, 20.0))
 @settings(max_examples=30, deadline=None)
 def test_frequencies_scale_with_the_root_of_the_stiffness(rig, theta, mu, factor):
-    def stiffer(beam: Beam) -> Beam:
-        young = factor**2 * beam.young_modulus
-        return Beam(beam.length, beam.width, beam.thickness, young, beam.density, beam.elements)
-
-    plain = Rig(rig.p1, rig.p2, rig.contact_position, rig.head_mass, 0.0, 0.0)
-    scaled = Rig(stiffer(rig.p1), stiffer(rig.p2), rig.contact_position, rig.head_mass, 0.0, 0.0)
+    plain = replace(rig, d1=0.0, d2=0.0)
+    stiffer = (replace(beam, young_modulus=factor**2 * beam.young_modulus) for beam in (rig.p1, rig.p2))
+    scaled = replace(plain, **dict(zip(("p1", "p2"), stiffer, strict=True)))
     first, second = sliding_modes(plain, theta, mu, 8e3), sliding_modes(scaled, theta, mu, 8e3 * factor)
     np.testing.assert_allclose(
         second.frequency, factor * first.frequency, rtol=1e-6, atol=1e-6 * first.fmax * factor
@@ -221,7 +216,7 @@ def test_a_contact_at_a_node_of_a_mode_leaves_that_mode_alone():
         middle = 0.5 * (low + high)
         shape = rig_bases(Rig(p2=rig.p2, contact_position=middle), 5.0)[1].normal[1]
         low, high = (middle, high) if shape * rig_bases(rig, 5.0)[1].normal[1] > 0.0 else (low, middle)
-    at_node = Rig(p2=rig.p2, contact_position=low, d1=0.0, d2=0.0)
+    at_node = replace(rig, contact_position=low)
     second = np.sqrt(rig_bases(at_node, 5.0)[1].stiffness[1]) / (2.0 * np.pi)
     found = sliding_modes(at_node, 5.0, 0.1)
     assert np.min(np.abs(found.frequency / second - 1.0)) < 1e-12
@@ -247,7 +242,7 @@ def test_two_modes_of_one_frequency_keep_both_eigenvalues(monkeypatch):
 
 
 def test_divergence_is_a_growing_mode_that_does_not_oscillate():
-    rig, theta, mu = workshop_rig(26), 30.0, 3.0
+    theta, mu = 30.0, 3.0
     for seed in range(200):
         rig = workshop_rig(seed)
         modes = sliding_modes(rig, theta, mu, 10e3)
@@ -273,8 +268,6 @@ def test_too_few_guesses_are_made_good(monkeypatch):
     """What friction brings in from outside the band is found from further guesses."""
     expected = sliding_modes(Rig(), 6.5, [0.1, 0.4])
     whole = secular.sliding_problem(Rig(), 6.5, 10e3)
-    from dataclasses import replace
-
     monkeypatch.setattr(sliding, "sliding_problem", lambda *_: replace(whole, guesses=whole.guesses[:3]))
     found = sliding_modes(Rig(), 6.5, [0.1, 0.4])
     np.testing.assert_allclose(found.frequency, expected.frequency, rtol=1e-9)

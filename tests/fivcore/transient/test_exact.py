@@ -65,17 +65,8 @@ class Reference:
 
     def __init__(self, model: ReducedModel, scene: Normalised, ramp: float, step: float) -> None:
         self.step, self.ramp, self.speed_per_load = LONG(step), LONG(ramp), LONG(scene.speed_per_load)
-        k, c, a, b, inertia, rest = (
-            LONG(part)
-            for part in (
-                model.stiffness,
-                model.damping,
-                model.normal,
-                model.tangential,
-                model.inertia,
-                model.rest,
-            )
-        )
+        names = ("stiffness", "damping", "normal", "tangential", "inertia", "rest")
+        k, c, a, b, inertia, rest = (LONG(getattr(model, name)) for name in names)
         K, C, mu = LONG(model.K), LONG(model.C), LONG(scene.mu)
         n = self.n = len(k)
         unit = np.eye(2 * n + 4, dtype=LONG)
@@ -147,13 +138,8 @@ class Reference:
                     return False
             else:
                 self.y = new
-                self.t = (
-                    until
-                    if h == until - self.t
-                    else self.ramp
-                    if ramping and h == self.ramp - self.t
-                    else self.t + h
-                )
+                ends = [end for end in (until, self.ramp) if h == end - self.t]
+                self.t = ends[0] if ends else self.t + h
         return True
 
     @staticmethod
@@ -531,18 +517,23 @@ def test_a_motion_that_is_not_finite_is_an_error():
         run._enter(0.0, STICK, np.full(2 * len(run.model.stiffness) + 2, np.nan))
 
 
-def until_separation(duration=0.012):
-    """Times, states and energy residual of the paper's rig, and when the contact slips and separates first."""
-    run = run_for(exact_run(duration=duration))
+def until_separation():
+    """States, when the contact of the paper's rig slips and separates first, and the energy residual."""
+    run = run_for(exact_run(duration=0.012))
     events = counted(run, "first_slip", "first_separation")
     states = states_at(SCENE, events[1] * np.array([0.1, 0.3, 0.6, 0.9, 0.99]), ramp=RAMP, cutoff=CUTOFF)
     return states, events, energy_residual(run), run.model.stiffness
 
 
+@pytest.fixture(scope="module")
+def plain():
+    return until_separation()
+
+
 @pytest.mark.parametrize("bits", [-5, -2, 1, 4])
-def test_the_last_bits_of_the_damping_decide_nothing(monkeypatch, bits):
+def test_the_last_bits_of_the_damping_decide_nothing(monkeypatch, bits, plain):
     """Flutter amplifies what rounding does to an eigenbasis, the more the worse its coordinates are chosen."""
-    states, events, residual, stiffness = until_separation()
+    states, events, residual, stiffness = plain
 
     def nearly(*arguments):
         model = reduced_model(*arguments)

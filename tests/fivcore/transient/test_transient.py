@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from fivcore import (
-    Beam,
     ContactError,
     DivergenceError,
     Rig,
@@ -20,12 +19,12 @@ from fivcore import (
 )
 from fivcore.contact import step_map as step_limit
 from fivcore.contact.reduced import full_model, reduced_model
+from fivcore.rig import P1, P2
 from fivcore.transient import fast
 from fivcore.transient.published import STEP, TAU
 from tests.benchmarks.ensembles import FRACTIONS, SCENES, compare
 from tests.helpers.rigs import workshop_rig
-
-SERIES = ("time", "velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")
+from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
 
 def paper_scene(V, F=9.0):
@@ -41,7 +40,7 @@ def vibrating():
 # What the paper's rig does.
 
 
-@pytest.mark.parametrize("V", [2e-3, 5e-3])
+@pytest.mark.parametrize("V", [pytest.param(2e-3, marks=pytest.mark.slow), 5e-3])
 def test_fast_slips_and_separates_first_when_the_published_scheme_does(V):
     """First slip comes when the clamp has moved by 0.1435 mm, the first separation 3.6 to 3.95 ms later."""
     delays = {}
@@ -55,23 +54,26 @@ def test_fast_slips_and_separates_first_when_the_published_scheme_does(V):
         assert 3.6e-3 <= delays["paper"] <= 3.95e-3
 
 
-@pytest.mark.parametrize(
-    ("V", "fractions", "rms"),
-    [
-        (1e-3, (0.925, 0.045, 0.030), 5.1e-3),
-        (2e-3, (0.743, 0.073, 0.184), 5.1e-3),
-        (5e-3, (0.596, 0.083, 0.321), 10.1e-3),
-    ],
-)
-def test_time_fractions_lines_and_forces_at_the_papers_speeds(V, fractions, rms):
+# At the paper's speeds: shares of time, RMS of the velocity of B, 99.9 % quantiles of force and slip speed.
+FIGURES = {
+    1e-3: ((0.925, 0.045, 0.030), 5.1e-3, 28, None),
+    2e-3: ((0.743, 0.073, 0.184), 5.1e-3, 28, 37e-3),
+    5e-3: ((0.596, 0.083, 0.321), 10.1e-3, 36, 65e-3),
+}
+
+
+@pytest.mark.parametrize("V", FIGURES)
+def test_time_fractions_lines_and_forces_at_the_papers_speeds(V):
     """Three members: shares of time within 0.02, the RMS of the velocity of B within 10 %."""
+    fractions, rms, force, slip = FIGURES[V]
     runs = [simulate(paper_scene(V), 2.8, ramp=1e-3 * (1 + 0.013 * k), settle=0.3).summary for k in range(3)]
     for key, expected in zip(FRACTIONS, fractions, strict=True):
         assert np.mean([run[key] for run in runs]) == pytest.approx(expected, abs=0.02)
     assert np.mean([run["velocity_rms"] for run in runs]) == pytest.approx(rms, rel=0.1)
+    if V == 2e-3:
+        assert 3.6e-3 <= runs[0]["first_separation_time"] - runs[0]["first_slip_time"] <= 3.95e-3
     # Where bursts are rare, one member in ten has its strongest line at a rival peak.
     assert 2.54e3 < np.median([run["dominant_frequency"] for run in runs]) < 2.69e3
-    force, slip = {1e-3: (28, None), 2e-3: (28, 37e-3), 5e-3: (36, 65e-3)}[V]
     assert np.mean([run["normal_force_999"] for run in runs]) == pytest.approx(force, abs=3.0)
     if slip is not None:
         assert np.mean([run["slip_speed_999"] for run in runs]) == pytest.approx(slip, rel=0.12)
@@ -106,9 +108,9 @@ def test_while_stuck_a_glued_mode_rings():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("V", [1e-3, 2e-3, 5e-3])
+@pytest.mark.parametrize("V", FIGURES)
 def test_the_published_scheme_at_the_papers_speeds(V):
-    expected = {1e-3: (0.925, 0.045, 0.030), 2e-3: (0.743, 0.073, 0.184), 5e-3: (0.596, 0.083, 0.321)}[V]
+    expected, rms, force, _ = FIGURES[V]
     summary = simulate(paper_scene(V), 2.8, "paper", settle=0.3).summary
     assert summary["first_slip_time"] == pytest.approx(0.5e-3 + 0.1435e-3 / V, rel=0.01)
     if V < 5e-3:
@@ -116,26 +118,21 @@ def test_the_published_scheme_at_the_papers_speeds(V):
     for key, fraction in zip(FRACTIONS, expected, strict=True):
         assert summary[key] == pytest.approx(fraction, abs=0.01)
     assert summary["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
-    rms = {1e-3: 5.1e-3, 2e-3: 5.1e-3, 5e-3: 10.1e-3}[V]
     assert summary["velocity_rms"] == pytest.approx(rms, rel=0.05)
     assert 2.54e3 < summary["dominant_frequency"] < 2.69e3
-    assert summary["normal_force_999"] == pytest.approx({1e-3: 28, 2e-3: 28, 5e-3: 36}[V], abs=3.0)
+    assert summary["normal_force_999"] == pytest.approx(force, abs=3.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["2 mm/s", "theta 10"])
 def test_fast_agrees_with_the_published_scheme_in_its_statistics(name):
     """Two scenes of the table that `python -m tests.benchmarks.ensembles` makes."""
-    runs = {
-        method: [simulate_member(name, method, k) for k in range(members)]
+    paper, fast = (
+        [simulate(SCENES[name], 2.4, method, ramp=1e-3 * (1 + 0.013 * k)).summary for k in range(members)]
         for method, members in (("paper", 2), ("fast", 6))
-    }
-    for key, difference, _, allowed in compare(runs["paper"], runs["fast"]):
+    )
+    for key, difference, _, allowed in compare(paper, fast):
         assert abs(difference) <= allowed, key
-
-
-def simulate_member(name, method, number):
-    return simulate(SCENES[name], 2.4, method, ramp=1e-3 * (1 + 0.013 * number)).summary
 
 
 # What every run must do.
@@ -172,8 +169,7 @@ def test_the_rms_is_that_of_the_samples():
 
 
 def test_without_record_there_is_none():
-    result = simulate(paper_scene(5e-3), 0.01)
-    assert all(len(getattr(result, name)) == 0 for name in SERIES)
+    assert all(len(getattr(simulate(paper_scene(5e-3), 0.01), name)) == 0 for name in SERIES)
 
 
 def test_the_same_scene_has_the_same_bits_on_threads():
@@ -182,7 +178,7 @@ def test_the_same_scene_has_the_same_bits_on_threads():
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda scene: simulate(scene, 0.1, record=True), scenes))
     for one, other in zip(alone, together, strict=True):
-        assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in SERIES)
+        assert_same_run(one, other)
 
 
 def test_memory_does_not_grow_with_duration_unless_recorded():
@@ -201,17 +197,6 @@ def test_without_a_drive_worth_the_name_the_rig_stays_at_rest():
     result = simulate(Scene(1e-9, 5.0, 0.2, 9.0), 0.05, record=True)
     assert result.normal_force == pytest.approx(9.0, rel=1e-6)
     assert result.summary["regime"] == "undecided"
-
-
-@pytest.mark.parametrize(
-    "scene", [Scene(5e-3, 5.0, 0.05, 9.0), Scene(5e-3, -8.0, 0.3, 9.0), Scene(5e-3, 15.0, 0.2, 9.0)]
-)
-def test_a_stable_scene_settles_into_steady_sliding(scene):
-    result = simulate(scene, 3.0, record=True, sample_rate=1e3)
-    assert result.summary["regime"] == "steady sliding"
-    last = result.time > 2.99
-    assert result.normal_force[last] == pytest.approx(9.0, rel=1e-6)
-    assert np.abs(result.tangential_force[last]) == pytest.approx(scene.mu * 9.0, rel=1e-6)
 
 
 HARD = [("fast", 0.05, seed) for seed in range(40)]
@@ -286,22 +271,18 @@ def test_without_an_element_24_modes_lose_their_contact_force_at_1_92():
         ({"record": "a"}, "record = 'a': it must be a bool or names of series among velocity_B, "),
         ({"method": np.array(["fast"])}, "method = array"),
         ({"contact_motion": True}, "contact_motion = True"),
-        (
-            {"duration": 1e4, "record": True},
-            "sample_rate = 100000: .* at most 10000 Hz",
-        ),
+        ({"duration": 1e4, "record": True}, "sample_rate = 100000: .* at most 10000 Hz"),
         ({"scene": Scene(1e-30, 5.0, 0.2, 9.0)}, "V / F = 1.11111e-31: it must be from 1e-12"),
         ({"initial": (np.full(361, 1e60), np.zeros(361), 1)}, "initial: modal displacements"),
         ({"settle": -1.0}, "settle = -1"),
+        ({"end_early": 1}, "end_early = 1: it must be a bool"),
+        ({"leap": 1}, "leap = 1: it must be a bool"),
         ({"min_stick": 0.0}, "min_stick = 0"),
         ({"sample_rate": 0.0}, "sample_rate = 0"),
         ({"sample_times": [0.0]}, "sample_times: they are for what is recorded, and nothing is; give record"),
         ({"sample_times": ["x"], "record": True}, "sample_times: they must be numbers"),
         ({"sample_times": [1e-3, 0.0], "record": True}, r"sample_times of shape \(2,\): .* ascending times"),
-        (
-            {"sample_times": [0.0, 0.02], "record": True},
-            "sample_times from 0 to 0.02 s: they must be from 0 to dur",
-        ),
+        ({"sample_times": [0.0, 0.02], "record": True}, "sample_times from 0 to 0.02 s: .* from 0 to dur"),
         ({"initial": 3}, "initial: it must be modal displacements"),
         ({"initial": (np.zeros(3), np.zeros(3), 1)}, r"initial: modal displacements of shape \(3,\)"),
         ({"initial": (np.zeros(361), np.zeros(361), 7)}, "initial: contact state 7"),
@@ -328,9 +309,7 @@ def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
     every = simulate(scene, duration, method, record=True, sample_rate=1e9 if duration < 0.01 else 1e6)
     times = np.sort(np.concatenate([[0.0, duration], np.random.default_rng(2).uniform(0.0, duration, 3000)]))
     kept = simulate(scene, duration, method, record=True, sample_times=times)
-    assert kept.summary.keys() == every.summary.keys()
-    for name, value in every.summary.items():
-        np.testing.assert_array_equal(kept.summary[name], value)
+    assert_same_summary(kept, every)
     np.testing.assert_array_equal(kept.time, times)
     for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
         np.testing.assert_array_equal(getattr(kept, name), np.interp(times, every.time, getattr(every, name)))
@@ -388,11 +367,11 @@ def test_heavy_damping_does_not_make_the_contact_slip_early(d2):
 
 
 def test_a_step_at_which_slip_alternates_is_refused():
-    model, mu = reduced_model(Rig(), 60.0, 600e3), 2.0
+    rig, mu, cutoff = Rig(replace(P1, elements=10), replace(P2, elements=30)), 2.0, 300e3
+    model = reduced_model(rig, 60.0, cutoff)
     assert step_limit.stable(model, mu, model.default_step)
-    scene, step = Scene(-0.05, -60.0, mu, 9.0), 0.99 * model.largest_step
     with pytest.raises(ValueError, match=r"at most .* s; beyond, slip with mu = 2 is unstable") as caught:
-        simulate(scene, 1e-3, step=step, cutoff=600e3)
+        simulate(Scene(-0.05, -60.0, mu, 9.0, rig), 1e-3, step=0.99 * model.largest_step, cutoff=cutoff)
     limit = float(str(caught.value).split("at most ")[1].split(" s")[0])
     assert step_limit.stable(model, mu, 0.99 * limit)
     assert not step_limit.stable(model, mu, 1.01 * limit)
@@ -413,7 +392,7 @@ def test_a_run_that_blows_up_says_so(method, monkeypatch):
 @pytest.mark.parametrize(("n1", "n2"), [(1, 1), (2, 2), (1, 40), (30, 1)])
 @pytest.mark.parametrize("method", ["fast", "exact"])
 def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
-    rig = replace(Rig(), p1=replace(Rig().p1, elements=n1), p2=replace(Rig().p2, elements=n2))
+    rig = Rig(replace(P1, elements=n1), replace(P2, elements=n2))
     scene = Scene(0.02, 5.0, 0.2, 9.0, rig)
     assert reduced_model(rig, 5.0).K.any() == (n1 != n2)
     if method == "exact" and n1 == n2:
@@ -460,9 +439,7 @@ def test_with_all_modes_a_striking_tip_stays_in_contact_and_the_kept_ones_need_t
 
 
 def test_a_model_of_all_modes_needs_no_element():
-    beam = Beam(0.05, 0.01, 0.0015, 185e9, 7900.0, 2)
-    rig = Rig(beam, replace(beam, length=0.15, elements=4), 0.08)
-    model = reduced_model(rig, 5.0, 1e9)
+    model = reduced_model(Rig(replace(P1, elements=2), replace(P2, elements=4)), 5.0, 1e9)
     assert model.kept.all()
     assert not model.K.any()
 
@@ -470,23 +447,21 @@ def test_a_model_of_all_modes_needs_no_element():
 # A contact point that moves.
 
 
-@pytest.mark.parametrize("direction", [-1, 1])
 @pytest.mark.parametrize("method", ["fast", "paper"])
-def test_moving_the_contact_point_hardly_matters_at_first(method, direction):
+def test_moving_the_contact_point_hardly_matters_at_first(method):
     """By first slip D has moved by 0.1435 mm: first slip comes when it does with a frozen contact."""
     scene, given = Scene(20e-3, 5.0, 0.2, 9.0), {"cutoff": 75e3} if method == "fast" else {}
-    frozen, moving = (
-        simulate(scene, 0.012, method, contact_motion=motion, settle=0.0, **given).summary
-        for motion in (0, direction)
+    frozen, *moving = (
+        simulate(scene, 0.012, method, contact_motion=motion, settle=0.0, **given).summary for motion in (0, -1, 1)
     )
-    assert moving["first_slip_time"] == pytest.approx(frozen["first_slip_time"], rel=0.02)
-    assert moving["mean_normal_force"] == pytest.approx(frozen["mean_normal_force"], rel=0.02)
+    for name in ("first_slip_time", "mean_normal_force"):
+        assert [summary[name] for summary in moving] == pytest.approx([frozen[name]] * 2, rel=0.02)
 
 
 def test_the_line_wanders_with_the_contact_point_and_the_mean_force_does_not():
     """P2's stiffness at D, and with it the unstable pair, depends on where D is."""
     scene = paper_scene(5e-3)
-    towards, away = (simulate(scene, 0.8, contact_motion=motion).summary for motion in (-1, 1))
+    towards, away = (simulate(scene, 0.4, contact_motion=motion).summary for motion in (-1, 1))
     assert towards["dominant_frequency"] < 0.97 * away["dominant_frequency"]
     for summary in (towards, away):
         assert summary["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
@@ -506,14 +481,14 @@ def test_the_mirrored_scene_moves_the_contact_the_same_way(direction):
 @pytest.mark.parametrize(
     ("V", "theta", "place", "direction", "duration", "bound"),
     [
-        (1.0, 5.0, 0.14, 1, 0.0040, 0.01),
-        (1.0, -5.0, 0.14, 1, 0.0040, 1e-4),
-        (1.0, 5.0, 0.012, -1, 0.0040, 1e-3),
+        (1.0, 5.0, 0.14, 1, 0.0035, 0.01),
+        (1.0, -5.0, 0.14, 1, 0.0025, 1e-4),
+        (1.0, 5.0, 0.012, -1, 0.0025, 1e-3),
         (0.1, 5.0, 0.07, -1, 0.025, 5e-3),
     ],
 )
 def test_energy_is_kept_while_the_contact_point_moves(V, theta, place, direction, duration, bound):
-    """Over two elements of P2 and more, through vibration and through steady sliding."""
+    """Over an element of P2 and more, the first over two, through vibration and through steady sliding."""
     scene = Scene(V, theta, 0.2, 9.0, Rig(contact_position=place))
     assert simulate(scene, duration, contact_motion=direction).summary["energy_residual"] < bound
 

@@ -1,0 +1,20 @@
+"""Two runs compared bit for bit."""
+
+import numpy as np
+
+from fivcore.transient.record import SERIES as RECORDED
+
+SERIES = ("time", *RECORDED)
+
+
+def assert_same_summary(one, other):
+    for name, value in one.summary.items():
+        assert np.array_equal(value, other.summary[name], equal_nan=not isinstance(value, str)), name
+
+
+def assert_same_run(one, other):
+    """The scene, every series and every figure."""
+    assert one.scene == other.scene
+    for name in SERIES:
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    assert_same_summary(one, other)
