@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.query.columns import NUMBER, TEXT, WORDS, Column, Columns, spaced
-from studies.query.language import Expression, parse, shortened
+from studies.query.language import Expression, is_number, parse, shortened
 from studies.query.nearest import nearest
 
 # The largest power, of either sign.
@@ -291,17 +291,23 @@ class _Meaning:
         if kinds == {NUMBER}:
             if axis is not None and sign in ("==", "!=") and isinstance(other.constant, float):
                 return self._at(axis, sign, other.constant, f"{left.text} {sign} {right.text}")
-            return _numbers(left, compare, right)
-        if NUMBER in kinds:
+        elif NUMBER in kinds:
             raise wrong(node, _unlike(left, right))
-        if WORDS in kinds and isinstance(other.constant, str):
-            return self._word(node, one, sign, other.constant)
-        if axis is not None and isinstance(other.constant, str):
-            known = [str(value) for value in np.ravel(np.asarray(axis.values))]
-            if sign == "==" and other.constant not in known:
-                near = _near(other.constant, known)
-                self.note(f"{axis.name} == {other.constant!r}: {axis.name} has no such value; {near}")
-        return _texts(left, sign, right)
+        elif one.column is not None and isinstance(other.constant, str):
+            text, words = other.constant, one.column.words
+            if words is not None:
+                text = spaced(text)
+                if text not in words.values():
+                    near = _near(text, list(words.values()))
+                    raise wrong(node, f"{one.column.name} is never {other.constant!r}; {near}")
+            elif (
+                axis is not None
+                and sign == "=="
+                and text not in (known := list(map(str, np.ravel(np.asarray(axis.values)))))
+            ):
+                self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
+            left, right = one, Term(TEXT, other.text, lambda values: text)
+        return _known(left, compare, right)
 
     def _at(self, column: Column, sign: str, number: float, text: str) -> Evaluate:
         """Where an axis has the value nearest to a number, if that is near enough."""
@@ -311,23 +317,6 @@ class _Meaning:
             self.note(f"{text}: {column.name} has no such value; the nearest is {value:.15g}")
         compare = operator.eq if sign == "==" else operator.ne
         return lambda values: compare(values[column.name], value if near else np.nan)
-
-    def _word(self, node: ast.Compare, one: Term, sign: str, word: str) -> Evaluate:
-        """Where codes stand for a word, or for another."""
-        assert one.column is not None
-        assert one.column.words is not None
-        column, words = one.column, one.column.words
-        codes = [code for code, each in words.items() if spaced(each) == spaced(word)]
-        if not codes:
-            near = _near(word, list(words.values()))
-            raise self.expression.wrong(node, f"{column.name} is never {word!r}; {near}")
-
-        def compared(values: Values) -> Any:
-            own = one.evaluate(values)
-            same = np.isin(own, codes)
-            return same if sign == "==" else ~(same | column.missing(own))
-
-        return compared
 
 
 def _constant(value: float, text: str) -> Term:
@@ -347,10 +336,13 @@ def _wide(values: Any) -> Any:
     return np.asarray(values, dtype=float)
 
 
-def _numbers(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
+def _known(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
     def compared(values: Values) -> Any:
-        a, b = left.evaluate(values), right.evaluate(values)
-        result = compare(a, b)
+        a, b = (
+            term.column.shown(own) if term.column else own
+            for term, own in ((left, left.evaluate(values)), (right, right.evaluate(values)))
+        )
+        result = np.asarray(compare(a, b), dtype=bool)
         # NaN is unequal to everything, but nothing is known of what is missing.
         return result & (a == a) & (b == b) if compare is operator.ne else result
 
@@ -368,40 +360,14 @@ def _missing(one: Term, sign: str) -> Evaluate:
     return compared
 
 
-def _texts(left: Term, sign: str, right: Term) -> Evaluate:
-    """Texts, or the words that codes stand for."""
-
-    def plain(term: Term, values: Values) -> Any:
-        own = term.evaluate(values)
-        return term.column.shown(own) if term.kind == WORDS and term.column is not None else own
-
-    def compared(values: Values) -> Any:
-        a, b = plain(left, values), plain(right, values)
-        same = np.asarray(a == b, dtype=bool)
-        result = same if sign == "==" else ~same
-        for term, own in ((left, a), (right, b)):
-            if term.kind == WORDS:
-                result = result & np.asarray(own != "", dtype=bool)
-        return result
-
-    return compared
-
-
 def _unlike(left: Term, right: Term) -> str:
     """Why a number and something else cannot be compared."""
     one, number = (right, left) if left.kind == NUMBER else (left, right)
     if one.column is not None and one.column.words is not None:
         words = ", ".join(map(repr, one.column.words.values()))
         return f"{one.text} is a word and {shortened(number.text)} a number; its words are {words}"
-    hint = f"; without quotes {one.constant} is a number" if _is_number(one.constant) else ""
+    hint = f"; without quotes {one.constant} is a number" if is_number(str(one.constant)) else ""
     return f"{shortened(one.text)} is a text and {shortened(number.text)} a number{hint}"
-
-
-def _is_number(text: Any) -> bool:
-    try:
-        return bool(np.isfinite(float(str(text))))
-    except ValueError:
-        return False
 
 
 def _near(text: str, values: list[str]) -> str:

@@ -30,8 +30,7 @@ DURATION = 1.0
 class Again(NamedTuple):
     """Commands that make a result again, and one of its points, with {V} where the value of the axis V goes.
 
-    A command is "" where the file does not say what it was asked for; `whole` also where the values of its axes are
-    too many to be typed.
+    A command is "" where the file does not say what it was asked for; `whole` also where its axes are too long.
     """
 
     whole: str = ""
