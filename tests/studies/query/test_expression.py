@@ -218,8 +218,8 @@ def test_rows_are_those_that_a_loop_in_python_chooses(text):
     assert chosen(text, ROWS) == np.flatnonzero(found).tolist()
 
 
-WRITTEN = """x y kind told nan 1 0.5 1e400 'calm' "a" ' == != < >= in not and or + - * ** / ( ) , . [ ] { } : := = f'
-lambda if else for is await yield ... @ \\ # ; µ ｘ ² _ 0x1 1j None print ! % & ~"""
+WRITTEN = """x y kind told nan 1 0.5 1e400 'calm' "a" ' == != < >= in not and or + - * ** / ( ) , . [ ] { } : :=
+= f' lambda if else for is await yield ... @ \\ # ; µ ｘ ² _ 0x1 1j None print ! % & ~"""
 PIECES = [*WRITTEN.split(), "\n", "\t", "\0", "\ud800"]
 
 

@@ -106,7 +106,7 @@ def test_every_result_has_its_question_figure_numbers_cost_and_command(folder, t
 
 def lines_of(text):
     """The commands of a page, or of a part of it."""
-    return [unescape(re.sub("</?span>", "", line)) for line in re.findall(r"<pre><code>(.*?)</code>", text)]
+    return [unescape(re.sub("</?span>", "", line)) for line in re.findall(r"<pre><code>(.+?)</code>", text)]
 
 
 def test_studies_not_run_are_listed_with_their_commands(folder, text):
@@ -365,6 +365,28 @@ def test_the_command_is_what_was_asked_for(tmp_path):
     del configuration["request"]
     assert again(data.assign_attrs(configuration=json.dumps(configuration))) == ("", "")
     assert again(data.drop_attrs()) == ("", "")
+
+
+OWN = """
+from matplotlib.figure import Figure
+from studies.study import Study
+from sweeps import Axis, Variable
+STUDY = Study(
+    name="own_squares", title="Squares", question="How large?", paper="Nothing.", axes={"x": Axis([1.0, 3.0])},
+    settings={}, function=lambda points: {"y": points["x"] ** 2}, variables={"y": Variable()},
+    draw=lambda data: Figure(), findings=lambda data: [],
+)
+"""
+
+
+def test_a_study_of_ones_own_is_called_by_its_file(tmp_path):
+    file = tmp_path / "own.py"
+    file.write_text(OWN)
+    runner.run(str(file), {"x": [1.0, 2.0]}, tmp_path)
+    text = report.write((str(file),), tmp_path, None, pytest.fail).read_text()
+    first, last = lines_of(text)
+    assert first.startswith(f"fiv query {file} --out {tmp_path} --where ")
+    assert last == f"fiv run {file} --set x=1,2"
 
 
 def test_what_a_command_cannot_say_a_file_says(tmp_path, monkeypatch):
