@@ -81,6 +81,11 @@ class Term:
     constant: float | str | None = None
     units: str = ""
 
+    def shown(self, values: Values) -> Any:
+        """Its values; words in place of codes, and NaN where there is none."""
+        own = self.evaluate(values)
+        return own if self.column is None else self.column.shown(own)
+
     @property
     def described(self) -> str:
         """What it is, for a message."""
@@ -261,10 +266,8 @@ class _Meaning:
     def _member(self, node: ast.Compare, left: Term, sign: ast.In | ast.NotIn, members: ast.expr) -> Evaluate:
         """Whether a value is one of a list."""
         if not (isinstance(members, ast.Tuple) and members.elts):
-            why = (
-                "after in comes a list in brackets, like (0.1, 0.2); one of a single value has a comma too: (0.1,)"
-            )
-            raise self.expression.wrong(node, why)
+            why = "like (0.1, 0.2); one of a single value has a comma too: (0.1,)"
+            raise self.expression.wrong(node, f"after in comes a list in brackets, {why}")
         inside = isinstance(sign, ast.In)
         kind, join = (ast.Eq, np.logical_or) if inside else (ast.NotEq, np.logical_and)
         pairs = [self._compared(node, left, kind, self.of(each)) for each in members.elts]
@@ -300,14 +303,15 @@ class _Meaning:
                 if text not in words.values():
                     near = _near(text, list(words.values()))
                     raise wrong(node, f"{one.column.name} is never {other.constant!r}; {near}")
-            elif (
-                axis is not None
-                and sign == "=="
-                and text not in (known := list(map(str, np.ravel(np.asarray(axis.values)))))
-            ):
-                self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
+            elif axis is not None and sign == "==":
+                self._note_text(axis, text)
             left, right = one, Term(TEXT, other.text, lambda values: text)
         return _known(left, compare, right)
+
+    def _note_text(self, axis: Column, text: str) -> None:
+        known = [str(value) for value in np.ravel(np.asarray(axis.values))]
+        if text not in known:
+            self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
 
     def _at(self, column: Column, sign: str, number: float, text: str) -> Evaluate:
         """Where an axis has the value nearest to a number, if that is near enough."""
@@ -337,25 +341,22 @@ def _wide(values: Any) -> Any:
 
 
 def _known(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
+    """Where two terms compare so: NaN is unequal to everything, but nothing is known of what is missing."""
+
     def compared(values: Values) -> Any:
-        a, b = (
-            term.column.shown(own) if term.column else own
-            for term, own in ((left, left.evaluate(values)), (right, right.evaluate(values)))
-        )
+        a, b = left.shown(values), right.shown(values)
         result = np.asarray(compare(a, b), dtype=bool)
-        # NaN is unequal to everything, but nothing is known of what is missing.
         return result & (a == a) & (b == b) if compare is operator.ne else result
 
     return compared
 
 
 def _missing(one: Term, sign: str) -> Evaluate:
-    """Where a column or a number has no value, or has one."""
-    column = one.column or Column(one.text, NUMBER)
+    """Where a term has no value, or has one."""
 
     def compared(values: Values) -> Any:
-        absent = column.missing(np.asarray(one.evaluate(values)))
-        return absent if sign == "==" else ~absent
+        own = one.shown(values)
+        return np.asarray(own != own if sign == "==" else own == own, dtype=bool)
 
     return compared
 

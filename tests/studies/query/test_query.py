@@ -245,6 +245,15 @@ def test_calculated_columns_run_along_further_dimensions(data):
     with pytest.raises(ValueError, match="they have no rows in common"):
         query(data, sort="mode_size * peak_size")
     assert list(query(data, sort="-a * b", limit=1))[-2:] == ["a * b", "status"]
+    # Entries that are sorted by are shown, but for their coordinate, which has its own place.
+    assert list(query(data, sort="-mode_size * 2,mode")) == [
+        "a",
+        "b",
+        "a_name",
+        "mode",
+        "mode_size",
+        "mode_size * 2",
+    ]
 
 
 @pytest.mark.parametrize(
