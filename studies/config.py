@@ -134,7 +134,8 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
     """
     try:
         configuration = json.loads(dataset.attrs["configuration"])
-        asked = configuration["request"]
+        # A study without settings asks for nothing besides its axes.
+        asked = configuration["request"] if configuration["constants"] else configuration.get("request", {})
         axes = {name: dataset[name].values.tolist() for name in configuration["axes"]}
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{whose}: it does not say what it was asked for; maps and older files do not") from None

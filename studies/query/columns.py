@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -58,10 +58,10 @@ class Column:
     calculate: Callable[[Mapping[str, NDArray[Any]]], Any] | None = None
 
     def shown(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Words in place of codes; "" where there is none."""
+        """Words in place of codes; NaN where there is none."""
         if self.words is None:
             return values
-        words = np.full(values.shape, "", dtype=object)
+        words = np.full(values.shape, np.nan, dtype=object)
         for code, word in self.words.items():
             words[values == code] = word
         return words
@@ -76,6 +76,39 @@ class Column:
 def spaced(word: str) -> str:
     """A word as it is shown: the meanings of flags have underscores where words have spaces."""
     return word.replace("_", " ")
+
+
+def column_of(
+    name: str, variable: xr.Variable | xr.DataArray, axis: bool = False, argument: str = "show"
+) -> Column:
+    """The column that a variable is; `argument` says in a message whose value names it.
+
+    Raises
+    ------
+    ValueError
+        If it has no place in a table.
+    """
+    dims, attributes, kind = tuple(map(str, variable.dims)), variable.attrs, variable.dtype.kind
+    axis = axis and len(dims) < 2
+    values = np.asarray(variable.values) if axis else None
+    if "flag_meanings" in attributes and "flag_values" in attributes:
+        codes = np.atleast_1d(attributes["flag_values"]).tolist()
+        meanings = map(spaced, str(attributes["flag_meanings"]).split())
+        return Column(name, WORDS, dims, "", dict(zip(codes, meanings, strict=True)), True, False, values)
+    if kind in "OU":
+        return Column(name, TEXT, dims, "", None, False, axis, values)
+    if kind not in "iufb":
+        raise ValueError(f"{argument} = {name!r}: it is of type {variable.dtype}, which has no place in a table")
+    units = str(attributes.get("units", ""))
+    whole = kind in "iu" or np.dtype(variable.encoding.get("dtype", variable.dtype)).kind in "iu"
+    return Column(name, NUMBER, dims, "" if units == "1" else units, None, whole, axis, values)
+
+
+def hint(name: str, known: Sequence[str]) -> str:
+    """What a message says of a name that stands for nothing: the nearest that does, else all."""
+    from studies.study import suggest
+
+    return suggest(name, list(known)).strip() or f"there are {', '.join(known)}"
 
 
 class Columns:
@@ -116,7 +149,9 @@ class Columns:
             If there is nothing of the name; the message has the nearest that there is.
         """
         if name in self.dataset.variables:
-            return self._of_variable(name, argument)
+            return column_of(
+                name, self.dataset.variables[name], name in (*self.axes, *self.dataset.dims), argument
+            )
         if name in self.dataset.sizes:
             # Its entries have no names: they are counted as `isel` counts them.
             numbers = np.arange(self.dataset.sizes[name], dtype=np.int64)
@@ -127,41 +162,18 @@ class Columns:
             values = np.asarray(np.nan if value is None else value, dtype=object if kind == TEXT else None)
             units = self._unit_of_setting(name)
             return Column(name, kind, (), units, None, isinstance(value, int), False, values)
-        from studies.study import suggest
-
         if self._is_word(name):
             near = f"to compare with the word, write '{name}' in quotes"
         elif name == "time" and "elapsed" in self.names:
             near = "did you mean elapsed?"
         else:
-            near = suggest(name, self.names).strip() or f"there are {', '.join(self.names)}"
+            near = hint(name, self.names)
         raise ValueError(f"{argument} = {name!r}: nothing is called so; {near}")
 
     def _is_word(self, name: str) -> bool:
         """Whether it is what a code stands for."""
         meanings = (str(each.attrs.get("flag_meanings", "")) for each in self.dataset.variables.values())
         return any(name in words.split() for words in meanings)
-
-    def _of_variable(self, name: str, argument: str) -> Column:
-        variable = self.dataset.variables[name]
-        dims = tuple(map(str, variable.dims))
-        attributes = variable.attrs
-        stored = np.dtype(variable.encoding.get("dtype", variable.dtype))
-        axis = name in self.axes or (dims == (name,) and name in self.dataset.dims)
-        values = np.asarray(variable.values) if axis else None
-        if "flag_meanings" in attributes and "flag_values" in attributes:
-            codes = np.atleast_1d(attributes["flag_values"]).tolist()
-            meanings = map(spaced, str(attributes["flag_meanings"]).split())
-            return Column(name, WORDS, dims, "", dict(zip(codes, meanings, strict=True)), True, False, values)
-        if variable.dtype.kind in "OU":
-            return Column(name, TEXT, dims, "", None, False, axis, values)
-        if variable.dtype.kind not in "iufb":
-            raise ValueError(
-                f"{argument} = {name!r}: it is of type {variable.dtype}, which has no place in a table"
-            )
-        units = str(attributes.get("units", ""))
-        whole = variable.dtype.kind in "iu" or stored.kind in "iu"
-        return Column(name, NUMBER, dims, "" if units == "1" else units, None, whole, axis, values)
 
     def _unit_of_setting(self, name: str) -> str:
         """As the study declares it."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.query.columns import NUMBER, TEXT, WORDS, Column, Columns, spaced
-from studies.query.language import Expression, parse, shortened
+from studies.query.language import Expression, is_number, parse, shortened
 from studies.query.nearest import nearest
 
 # The largest power, of either sign.
@@ -80,6 +80,11 @@ class Term:
     column: Column | None = None
     constant: float | str | None = None
     units: str = ""
+
+    def shown(self, values: Values) -> Any:
+        """Its values; words in place of codes, and NaN where there is none."""
+        own = self.evaluate(values)
+        return own if self.column is None else self.column.shown(own)
 
     @property
     def described(self) -> str:
@@ -261,10 +266,8 @@ class _Meaning:
     def _member(self, node: ast.Compare, left: Term, sign: ast.In | ast.NotIn, members: ast.expr) -> Evaluate:
         """Whether a value is one of a list."""
         if not (isinstance(members, ast.Tuple) and members.elts):
-            why = (
-                "after in comes a list in brackets, like (0.1, 0.2); one of a single value has a comma too: (0.1,)"
-            )
-            raise self.expression.wrong(node, why)
+            why = "like (0.1, 0.2); one of a single value has a comma too: (0.1,)"
+            raise self.expression.wrong(node, f"after in comes a list in brackets, {why}")
         inside = isinstance(sign, ast.In)
         kind, join = (ast.Eq, np.logical_or) if inside else (ast.NotEq, np.logical_and)
         pairs = [self._compared(node, left, kind, self.of(each)) for each in members.elts]
@@ -291,17 +294,24 @@ class _Meaning:
         if kinds == {NUMBER}:
             if axis is not None and sign in ("==", "!=") and isinstance(other.constant, float):
                 return self._at(axis, sign, other.constant, f"{left.text} {sign} {right.text}")
-            return _numbers(left, compare, right)
-        if NUMBER in kinds:
+        elif NUMBER in kinds:
             raise wrong(node, _unlike(left, right))
-        if WORDS in kinds and isinstance(other.constant, str):
-            return self._word(node, one, sign, other.constant)
-        if axis is not None and isinstance(other.constant, str):
-            known = [str(value) for value in np.ravel(np.asarray(axis.values))]
-            if sign == "==" and other.constant not in known:
-                near = _near(other.constant, known)
-                self.note(f"{axis.name} == {other.constant!r}: {axis.name} has no such value; {near}")
-        return _texts(left, sign, right)
+        elif one.column is not None and isinstance(other.constant, str):
+            text, words = other.constant, one.column.words
+            if words is not None:
+                text = spaced(text)
+                if text not in words.values():
+                    near = _near(text, list(words.values()))
+                    raise wrong(node, f"{one.column.name} is never {other.constant!r}; {near}")
+            elif axis is not None and sign == "==":
+                self._note_text(axis, text)
+            left, right = one, Term(TEXT, other.text, lambda values: text)
+        return _known(left, compare, right)
+
+    def _note_text(self, axis: Column, text: str) -> None:
+        known = [str(value) for value in np.ravel(np.asarray(axis.values))]
+        if text not in known:
+            self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
 
     def _at(self, column: Column, sign: str, number: float, text: str) -> Evaluate:
         """Where an axis has the value nearest to a number, if that is near enough."""
@@ -311,23 +321,6 @@ class _Meaning:
             self.note(f"{text}: {column.name} has no such value; the nearest is {value:.15g}")
         compare = operator.eq if sign == "==" else operator.ne
         return lambda values: compare(values[column.name], value if near else np.nan)
-
-    def _word(self, node: ast.Compare, one: Term, sign: str, word: str) -> Evaluate:
-        """Where codes stand for a word, or for another."""
-        assert one.column is not None
-        assert one.column.words is not None
-        column, words = one.column, one.column.words
-        codes = [code for code, each in words.items() if spaced(each) == spaced(word)]
-        if not codes:
-            near = _near(word, list(words.values()))
-            raise self.expression.wrong(node, f"{column.name} is never {word!r}; {near}")
-
-        def compared(values: Values) -> Any:
-            own = one.evaluate(values)
-            same = np.isin(own, codes)
-            return same if sign == "==" else ~(same | column.missing(own))
-
-        return compared
 
 
 def _constant(value: float, text: str) -> Term:
@@ -347,42 +340,23 @@ def _wide(values: Any) -> Any:
     return np.asarray(values, dtype=float)
 
 
-def _numbers(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
+def _known(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
+    """Where two terms compare so: NaN is unequal to everything, but nothing is known of what is missing."""
+
     def compared(values: Values) -> Any:
-        a, b = left.evaluate(values), right.evaluate(values)
-        result = compare(a, b)
-        # NaN is unequal to everything, but nothing is known of what is missing.
+        a, b = left.shown(values), right.shown(values)
+        result = np.asarray(compare(a, b), dtype=bool)
         return result & (a == a) & (b == b) if compare is operator.ne else result
 
     return compared
 
 
 def _missing(one: Term, sign: str) -> Evaluate:
-    """Where a column or a number has no value, or has one."""
-    column = one.column or Column(one.text, NUMBER)
+    """Where a term has no value, or has one."""
 
     def compared(values: Values) -> Any:
-        absent = column.missing(np.asarray(one.evaluate(values)))
-        return absent if sign == "==" else ~absent
-
-    return compared
-
-
-def _texts(left: Term, sign: str, right: Term) -> Evaluate:
-    """Texts, or the words that codes stand for."""
-
-    def plain(term: Term, values: Values) -> Any:
-        own = term.evaluate(values)
-        return term.column.shown(own) if term.kind == WORDS and term.column is not None else own
-
-    def compared(values: Values) -> Any:
-        a, b = plain(left, values), plain(right, values)
-        same = np.asarray(a == b, dtype=bool)
-        result = same if sign == "==" else ~same
-        for term, own in ((left, a), (right, b)):
-            if term.kind == WORDS:
-                result = result & np.asarray(own != "", dtype=bool)
-        return result
+        own = one.shown(values)
+        return np.asarray(own != own if sign == "==" else own == own, dtype=bool)
 
     return compared
 
@@ -393,15 +367,8 @@ def _unlike(left: Term, right: Term) -> str:
     if one.column is not None and one.column.words is not None:
         words = ", ".join(map(repr, one.column.words.values()))
         return f"{one.text} is a word and {shortened(number.text)} a number; its words are {words}"
-    hint = f"; without quotes {one.constant} is a number" if _is_number(one.constant) else ""
+    hint = f"; without quotes {one.constant} is a number" if is_number(str(one.constant)) else ""
     return f"{shortened(one.text)} is a text and {shortened(number.text)} a number{hint}"
-
-
-def _is_number(text: Any) -> bool:
-    try:
-        return bool(np.isfinite(float(str(text))))
-    except ValueError:
-        return False
 
 
 def _near(text: str, values: list[str]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studies.query import rows as reading
-from studies.query.columns import NUMBER, WORDS, Column
+from studies.query.columns import NUMBER, WORDS, Column, hint
 from studies.query.evaluate import TRUTH
 from studies.query.rows import Order, Rows, Selection, ordered
 
@@ -37,18 +37,14 @@ class Statistic:
     code: int | None = None
 
 
-def statistics(entries: Sequence[str], find: Callable[[str], Column]) -> list[Statistic]:
-    """What the entries of `show` mean: "count", or a function and a column, like "mean:V*1000" or "share:regime".
+def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
+    """What an entry of `show` means: "count", or a function and a column, like "mean:V*1000" or "share:regime".
 
     Raises
     ------
     ValueError
-        If one means nothing, or a column has no such statistic.
+        If it means nothing, or the column has no such statistic.
     """
-    return [each for entry in entries for each in _statistics(entry, find)]
-
-
-def _statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
     if entry == "count":
         return [Statistic(Column("count", NUMBER, whole=True), "count")]
     function, _, text = (part.strip() for part in entry.partition(":"))
@@ -157,8 +153,6 @@ def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:
     known = {column.name: column for column in columns}
     for name in names:
         if name.removeprefix("-") not in known:
-            from studies.study import suggest
-
-            near = suggest(name.removeprefix("-"), [*known]).strip() or f"there are {', '.join(known)}"
+            near = hint(name.removeprefix("-"), [*known])
             raise ValueError(f"sort = {name!r}: the grouped table has no such column; {near}")
     return tuple((known[name.removeprefix("-")], name.startswith("-")) for name in names)

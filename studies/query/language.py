@@ -146,6 +146,11 @@ def parse(text: str, argument: str = "where") -> Expression:
     return expression
 
 
+def is_number(text: str) -> bool:
+    """Whether it is one that an expression may have, without a sign."""
+    return re.fullmatch(_NUMBER, text) is not None
+
+
 def shortened(text: str) -> str:
     """What a message shows of a part of an expression."""
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
@@ -183,7 +188,7 @@ def _walk(tree: ast.expr) -> Iterator[tuple[ast.expr, int]]:
 def _refused(node: ast.expr, part: str) -> type[ast.AST] | None:
     """The type of what the language does not have, if a node is that or has such an operator."""
     if isinstance(node, ast.Constant):
-        good = bool(_TEXT.fullmatch(part) or re.fullmatch(_NUMBER, part))
+        good = bool(_TEXT.fullmatch(part)) or is_number(part)
     elif isinstance(node, ast.Name):
         # Python takes letters of other widths for those that they look like.
         good = node.id == part

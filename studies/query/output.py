@@ -12,7 +12,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, TextIO
 
 import numpy as np
@@ -28,6 +28,7 @@ MEASURED, AT_ONCE = 5000, 20_000
 DIGITS, LETTERS, NOTHING = 6, 60, "-"
 GAP = "  "
 
+Cells = tuple[str, ...]
 Write = Callable[[Sequence[Column], Iterable[Rows], TextIO], int]
 
 
@@ -36,10 +37,9 @@ def write_csv(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> 
     writer = csv.writer(file)
     writer.writerow([column.name for column in columns])
     count = 0
-    for part in _parts(rows):
-        values = [_plain(column, part[column.name], "") for column in columns]
-        writer.writerows(zip(*values, strict=True))
-        count += len(values[0])
+    for records in _records(columns, rows, ""):
+        writer.writerows(records)
+        count += len(records)
     return count
 
 
@@ -47,30 +47,26 @@ def write_json(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) ->
     """A list of objects; null where there is no value, or one that JSON does not have. Returns how many rows."""
     names = [column.name for column in columns]
     count = 0
-    for part in _parts(rows):
-        values = [_plain(column, part[column.name], None, infinite=False) for column in columns]
-        lines = (json.dumps(dict(zip(names, row, strict=True))) for row in zip(*values, strict=True))
+    for records in _records(columns, rows, None, infinite=False):
+        lines = (json.dumps(dict(zip(names, record, strict=True))) for record in records)
         file.write(("[\n" if count == 0 else ",\n") + ",\n".join(lines))
-        count += len(values[0])
+        count += len(records)
     file.write("\n]\n" if count else "[]\n")
     return count
 
 
 def write_table(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
     """Aligned columns under their names and units. Returns how many rows."""
-    cells = _cells(columns, rows)
-    first = [row for _, row in zip(range(MEASURED), cells, strict=False)]
-    heads = _heads(columns)
-    widths = [max(len(row[k]) for row in (*heads, *first)) for k in range(len(columns))]
+    first, rest, widths = _measured(columns, rows)
     count = 0
-    for row in chain(heads, first, cells):
+    for row in chain(first, rest):
         aligned = (
             cell.rjust(width) if column.kind == NUMBER else cell.ljust(width)
             for column, cell, width in zip(columns, row, widths, strict=True)
         )
         file.write(GAP.join(aligned).rstrip() + "\n")
         count += 1
-    return count - len(heads)
+    return count - len(_heads(columns))
 
 
 WRITERS: dict[str, Write] = {"table": write_table, "csv": write_csv, "json": write_json}
@@ -134,30 +130,32 @@ def _narrowed(
 
 def fitting(columns: Sequence[Column], rows: Sequence[Rows], width: int) -> list[Column]:
     """The first columns of a table that fit in a terminal of this width, and one at least."""
-    first = list(zip(range(MEASURED), _cells(columns, rows), strict=False))
-    every = [*_heads(columns), *(row for _, row in first)]
-    ends = np.cumsum([max(len(row[k]) for row in every) + len(GAP) for k in range(len(columns))])
-    return list(columns[: max(int(np.searchsorted(ends, width + len(GAP), side="right")), 1)])
+    ends = np.cumsum(_measured(columns, rows)[2]) + len(GAP) * np.arange(len(columns))
+    return list(columns[: max(int(np.searchsorted(ends, width, side="right")), 1)])
 
 
-def _heads(columns: Sequence[Column]) -> list[list[str]]:
+def _measured(columns: Sequence[Column], rows: Iterable[Rows]) -> tuple[list[Cells], Iterator[Cells], list[int]]:
+    """A table's heads and first rows, the others, and the widths of its columns."""
+    rest = (tuple(map(_cell, record)) for records in _records(columns, rows, None) for record in records)
+    first = [*_heads(columns), *islice(rest, MEASURED)]
+    return first, rest, [max(map(len, cells)) for cells in zip(*first, strict=True)]
+
+
+def _heads(columns: Sequence[Column]) -> list[Cells]:
     """Names, and below them units where any column has some."""
-    units = [column.units for column in columns]
-    return [[column.name for column in columns], *([units] if any(units) else [])]
+    units = tuple(column.units for column in columns)
+    return [tuple(column.name for column in columns), *([units] if any(units) else [])]
 
 
-def _parts(rows: Iterable[Rows]) -> Iterator[Rows]:
-    """The rows, in parts of a size that is quick to write."""
-    for each in rows:
-        length = len(next(iter(each.values())))
-        for start in range(0, length, AT_ONCE):
-            yield {name: values[start : start + AT_ONCE] for name, values in each.items()}
-
-
-def _cells(columns: Sequence[Column], rows: Iterable[Rows]) -> Iterator[tuple[str, ...]]:
-    for part in _parts(rows):
-        values = [[_cell(value) for value in _plain(column, part[column.name], None)] for column in columns]
-        yield from zip(*values, strict=True)
+def _records(
+    columns: Sequence[Column], rows: Iterable[Rows], nothing: Any, infinite: bool = True
+) -> Iterator[list[tuple[Any, ...]]]:
+    """The rows as Python's own values, in parts of a size that is quick to write."""
+    for part in rows:
+        for start in range(0, len(part[columns[0].name]), AT_ONCE):
+            values = (part[column.name][start : start + AT_ONCE] for column in columns)
+            plain = (_plain(*each, nothing, infinite) for each in zip(columns, values, strict=True))
+            yield list(zip(*plain, strict=True))
 
 
 def _cell(value: Any) -> str:
@@ -172,11 +170,10 @@ def _cell(value: Any) -> str:
     return text if len(text) <= LETTERS else f"{text[: LETTERS - 3]}..."
 
 
-def _plain(column: Column, values: NDArray[Any], nothing: Any, infinite: bool = True) -> list[Any]:
+def _plain(column: Column, values: NDArray[Any], nothing: Any, infinite: bool) -> list[Any]:
     """Values as Python's own: whole numbers, floats, texts; `nothing` where there is none, or no finite one."""
     if column.kind != NUMBER:
-        texts: list[Any] = column.shown(values).tolist()
-        return [each or nothing for each in texts] if column.words is not None else texts
+        return [text if text == text else nothing for text in column.shown(values).tolist()]
     present = ~column.missing(values) if infinite else np.isfinite(values)
     numbers: list[Any]
     if column.whole:
@@ -194,23 +191,18 @@ def shortest(values: NDArray[np.float32]) -> NDArray[np.float64]:
     Each is the double nearest to a decimal that reads back as the same single precision number, of six digits if
     such a one does and of nine at most.
     """
-    wide = values.astype(float)
-    result = wide.copy()
-    with np.errstate(all="ignore"):
-        decade = np.floor(np.log10(np.abs(wide)))
-        left = np.isfinite(wide) & (wide != 0.0)
-        for digits in range(6, 10):
-            # Numerator and denominator are exact, so that their quotient is the double nearest to the decimal.
-            places = (digits - 1 - decade)[left]
-            power = 10.0 ** np.abs(places)
-            whole = np.rint(np.where(places >= 0.0, wide[left] * power, wide[left] / power))
-            tried = np.where(places >= 0.0, whole / power, whole * power)
+    result = values.astype(float)
+    left = np.flatnonzero(np.isfinite(result) & (result != 0.0))
+    for digits in range(6, 10):
+        wide = values[left].astype(float)
+        places = digits - 1 - np.floor(np.log10(np.abs(wide)))
+        # Numerator and denominator are exact, so that their quotient is the double nearest to the decimal.
+        power, up = 10.0 ** np.abs(places), places >= 0.0
+        whole = np.rint(np.where(up, wide * power, wide / power))
+        tried = np.where(up, whole / power, whole * power)
+        with np.errstate(over="ignore"):
             same = (tried.astype(np.float32) == values[left]) & (np.abs(places) <= 22.0)
-            place = np.flatnonzero(left)[same]
-            result[place] = tried[same]
-            left[place] = False
-            if not left.any():
-                break
-    for place in np.flatnonzero(left):
-        result[place] = float(str(values[place]))
+        result[left[same]] = tried[same]
+        left = left[~same]
+    result[left] = [float(str(value)) for value in values[left]]
     return result

@@ -87,8 +87,7 @@ def frame(dataset: xr.Dataset, where: Any, show: Any, by: Any, sort: Any, limit:
             table[column.name] = pd.Series(values, dtype="str")
         elif column.words is not None:
             words = list(dict.fromkeys(column.words.values()))
-            shown = pd.Series(column.shown(values), dtype=object).replace("", None)
-            table[column.name] = pd.Categorical(shown, categories=words)
+            table[column.name] = pd.Categorical(column.shown(values), categories=words)
         else:
             table[column.name] = values
     return pd.DataFrame(table)
@@ -130,10 +129,14 @@ def select(
 
     if by is not None:
         keys = [every.find(name, "by") for name in _listed(by, "by")]
-        measures = statistics(
-            [entry for entry in _listed(show, "show") or ["count"] if entry not in [key.name for key in keys]],
-            lambda text: evaluate.column(every, text, "show", note),
-        )
+        entries = [
+            entry for entry in _listed(show, "show") or ["count"] if entry not in [key.name for key in keys]
+        ]
+        measures = [
+            each
+            for entry in entries
+            for each in statistics(entry, lambda text: evaluate.column(every, text, "show", note))
+        ]
         columns = _once([*keys, *(each.of for each in measures if each.of is not None)])
         together = _read([*columns, *named])
         beside = [column for column in together if not set(column.dims) <= set(every.point_dims)]

@@ -10,10 +10,10 @@ import numpy as np
 from fivcore import Scene
 from studies.maps.quantities import AXES
 from studies.motion import ensembles, normalised, recording, transients
-from studies.query.columns import Columns
+from studies.query.columns import Columns, hint
 from studies.query.nearest import nearest
 from studies.rig import rig_of
-from studies.study import constants, suggest
+from studies.study import constants
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -109,10 +109,7 @@ def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
     """The value of each axis at a point, where it has one."""
     for name, value in point.items():
         if name not in every.axes:
-            near = suggest(name, list(every.axes))
-            raise ValueError(
-                f"{name} = {value}: there is no such axis; {near}the axes are {', '.join(every.axes)}"
-            )
+            raise ValueError(f"{name} = {value}: there is no such axis; {hint(name, every.axes)}")
     chosen = {}
     for name in every.axes:
         values = np.atleast_1d(every.dataset[name].values)
@@ -121,17 +118,16 @@ def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
         elif len(values) == 1:
             chosen[name] = values[0]
         elif name in AXES:
-            raise _needed(name, values)
+            raise ValueError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")
     return chosen
 
 
-def _needed(name: str, values: Any) -> ValueError:
-    return ValueError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")
-
-
 def _nearest(name: str, values: Any, number: Any) -> Any:
-    one = isinstance(number, (int, float, np.integer, np.floating)) and not isinstance(number, bool)
-    if not one or values.dtype.kind not in "iuf":
+    if (
+        not isinstance(number, (int, float, np.number))
+        or isinstance(number, bool)
+        or values.dtype.kind not in "iuf"
+    ):
         raise ValueError(f"{name} = {number!r}: it must be one number")
     value, near = nearest(values, float(number))
     if not near:

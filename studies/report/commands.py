@@ -1,4 +1,4 @@
-"""Lines that compute a result or one of its points again, read from its configuration and checked against it."""
+"""Commands that compute a result or one of its points again, by what the file says it was asked for."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from studies import registry, spec
+from studies import config, registry, spec
 from studies.maps import maps
 from studies.maps.quantities import AXES, QUANTITIES
 from studies.motion import transients
 from studies.plotting import planes
+from studies.query.columns import settings
 from studies.rig import BEAM_NUMBERS, RIG_NUMBERS
-from studies.study import Study, constants
-from sweeps import Sweep, json_equal, plain
+from studies.study import constants
 
 # A list of more values than this is no command that anybody types.
 MOST_VALUES = 60
@@ -30,19 +30,19 @@ DURATION = 1.0
 class Again(NamedTuple):
     """Commands that make a result again, and one of its points, with {V} where the value of the axis V goes.
 
-    A command is "" where there is none, or where the values of its axes are too many to be written.
+    A command is "" where the file does not say what it was asked for; `whole` also where its axes are too long.
     """
 
     whole: str = ""
     point: str = ""
 
 
-def again(dataset: xr.Dataset) -> Again:
-    """The commands that give this file's configuration."""
+def again(dataset: xr.Dataset, typed: str = "") -> Again:
+    """The commands that ask for this file; `typed` is what they call the study, by default its name."""
     try:
-        study = registry.load(dataset.attrs["sweep"])
-        return _map(dataset) if study is maps.STUDY else _study(study, dataset)
-    except (KeyError, ValueError, TypeError, ArithmeticError):
+        name = str(dataset.attrs["sweep"])
+        return _map(dataset) if name == maps.NAME else _study(config.of_result(dataset), typed or name)
+    except (KeyError, ValueError, TypeError):
         return Again()
 
 
@@ -76,7 +76,7 @@ def scene_lines(dataset: xr.Dataset) -> tuple[dict[str, str], dict[str, str]] | 
     if sum(dataset.sizes[dim] > 1 for dim in dims) < 2 or not set(dims) <= set(AXES):
         return None
     given = constants(dataset)
-    known = {name: float(value) for name, value in (given | _rig_numbers(given)).items() if name in AXES}
+    known = {name: float(value) for name, value in settings(given).items() if name in AXES}
     numbers = {name: each.value for name, each in AXES.items()} | known
     slots = {name: f"{{{name}}}" if name in dims else spec.typed(value) for name, value in numbers.items()}
     odd = {name: slots[name] for name, each in AXES.items() if name in dims or numbers[name] != each.value}
@@ -95,63 +95,31 @@ def scene_lines(dataset: xr.Dataset) -> tuple[dict[str, str], dict[str, str]] | 
     }
 
 
-def _study(study: Study, dataset: xr.Dataset) -> Again:
-    given = constants(dataset)
-    known = given | _rig_numbers(given)
-    if known.get("settle", 0.0) is None:
-        known["settle"] = -1.0
-    settings = {
-        name: known[name]
-        for name, own in study.settings.items()
-        if isinstance(known.get(name), (int, float)) and known[name] != own.value
-    }
-    axes = {name: dataset[name].values for name in study.axes}
-    record = tuple(given.get("record", ()))
-    rate = given["sample_rate"] if record and "sample_rate" not in study.settings else None
-    if not _gives(study.sweep(settings | axes, record=record, sample_rate=rate), dataset):
-        return Again()
-    options = _options(settings)
-    options += f" --record {shlex.quote(','.join(record))}" if record else ""
-    options += f" --sample-rate {spec.typed(rate)}" if rate is not None else ""
-    changed = {n: spec_of(v) for n, v in axes.items() if not np.array_equal(v, study.axes[n].values)}
-    command = f"fiv run {study.name}"
-    whole = f"{command}{_options(changed)}{options}" if all(changed.values()) else ""
-    return Again(whole, f"{command}{_options({name: f'{{{name}}}' for name in axes})}{options}{ELSEWHERE}")
+def _study(asked: config.Config, typed: str) -> Again:
+    own, command = registry.load(asked.study), f"fiv run {shlex.quote(typed)}"
+    options = _options(
+        {name: value for name, value in asked.settings.items() if value != own.settings[name].value}
+    )
+    options += f" --record {shlex.quote(','.join(asked.record))}" if asked.record else ""
+    options += f" --sample-rate {spec.typed(asked.sample_rate)}" if asked.sample_rate is not None else ""
+    axes = {n: spec_of(v) for n, v in asked.axes.items() if not np.array_equal(v, own.axes[n].values)}
+    whole = f"{command}{_options(axes)}{options}" if all(axes.values()) else ""
+    return Again(whole, f"{command}{_options({name: f'{{{name}}}' for name in asked.axes})}{options}{ELSEWHERE}")
 
 
 def _map(dataset: xr.Dataset) -> Again:
+    """A map's constants are what it was asked for."""
     given = constants(dataset)
     refinement = json.loads(dataset.attrs["configuration"])["refinement"]
-    quantity, levels = str(given["quantity"]), int(refinement["levels"])
-    tolerance = refinement["tolerance"] if levels else None
+    quantity, levels, tolerance = str(given["quantity"]), int(refinement["levels"]), refinement["tolerance"]
     x, y = map(str, dataset["status"].dims)
-    plane = maps.Plane(x, y, dataset[x].values, dataset[y].values)
-    fixed = maps.changed(quantity, given)
-    if not _gives(maps.sweep_of(plane, quantity, fixed, levels, tolerance), dataset):
-        return Again()
-    options = f" --quantity {quantity}{_options(fixed, '--fix')}"
-    x_spec, y_spec = (spec_of(values, levels) for values in (plane.xs, plane.ys))
-    whole = f"fiv map --x {x}={x_spec} --y {y}={y_spec}{options}"
-    if levels:
-        whole += f" --refine {levels}"
-        whole += "" if tolerance in (None, maps.TOLERANCE) else f" --tolerance {spec.typed(tolerance)}"
+    options = f" --quantity {quantity}{_options(maps.changed(quantity, given), '--fix')}"
+    x_spec, y_spec = (spec_of(dataset[name].values, levels) for name in (x, y))
+    whole = f"fiv map --x {x}={x_spec} --y {y}={y_spec}{options}{f' --refine {levels}' if levels else ''}"
+    if levels and tolerance not in (None, maps.TOLERANCE):
+        whole += f" --tolerance {spec.typed(tolerance)}"
     point = f"fiv map --x {x}={{{x}}} --y {y}={{{y}}}{options}{ELSEWHERE}"
     return Again(whole if x_spec and y_spec else "", point)
-
-
-def _gives(sweep: Sweep, dataset: xr.Dataset) -> bool:
-    """Whether a sweep is the one that a file holds."""
-    same = json_equal(json.loads(json.dumps(plain(sweep.constants))), constants(dataset))
-    return same and all(np.array_equal(axis.values, dataset[name]) for name, axis in sweep.grid.axes.items())
-
-
-def _rig_numbers(given: Mapping[str, Any]) -> dict[str, float]:
-    """Settings by name (`studies.study.rig_settings`) of the rig in a configuration, if it has one."""
-    if "rig" not in given:
-        return {}
-    rig = given["rig"]
-    beams = {f"{beam}_{name}": float(rig[beam][name]) for beam in ("p1", "p2") for name in BEAM_NUMBERS}
-    return {name: float(rig[name]) for name in RIG_NUMBERS} | beams
 
 
 def _options(values: Mapping[str, Any], option: str = "--set") -> str:

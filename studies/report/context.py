@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from studies import runner
+from studies import registry, results, runner
 from studies.plotting import figures
 from studies.report.commands import again
 from studies.report.points import points_of
@@ -42,7 +42,9 @@ class Result:
     state : str
         "complete", "running" or "interrupted".
     target : str
-        What a command calls it: the study's name, or the path.
+        What a command calls it: the study's name or file, or the path.
+    out : str or Path, optional
+        The results folder that was given.
     """
 
     study: Study
@@ -50,6 +52,7 @@ class Result:
     file: Path
     state: str
     target: str
+    out: str | Path | None = None
 
     @property
     def anchor(self) -> str:
@@ -58,10 +61,24 @@ class Result:
         return self.target if own else "of-" + re.sub(r"[^\w-]", "-", self.target)
 
     @property
+    def is_map(self) -> bool:
+        """Whether it was made by `fiv map`."""
+        return self.study.name in registry.UNLISTED
+
+    @property
     def title(self) -> str:
         """What it is called: of a map what it shows."""
         own = self.target == self.study.name
         return self.study.title if own else str(self.dataset.attrs.get("title", self.file.stem))
+
+    @property
+    def stands_in(self) -> bool:
+        """Whether it is the reference, where a result of one's own is not there."""
+        return not results.is_path(self.target) and results.is_reference(self.file)
+
+    def command(self, verb: str) -> str:
+        """A command with it, in the results folder that was given."""
+        return results.command(verb, self.target, None if results.is_path(self.target) else self.out)
 
     @property
     def seconds(self) -> float:
@@ -75,7 +92,7 @@ class Result:
         return re.sub(r"^(\d{4}-\d\d-\d\d)T(\d\d:\d\d):\d\dZ$", r"\1 \2 UTC", " ".join(last).partition(" ")[0])
 
 
-def overview(results: Sequence[Result]) -> dict[str, Any]:
+def overview(found: Sequence[Result]) -> dict[str, Any]:
     """A row for each result."""
     rows = [
         [
@@ -83,26 +100,29 @@ def overview(results: Sequence[Result]) -> dict[str, Any]:
             f"{result.dataset['status'].size}",
             f"{np.count_nonzero(result.dataset['status'].values == FAILED)}",
             duration(result.seconds),
-            result.made or result.state,
+            f"{result.made or result.state}{', the reference' if result.stands_in else ''}",
         ]
-        for result in results
+        for result in found
     ]
     return table(("study", "points", "failed", "time of computing", "computed"), rows, "What is in this page")
 
 
 def shown(result: Result) -> dict[str, Any]:
     """All of one result; what cannot be shown is None, and `no_` and its name say why."""
-    commands = again(result.dataset)
+    commands = again(result.dataset, result.target if registry.is_file(result.target) else "")
     context: dict[str, Any] = {
         "anchor": result.anchor,
-        "target": result.target,
+        "query": result.command("query"),
         "title": result.title,
         "question": result.study.question,
         "paper": result.study.paper,
         "unfinished": UNFINISHED.get(result.state),
+        "stands_in": result.command("run") if result.stands_in else None,
         "failures": _failures(result),
         "facts": _facts(result),
         "command": commands.whole,
+        # Whose axes are too long for a command.
+        "toml": f"{result.command('status')} --toml" if not result.is_map and commands.point else None,
     }
     parts: dict[str, Callable[[], Any]] = {
         "figure": lambda: b64encode(_figure(result)).decode(),

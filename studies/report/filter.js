@@ -17,19 +17,17 @@ const COMPARISONS = {
   "<": (a, b) => a < b, "<=": (a, b) => a <= b, ">": (a, b) => a > b, ">=": (a, b) => a >= b,
 };
 const ARITHMETIC = {
-  "+": (a, b) => a + b, "-": (a, b) => a - b, "*": (a, b) => a * b, "/": (a, b) => a / b, "**": (a, b) => a ** b,
+  "+": (a, b) => a + b, "-": (a, b) => a - b, "*": (a, b) => a * b, "/": (a, b) => a / b,
 };
 const KINDS = { number: "a number", text: "a text", words: "a word", truth: "true or false", missing: "nan", list: "a list" };
 
-// A tree of {type, text, ...}, by recursive descent: or, and, not, comparison, sum, product, sign, power, atom.
-class Parser {
-  constructor(text) {
+// Reads an expression, by recursive descent, into terms {kind, text, of, column, constant, parts}: `of` gives the value
+// for a row, a term of one column has that, one that is the same for all rows a constant, and a list its parts.
+class Reader {
+  constructor(points, text) {
     if (text.length > LONGEST) throw new Error(`it has ${text.length} letters; it may have ${LONGEST}`);
-    this.text = text;
+    Object.assign(this, { points, text, place: 0, brackets: 0, levels: 0, notes: [] });
     this.tokens = [...this.cut()];
-    this.place = 0;
-    this.brackets = 0;
-    this.levels = 0;
   }
 
   *cut() {
@@ -55,46 +53,66 @@ class Parser {
 
   take() { return this.tokens[this.place++]; }
 
-  node(type, begin, rest) {
-    return { type, text: this.text.slice(this.tokens[begin].start, this.tokens[this.place - 1].end), ...rest };
+  textFrom(begin) { return this.text.slice(this.tokens[begin].start, this.tokens[this.place - 1].end); }
+
+  term(begin, kind, of, more) { return { kind, text: this.textFrom(begin), of, ...more }; }
+
+  // What is calculated; a constant where all that it is made of is constant.
+  number(begin, of, terms) {
+    for (const { kind, text } of terms) {
+      if (kind !== "number") throw new Error(`${text} is ${KINDS[kind]}; only numbers can be calculated with`);
+    }
+    return this.term(begin, "number", of, terms.every((term) => term.constant !== undefined) ? { constant: of() } : {});
+  }
+
+  truth(term, why) {
+    if (term.kind !== "truth") throw new Error(`${term.text} is ${KINDS[term.kind]}; ${why}`);
+    return term;
   }
 
   whole() {
-    const tree = this.logic("or");
+    const term = this.logic("or");
     if (this.now.kind !== "end") this.refuse(this.now);
-    return tree;
+    return this.truth(term, `compare it, like ${term.text} == 0`);
   }
 
   deeper(counter, part) {
     this[counter] += 1;
     if (this[counter] > DEEPEST) throw new Error(`more than ${DEEPEST} levels are within each other`);
-    const node = part();
+    const term = part();
     this[counter] -= 1;
-    return node;
+    return term;
   }
 
   logic(word) {
     const part = () => (word === "or" ? this.logic("and") : this.negation());
     const begin = this.place, parts = [part()];
     while (this.is(word)) { this.take(); parts.push(part()); }
-    return parts.length === 1 ? parts[0] : this.node("logic", begin, { word, parts });
+    if (parts.length === 1) return parts[0];
+    for (const each of parts) this.truth(each, `${word} is for what is true or false`);
+    const all = word === "and" ? "every" : "some";
+    return this.term(begin, "truth", (row) => parts[all]((each) => each.of(row)));
   }
 
   negation() {
     const begin = this.place;
     if (!this.is("not")) return this.comparison();
     this.take();
-    const part = this.deeper("levels", () => this.negation());
-    return this.node("not", begin, { part });
+    const part = this.truth(this.deeper("levels", () => this.negation()), "not is for what is true or false");
+    return this.term(begin, "truth", (row) => !part.of(row));
   }
 
   comparison() {
-    const begin = this.place, parts = [this.chain(["+", "-"])], signs = [];
+    const begin = this.place, pairs = [];
+    let left = this.chain(["+", "-"]), listed = false;
     for (let sign = this.comparing(); sign; sign = this.comparing()) {
-      signs.push(sign);
-      parts.push(this.chain(["+", "-"]));
+      const right = this.chain(["+", "-"]);
+      if (listed) throw new Error(`${this.textFrom(begin)}: nothing is compared with a list; join comparisons by and`);
+      listed = sign.endsWith("in");
+      pairs.push(listed ? this.member(left, sign === "in", right) : this.compared(left, sign, right));
+      left = right;
     }
-    return signs.length ? this.node("comparison", begin, { parts, signs }) : parts[0];
+    return pairs.length ? this.term(begin, "truth", (row) => pairs.every((pair) => pair(row))) : left;
   }
 
   comparing() {
@@ -107,22 +125,18 @@ class Parser {
 
   chain(signs) {
     const part = () => (signs[0] === "+" ? this.chain(["*", "/"]) : this.signed());
-    const begin = this.place;
-    let node = part();
-    while (this.is(...signs)) {
-      const sign = this.take().text;
-      const right = part();
-      node = this.node("arithmetic", begin, { sign, left: node, right });
-    }
-    return node;
+    const begin = this.place, start = part(), steps = [];
+    while (this.is(...signs)) steps.push([ARITHMETIC[this.take().text], part()]);
+    if (!steps.length) return start;
+    const of = (row) => steps.reduce((result, [calculate, right]) => calculate(result, right.of(row)), start.of(row));
+    return this.number(begin, of, [start, ...steps.map(([, right]) => right)]);
   }
 
   signed() {
     const begin = this.place;
     if (!this.is("+", "-")) return this.power();
-    const sign = this.take().text;
-    const part = this.deeper("levels", () => this.signed());
-    return this.node("sign", begin, { sign, part });
+    const sign = this.take().text === "-" ? -1 : 1, part = this.deeper("levels", () => this.signed());
+    return this.number(begin, (row) => sign * part.of(row), [part]);
   }
 
   power() {
@@ -130,20 +144,20 @@ class Parser {
     if (!this.is("**")) return left;
     this.take();
     const right = this.deeper("levels", () => this.signed());
-    return this.node("arithmetic", begin, { sign: "**", left, right });
+    if (!(Math.abs(right.constant) <= MOST_POWER)) {
+      throw new Error(`the power ${right.text} must be a number from -${MOST_POWER} to ${MOST_POWER}`);
+    }
+    return this.number(begin, (row) => left.of(row) ** right.of(row), [left, right]);
   }
 
   atom() {
-    const begin = this.place, token = this.take();
-    if (token.kind === "sign" && token.text === "(") return this.deeper("brackets", () => this.bracket(begin));
-    const { kind, text } = token;
+    const begin = this.place, token = this.take(), { kind, text } = token;
+    if (kind === "sign" && text === "(") return this.deeper("brackets", () => this.bracket(begin));
     // As in Python no whole number begins with 0, and letters of other widths name nothing.
-    if (kind === "number" && !/^0+[1-9][0-9]*$/.test(text)) return this.node("number", begin, { value: Number(text) });
-    if (kind === "text") return this.node("text", begin, { value: text.slice(1, -1) });
-    if (kind === "name" && !RESERVED.has(text) && text.normalize("NFKC") === text) {
-      return this.node(text === "nan" ? "missing" : "name", begin);
-    }
-    return this.refuse(token);
+    if (kind === "number" && !/^0+[1-9][0-9]*$/.test(text)) return this.number(begin, () => Number(text), []);
+    if (kind === "text") return this.term(begin, "text", () => text.slice(1, -1), { constant: text.slice(1, -1) });
+    if (kind !== "name" || RESERVED.has(text) || text.normalize("NFKC") !== text) return this.refuse(token);
+    return text === "nan" ? this.term(begin, "missing", () => NaN) : this.named(begin, text);
   }
 
   // What is in brackets; with a comma it is a list.
@@ -158,110 +172,35 @@ class Parser {
     }
     if (!this.is(")") || parts.length === 0) this.refuse(this.now);
     this.take();
-    return listed ? this.node("list", begin, { parts }) : parts[0];
-  }
-}
-
-// Gives each node its kind and what it is for a row: {kind, text, of, column, constant}.
-class Meaning {
-  constructor(points) {
-    this.points = points;
-    this.notes = [];
+    return listed ? this.term(begin, "list", null, { parts }) : parts[0];
   }
 
-  of(node) {
-    const { type, text } = node;
-    if (type === "number") return constant(node.value, text);
-    if (type === "text") return { kind: "text", text, of: () => node.value, constant: node.value };
-    if (type === "missing") return { kind: "missing", text, of: () => NaN };
-    if (type === "name") return this.named(text);
-    if (type === "list") throw new Error(`${text}: a list has its place after in, like mu in (0.1, 0.2)`);
-    if (type === "sign") {
-      const part = this.number(node.part);
-      return numeric(text, (row) => (node.sign === "-" ? -part.of(row) : part.of(row)), [part]);
+  named(begin, name) {
+    const { place, columns, settings } = this.points, number = (value) => (value === null ? NaN : Number(value));
+    if (place.has(name)) {
+      const column = columns[place.get(name)], value = (row) => this.points.named(row, name);
+      return this.term(begin, column.kind, column.kind === "number" ? (row) => number(value(row)) : value, { column });
     }
-    if (type === "arithmetic") return this.arithmetic(node);
-    if (type === "not") {
-      const part = this.truth(node.part, "not");
-      return { kind: "truth", text, of: (row) => !part.of(row) };
+    if (!Object.hasOwn(settings, name)) {
+      throw new Error(`there is no column ${name}; there are ${[...place.keys(), ...Object.keys(settings)].join(", ")}`);
     }
-    if (type === "logic") {
-      const parts = node.parts.map((part) => this.truth(part, node.word));
-      const of = node.word === "and" ? (row) => parts.every((part) => part.of(row)) : (row) => parts.some((part) => part.of(row));
-      return { kind: "truth", text, of };
-    }
-    return this.comparison(node);
+    const value = settings[name], text = typeof value === "string";
+    return this.term(begin, text ? "text" : "number", () => (text ? value : number(value)));
   }
 
-  named(text) {
-    const { points } = this;
-    if (points.place.has(text)) {
-      const place = points.place.get(text), column = points.columns[place];
-      const number = (value) => (value === null ? NaN : Number(value));
-      const value = (row) => points.value(row, place);
-      return { kind: column.kind, text, of: column.kind === "number" ? (row) => number(value(row)) : value, column };
+  member(left, inside, list) {
+    if (list.kind !== "list") {
+      throw new Error("after in comes a list in brackets, like (0.1, 0.2); one of a single value has a comma too: (0.1,)");
     }
-    if (Object.hasOwn(points.settings, text)) {
-      const value = points.settings[text];
-      if (typeof value === "string") return { kind: "text", text, of: () => value };
-      const number = value === null ? NaN : Number(value);
-      return { kind: "number", text, of: () => number };
-    }
-    const known = [...points.place.keys(), ...Object.keys(points.settings)];
-    throw new Error(`there is no column ${text}; there are ${known.join(", ")}`);
-  }
-
-  truth(node, word) {
-    const term = this.of(node);
-    if (term.kind !== "truth") throw new Error(`${term.text} is ${KINDS[term.kind]}; ${word} is for what is true or false`);
-    return term;
-  }
-
-  number(node) {
-    const term = this.of(node);
-    if (term.kind !== "number") throw new Error(`${term.text} is ${KINDS[term.kind]}; only numbers can be calculated with`);
-    return term;
-  }
-
-  arithmetic(node) {
-    // A long sum leans to the left, node within node; it is read without recursion.
-    const steps = [];
-    let first = node;
-    for (; first.type === "arithmetic"; first = first.left) {
-      const right = this.number(first.right);
-      if (first.sign === "**" && !(Math.abs(right.constant) <= MOST_POWER)) {
-        throw new Error(`the power ${right.text} must be a number from -${MOST_POWER} to ${MOST_POWER}`);
-      }
-      steps.unshift([ARITHMETIC[first.sign], right]);
-    }
-    const start = this.number(first);
-    const of = (row) => steps.reduce((result, [calculate, right]) => calculate(result, right.of(row)), start.of(row));
-    return numeric(node.text, of, [start, ...steps.map(([, right]) => right)]);
-  }
-
-  comparison(node) {
-    let left = this.of(node.parts[0]);
-    const pairs = node.signs.map((sign, k) => {
-      const right = node.parts[k + 1];
-      if (!sign.endsWith("in")) {
-        const term = this.of(right), before = left;
-        left = term;
-        return this.compared(before, sign, term);
-      }
-      if (right.type !== "list") {
-        throw new Error(`${node.text}: after in comes a list in brackets, like (0.1, 0.2); one of a single value has a comma too: (0.1,)`);
-      }
-      if (k + 1 < node.signs.length) throw new Error(`${node.text}: nothing is compared with a list; join comparisons by and`);
-      const equal = right.parts.map((part) => this.compared(left, sign === "in" ? "==" : "!=", this.of(part)));
-      return sign === "in" ? (row) => equal.some((each) => each(row)) : (row) => equal.every((each) => each(row));
-    });
-    return { kind: "truth", text: node.text, of: (row) => pairs.every((pair) => pair(row)) };
+    const each = list.parts.map((part) => this.compared(left, inside ? "==" : "!=", part));
+    return (row) => each[inside ? "some" : "every"]((pair) => pair(row));
   }
 
   compared(left, sign, right) {
     const text = `${left.text} ${sign} ${right.text}`;
     const kinds = [left.kind, right.kind], equality = sign === "==" || sign === "!=";
     const [one, other] = left.column ? [left, right] : [right, left];
+    if (kinds.includes("list")) throw new Error(`${text}: a list has its place after in, like mu in (0.1, 0.2)`);
     if (kinds.includes("truth")) throw new Error(`${text}: what is true or false is joined by and, or`);
     const numbers = kinds.every((kind) => kind === "number");
     if (!equality && !numbers) throw new Error(`${text}: only numbers are above or below each other`);
@@ -270,22 +209,20 @@ class Meaning {
       if (term.kind === "text" || term.kind === "missing") throw new Error(`${text}: of texts the missing one is ''`);
       return (row) => isMissing(term.of(row)) === (sign === "==");
     }
-    if (numbers) {
-      if (equality && one.column && one.column.axis && typeof other.constant === "number") return this.at(one, sign, other.constant, text);
-      return (row) => {
-        const [a, b] = [left.of(row), right.of(row)];
-        return COMPARISONS[sign](a, b) && !Number.isNaN(a) && !Number.isNaN(b);
-      };
+    if (!numbers && kinds.includes("number")) throw new Error(`${text}: a number is no ${one.kind === "words" ? "word" : "text"}`);
+    if (numbers && equality && one.column && one.column.axis && other.constant !== undefined) {
+      return this.at(one, sign, other.constant, text);
     }
-    if (kinds.includes("number")) throw new Error(`${text}: a number is no ${one.kind === "words" ? "word" : "text"}`);
+    let [first, second] = [left.of, right.of];
     const known = one.column && one.column.words;
-    if (known && typeof other.constant === "string" && !known.some((word) => spaced(word) === spaced(other.constant))) {
-      throw new Error(`${one.text} is never ${other.text}; its words are ${known.join(", ")}`);
+    if (known && other.constant !== undefined) {
+      const word = known.find((each) => spaced(each) === spaced(other.constant));
+      if (word === undefined) throw new Error(`${one.text} is never ${other.text}; its words are ${known.join(", ")}`);
+      [first, second] = [one.of, () => word];
     }
-    const plain = (term, row) => (known && term.constant !== undefined ? spaced(term.constant) : term.of(row));
     return (row) => {
-      const [a, b] = [plain(left, row), plain(right, row)];
-      return a !== null && b !== null && COMPARISONS[sign](a, b);
+      const [a, b] = [first(row), second(row)];
+      return !isMissing(a) && !isMissing(b) && COMPARISONS[sign](a, b);
     };
   }
 
@@ -302,12 +239,6 @@ class Meaning {
   }
 }
 
-function constant(value, text) { return { kind: "number", text, of: () => value, constant: value }; }
-
-function numeric(text, of, terms) {
-  return terms.every((term) => typeof term.constant === "number") ? constant(of(), text) : { kind: "number", text, of };
-}
-
 function isMissing(value) { return value === null || Number.isNaN(value); }
 
 // Words as they are shown.
@@ -315,8 +246,6 @@ function spaced(word) { return word.replaceAll("_", " "); }
 
 // Which rows an expression chooses, and what a reader should know of it; an Error, of one line, where it is none.
 function filter(points, text) {
-  const meaning = new Meaning(points);
-  const term = meaning.of(new Parser(text).whole());
-  if (term.kind !== "truth") throw new Error(`${term.text} is ${KINDS[term.kind]}; compare it, like ${term.text} == 0`);
-  return { test: term.of, notes: meaning.notes };
+  const reader = new Reader(points, text);
+  return { test: reader.whole().of, notes: reader.notes };
 }

@@ -70,15 +70,11 @@ function copying(button) {
 }
 
 function commandLine(text) {
-  const box = element("div", null, { class: "command" });
-  const pre = element("pre");
-  const code = element("code");
+  const box = document.getElementById("command").content.firstElementChild.cloneNode(true);
   // Broken before an option, if at all.
-  text.split(" --").forEach((part, k) => code.append(...(k ? [" ", element("span", "--" + part)] : [part])));
-  pre.append(code);
-  const button = element("button", "Copy", { type: "button", class: "copy" });
-  box.append(pre, button);
-  copying(button);
+  const [begin, ...options] = text.split(" --");
+  box.querySelector("code").replaceChildren(begin, ...options.flatMap((part) => [" ", element("span", "--" + part)]));
+  copying(box.querySelector("button"));
   return box;
 }
 

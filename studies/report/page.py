@@ -11,10 +11,11 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined
 
 import sweeps
-from studies import registry, runner
+from studies import registry, results
 from studies.maps import maps
 from studies.report.context import Result, overview, shown
-from studies.results import command as typed
+from studies.runner import written
+from sweeps import InputError
 
 SCRIPTS = ("page.js", "filter.js", "table.js", "map.js")
 
@@ -42,31 +43,31 @@ def write(
     StoreError
         If the page cannot be written.
     """
-    results, missing, problems = gather(names, out)
-    folder = runner.results_folder(out)
-    if not results:
-        begin = typed("run", [*missing, ""][0], out)
+    found, missing, problems = gather(names, out)
+    folder = results.results_folder(out)
+    if not found:
+        begin = results.command("run", [*missing, ""][0], out)
         nothing = f"{folder}: nothing of this has been computed there yet; begin with: {begin}"
-        raise ValueError(problems[0] if problems else nothing)
+        raise InputError(problems[0] if problems else nothing)
     for problem in problems:
         warn(problem)
     target = Path(file).expanduser() if file else folder / "report.html"
-    whole = page(results, missing)
-    with runner.written(target) as temporary:
+    whole = page(found, missing, out)
+    with written(target) as temporary:
         temporary.write_text(whole, encoding="utf-8", newline="\n")
     return target
 
 
 def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[str]]:
     """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
-    kept_maps = sorted(map(str, (runner.results_folder(out) / maps.NAME).glob("*.nc")))
-    results, missing, problems = [], [], []
+    kept_maps = sorted(map(str, (results.results_folder(out) / maps.NAME).glob("*.nc")))
+    found, missing, problems = [], [], []
     for target in dict.fromkeys(names or [*registry.names(), *kept_maps]):
-        file = runner.results_file(target, out)
+        file = results.results_file(target, out)
         try:
-            dataset = runner.open_dataset(target, out)
-            study = runner.study_of(dataset, str(file))
-            results.append(Result(study, dataset, file, sweeps.status(file).state, target))
+            dataset = results.open_dataset(target, out)
+            study = results.study_of(dataset, str(file))
+            found.append(Result(study, dataset, file, sweeps.status(file).state, target, out))
         except FileNotFoundError:
             if target not in registry.names():
                 raise
@@ -75,19 +76,19 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
             problems.append(f"{file}: it is not the result of a study")
         except ValueError as problem:
             problems.append(str(problem))
-    return results, missing, problems
+    return found, missing, problems
 
 
-def page(results: Sequence[Result], missing: Sequence[str]) -> str:
+def page(found: Sequence[Result], missing: Sequence[str], out: str | Path | None = None) -> str:
     """The whole page; the same results give the same bytes."""
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     style, script = _own("page.css"), "\n".join(map(_own, SCRIPTS))
     return environment.from_string(_own("page.html.j2")).render(
-        results=list(map(shown, results)),
-        overview=overview(results),
-        newest=max((result.made for result in results), default=""),
-        missing=list(map(registry.load, missing)),
+        results=list(map(shown, found)),
+        overview=overview(found),
+        newest=max((result.made for result in found), default=""),
+        missing=[(registry.load(name), results.command("run", name, out)) for name in missing],
         style=style,
         style_digest=_digest(style),
         script=script,

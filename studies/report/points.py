@@ -18,7 +18,7 @@ from studies.gallery.regimes import figure as regimes_figure
 from studies.maps.figure import STABLE
 from studies.motion import transients
 from studies.plotting import planes
-from studies.query.columns import NUMBER, TEXT, WORDS, settings
+from studies.query.columns import MAKING, column_of, settings
 from studies.report.commands import scene_lines
 from studies.study import constants
 
@@ -26,7 +26,6 @@ from studies.study import constants
 MOST_NUMBERS = 120_000
 # Variables with a second dimension, such as modes, are shown in full where there are no others.
 MOST_BESIDE = 10
-PLAIN = ("status", "error", "wall_time")
 DIGITS = 6
 
 
@@ -65,7 +64,7 @@ def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
     """Everything that has one value a point, in the file's order, the status first and the error last."""
     dims = dataset["status"].dims
     own = {str(name): each for name, each in dataset.data_vars.items() if set(each.dims) == set(dims)}
-    variables = {name: each for name, each in own.items() if name not in PLAIN}
+    variables = {name: each for name, each in own.items() if name not in MAKING}
     if not variables:
         for name, each in dataset.data_vars.items():
             beside = [dim for dim in each.dims if dim not in dims]
@@ -102,37 +101,31 @@ def _axis(dataset: xr.Dataset, dim: str, coarse: slice) -> dict[str, Any]:
 
 def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
     """The values of a variable, in the order of the grid; what most of them are is told once."""
-    column = _described(name, variable)
-    values = _values(variable.values.ravel())
-    words = str(variable.attrs.get("flag_meanings", "")).split()
-    if words:
-        codes = np.atleast_1d(variable.attrs["flag_values"]).tolist()
-        meanings = {code: word.replace("_", " ") for code, word in zip(codes, words, strict=False)}
-        values = [None if value is None else meanings.get(value, str(value)) for value in values]
-        column["words"] = list(meanings.values())
+    described, column = _described(name, variable), column_of(name, variable)
+    values = _values(column.shown(variable.values.ravel()))
+    if column.words is not None:
+        described["words"] = list(column.words.values())
     common, count = Counter(values).most_common(1)[0] if values else (None, 0)
     if 2 * count > len(values):
-        return column | {"fill": common, "at": {str(k): v for k, v in enumerate(values) if v != common}}
-    return column | {"values": values}
+        return described | {"fill": common, "at": {str(k): v for k, v in enumerate(values) if v != common}}
+    return described | {"values": values}
 
 
 def _described(name: str, variable: xr.DataArray) -> dict[str, Any]:
-    units, about = (str(variable.attrs.get(key, "")) for key in ("units", "long_name"))
-    return {"name": name, "units": "" if units == "1" else units, "about": about, "kind": _kind(variable)}
+    column = column_of(name, variable)
+    return {
+        "name": name,
+        "units": column.units,
+        "about": str(variable.attrs.get("long_name", "")),
+        "kind": column.kind,
+    }
 
 
 def _values(values: NDArray[Any]) -> list[Any]:
     """Numbers as read, None where there is none; texts."""
     if values.dtype.kind == "f":
         return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
-    return values.tolist() if values.dtype.kind in "iub" else [str(value) for value in values]
-
-
-def _kind(variable: xr.DataArray) -> str:
-    """What an expression takes the values for."""
-    if "flag_meanings" in variable.attrs:
-        return WORDS
-    return TEXT if variable.dtype.kind in "OU" else NUMBER
+    return values.tolist() if values.dtype.kind in "iub" else [None if v != v else str(v) for v in values.tolist()]
 
 
 def _plane(dataset: xr.Dataset, columns: list[str], point_command: str) -> dict[str, Any] | None:
@@ -151,7 +144,7 @@ def _plane(dataset: xr.Dataset, columns: list[str], point_command: str) -> dict[
     return {
         "x": dims.index(x),
         "y": dims.index(y),
-        "first": next((name for name in ("regime", *columns) if name in columns and name not in PLAIN), "status"),
+        "first": next((name for name in ("regime", *columns) if name in columns and name not in MAKING), "status"),
         "held": held,
         "lines": lines,
         "shades": [to_hex(shade) for shade in matplotlib.colormaps["cividis"](np.linspace(0.0, 1.0, 24))],

@@ -1,4 +1,7 @@
-"""Expressions: what they are, what they mean beside Python's own reading of them, and what they never do."""
+"""Expressions: what they mean beside Python's own reading of them, and what they never do.
+
+`expressions.json` has what each form selects, and why each other is refused (`test_shared_expressions.py`).
+"""
 
 import ast
 import os
@@ -46,71 +49,10 @@ def refused(text):
     return said
 
 
-ATTACKS = {
-    "__import__('os').system('touch owned')": "at letter 24 cannot stand there; nothing can be called",
-    "open('owned', 'w')": "\"('owned', 'w')\" at letter 5 cannot stand there; nothing can be called",
-    "().__class__": "'.__class__' at letter 3 cannot stand there; there are no attributes",
-    "x.__class__ == 1": "'.__class__' at letter 2 cannot stand there; there are no attributes",
-    "x[0] == 1": "'[' at letter 2 cannot stand there; nothing can be indexed",
-    "lambda: 1": "':' at letter 7 cannot stand there",
-    "lambda x: x": "':' at letter 9 cannot stand there",
-    "f'{x}' == 1": """"f'{x}'" at letter 1 cannot stand there""",
-    "(x := 1) == 1": "':' at letter 4 cannot stand there",
-    "x == 1; y == 1": "';' at letter 7 cannot stand there",
-    "[k for k in x]": "'[' at letter 1 cannot stand there",
-    "x if y else 1": "'if y else 1' at letter 3 cannot stand there",
-    "x == 1\\": r"'\\' at letter 7 cannot stand there",
-    "x == {1}": "'{' at letter 6 cannot stand there",
-    "x == 1 # y": "'#' at letter 8 cannot stand there",
-    "x == 0x10": "'0x10' at letter 6 cannot stand there",
-    "x == 1_000": "'1_000' at letter 6 cannot stand there",
-    "x == 1.2.3": "'1.2.3' at letter 6 cannot stand there",
-    "x == '''a": "a text ends with the quote that it began with",
-    "x == 'a": "a text ends with the quote that it began with",
-    "x == 'a\nb'": "a text ends with the quote that it began with",
-    "x == 1\0": r"'\x00' at letter 7 cannot stand there",
-    "x ＝＝ 1": "'＝' (U+FF1D) at letter 3 cannot stand there",
-    "x == １": "'１' (U+FF11) at letter 6 cannot stand there",
-    "x == 1 ａｎｄ y == 1": "'ａｎｄ' (U+FF41, U+FF4E, U+FF44) at letter 8 cannot stand there",
-    "x == 1 & y == 1": "'&' at letter 8 cannot stand there; write and",
-    "x = 1": "'=' at letter 3 cannot stand there; to compare is ==",
-    "x ^ 2 == 1": "a power is **",
-    "!x": "write not, or != to compare",
-    "x // 2 == 1": "'// 2' at letter 3 cannot stand there; there is no //",
-    "x % 2 == 1": "'%' at letter 3 cannot stand there",
-    "x @ y": "'@' at letter 3 cannot stand there",
-    "x is 1": "'is 1' at letter 3 cannot stand there; to compare is ==",
-    "1 < x is not 1": "'< x is not 1' at letter 3 cannot stand there; to compare is !=",
-    "(x) .real == 1": "'.real' at letter 5 cannot stand there; there are no attributes",
-    "x == (y for y in z)": "'for y in z)' at letter 9 cannot stand there",
-    "x in (*y, 1)": "'*y' at letter 7 cannot stand there",
-    "x == True": "'True' at letter 6 cannot stand there",
-    "x == ...": "'...' at letter 6 cannot stand there",
-    "x == 1j": "'1j' at letter 6 cannot stand there",
-    "x == 01": "'0' at letter 6 cannot stand there",
-    "x == 1or y == 1": "'1or' at letter 6 cannot stand there",
-    "x == 'a' 'b'": """"'a' 'b'" at letter 6 cannot stand there""",
-    "told == r'a'": """"r'a'" at letter 9 cannot stand there""",
-    "told == b'a'": """"b'a'" at letter 9 cannot stand there""",
-    "told == '''a'''": "at letter 9 cannot stand there",
-    "ｘ == 1": "'ｘ' (U+FF58) at letter 1 cannot stand there",
-    "(yield)": "'yield' at letter 2 cannot stand there",
-    "x == (1 y)": "'1 y' at letter 7 cannot stand there",
-    "x << 1 == 2": "'<< 1' at letter 3 cannot stand there",
-    "": "it is empty",
-    "  ": "it is empty",
-    "x ==": "something is missing at its end",
-    "(x == 1": "something is missing at its end",
-    "x == 1)": "')' at letter 7 cannot stand there",
-    "x == 1 and": "something is missing at its end",
-    "and x == 1": "'and' at letter 1 cannot stand there",
-}
-
-
-@pytest.mark.parametrize("text", ATTACKS)
-def test_nothing_but_expressions_is_read(text, tmp_path, monkeypatch):
+@pytest.mark.parametrize("text", ["__import__('os').system('touch owned')", "open('owned', 'w')"])
+def test_nothing_is_executed(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert ATTACKS[text] in refused(text)
+    assert "nothing can be called" in refused(text)
     assert os.listdir(tmp_path) == []
 
 
@@ -148,25 +90,7 @@ def test_of_a_long_expression_a_message_shows_what_is_about_the_spot():
     assert refused("told == " + "1" * 61).endswith(f"told is a text and {'1' * 60}... a number")
 
 
-def test_powers_are_bounded():
-    for text in ("x == 10**10**10", "x == 10**(-1000)", "x ** 101 > 1", "x ** 1e999 > 1"):
-        assert "must be a number from -100 to 100" in refused(text)
-    assert "the power y must be a number" in refused("x ** y == 1")
-    assert "the power 0/0 must be a number" in refused("x ** (0/0) == 1")
-    # No number grows beyond a float.
-    assert chosen("9 ** 99 ** 1 * 9 ** 99 * 9 ** 99 * 9 ** 99 > x") == [0, 1, 2, 3]
-
-
-def test_the_grammar_reads_as_python_does():
-    assert chosen("-x ** 2 == -4") == [2]
-    assert chosen("2 ** -1 == 0.5") == [0, 1, 2, 3]
-    assert chosen("2 ** 3 ** 2 == 512") == [0, 1, 2, 3]
-    assert chosen("8 / 4 / 2 == 1") == [0, 1, 2, 3]
-    assert chosen("7 - 3 - 2 == 2 and + x > - 1") == [0, 1, 2, 3]
-    assert chosen("0 < x <= 2") == [1, 2]
-    assert chosen("not x == 1 and x < 5 or x == 1") == [0, 1, 2]
-    assert chosen("not (x == 1 or x == 5)") == [0, 2]
-    assert chosen("x==.5e1 or\n\tx == 1.") == [1, 3]
+def test_the_parts_of_an_expression_are_those_that_were_written():
     expression = parse(" μ == 1 and (b == '\\' or c == 3) and not d == b\n")
     assert [expression.part(part) for part in expression.tree.values] == [
         "μ == 1",
@@ -177,71 +101,16 @@ def test_the_grammar_reads_as_python_does():
     assert expression.names(expression.tree.values[1]) == ["b", "c"]
 
 
-def test_what_is_missing_matches_no_comparison():
-    for sign in ("==", "!=", "<", "<=", ">", ">="):
-        assert 1 not in chosen(f"y {sign} 3")
-        assert 1 not in chosen(f"3 {sign} y")
-    assert chosen("y != 3") == [2, 3]
-    assert chosen("y * 2 != 6") == [2, 3]
-    assert chosen("y == nan") == [1]
-    assert chosen("nan != y") == [0, 2, 3]
-    assert chosen("kind == nan") == [2]
-    assert chosen("kind != 'wild'") == [0, 1]
-    assert chosen("not y == 3") == [1, 2, 3]
-    assert chosen("0 / x == nan") == [0]
-    assert "of texts the empty one is ''" in refused("told == nan")
-    assert "compared by == and !=" in refused("y < nan")
-    assert "only numbers can be calculated with" in refused("nan + 1 == 1")
-
-
-def test_words_and_texts():
-    assert chosen("kind == 'steady sliding'") == chosen('kind == "steady_sliding"') == [1]
-    assert chosen("'wild' != kind") == [0, 1]
-    assert chosen("kind == kind") == [0, 1, 3]
-    assert chosen("told == 'a'") == [1, 3]
-    assert chosen("told != ''") == [1, 2, 3]
-    assert chosen("told == told") == [0, 1, 2, 3]
-    assert chosen("told == kind") == []
-    assert chosen("told != kind") == [0, 1, 3]
-    assert (
-        "kind is never 'steady'; did you mean steady sliding? its values are calm, steady sliding, wild"
-        in refused("kind == 'steady'")
-    )
-
-
-def test_nonsense_of_types_is_told():
-    assert '\'x == "a"\': "a" is a text and x a number' in refused('x == "a"')
-    assert "without quotes 3 is a number" in refused("x == '3'")
-    assert "kind is a word and 3 a number; its words are 'calm'," in refused("kind == 3")
-    assert "only numbers are above or below each other" in refused("kind > 'calm'")
-    assert "only numbers are above or below each other" in refused("told < 'b'")
-    assert "told is a text; only numbers can be calculated with" in refused("told + 1 == 2")
-    assert "kind is a word; only numbers" in refused("-kind == 2")
-    assert "it is a number; compare it, like x == 0" in refused("x")
-    assert "it is a word; compare it, like kind == 'calm'" in refused("kind")
-    assert "x is a number; and is for what is true or false, like x == 0" in refused("x and y == 1")
-    assert "told is a text; not is for" in refused("not told")
-    assert "(x == 1) is true" not in refused("(x == 1) == (y == 1)")
-    assert "x == 1 is true or false already" in refused("(x == 1) == (y == 1)")
-    assert "only numbers can be calculated with" in refused("(x == 1) + 1 == 2")
-
-
 @pytest.mark.parametrize(
     ("text", "rows", "told"),
     [
         ("x == 5.0000001", [3], None),
         ("x == 5.0029", [3], None),
         ("4.9971 == x", [3], None),
-        ("x == 0.1 + 0.2 + 0.7", [1], None),
-        ("x != 5.0000001", [0, 1, 2], None),
         ("x == 5.01", [], "x == 5.01: x has no such value; the nearest is 5"),
         ("x == 1e9", [], "x == 1e9: x has no such value; the nearest is 5"),
         ("x == -(3 + 4)", [], "the nearest is 0"),
-        ("x != 5.01", [0, 1, 2, 3], None),
         ("x == 5.01 or x == 1", [1], "the nearest is 5"),
-        # Only equality, and only with a number.
-        ("x >= 5.0000001", [], None),
-        ("x + 0 == 5.0000001", [], None),
     ],
 )
 def test_equality_with_a_number_finds_the_nearest_value_of_an_axis(text, rows, told):
@@ -349,32 +218,9 @@ def test_rows_are_those_that_a_loop_in_python_chooses(text):
     assert chosen(text, ROWS) == np.flatnonzero(found).tolist()
 
 
-PIECES = [
-    *("x", "y", "kind", "told", "nan", "1", "0.5", "1e400", "'calm'", '"a"', "'"),
-    *("==", "!=", "<", ">=", "in", "not", "and", "or", "+", "-", "*", "**", "/", "(", ")", ",", "."),
-    *("[", "]", "{", "}", ":", ":=", "=", "f'", "lambda", "if", "else", "for", "is", "await", "yield", "...", "@"),
-    *(
-        "\n",
-        "\t",
-        "\\",
-        "#",
-        ";",
-        "\0",
-        "\ud800",
-        "µ",
-        "ｘ",
-        "²",
-        "_",
-        "0x1",
-        "1j",
-        "None",
-        "print",
-        "!",
-        "%",
-        "&",
-        "~",
-    ),
-]
+WRITTEN = """x y kind told nan 1 0.5 1e400 'calm' "a" ' == != < >= in not and or + - * ** / ( ) , . [ ] { } : :=
+= f' lambda if else for is await yield ... @ \\ # ; µ ｘ ² _ 0x1 1j None print ! % & ~"""
+PIECES = [*WRITTEN.split(), "\n", "\t", "\0", "\ud800"]
 
 
 @settings(max_examples=500, deadline=None)

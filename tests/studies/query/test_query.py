@@ -32,19 +32,13 @@ def test_the_points_are_the_rows(data):
     ("where", "keep"),
     [
         ("a == 2 and b > 0.05", lambda a, b: a == 2 and b > 0.05),
-        ("a == 2.0000001 or b == 0.0999999", lambda a, b: a == 2 or b == 0.1),
-        ("kind == 'steady sliding'", lambda a, b: a % 3 == 1),
         ("kind != 'steady_sliding' and status == 'done'", lambda a, b: a % 3 != 1 and (a, b) != FAILS),
         ("size ** 2 > 1 and not a == 4", lambda a, b: a**2 * b > 1 and a != 4),
         ("a_name == 'three' and error != ''", lambda a, b: (a, b) == FAILS),
-        ("share == nan", lambda a, b: a == 0 or (a, b) == FAILS),
         ("top >= 9", lambda a, b: a >= 3),
         ("a < level and note == 'dry' and d1 == 50", lambda a, b: a < 2.5),
-        ("p1_length * 20 == a", lambda a, b: a == 1),
         ("whole > 7", lambda a, b: True),
-        ("1 < 2", lambda a, b: True),
         ("2 < 1", lambda a, b: False),
-        ("count == a * 10", lambda a, b: (a, b) != FAILS),
     ],
 )
 def test_where_chooses_rows(data, where, keep, monkeypatch):
@@ -143,15 +137,15 @@ def test_words_are_sorted_as_the_file_has_them(data):
     assert states == ["failed"] + ["done"] * 19
 
 
-def test_only_what_is_needed_is_read(data, monkeypatch):
-    read = []
-    own = rows.Source._array
+@pytest.fixture
+def read(monkeypatch):
+    """The columns whose values are read, in turn."""
+    names, own = [], rows.Source._array
+    monkeypatch.setattr(rows.Source, "_array", lambda *given: names.append(given[1].name) or own(*given))
+    return names
 
-    def logged(self, column, block):
-        read.append(column.name)
-        return own(self, column, block)
 
-    monkeypatch.setattr(rows.Source, "_array", logged)
+def test_only_what_is_needed_is_read(data, read, monkeypatch):
     monkeypatch.setattr(rows, "AT_ONCE", 4)
     query(data, "size > 1e6 and a == 3", show="a,share")
     # The axis decides first: of five blocks one is looked into.
@@ -251,6 +245,15 @@ def test_calculated_columns_run_along_further_dimensions(data):
     with pytest.raises(ValueError, match="they have no rows in common"):
         query(data, sort="mode_size * peak_size")
     assert list(query(data, sort="-a * b", limit=1))[-2:] == ["a * b", "status"]
+    # Entries that are sorted by are shown, but for their coordinate, which has its own place.
+    assert list(query(data, sort="-mode_size * 2,mode")) == [
+        "a",
+        "b",
+        "a_name",
+        "mode",
+        "mode_size",
+        "mode_size * 2",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -387,14 +390,6 @@ def test_too_many_rows_are_not_grouped(data, monkeypatch):
     assert len(query(data, by="a")) == 5
 
 
-def test_groups_read_only_what_they_need(data, monkeypatch):
-    read = []
-    own = rows.Source._array
-
-    def logged(self, column, block):
-        read.append(column.name)
-        return own(self, column, block)
-
-    monkeypatch.setattr(rows.Source, "_array", logged)
+def test_groups_read_only_what_they_need(data, read):
     query(data, "b == 0.1", by="a", show="mean:size*2,share:kind")
     assert sorted(read) == ["a", "b", "kind", "size"]

@@ -44,14 +44,17 @@ def test_csv_reads_back_bit_for_bit(data):
     assert read[14]["error"] == 'ValueError: no result, "really";\nnone'
 
 
-def test_json_is_a_list_of_objects(data):
+def test_json_is_a_list_of_objects(data, monkeypatch):
+    # However few are written at a time.
+    monkeypatch.setattr(writing, "AT_ONCE", 3)
     text = io.StringIO()
     chosen = select(data, "a >= 3 and b >= 0.1", show="a,b,share,kind,count")
-    writing.write_json(chosen.columns, chosen.rows(), text)
+    assert writing.write_json(chosen.columns, chosen.rows(), text) == 4
     found = json.loads(text.getvalue(), parse_constant=pytest.fail)
     share = float(str(np.float32(1.0 / 3.0)))
     assert found[0] == {"a": 3.0, "b": 0.1, "share": None, "kind": None, "count": None}
     assert found[1] == {"a": 3.0, "b": 1.0, "share": share, "kind": "calm", "count": 30}
+    assert len(found) == 4
     text = io.StringIO()
     chosen = select(data, "a > 9")
     assert writing.write_json(chosen.columns, chosen.rows(), text) == 0

@@ -7,6 +7,7 @@ import shlex
 import shutil
 import sys
 from base64 import b64decode
+from html import unescape
 from html.parser import HTMLParser
 from importlib.resources import files
 from itertools import pairwise
@@ -20,6 +21,7 @@ from studies import registry, runner, spec
 from studies.cli.main import main
 from studies.maps import maps
 from studies.plotting import figures
+from studies.report import commands
 from studies.report import page as report
 from studies.report import points as report_points
 from studies.report.commands import again, spec_of
@@ -102,10 +104,32 @@ def test_every_result_has_its_question_figure_numbers_cost_and_command(folder, t
     assert "<td>2800</td><td>2802</td><td>+0.1 %</td>" in section(text, "fig5")
 
 
-def test_studies_not_run_are_listed_with_their_commands(text):
+def lines_of(text):
+    """The commands of a page, or of a part of it."""
+    return [unescape(re.sub("</?span>", "", line)) for line in re.findall(r"<pre><code>(.+?)</code>", text)]
+
+
+def test_studies_not_run_are_listed_with_their_commands(folder, text):
+    """They go to the folder that was given, as what shows more of a result reads it."""
     missing = text.partition('<section aria-labelledby="missing-title">')[2]
-    commands = re.findall(r"<code>(fiv run \w+)", missing)
-    assert commands == [f"fiv run {n}" for n in registry.NAMES if n not in ("table4", "fig5", "regimes", "scenes")]
+    left = [name for name in registry.NAMES if name not in ("table4", "fig5", "regimes", "scenes")]
+    assert lines_of(missing) == [f"fiv run {name} --out {folder}" for name in left]
+    asked = f"fiv query fig5 --out {folder} --where 'status == \"done\"' --format csv"
+    assert lines_of(section(text, "fig5")) == [asked, "fiv run fig5 --set mu=0:0.5:51"]
+    refined = section(text, f"of-{re.sub('/|[.]', '-', str(folder))}-map-growth_rate-theta-mu-nc")
+    assert lines_of(refined)[0].startswith(f"fiv query {folder}/map/growth_rate-theta-mu.nc --where ")
+
+
+def test_where_the_reference_stands_in_the_page_says_so(folder, tmp_path):
+    shutil.copytree(folder / "fig5", tmp_path / "reference" / "fig5")
+    shutil.copytree(folder / "table4", tmp_path / "table4")
+    text = report.write((), tmp_path, None, pytest.fail).read_text()
+    note = "This is the reference that the project brings along"
+    assert text.count(note) == section(text, "fig5").count(note) == text.count("UTC, the reference</td>") == 1
+    assert lines_of(section(text, "fig5"))[0] == f"fiv run fig5 --out {tmp_path}"
+    # Who names the reference's file is told nothing new.
+    named = report.write((str(tmp_path / "reference/fig5/fig5.nc"),), tmp_path, None, pytest.fail).read_text()
+    assert "the reference" not in named
 
 
 def test_the_same_results_are_the_same_bytes(folder, text, tmp_path):
@@ -264,7 +288,7 @@ def test_a_large_grid_is_thinned_and_says_so(folder, tmp_path, monkeypatch):
     assert told
     data = json.loads(Elements(text).scripts["fig5-data"])
     assert len(data["axes"][0]["values"]) == int(told[1]) < 10
-    assert "fiv query fig5 --where" in text.replace("<span>", "").replace("</span>", "")
+    assert f"fiv query fig5 --out {folder} --where 'status == \"done\"' --format csv" in lines_of(text)
 
 
 def test_a_million_points_are_bounded():
@@ -328,11 +352,56 @@ def test_a_refined_axis_is_written_by_its_coarse_values(text):
     assert np.array_equal(spec.refined(spec_of(values, 3), "x", 3), values)
 
 
-def test_the_command_of_other_settings_names_them(folder, tmp_path):
+def test_the_command_is_what_was_asked_for(tmp_path):
     data = runner.run("fig5", {"mu": [0.1, 0.2], "theta": 8.0, "p1_length": 0.06}, tmp_path).dataset
-    assert again(data).whole == "fiv run fig5 --set mu=0.1,0.2 --set theta=8 --set p1_length=0.06"
-    data.attrs["configuration"] = data.attrs["configuration"].replace('"fmax": 10000.0', '"fmax": 9000.0')
-    assert again(data) == ("", "")
+    options = "--set theta=8 --set p1_length=0.06"
+    assert again(data) == (
+        f"fiv run fig5 --set mu=0.1,0.2 {options}",
+        f"fiv run fig5 --set mu={{mu}} {options} --out one-point --fresh",
+    )
+    assert again(data, "my own.py").whole == f"fiv run 'my own.py' --set mu=0.1,0.2 {options}"
+    # What does not say what it was asked for has none.
+    configuration = json.loads(data.attrs["configuration"])
+    del configuration["request"]
+    assert again(data.assign_attrs(configuration=json.dumps(configuration))) == ("", "")
+    assert again(data.drop_attrs()) == ("", "")
+
+
+OWN = """
+from matplotlib.figure import Figure
+from studies.study import Study
+from sweeps import Axis, Variable
+STUDY = Study(
+    name="own_squares", title="Squares", question="How large?", paper="Nothing.", axes={"x": Axis([1.0, 3.0])},
+    settings={}, function=lambda points: {"y": points["x"] ** 2}, variables={"y": Variable()},
+    draw=lambda data: Figure(), findings=lambda data: [],
+)
+"""
+
+
+def test_a_study_of_ones_own_is_called_by_its_file(tmp_path):
+    file = tmp_path / "own.py"
+    file.write_text(OWN)
+    runner.run(str(file), {"x": [1.0, 2.0]}, tmp_path)
+    text = report.write((str(file),), tmp_path, None, pytest.fail).read_text()
+    first, last = lines_of(text)
+    assert first.startswith(f"fiv query {file} --out {tmp_path} --where ")
+    assert last == f"fiv run {file} --set x=1,2"
+
+
+def test_what_a_command_cannot_say_a_file_says(tmp_path, monkeypatch):
+    monkeypatch.setattr(commands, "MOST_VALUES", 3)
+    runner.run("fig5", {"mu": [0.1, 0.2, 0.25, 0.4]}, tmp_path)
+    text = report.write(("fig5",), tmp_path, None, pytest.fail).read_text()
+    assert lines_of(text)[-1] == f"fiv status fig5 --out {tmp_path} --toml"
+
+
+def test_series_are_part_of_the_command(tmp_path):
+    given = {"V": [1e-3, 2e-3], "duration": 2e-3, "theta": 5.0, "mu": 0.2, "F": 9.0}
+    plan = runner.plan("scenes", given, tmp_path, record=("state", "normal_force"), sample_rate=1e4)
+    line = again(plan.run("sync")).whole
+    assert line.endswith("--set duration=0.002 --record state,normal_force --sample-rate 10000")
+    assert line.startswith("fiv run scenes --set V=0.001,0.002 --set theta=5 ")
 
 
 @pytest.fixture
