@@ -91,6 +91,7 @@ def runs(path, changes):
         yield sweep(GROWN, **changes).plan(path).run()
         BROKEN["points"] = set()
         yield sweep(GROWN, **changes).plan(path, retry_failed=True).run()
+    BROKEN["points"] = set()
     yield open_results(path)
 
 
