@@ -24,13 +24,6 @@ pytestmark = pytest.mark.usefixtures("small_pieces")
 COMPUTED: list[float] = []
 
 
-@pytest.fixture
-def inner():
-    """A scheduler with one worker of eight threads, all in this process."""
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=8, processes=False, **QUIET) as one:
-        yield one.scheduler_address
-
-
 def nap(points, ballast=None):
     COMPUTED.extend(points["x"].tolist())
     time.sleep(0.01 * len(points["x"]))

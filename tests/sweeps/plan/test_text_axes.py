@@ -32,8 +32,8 @@ def calls():
     return CALLS
 
 
-def test_a_file_has_the_texts_and_is_read_by_them(path):
-    found = sweep().plan(path).run("processes", 1)
+def test_a_file_has_the_texts_and_is_read_by_them(path, inner):
+    found = sweep().plan(path).run(inner)
     with xr.open_dataset(path) as plain:
         xr.testing.assert_equal(plain.load(), found)
         xr.testing.assert_equal(open_results(path), found)

@@ -66,14 +66,16 @@ COPIED = {
 PLAIN_COPIES = {"function": unit, "key": COPIED["key"]}
 CASES = {
     "plain": {},
-    "another order": {"order_by": ("c", "b")},
+    "derived in another order": {
+        "order_by": ("c", "b"),
+        "derive": lambda data: data.assign(mean=data["series"].mean("step"), top=data["rounded"].max()),
+    },
     "copies": PLAIN_COPIES,
     "copies with factors": COPIED,
     "zipped": {"grid": Grid({name: Axis([1.0, 2.0, 3.0]) for name in "abc"}, zipped=("a", "c"))},
     "skipped": {
         "grid": Grid({n: Axis(v) for n, v in GRID.items()}, skip=lambda p: p["a"] * p["b"] == 30.0 + p["c"])
     },
-    "derived": {"derive": lambda data: data.assign(mean=data["series"].mean("step"), top=data["rounded"].max())},
 }
 GROWN = {"a": [0.0, 1.0, 2.0, 4.0], "b": [10.0, 20.0, 30.0], "c": [100.0, 150.0, 400.0]}
 
@@ -89,6 +91,7 @@ def runs(path, changes):
         yield sweep(GROWN, **changes).plan(path).run()
         BROKEN["points"] = set()
         yield sweep(GROWN, **changes).plan(path, retry_failed=True).run()
+    BROKEN["points"] = set()
     yield open_results(path)
 
 
