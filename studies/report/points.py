@@ -18,7 +18,7 @@ from studies.gallery.regimes import figure as regimes_figure
 from studies.maps.figure import STABLE
 from studies.motion import transients
 from studies.plotting import planes
-from studies.query.columns import MAKING, column_of, settings
+from studies.query.columns import MAKING, Column, column_of, settings
 from studies.report.commands import scene_lines
 from studies.study import constants
 
@@ -90,7 +90,9 @@ def _strides(sizes: Sequence[int], columns: int) -> list[int]:
 
 def _axis(dataset: xr.Dataset, dim: str, coarse: slice) -> dict[str, Any]:
     """Values of an axis in full, how a reader sees them, and names that stand for them."""
-    axis = _described(dim, dataset[dim]) | {"values": dataset[dim].values[coarse].tolist()}
+    axis = _described(column_of(dim, dataset[dim]), dataset[dim]) | {
+        "values": dataset[dim].values[coarse].tolist()
+    }
     if dim in planes.SYMBOLS:
         axis |= {"factor": planes.SYMBOLS[dim][2], "label": planes.label(dim)}
     named = dataset.get(f"{dim}_name")
@@ -101,7 +103,8 @@ def _axis(dataset: xr.Dataset, dim: str, coarse: slice) -> dict[str, Any]:
 
 def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
     """The values of a variable, in the order of the grid; what most of them are is told once."""
-    described, column = _described(name, variable), column_of(name, variable)
+    column = column_of(name, variable)
+    described = _described(column, variable)
     values = _values(column.shown(variable.values.ravel()))
     if column.words is not None:
         described["words"] = list(column.words.values())
@@ -111,14 +114,9 @@ def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
     return described | {"values": values}
 
 
-def _described(name: str, variable: xr.DataArray) -> dict[str, Any]:
-    column = column_of(name, variable)
-    return {
-        "name": name,
-        "units": column.units,
-        "about": str(variable.attrs.get("long_name", "")),
-        "kind": column.kind,
-    }
+def _described(column: Column, variable: xr.DataArray) -> dict[str, Any]:
+    about = str(variable.attrs.get("long_name", ""))
+    return {"name": column.name, "units": column.units, "about": about, "kind": column.kind}
 
 
 def _values(values: NDArray[Any]) -> list[Any]:

@@ -119,6 +119,15 @@ def test_equality_with_a_number_finds_the_nearest_value_of_an_axis(text, rows, t
     assert [told in note for note in notes] == ([] if told is None else [True])
 
 
+@pytest.mark.parametrize("count", [20, 21])
+def test_of_many_words_a_message_has_twenty(count):
+    words = {code: f"w{code:02}" for code in range(count)}
+    expression = parse("kind == 'zzz'")
+    with pytest.raises(ValueError, match="kind is never 'zzz'; its values are w00, ") as problem:
+        condition(expression, {"kind": Column("kind", WORDS, ("x",), words=words)}, print, expression.tree)
+    assert str(problem.value).endswith("w18, w19" + (", ..." if count > 20 else ""))
+
+
 def test_the_rule_of_the_nearest_value():
     assert nearest([0.1, 0.2, 0.3], 0.1 + 0.2) == (0.3, True)
     # A thousandth of the distance to the nearest neighbour, which is on the left here.

@@ -77,7 +77,7 @@ def test_single_precision_keeps_its_digits():
 def test_a_table_is_aligned_below_names_and_units(data):
     text = io.StringIO()
     chosen = select(data, "a >= 3 and b >= 0.1", show="a,a_name,size,kind,count,error")
-    writing.write_table(chosen.columns, chosen.rows(), text)
+    assert writing.write_table(chosen.columns, chosen.rows(), text) == 4
     assert text.getvalue().splitlines() == [
         "a  a_name     size  kind            count  error",
         "m                m",
