@@ -259,9 +259,9 @@ def test_the_papers_rig_is_stable_at_negative_angles_upright_and_without_frictio
     assert len(unstable_windows(Rig(), mu, low, high).theta_from) == 0
 
 
-@pytest.mark.parametrize("mu", [0.1, 0.4])
+@pytest.mark.parametrize("mu", [0.2, 0.45])
 def test_windows_lie_within_the_bound(mu):
-    windows = unstable_windows(Rig(), mu, -0.5, 25.0)
+    windows = found(Rig(), mu, 10e3)
     assert np.all(windows.theta_from > 0.0)
     assert np.all(np.tan(np.radians(windows.theta_to)) < mu)
 

@@ -1,5 +1,6 @@
 """Problems with known answers, through the kernels that run the rig: small systems given as plain arrays."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.linalg import eigh
 
 from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.contact.reduced import full_model
+from fivcore.rig import P1, P2
 from fivcore.transient.fast import SAMPLED
 from tests.helpers.small_systems import Small, stepped
 from tests.helpers.transient_reference import SEPARATION, SLIP, STICK
@@ -430,7 +432,7 @@ def test_a_seeded_mode_grows_at_its_eigenvalues_rate(name, pair, d2, error):
 @pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.05), (-5.0, 0.2)])
 def test_a_stable_scene_returns_to_steady_sliding(theta, mu, method):
     """N = F, T = mu F to 1e-6 of F; with a light head and more damping it does not take a second."""
-    rig, F = Rig(head_mass=0.03, d1=1000.0), 9.0
+    rig, F = Rig(replace(P1, elements=10), replace(P2, elements=30), head_mass=0.03, d1=1000.0), 9.0
     assert not np.any(sliding_modes(rig, theta, mu, 100e3).unstable)
     start, _ = sliding_state(rig, theta, mu, 0.1, F)
     rng = np.random.default_rng(3)
