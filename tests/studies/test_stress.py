@@ -394,7 +394,7 @@ def test_what_failed_is_listed_with_its_reason(small, broken):
     assert "1 pending" in next(line for line in lines if line.startswith("rig"))
 
 
-@pytest.mark.parametrize("pick", [{}, {"case": [0]}, {"method": [2]}, {"case": [1], "method": [1]}])
+@pytest.mark.parametrize("pick", [{}, {"case": [1], "method": [1]}])
 def test_figures_of_few_cases_and_of_failures(small, broken, pick):
     for data in (small, broken):
         chosen = data.isel(pick)
@@ -402,7 +402,7 @@ def test_figures_of_few_cases_and_of_failures(small, broken, pick):
             figure = study.STUDY.draw(chosen)
             figure.canvas.draw()
         failed = figure.get_suptitle().endswith(": none failed")
-        assert failed == (data is small or pick in ({"method": [2]}, {"case": [1], "method": [1]}))
+        assert failed == (data is small or bool(pick))
 
 
 def test_a_case_is_run_by_its_name():

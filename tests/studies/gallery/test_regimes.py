@@ -264,8 +264,7 @@ GRIDS = {
     "planes down": {"V": [2e-3, 5e-3], "mu": [0.1, 0.2], "theta": [0.0, 5.0], "F": [4.5, 9.0]},
     "some failed": {"V": [2e-3, 5e-3], "mu": [0.2, 5.0], "theta": 40.0},
     "a failed row": {"V": [2e-3, 5e-3], "mu": 5.0, "theta": 40.0},
-    "another rig": {"V": [2e-3, 5e-3], "mu": [0.1, 0.2], "head_mass": 2.0},
-    "undecided": {"V": [1e-4, 2e-4], "mu": [0.2, 0.3]},
+    "another rig, undecided": {"V": [1e-4, 2e-4], "mu": [0.2, 0.3], "head_mass": 2.0},
 }
 PANELS = {"a plane": 8, "over F and theta": 8, "planes down": 4, "some failed": 8}
 
@@ -283,14 +282,14 @@ def test_every_grid_has_its_figure_and_report(grid, tmp_path):
     count = data["regime"].size
     lines = STUDY.report(data).splitlines()
     assert lines[0].startswith(f"{count} scene")
-    assert ("another rig" in lines[0]) == (grid == "another rig")
+    assert ("another rig" in lines[0]) == ("another rig" in grid)
     heads = lines[3].split()
     assert heads[:2] == ["regime", "scenes"]
     table = lines[4 : next(k for k, line in enumerate(lines) if line.startswith("Of a regime"))]
     assert sum(int(next(cell for cell in row.split() if cell.isdigit())) for row in table) == count
     failed = int((data["status"] == 2).sum())
     assert (failed > 0) == ("failed" in grid)
-    if grid == "undecided":
+    if "undecided" in grid:
         assert any(line.split()[:2] == ["undecided", "4"] for line in lines)
         assert "undecided: 4 of 4" in figure.get_suptitle()
 
