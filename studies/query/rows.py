@@ -41,7 +41,7 @@ class Source:
         self.dataset, self.columns, self.dims = dataset, columns, dims
         self.shape = tuple(dataset.sizes[dim] for dim in dims)
         self.size = prod(self.shape)
-        self._known: dict[str, xr.Variable] = {}
+        self._known: dict[str, NDArray[Any]] = {}
         self._last: tuple[Any, Rows] = (None, {})
 
     def extent(self, block: tuple[slice, ...]) -> tuple[int, ...]:
@@ -81,22 +81,25 @@ class Source:
         return values if values.ndim else values.reshape([1] * len(self.dims))
 
     def _array(self, column: Column, block: Mapping[str, slice]) -> NDArray[Any]:
-        from xarray import Variable
-
-        try:
-            if column.name not in self._known:
-                whole = self.dataset.variables.get(column.name)
-                if column.values is not None or whole is None:
-                    whole = Variable(column.dims, column.values)
-                elif whole.size <= KEPT:
-                    whole = Variable(column.dims, whole.values)
-                self._known[column.name] = whole
-            variable = self._known[column.name]
-            part = variable.isel({dim: cut for dim, cut in block.items() if dim in variable.dims})
-            values = part.transpose(*(dim for dim in self.dims if dim in part.dims)).values
-        except (OSError, RuntimeError) as problem:
-            raise ValueError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
-        return np.asarray(values).reshape([part.sizes.get(dim, 1) for dim in self.dims])
+        index = {dim: part for dim, part in block.items() if dim in column.dims}
+        dims, own = column.dims, column.values
+        if own is None:
+            variable = self.dataset.variables[column.name]
+            try:
+                if variable.size <= KEPT and column.name not in self._known:
+                    self._known[column.name] = np.asarray(variable.values)
+                own = self._known.get(column.name)
+                if own is None:
+                    own, index = np.asarray(variable.isel(index).values), {}
+            except (OSError, RuntimeError) as problem:
+                raise ValueError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
+        part: tuple[Any, ...] = (*(index.get(dim, slice(None)) for dim in dims), ...)
+        values: NDArray[Any] = own[part]
+        ordered = [dim for dim in self.dims if dim in dims]
+        values = values.transpose([dims.index(dim) for dim in ordered])
+        lengths = iter(values.shape)
+        shaped: NDArray[Any] = values.reshape([next(lengths) if dim in dims else 1 for dim in self.dims])
+        return shaped
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,7 +110,7 @@ def test_a_file_that_does_not_say_it(tmp_path, here):
     here("run", "table4", "-q")
     with xr.open_dataset("results/table4/table4.nc") as file:
         data = file.load()
-    data.attrs["configuration"] = '{"name": "table4", "axes": {}, "constants": {}}'
+    data.attrs["configuration"] = '{"name": "table4", "axes": {}, "constants": {"theta": 5.0}}'
     data.to_netcdf("old.nc")
     done = here("run", "old.nc")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
