@@ -77,7 +77,7 @@ class Finished:
     @property
     def failed(self) -> int:
         """Points that failed."""
-        return int((self.dataset["status"] == 2).sum())
+        return int((self.dataset["status"] == sweeps.FAILED).sum())
 
 
 def plan(

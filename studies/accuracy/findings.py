@@ -14,6 +14,7 @@ from studies.accuracy.rows import Row, cheapest_right, find, front, largest, mea
 from studies.motion import transients
 from studies.study import constants
 from studies.tables import Part, Table, apart
+from sweeps import FAILED
 
 # Errors besides those of the figures: variable, head, factor, and whether a deviation stands beside it.
 OTHERS = (
@@ -42,7 +43,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         _bursts(every, dataset),
     ]
     parts += [_choice(every), _stability(dataset)]
-    failed = int((dataset["status"] == 2).sum())
+    failed = int((dataset["status"] == FAILED).sum())
     parts += [[f"{failed} points failed and count for nothing."]] if failed else []
     return apart(parts)
 

@@ -80,7 +80,9 @@ def typed(*without: str) -> str:
 
 def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
     """Failed points, each with its reason, and how to see them again."""
-    places = list(zip(*(dataset["status"].values == 2).nonzero(), strict=True))
+    from sweeps import FAILED
+
+    places = list(zip(*(dataset["status"].values == FAILED).nonzero(), strict=True))
     for place in places[:LISTED]:
         at = dict(zip(dataset["status"].dims, place, strict=True))
         point = dataset.isel(at)

@@ -102,7 +102,7 @@ def _axis(dataset: xr.Dataset, dim: str, coarse: slice) -> dict[str, Any]:
 
 
 def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
-    """The values of a variable, in the order of the grid; what most of them are is told once."""
+    """The values of a variable, in the order of the grid; what most of them are is written once."""
     column = column_of(name, variable)
     described = _described(column, variable)
     values = _values(column.shown(variable.values.ravel()))
