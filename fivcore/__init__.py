@@ -3,7 +3,7 @@
 Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
 """
 
-from fivcore.errors import ContactError, DivergenceError
+from fivcore.errors import ContactError, DivergenceError, InputError, UnsolvedError
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.stability.glued import glued_frequencies, tune_head_mass
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
@@ -15,8 +15,8 @@ from fivcore.transient.normalised import State
 from fivcore.transient.simulate import simulate, simulate_many
 
 __all__ = [
-    "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "OnsetCurve", "OnsetCurves", "Rig", "Scene",
-    "SlidingModes", "State", "Transient", "UnstableWindows", "critical_mu", "flutter_onsets", "glued_frequencies",
-    "node_positions", "onset_curves", "simulate", "simulate_many", "sliding_modes", "tune_head_mass",
-    "unstable_windows",
+    "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "OnsetCurve", "OnsetCurves", "Rig",
+    "Scene", "SlidingModes", "State", "Transient", "UnsolvedError", "UnstableWindows", "critical_mu",
+    "flutter_onsets", "glued_frequencies", "node_positions", "onset_curves", "simulate", "simulate_many",
+    "sliding_modes", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fivcore.errors import InputError
+
 
 def number(name: str, value: Any, allowed: str, accept: Callable[[float], bool]) -> float:
     """Return `value` as a float, or raise `ValueError` saying what is `allowed`."""
@@ -18,7 +20,7 @@ def number(name: str, value: Any, allowed: str, accept: Callable[[float], bool])
         result = math.nan
     if not (math.isfinite(result) and accept(result)):
         value = value.item() if isinstance(value, np.generic) else value
-        raise ValueError(f"{name} = {short(value)}: it must be {allowed}")
+        raise InputError(f"{name} = {short(value)}: it must be {allowed}")
     return result
 
 
@@ -60,7 +62,7 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
     if given.size == 0:
         return np.zeros(given.shape)
     if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
-        raise ValueError(f"{name} = {short(value)}: it must be a number or an array of numbers")
+        raise InputError(f"{name} = {short(value)}: it must be a number or an array of numbers")
     result = given.astype(float)
     # If any element is bad, then one that is not finite, the smallest or the largest.
     for element in (*result[~np.isfinite(result)][:1], result.min(), result.max()):
@@ -71,13 +73,13 @@ def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.flo
 def choice(name: str, value: Any, allowed: tuple[str, ...]) -> None:
     """Raise unless `value` is one of a few words."""
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} = {short(value)}: it must be one of {', '.join(allowed)}")
+        raise InputError(f"{name} = {short(value)}: it must be one of {', '.join(allowed)}")
 
 
 def instance(name: str, value: Any, kind: type) -> None:
     """Raise unless `value` is a `kind`."""
     if not isinstance(value, kind):
-        raise ValueError(f"{name} = {short(value)}: it must be a {kind.__name__}")
+        raise InputError(f"{name} = {short(value)}: it must be a {kind.__name__}")
 
 
 def short(value: Any) -> str:

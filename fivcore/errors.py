@@ -1,8 +1,16 @@
-"""Errors of a transient; each carries its scene."""
+"""What can be wrong with an argument, with a search for roots, and with a transient, which carries its scene."""
 
 from __future__ import annotations
 
 from typing import Any
+
+
+class InputError(ValueError):
+    """An argument cannot be used; the message names it, its value and what would do."""
+
+
+class UnsolvedError(ArithmeticError):
+    """Roots could not be told apart or followed with certainty; the message says where."""
 
 
 class SceneError(RuntimeError):
@@ -22,7 +30,7 @@ class ContactError(SceneError):
     """The method's contact problem has no unique solution (Painleve)."""
 
 
-class SceneValueError(SceneError, ValueError):
+class SceneValueError(SceneError, InputError):
     """An option of the run has a value that does not suit this scene, which shows only once its model is made."""
 
 

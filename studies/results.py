@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import sweeps
 from studies import registry
-from sweeps import InputError
+from sweeps import InputError, MissingFileError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,7 +86,7 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     try:
         dataset = sweeps.open_results(file)
     except FileNotFoundError:
-        raise FileNotFoundError(
+        raise MissingFileError(
             f"{file}: there is no such file; make it with: {command('run', text, out)}"
         ) from None
     owner = dataset.attrs.get("sweep")

@@ -8,6 +8,7 @@ from typing import Any
 from fivcore import Beam, Rig
 from studies import paper
 from studies.study import Setting
+from sweeps import InputError
 
 # Units and meaning of the numbers that make a rig, by their names in `fivcore`.
 RIG_NUMBERS = {
@@ -54,9 +55,9 @@ def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
         try:
             fields[beam] = Beam(**numbers)
         except ValueError as problem:
-            raise ValueError(str(problem).replace("Beam: ", f"{beam}_", 1)) from None
+            raise InputError(str(problem).replace("Beam: ", f"{beam}_", 1)) from None
     try:
         rig = Rig(**fields)
     except ValueError as problem:
-        raise ValueError(str(problem).replace("Rig: ", "", 1)) from None
+        raise InputError(str(problem).replace("Rig: ", "", 1)) from None
     return rig, settings["theta"]

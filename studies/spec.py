@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps import InputError
+
 FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30"
 MOST_VALUES = 10_000_000
 
@@ -33,7 +35,7 @@ def split(text: str, option: str = "--set") -> tuple[str, str]:
     """AXIS and SPEC, of what follows an option."""
     name, equals, spec = text.partition("=")
     if not equals or not name.strip():
-        raise ValueError(f"{option} {text!r}: it must be AXIS=SPEC, for example mu=0:0.5:101")
+        raise InputError(f"{option} {text!r}: it must be AXIS=SPEC, for example mu=0:0.5:101")
     return name.strip(), spec.strip()
 
 
@@ -50,7 +52,7 @@ def parse(spec: str, name: str) -> NDArray[Any]:
             return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
         return np.array([_finite(part) for part in spec.split(",")])
     except ValueError as problem:
-        raise ValueError(f"{name} = {spec!r}: {problem}; the forms are {FORMS}") from None
+        raise InputError(f"{name} = {spec!r}: {problem}; the forms are {FORMS}") from None
 
 
 def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
@@ -70,13 +72,13 @@ def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
         f"it cannot be halved {halvings} times; choose a smaller --refine",
     )
     if (len(values) - 1) * 2**halvings >= MOST_VALUES:
-        raise ValueError(f"{name} = {spec!r}: {refusal}")
+        raise InputError(f"{name} = {spec!r}: {refusal}")
     for _ in range(halvings):
         # Written so that no sum or product overflows.
         low, high = values[:-1], values[1:]
         middle = _written(np.sqrt(low) * np.sqrt(high) if logarithmic else low + 0.5 * (high - low))
         if not np.all((low < middle) & (middle < high)):
-            raise ValueError(refusal)
+            raise InputError(refusal)
         both = np.empty(len(values) + len(middle))
         both[::2], both[1::2] = values, middle
         values = both
@@ -85,17 +87,17 @@ def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
 
 def _range(parts: list[str], logarithmic: bool) -> NDArray[Any]:
     if len(parts) != 3:
-        raise ValueError("a range must be start:stop:count")
+        raise InputError("a range must be start:stop:count")
     start, stop = _finite(parts[0]), _finite(parts[1])
     if not (parts[2].isascii() and parts[2].isdigit() and 1 <= int(parts[2]) <= MOST_VALUES):
-        raise ValueError(f"count must be a whole number from 1 to {MOST_VALUES}, not {parts[2]!r}")
+        raise InputError(f"count must be a whole number from 1 to {MOST_VALUES}, not {parts[2]!r}")
     count = int(parts[2])
     if count == 1 and start != stop:
-        raise ValueError("a count of 1 must have one end, not two")
+        raise InputError("a count of 1 must have one end, not two")
     if not np.isfinite(stop - start):
-        raise ValueError("the ends must not be so far apart")
+        raise InputError("the ends must not be so far apart")
     if logarithmic and not (start > 0.0 and stop > 0.0):
-        raise ValueError("both ends of a log: range must be above 0")
+        raise InputError("both ends of a log: range must be above 0")
     return logarithmically(start, stop, count) if logarithmic else evenly(start, stop, count)
 
 
@@ -127,5 +129,5 @@ def _finite(text: str) -> float:
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
-        raise ValueError(f"{text!r} must be a finite number")
+        raise InputError(f"{text!r} must be a finite number")
     return value

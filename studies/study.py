@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies import tables
-from sweeps import Axis, Grid, Sweep, Variable, check_size
+from sweeps import Axis, Grid, InputError, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -90,7 +90,7 @@ class Study:
 
     def __post_init__(self) -> None:
         if (self.function is None) == (self.build is None):
-            raise ValueError(f"study {self.name}: it must have one of function and build")
+            raise InputError(f"study {self.name}: it must have one of function and build")
 
     def report(self, dataset: xr.Dataset) -> str:
         """What is found, as text for a terminal."""
@@ -138,7 +138,7 @@ class Study:
         """
         if len(record) or sample_rate is not None:
             if self.record is None:
-                raise ValueError(f"study {self.name} has no motion in time to record")
+                raise InputError(f"study {self.name} has no motion in time to record")
             return self.record(self, given, record, sample_rate)
         axes, settings = dict(self.axes), {name: s.value for name, s in self.settings.items()}
         for name, value in given.items():
@@ -148,7 +148,7 @@ class Study:
                 settings[name] = _one_number(self.name, name, value)
             else:
                 known = [*axes, *settings]
-                raise ValueError(
+                raise InputError(
                     f"{name}: study {self.name} has no such axis; {suggest(name, known)}"
                     f"its axes are {', '.join(axes)}; its settings are {', '.join(settings) or 'none'}"
                 )
@@ -157,10 +157,14 @@ class Study:
     def _one_function(self, axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         """The sweep of `function` over the axes."""
         assert self.function is not None
-        grid, fixed = Grid(axes), dict(self.constants(settings))
+        grid = Grid(axes)
         check_size(grid)
-        if self.check is not None:
-            self.check(axes, fixed)
+        try:
+            fixed = dict(self.constants(settings))
+            if self.check is not None:
+                self.check(axes, fixed)
+        except ValueError as problem:
+            raise InputError(str(problem)) from problem
         return Sweep(
             self.name,
             self.function,
@@ -204,13 +208,13 @@ def _axis(name: str, value: Any, own: Axis) -> Axis:
             if text not in own.values.tolist():
                 known = own.values.tolist()
                 near = suggest(str(text), known) or f"it must be one of {', '.join(known[:8])}"
-                raise ValueError(f"{name} = {text!r}: there is no such {name}; {near.rstrip()}")
+                raise InputError(f"{name} = {text!r}: there is no such {name}; {near.rstrip()}")
         return replace(own, values=own.values[np.isin(own.values, texts.astype(str))])
     values = _numbers(name, value, "a number or a list of numbers")
     if own.values.dtype.kind == "i":
         whole = (values == np.rint(values)) & (np.abs(values) < 2**53)
         if not np.all(whole):
-            raise ValueError(f"{name} = {values[~whole][0]:g}: it must be a whole number")
+            raise InputError(f"{name} = {values[~whole][0]:g}: it must be a whole number")
     return Axis(np.unique(values).astype(own.values.dtype), own.units, own.long_name)
 
 
@@ -221,9 +225,9 @@ def _numbers(name: str, value: Any, allowed: str) -> np.ndarray:
     except ValueError:
         values = np.empty((0, 0))
     if values.dtype.kind not in "iuf" or values.ndim != 1 or not len(values):
-        raise ValueError(f"{name} = {value!r}: it must be {allowed}")
+        raise InputError(f"{name} = {value!r}: it must be {allowed}")
     if not np.all(np.isfinite(values)):
-        raise ValueError(f"{name} = {values[~np.isfinite(values)][0]}: it must be finite")
+        raise InputError(f"{name} = {values[~np.isfinite(values)][0]}: it must be finite")
     return values.astype(float)
 
 
@@ -231,5 +235,5 @@ def _one_number(study: str, name: str, value: Any) -> float:
     values = _numbers(name, value, "one number")
     if len(values) != 1:
         listed = ", ".join(f"{v:g}" for v in values[:5])
-        raise ValueError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number")
+        raise InputError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number")
     return float(values[0])

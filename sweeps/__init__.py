@@ -4,7 +4,15 @@ It knows no physics. A sweep is declared, planned, executed and stored; each ste
 """
 
 from sweeps.compute.run import check_backend
-from sweeps.errors import AbandonedError, InputError, LockedError, SchedulerError, StoreError, SweepStoppedError
+from sweeps.errors import (
+    AbandonedError,
+    InputError,
+    LockedError,
+    MissingFileError,
+    SchedulerError,
+    StoreError,
+    SweepStoppedError,
+)
 from sweeps.fingerprint.identity import json_equal, plain
 from sweeps.fingerprint.scripts import load_script
 from sweeps.grid import (
@@ -42,6 +50,7 @@ __all__ = [
     "Grid",
     "InputError",
     "LockedError",
+    "MissingFileError",
     "Plan",
     "Progress",
     "Refinement",

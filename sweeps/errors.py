@@ -27,6 +27,10 @@ class InputError(ValueError):
     """What was given cannot be used; the message names it, its value and what would do."""
 
 
+class MissingFileError(InputError, FileNotFoundError):
+    """There is no such file; the message names it, and what makes it."""
+
+
 class SchedulerError(InputError):
     """The scheduler that was asked for cannot be used; the message says why."""
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps.errors import InputError
+
 Points = dict[str, NDArray[Any]]
 # One array a column, one entry a row.
 Columns = list[NDArray[Any]]
@@ -48,13 +50,13 @@ class Axis:
     def __post_init__(self) -> None:
         values = np.atleast_1d(np.asarray(self.values))
         if values.ndim != 1 or values.size == 0:
-            raise ValueError(f"Axis: values of shape {values.shape}: they must be a list with one or more")
+            raise InputError(f"Axis: values of shape {values.shape}: they must be a list with one or more")
         if values.dtype.kind not in "biufU":
-            raise ValueError(f"Axis: values = {self.values!r}: they must be numbers or texts")
+            raise InputError(f"Axis: values = {self.values!r}: they must be numbers or texts")
         if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
             values = values.astype(float)  # what netCDF can hold
         if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
-            raise ValueError(f"Axis: values contain {values[~np.isfinite(values)][0]}: all must be finite")
+            raise InputError(f"Axis: values contain {values[~np.isfinite(values)][0]}: all must be finite")
         values = values.copy()
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
@@ -94,19 +96,19 @@ class Variable:
 
     def __post_init__(self) -> None:
         if self.dtype not in DTYPES:
-            raise ValueError(f"Variable: dtype = {self.dtype!r}: it must be one of {', '.join(DTYPES)}")
+            raise InputError(f"Variable: dtype = {self.dtype!r}: it must be one of {', '.join(DTYPES)}")
         dims = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
         if len(set(dims)) < len(dims):
-            raise ValueError(f"Variable: dims = {dims}: each may stand once")
+            raise InputError(f"Variable: dims = {dims}: each may stand once")
         object.__setattr__(self, "dims", dims)
         whole = np.dtype(self.dtype).kind != "f"
         if whole and (self.digits is not None or self.scale):
-            raise ValueError(
+            raise InputError(
                 f"Variable: digits and scale are for floats; with dtype = {self.dtype!r} leave them out"
             )
         digits = self.digits
         if digits is not None and not (type(digits) is int and 1 <= digits <= 15):
-            raise ValueError(f"Variable: digits = {digits!r}: it must be a whole number from 1 to 15")
+            raise InputError(f"Variable: digits = {digits!r}: it must be a whole number from 1 to 15")
         flags = self.flags
         if flags is not None and not (
             whole
@@ -114,7 +116,7 @@ class Variable:
             and all(isinstance(code, (int, np.integer)) and code > self.missing for code in flags)
             and all(isinstance(word, str) and word for word in flags.values())
         ):
-            raise ValueError(
+            raise InputError(
                 f"Variable: flags = {flags!r}: they must be texts by whole numbers, with a dtype of those"
             )
         if flags is not None:
@@ -153,20 +155,20 @@ class Grid:
     def __post_init__(self) -> None:
         axes = dict(self.axes)
         if not axes:
-            raise ValueError("Grid: axes = {}: there must be at least one axis")
+            raise InputError("Grid: axes = {}: there must be at least one axis")
         check_names("Grid: axes", axes, Axis)
         zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else self.zipped
         named = [name for group in zipped for name in group]
         for name in named:
             if name not in axes or named.count(name) > 1:
-                raise ValueError(
+                raise InputError(
                     f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
                 )
         group_of = {name: (name,) for name in axes}
         for group in map(tuple, zipped):
             lengths = {name: len(axes[name]) for name in group}
             if len(set(lengths.values())) > 1:
-                raise ValueError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
+                raise InputError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
             group_of |= dict.fromkeys(group, group)
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "groups", tuple(dict.fromkeys(group_of.values())))
@@ -175,7 +177,7 @@ class Grid:
             again = np.flatnonzero(first < np.arange(len(first)))
             if len(again):
                 twice = tuple(column[again[0]].item() for column in self._columns(group))
-                raise ValueError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
+                raise InputError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
 
     @property
     def dims(self) -> tuple[str, ...]:
@@ -220,7 +222,7 @@ class Grid:
             for index in self.blocks():
                 flags = np.asarray(self.skip(self.points(index)), dtype=bool)
                 if flags.shape != index.shape:
-                    raise ValueError(f"Grid: skip returned the shape {flags.shape}; it must be {index.shape}")
+                    raise InputError(f"Grid: skip returned the shape {flags.shape}; it must be {index.shape}")
                 live[index] = ~flags
         return live
 
@@ -330,9 +332,9 @@ def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:
     for name, value in named.items():
         usable = isinstance(name, str) and name.isidentifier() and not name.startswith("failure_")
         if not usable or name in RESERVED:
-            raise ValueError(
+            raise InputError(
                 f"{what} has the name {name!r}: it must be of letters, digits and _, and none of "
                 f"{', '.join(RESERVED)}, failure_..."
             )
         if not isinstance(value, kind):
-            raise ValueError(f"{what}[{name!r}] = {value!r}: it must be of type {kind.__name__}")
+            raise InputError(f"{what}[{name!r}] = {value!r}: it must be of type {kind.__name__}")

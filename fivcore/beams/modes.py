@@ -19,6 +19,7 @@ from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
 from threadpoolctl import ThreadpoolController
 
 from fivcore.beams.elements import axial, bending, hermite
+from fivcore.errors import InputError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Beam, Rig
 
@@ -115,7 +116,7 @@ def residual_flexibility(stiffness: Array, normal: Array, tangential: Array) -> 
     Row and column 0 belong to the normal, 1 to the tangential direction. A rigid mode is a `ValueError`.
     """
     if np.any(stiffness == 0.0):
-        raise ValueError("stiffness holds 0: the static flexibility of a rigid mode is infinite, so keep it")
+        raise InputError("stiffness holds 0: the static flexibility of a rigid mode is infinite, so keep it")
     shape = np.stack([normal, tangential])
     return np.asarray((shape / stiffness) @ shape.T)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, fminbound
 
 from fivcore import checks
+from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
 from fivcore.stability.onsets import onset_crossings
@@ -122,7 +123,7 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     checks.instance("rig", rig, Rig)
     angles = checks.array("theta", theta, checks.theta_degrees)
     if angles.ndim != 1 or not len(angles) or np.any(np.diff(angles) <= 0.0):
-        raise ValueError(f"theta of shape {angles.shape}: it must be a list of ascending angles, each once")
+        raise InputError(f"theta of shape {angles.shape}: it must be a list of ascending angles, each once")
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
     sample, curves = partial(_onsets, rig, band, most), []
     for branch in _branches(sample, angles):
@@ -274,7 +275,7 @@ def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
             kinds = [[point for point in ended if (point.rises == p.rises) is same] for same in (True, False)]
             q = _counterpart(p, *kinds)
             if q is None:
-                raise ArithmeticError(
+                raise UnsolvedError(
                     f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
                 )
             mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
@@ -365,7 +366,7 @@ def _locate(sampler: Sampler, near: Sequence[Point], theta: float) -> Point:
     known = [point for point in near if point.theta == theta]
     points = known or [point for point in sampler(theta)[1] if point.rises == near[0].rises]
     if not points:
-        raise ArithmeticError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
+        raise UnsolvedError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
     return min(points, key=lambda point: abs(point.place - place))
 
 

@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 
 from fivcore import checks
 from fivcore.beams.modes import contact_modes
+from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, kernel
 from fivcore.rig import Rig
 from fivcore.stability.secular import nearest_pole
@@ -85,7 +86,7 @@ def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[
     brackets = np.empty((MOST_INTERVALS, 3))
     count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
     if judged == MOST_INTERVALS:
-        raise ArithmeticError(
+        raise UnsolvedError(
             f"flutter_onsets: no friction up to mu_max = {mu_max:g} can be told apart at theta = {theta:g} "
             f"below fmax = {fmax:g} Hz; choose a smaller band"
         )

@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from fivcore.beams.modes import contact_modes
+from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.rig import Rig
 
@@ -90,7 +91,7 @@ def sliding_roots(problem: SlidingProblem, mu: float) -> Complex:
         # More roots have come into the circle than there are guesses (large mu, on few rigs).
         more += min(abs(missing), 2 * len(problem.poles))
         roots = np.append(problem.guesses, RADIUS * np.exp(2j * np.pi * (np.arange(more) + 0.3) / more))
-    raise ArithmeticError(
+    raise UnsolvedError(
         f"mu = {mu!r}: some eigenvalues could not be found with this rig and theta; another mu or fmax near it "
         "will do"
     )

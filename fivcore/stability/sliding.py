@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fivcore import checks
 from fivcore.beams.modes import contact_modes, rig_bases
+from fivcore.errors import InputError
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig
 from fivcore.stability.secular import EPS, MOST_REPORTED, damp, sliding_problem, sliding_roots
@@ -115,7 +116,7 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     try:
         angles, frictions = np.broadcast_arrays(angles, frictions)
     except ValueError:
-        raise ValueError(
+        raise InputError(
             f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
         ) from None
     angles, frictions = angles.copy(), frictions.copy()

@@ -15,6 +15,7 @@ import numpy as np
 from fivcore.beams.elements import hermite
 from fivcore.beams.modes import lower_basis, residual_flexibility
 from fivcore.contact.reduced import ReducedModel, full_model
+from fivcore.errors import InputError
 from fivcore.transient.normalised import Normalised, displacement
 
 # Length of a segment along P2, m.
@@ -45,7 +46,7 @@ class ContactMotion:
         # The element next to the clamp hardly moves: contact there is contact with the wall.
         room = start - beam.length / beam.elements if self.direction < 0 else beam.length - start
         if room <= 0.0:
-            raise ValueError(
+            raise InputError(
                 f"contact_motion = {self.direction}: it must be 0, for at {start:g} m the contact is at P2's end"
             )
         # D moves by speed t^2 / (2 ramp) within the ramp and by speed (t - ramp / 2) after it.
@@ -53,7 +54,7 @@ class ContactMotion:
         longest = longest + half if longest > half else 2.0 * float(np.sqrt(half * longest))
         if duration > longest:
             end = "P2's clamp" if self.direction < 0 else "P2's free end"
-            raise ValueError(
+            raise InputError(
                 f"duration = {duration:g}: it must be at most {longest:.6g} s, when contact_motion ="
                 f" {self.direction} reaches {end}"
             )

@@ -10,6 +10,7 @@ import numpy as np
 from fivcore import checks
 from fivcore.contact.ablation import Modify
 from fivcore.contact.reduced import TERMINATIONS
+from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Scene
 from fivcore.transient.moving_contact import ContactMotion
@@ -71,9 +72,9 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     for name in ("end_early", "leap"):
         checks.instance(name, given[name], bool)
     if record and times is None and duration * rate > 1e8:
-        raise ValueError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
+        raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     if not 1e-12 <= normalised.speed_per_load <= 1e8:
-        raise ValueError(
+        raise InputError(
             f"V / F = {normalised.speed_per_load:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved"
         )
     given |= {"ramp": ramp, "contact_motion": motion, "record": record, "skip": given.pop("leap")}
@@ -84,9 +85,9 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     if motion:
         ContactMotion(normalised, ramp, motion).check(duration)
         if given["method"] == "exact":
-            raise ValueError(f"contact_motion = {motion}: for method 'exact' it must be 0")
+            raise InputError(f"contact_motion = {motion}: for method 'exact' it must be 0")
     if given["method"] == "paper" and given["cutoff"] is not None:
-        raise ValueError(f"cutoff = {given['cutoff']:g}: the published scheme keeps all modes; leave it out")
+        raise InputError(f"cutoff = {given['cutoff']:g}: the published scheme keeps all modes; leave it out")
     return Options(**given)
 
 
@@ -96,16 +97,16 @@ def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[
     checks.choice("termination", termination, TERMINATIONS)
     if modify is not None:
         if not callable(modify):
-            raise ValueError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
+            raise InputError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
         if method == "paper":
-            raise ValueError("modify: method 'paper' keeps all modes; leave it out")
+            raise InputError("modify: method 'paper' keeps all modes; leave it out")
     if method == "exact" and termination != "absorbing":
-        raise ValueError(
+        raise InputError(
             f"termination = {termination!r}: method 'exact' needs the absorbing element; use method 'fast'"
         )
     if beta2 is not None:
         if method != "paper":
-            raise ValueError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")
+            raise InputError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")
         # Below 0.5 every mode grows.
         beta2 = checks.number("beta2", beta2, "a number from 0.5 to 1", lambda x: 0.5 <= x <= 1.0)
     return {"method": method, "termination": termination, "modify": modify, "beta2": beta2}
@@ -117,21 +118,21 @@ def _names(record: Any) -> tuple[str, ...]:
         return tuple(SERIES) if record else ()
     names = (record,) if isinstance(record, str) else record
     if not isinstance(names, (tuple, list)) or not names or any(name not in SERIES for name in names):
-        raise ValueError(f"record = {record!r}: it must be a bool or names of series among {', '.join(SERIES)}")
+        raise InputError(f"record = {record!r}: it must be a bool or names of series among {', '.join(SERIES)}")
     return tuple(name for name in SERIES if name in names)
 
 
 def _times(sample_times: Any, names: tuple[str, ...], duration: float) -> Array:
     if not names:
-        raise ValueError("sample_times: they are for what is recorded, and nothing is; give record = True")
+        raise InputError("sample_times: they are for what is recorded, and nothing is; give record = True")
     try:
         times = np.asarray(sample_times, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ValueError("sample_times: they must be numbers, s") from None
+        raise InputError("sample_times: they must be numbers, s") from None
     if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0.0):
-        raise ValueError(f"sample_times of shape {times.shape}: they must be a row of finite, ascending times, s")
+        raise InputError(f"sample_times of shape {times.shape}: they must be a row of finite, ascending times, s")
     if len(times) and not (times[0] >= 0.0 and times[-1] <= duration):
-        raise ValueError(
+        raise InputError(
             f"sample_times from {times[0]:g} to {times[-1]:g} s: they must be from 0 to duration = {duration:g} s"
         )
     return times
@@ -143,14 +144,14 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
         q, v, contact = vars(initial).values() if isinstance(initial, State) else initial
         q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
-        raise ValueError("initial: it must be modal displacements, modal velocities and a contact state") from None
+        raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
     modes = 3 * scene.rig.p1.elements + 1 + 3 * scene.rig.p2.elements
     for name, part in (("displacements", q), ("velocities", v)):
         if part.shape != (modes,) or part.dtype.kind not in "iuf" or not np.all(np.abs(part) < 1e50):
             text = f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers below 1e50"
-            raise ValueError(text)
+            raise InputError(text)
     if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):
-        raise ValueError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
+        raise InputError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
     if normalised.sense < 0:
-        raise ValueError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
+        raise InputError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
     return State(q.astype(float) / normalised.load, v.astype(float) / normalised.load, int(contact))

@@ -8,7 +8,7 @@ from typing import Any
 
 from fivcore import checks
 from fivcore.contact.ablation import Modify
-from fivcore.errors import SceneError
+from fivcore.errors import InputError, SceneError
 from fivcore.rig import Scene
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
@@ -137,7 +137,7 @@ def simulate_many(
     own = [name for name in ("duration", "ramp", "settle", "initial") if isinstance(arguments[name], list)]
     for name in own:
         if (given := len(arguments[name])) != len(scenes):
-            raise ValueError(f"{name}: a list of {given}: it must have one entry for each of {len(scenes)} scenes")
+            raise InputError(f"{name}: a list of {given}: it must have one entry for each of {len(scenes)} scenes")
     for k, scene in enumerate(scenes):
         checks.instance("scene", scene, Scene)
         options = arguments | {name: arguments[name][k] for name in own}

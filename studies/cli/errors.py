@@ -5,19 +5,14 @@ Nothing heavy is imported: `fiv --help` answers at once.
 
 from __future__ import annotations
 
-import dis
 import select
 import sys
-import sysconfig
-from pathlib import Path
 from traceback import print_exception
 from typing import Any
 
 import click
 
 SOME_FAILED, WRONG_INPUT, STORE_TAKEN, INTERNAL, INTERRUPTED = 1, 2, 3, 70, 130
-OURS = ("fivcore", "sweeps", "studies")
-LIBRARIES = {Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
 
 
 class InputErrors:
@@ -30,25 +25,16 @@ class InputErrors:
         pass
 
     def __exit__(self, kind: Any, problem: BaseException | None, traceback: Any) -> None:
-        if isinstance(problem, (ValueError, ArithmeticError, FileNotFoundError)) and is_told(problem):
+        if not isinstance(problem, (ValueError, ArithmeticError)):
+            return
+        # Late, for they are slow to import; what raises their errors has done so already.
+        import fivcore
+        import sweeps
+
+        if isinstance(problem, (fivcore.InputError, fivcore.UnsolvedError, sweeps.InputError)):
             if self.verbose:
                 print_exception(problem)
             raise click.UsageError(str(problem)) from None
-
-
-def is_told(problem: BaseException) -> bool:
-    """Whether a check found the problem: a `raise` of this project or of a study of one's own.
-
-    What Python or a library raises of itself, while the code of this project runs, is a fault of that code.
-    """
-    traceback = problem.__traceback__
-    while traceback is not None and traceback.tb_next is not None:
-        traceback = traceback.tb_next
-    if traceback is None:
-        return False
-    code, home = traceback.tb_frame.f_code, str(traceback.tb_frame.f_globals.get("__name__")).partition(".")[0]
-    is_own = home in OURS or LIBRARIES.isdisjoint(Path(code.co_filename).parents)
-    return is_own and dis.opname[code.co_code[traceback.tb_lasti]] == "RAISE_VARARGS"
 
 
 def is_unread() -> bool:

@@ -18,7 +18,7 @@ from studies.rig import rig_settings
 from studies.spec import evenly
 from studies.study import Study, constants
 from studies.tables import Column, Part, Table
-from sweeps import Axis
+from sweeps import Axis, InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +59,7 @@ def lock_in(rig: Rig, theta: float, fmax: float) -> tuple[float, float]:
     """
     onsets = flutter_onsets(rig, theta, fmax, MU_MAX)
     if not len(onsets.mu):
-        raise ValueError(
+        raise InputError(
             f"theta = {theta:g}: no two modes below {fmax / 1e3:g} kHz lock in up to mu = {MU_MAX:g} with these "
             f"settings; nearer to theta = {paper.THETA:g} and the other defaults they do"
         )
@@ -148,7 +148,7 @@ def mode_numbers(*, rig: Rig, theta: float, fmax: float) -> dict[str, Axis]:
     """The axis of the two modes, by their numbers among all modes without friction."""
     numbers = closest_two(sliding_modes(rig, theta, [0.0], fmax), 0, path(rig, theta, fmax, 1)[0])
     if numbers is None:
-        raise ValueError(
+        raise InputError(
             f"theta = {theta:g}: the two modes that lock in cannot be followed back to mu = 0 below "
             f"{fmax / 1e3:g} kHz with these settings; nearer to the defaults they can"
         )

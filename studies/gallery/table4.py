@@ -15,7 +15,7 @@ from studies import paper
 from studies.plotting import figures
 from studies.study import Setting, Study, constants
 from studies.tables import Column, Part, Table
-from sweeps import Axis, Variable
+from sweeps import Axis, InputError, Variable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +50,7 @@ def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
             # What is beyond twelve digits is the machine's, and a result belongs to none.
             return replace(rig, head_mass=float(f"{tune_head_mass(rig, theta, first):.12g}"))
         except ValueError as problem:
-            raise ValueError(str(problem).replace("frequency", "first_frequency", 1)) from None
+            raise InputError(str(problem).replace("frequency", "first_frequency", 1)) from None
 
     return {
         "rig": tuned(settings["contact_position"]),
@@ -64,7 +64,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     modes, most = axes["mode"].values, 3 * (fixed["rig"].p1.elements + fixed["rig"].p2.elements) - 1
     outside = modes[(modes < 1) | (modes > most)]
     if len(outside):
-        raise ValueError(f"mode = {outside[0]}: it must be a whole number from 1 to {most}")
+        raise InputError(f"mode = {outside[0]}: it must be a whole number from 1 to {most}")
 
 
 def deviation(dataset: xr.Dataset, name: str) -> xr.DataArray:

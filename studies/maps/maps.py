@@ -20,13 +20,7 @@ from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, check_jobs
 from studies.rig import rig_of
 from studies.study import Study, deferred, suggest
-from sweeps import (
-    Axis,
-    Grid,
-    Refinement,
-    Sweep,
-    refined,
-)
+from sweeps import Axis, Grid, InputError, Refinement, Sweep, refined
 
 NAME = "map"
 # Largest error of interpolation of a refined map, in units of the range of its values.
@@ -77,7 +71,7 @@ def sweep_of(
     tolerance = _tolerance(definition, quantity, halvings, tolerance)
     count = len(plane.xs) * len(plane.ys)
     if count > MOST_POINTS:
-        raise ValueError(
+        raise InputError(
             f"{len(plane.xs)} x {len(plane.ys)} values are {count} points: it must be at most {MOST_POINTS}"
         )
     _check(plane, definition, constants)
@@ -125,7 +119,7 @@ def fixed_of(texts: Sequence[str]) -> dict[str, float]:
         name, written = spec.split(text, "--fix")
         values = spec.parse(written, name)
         if len(values) > 1 or name in fixed:
-            raise ValueError(f"--fix {text!r}: {name} must have one value; what is to vary is --x or --y")
+            raise InputError(f"--fix {text!r}: {name} must have one value; what is to vary is --x or --y")
         fixed[name] = float(values[0])
     return fixed
 
@@ -156,7 +150,7 @@ def changed(quantity: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _definition(quantity: str) -> Quantity:
     if quantity not in QUANTITIES:
-        raise ValueError(
+        raise InputError(
             f"quantity = {quantity!r}: there is no such quantity; {suggest(quantity, list(QUANTITIES))}"
             f"the quantities are {', '.join(QUANTITIES)}"
         )
@@ -169,19 +163,19 @@ def _constants(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> dict[
     for side, name in sides.items():
         if name not in AXES:
             near = suggest(name, list(AXES))
-            raise ValueError(f"--{side} {name}: there is no such axis; {near}the axes are {', '.join(AXES)}")
+            raise InputError(f"--{side} {name}: there is no such axis; {near}the axes are {', '.join(AXES)}")
         if name == "mu" and quantity in OVER_MU:
-            raise ValueError(f"--{side} mu: {quantity} is found over all mu, which cannot be an axis then")
+            raise InputError(f"--{side} mu: {quantity} is found over all mu, which cannot be an axis then")
     if plane.x == plane.y:
-        raise ValueError(f"--y {plane.y}: it is the axis --x already; a map has two")
+        raise InputError(f"--y {plane.y}: it is the axis --x already; a map has two")
     every = defaults(quantity)
     for name in fixed:
         if name in sides.values():
-            raise ValueError(f"--fix {name}: it is an axis of this map; leave it out")
+            raise InputError(f"--fix {name}: it is an axis of this map; leave it out")
         if name not in every:
             why = f"{quantity} does not depend on it" if name in RUN else "there is no such axis or setting"
             near = suggest(name, list(every))
-            raise ValueError(f"--fix {name}: {why}; {near}what can be fixed is {', '.join(every)}")
+            raise InputError(f"--fix {name}: {why}; {near}what can be fixed is {', '.join(every)}")
     return {name: value for name, value in (every | dict(fixed)).items() if name not in sides.values()}
 
 
@@ -192,7 +186,7 @@ def _tolerance(definition: Quantity, quantity: str, halvings: int, tolerance: fl
     if definition.is_whole:
         problem = f"{quantity} has whole numbers, between which nothing is interpolated; leave it out"
     if problem:
-        raise ValueError(f"tolerance = {tolerance:g}: {problem}")
+        raise InputError(f"tolerance = {tolerance:g}: {problem}")
     return checks.between("tolerance", tolerance, 1e-12, 1e12, "of the range of the values")
 
 
@@ -221,7 +215,7 @@ def _scene(plane: Plane, constants: Mapping[str, Any], x: float, y: float) -> Sc
 
 
 def _refused(*_: Any) -> NoReturn:
-    raise ValueError(f"STUDY = {NAME!r}: maps are made by a command of their own: fiv map --help tells how")
+    raise InputError(f"STUDY = {NAME!r}: maps are made by a command of their own: fiv map --help tells how")
 
 
 class _Maps(Study):

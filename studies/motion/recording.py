@@ -17,7 +17,7 @@ from fivcore import Transient, checks
 from studies.motion import transients
 from studies.motion.jobs import Job, outcomes
 from studies.study import suggest
-from sweeps import Sweep, Variable
+from sweeps import InputError, Sweep, Variable
 
 if TYPE_CHECKING:
     from studies.study import Study
@@ -105,12 +105,12 @@ def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sam
     sweep = study.sweep(given)
     duration = float(sweep.constants["duration"])
     if duration * rate > MOST_SAMPLES * (1.0 + 1e-9):
-        raise ValueError(
+        raise InputError(
             f"sample_rate = {rate:g}: over duration = {duration:g} s it must be at most "
             f"{MOST_SAMPLES / duration:.6g} Hz, for {MOST_SAMPLES} samples of a scene"
         )
     if duration * rate < 1.0:
-        raise ValueError(
+        raise InputError(
             f"sample_rate = {rate:g}: over duration = {duration:g} s it must be at least {1.0 / duration:.6g} Hz"
         )
     timed = replace(
@@ -126,7 +126,7 @@ def on_own_times(study: Study, given: Mapping[str, Any], names: Sequence[str], s
     names = _checked(names, sample_rate)
     if sample_rate is not None:
         if "sample_rate" in given:
-            raise ValueError(
+            raise InputError(
                 f"sample_rate = {sample_rate!r}: study {study.name} has it as a setting, and that is set to "
                 f"{given['sample_rate']}; give one of the two"
             )
@@ -137,7 +137,7 @@ def on_own_times(study: Study, given: Mapping[str, Any], names: Sequence[str], s
 
 def in_a_window(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
     """Refuse: the study's series are those of a window of its own."""
-    raise ValueError(
+    raise InputError(
         f"record = {', '.join(_checked(names, sample_rate))}: study {study.name} keeps its series in a window "
         "already (settings window_start, window and sample_rate); study scenes records whole runs"
     )
@@ -147,10 +147,10 @@ def _checked(names: Sequence[str], sample_rate: float | None) -> tuple[str, ...]
     """The names, each once and in the order of SERIES, so that their order changes nothing."""
     names = (names,) if isinstance(names, str) else tuple(names)
     if not names:
-        raise ValueError(f"sample_rate = {sample_rate!r}: it is for what is recorded, and nothing is; give record")
+        raise InputError(f"sample_rate = {sample_rate!r}: it is for what is recorded, and nothing is; give record")
     for name in names:
         if name not in SERIES:
-            raise ValueError(
+            raise InputError(
                 f"record = {name!r}: there is no such series; {suggest(str(name), list(SERIES))}"
                 f"the series are {', '.join(SERIES)}"
             )

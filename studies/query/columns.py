@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps import InputError
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -98,7 +100,7 @@ def column_of(
     if kind in "OU":
         return Column(name, TEXT, dims, "", None, False, axis, values)
     if kind not in "iufb":
-        raise ValueError(f"{argument} = {name!r}: it is of type {variable.dtype}, which has no place in a table")
+        raise InputError(f"{argument} = {name!r}: it is of type {variable.dtype}, which has no place in a table")
     units = str(attributes.get("units", ""))
     whole = kind in "iu" or np.dtype(variable.encoding.get("dtype", variable.dtype)).kind in "iu"
     return Column(name, NUMBER, dims, "" if units == "1" else units, None, whole, axis, values)
@@ -168,7 +170,7 @@ class Columns:
             near = "did you mean elapsed?"
         else:
             near = hint(name, self.names)
-        raise ValueError(f"{argument} = {name!r}: nothing is called so; {near}")
+        raise InputError(f"{argument} = {name!r}: nothing is called so; {near}")
 
     def _is_word(self, name: str) -> bool:
         """Whether it is what a code stands for."""
@@ -206,7 +208,7 @@ def configuration(dataset: xr.Dataset) -> dict[str, Any]:
             return content
     except (KeyError, TypeError, ValueError):
         pass
-    raise ValueError(
+    raise InputError(
         "dataset: it is not the result of a sweep, or what it says of itself (attrs) was lost; open its file again"
     )
 

@@ -11,6 +11,7 @@ from studies.query import rows as reading
 from studies.query.columns import NUMBER, WORDS, Column, hint
 from studies.query.evaluate import TRUTH
 from studies.query.rows import Order, Rows, Selection, ordered
+from sweeps import InputError
 
 NUMERIC = ("mean", "std", "min", "max", "median")
 
@@ -50,7 +51,7 @@ def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
     function, _, text = (part.strip() for part in entry.partition(":"))
     if function not in (*NUMERIC, "share") or not text:
         known = ", ".join(NUMERIC)
-        raise ValueError(
+        raise InputError(
             f"show = {entry!r}: with by it must be count, or {known} or share of a column, like mean:V"
         )
     of, name = find(text), f"{function}:{text}"
@@ -70,7 +71,7 @@ def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
         why = f"it is true or false; use share:{text}"
     else:
         why = f"{text} is a text, which has no {function}"
-    raise ValueError(f"show = {entry!r}: {why}")
+    raise InputError(f"show = {entry!r}: {why}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ class Groups:
         for part in self.selection.rows():
             count += len(part[self.keys[0].name])
             if count > reading.MOST_SORTED:
-                raise ValueError(
+                raise InputError(
                     f"by: more than {reading.MOST_SORTED} rows are to be grouped; choose fewer with where"
                 )
             parts.append(part)
@@ -154,5 +155,5 @@ def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:
     for name in names:
         if name.removeprefix("-") not in known:
             near = hint(name.removeprefix("-"), [*known])
-            raise ValueError(f"sort = {name!r}: the grouped table has no such column; {near}")
+            raise InputError(f"sort = {name!r}: the grouped table has no such column; {near}")
     return tuple((known[name.removeprefix("-")], name.startswith("-")) for name in names)

@@ -17,6 +17,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 
+from sweeps import InputError
+
 # The most letters; the most brackets, and the most signs, powers and nots, within each other; the letters of an
 # expression that a message shows.
 LONGEST, DEEPEST, SHOWN = 4000, 40, 60
@@ -115,9 +117,9 @@ def parse(text: str, argument: str = "where") -> Expression:
         If it is none; the message shows the place.
     """
     if not isinstance(text, str):
-        raise ValueError(f"{argument} = {text!r}: it must be a text; {GRAMMAR}")
+        raise InputError(f"{argument} = {text!r}: it must be a text; {GRAMMAR}")
     if len(text) > LONGEST:
-        raise ValueError(f"{argument} = {text[:SHOWN]!r}...: it has {len(text)} letters; it may have {LONGEST}")
+        raise InputError(f"{argument} = {text[:SHOWN]!r}...: it has {len(text)} letters; it may have {LONGEST}")
     text = text.strip(" \t\r\n")
     bare = _without_texts(text)
     if strange := _STRANGE.search(bare):

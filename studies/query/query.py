@@ -20,6 +20,7 @@ from studies.query.columns import MAKING, TEXT, Column, Columns
 from studies.query.groups import Groups, order_of, statistics
 from studies.query.language import Expression, parse, split
 from studies.query.rows import Order, Rows, Selection, Source
+from sweeps import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,7 +113,7 @@ def select(
     """Understand a query; arguments and errors are those of `query`, and `note` is called with its warnings."""
     whole = isinstance(limit, (int, np.integer)) and not isinstance(limit, bool)
     if limit is not None and not (whole and limit >= 0):
-        raise ValueError(f"limit = {limit!r}: it must be a whole number, 0 or above")
+        raise InputError(f"limit = {limit!r}: it must be a whole number, 0 or above")
     limit = None if limit is None else int(limit)
     every = Columns(dataset)
     expression = None if where is None else parse(where)
@@ -161,7 +162,7 @@ def _number(every: Columns, text: str, argument: str, note: Callable[[str], None
     """A column to be shown or to sort by: one of a name, or one of numbers."""
     column = evaluate.column(every, text, argument, note)
     if column.kind == evaluate.TRUTH:
-        raise ValueError(f"{argument} = {text!r}: it is true or false; where = {text!r} chooses such rows")
+        raise InputError(f"{argument} = {text!r}: it is true or false; where = {text!r} chooses such rows")
     return column
 
 
@@ -171,7 +172,7 @@ def _listed(names: str | Sequence[str] | None, argument: str) -> list[str]:
         return []
     entries = split(names) if isinstance(names, str) else [name.strip() for name in names]
     if not entries or not all(entries):
-        raise ValueError(
+        raise InputError(
             f"{argument} = {names!r}: it must be one name or more, with commas between them, like V,mu"
         )
     return list(dict.fromkeys(entries))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.query.columns import TEXT, Column
-from sweeps import blocks
+from sweeps import InputError, blocks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -92,7 +92,7 @@ class Source:
                 if own is None:
                     own, index = np.asarray(variable.isel(index).values), {}
             except (OSError, RuntimeError) as problem:
-                raise ValueError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
+                raise InputError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
         part: tuple[Any, ...] = (*(index.get(dim, slice(None)) for dim in dims), ...)
         values: NDArray[Any] = own[part]
         ordered = [dim for dim in self.dims if dim in dims]
@@ -173,7 +173,7 @@ class Selection:
                 best = np.sort(ordered(self.order, keys)[: self.limit])
                 places, keys = places[best], [key[best] for key in keys]
             if len(places) > MOST_SORTED:
-                raise ValueError(
+                raise InputError(
                     f"sort: more than {MOST_SORTED} rows are to be sorted; give a limit, or choose fewer"
                 )
         places = places[ordered(self.order, keys)[: self.limit]] if keys else places

@@ -14,6 +14,7 @@ from studies.query.columns import Columns, hint
 from studies.query.nearest import nearest
 from studies.rig import rig_of
 from studies.study import constants
+from sweeps import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +50,7 @@ def scene(dataset: xr.Dataset, **point: float) -> Scene:
     every = Columns(dataset)
     name = str(dataset.attrs.get("sweep"))
     if name in OTHERWISE or not {"rig", *AXES} & {*every.configuration["constants"], *every.axes}:
-        raise ValueError(f"scene: the points of study {name} are not scenes")
+        raise InputError(f"scene: the points of study {name} are not scenes")
     numbers = {each: setting.value for each, setting in AXES.items()}
     numbers |= {each: float(value) for each, value in every.settings.items() if each in AXES}
     numbers |= {each: float(value) for each, value in _values(every, point).items() if each in AXES}
@@ -79,11 +80,11 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
     own = scene(dataset, **{name: value for name, value in point.items() if name != "member"})
     given = constants(dataset)
     if "method" not in given:
-        raise ValueError(f"run_options: study {dataset.attrs.get('sweep')} has no motion in time")
+        raise InputError(f"run_options: study {dataset.attrs.get('sweep')} has no motion in time")
     ramp = given["ramp"]
     if "duration" in given:
         if "member" in point:
-            raise ValueError(f"member = {point['member']}: each point of this study is one run")
+            raise InputError(f"member = {point['member']}: each point of this study is one run")
         duration, member = given["duration"], 1.0
     else:
         member = _member(Columns(dataset), given, point)
@@ -109,7 +110,7 @@ def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
     """The value of each axis at a point, where it has one."""
     for name, value in point.items():
         if name not in every.axes:
-            raise ValueError(f"{name} = {value}: there is no such axis; {hint(name, every.axes)}")
+            raise InputError(f"{name} = {value}: there is no such axis; {hint(name, every.axes)}")
     chosen = {}
     for name in every.axes:
         values = np.atleast_1d(every.dataset[name].values)
@@ -118,7 +119,7 @@ def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
         elif len(values) == 1:
             chosen[name] = values[0]
         elif name in AXES:
-            raise ValueError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")
+            raise InputError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")
     return chosen
 
 
@@ -128,10 +129,10 @@ def _nearest(name: str, values: Any, number: Any) -> Any:
         or isinstance(number, bool)
         or values.dtype.kind not in "iuf"
     ):
-        raise ValueError(f"{name} = {number!r}: it must be one number")
+        raise InputError(f"{name} = {number!r}: it must be one number")
     value, near = nearest(values, float(number))
     if not near:
-        raise ValueError(f"{name} = {number}: the axis has no such value; the nearest is {value}")
+        raise InputError(f"{name} = {number}: the axis has no such value; the nearest is {value}")
     return value
 
 
@@ -142,7 +143,7 @@ def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]
         return float(_nearest("member", values, point.get("member", values[0])))
     member, most = point.get("member", 1), given["members"]
     if member not in range(1, int(most) + 1):
-        raise ValueError(f"member = {member}: it must be a whole number from 1 to {most}")
+        raise InputError(f"member = {member}: it must be a whole number from 1 to {most}")
     return float(member)
 
 

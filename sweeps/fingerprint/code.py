@@ -32,6 +32,7 @@ from typing import Any
 
 import numpy as np
 
+from sweeps.errors import InputError
 from sweeps.fingerprint.scripts import is_script, own_name
 from sweeps.fingerprint.source import Module, Statement, bound, imported, is_library, names, read, root
 
@@ -214,7 +215,7 @@ class _Reach:
             try:
                 found.append(f"{name}={self.text(value)}")
             except _IncomparableError:
-                raise ValueError(f"{how} {name} = {value!r}, which {REFUSED}; pass it as a constant") from None
+                raise InputError(f"{how} {name} = {value!r}, which {REFUSED}; pass it as a constant") from None
         return ", ".join(found)
 
     def _if_told(self, value: Any) -> str:

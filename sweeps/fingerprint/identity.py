@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sweeps.errors import InputError
 from sweeps.fingerprint.code import differing, digest, digests
 from sweeps.grid import Axis, Grid
 from sweeps.plan.declaration import Declaration
@@ -152,4 +153,4 @@ def plain(value: Any, classes: set[type] | None = None) -> Any:
         return value.tolist()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    raise ValueError(f"constants hold {value!r}, which cannot be written as JSON")
+    raise InputError(f"constants hold {value!r}, which cannot be written as JSON")

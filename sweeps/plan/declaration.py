@@ -8,6 +8,7 @@ from typing import Any
 
 import xarray as xr
 
+from sweeps.errors import InputError
 from sweeps.grid import Axis, Grid, Points, Variable, check_names
 from sweeps.refine.lattice import Refinement
 
@@ -72,29 +73,29 @@ class Declaration:
         order_by = (self.order_by,) if isinstance(self.order_by, str) else tuple(self.order_by)
         object.__setattr__(self, "order_by", order_by)
         if not self.variables:
-            raise ValueError(f"{who} variables = {{}}: there must be at least one")
+            raise InputError(f"{who} variables = {{}}: there must be at least one")
         for what in ("function", "key", "derive", "scale"):
             each = getattr(self, what)
             if not callable(each) and (each is not None or what == "function"):
-                raise ValueError(f"{who} {what} = {each!r}: it must be a function")
+                raise InputError(f"{who} {what} = {each!r}: it must be a function")
         check_names(f"{who} variables", self.variables, Variable)
         check_names(f"{who} coords", self.coords, Axis)
         names = [*self.grid.axes, *self.coords, *self.variables]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"{who} {name!r} names two things; each needs its own name")
+                raise InputError(f"{who} {name!r} names two things; each needs its own name")
         for name, variable in self.variables.items():
             for dim in variable.dims:
                 if dim not in self.coords:
-                    raise ValueError(f"{who} variable {name!r} has the dimension {dim!r}; coords must hold it")
+                    raise InputError(f"{who} variable {name!r} has the dimension {dim!r}; coords must hold it")
             if variable.scale and self.scale is None:
-                raise ValueError(
+                raise InputError(
                     f"{who} variable {name!r} has the scale {variable.scale!r}; the sweep needs scale"
                 )
         for name in order_by:
             if name not in self.grid.axes:
-                raise ValueError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
+                raise InputError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
         if not (isinstance(self.batch_multiple, int) and self.batch_multiple >= 1):
-            raise ValueError(
+            raise InputError(
                 f"{who} batch_multiple = {self.batch_multiple!r}: it must be a whole number, 1 or above"
             )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps.errors import InputError
 from sweeps.grid import BLOCK, Columns, Grid, Points, first_equal
 from sweeps.plan.declaration import Declaration
 
@@ -57,21 +58,21 @@ def factors(sweep: Declaration, grid: Grid, live: NDArray[np.bool_]) -> dict[str
     for index, points in _blocks(grid, np.flatnonzero(live)):
         given = sweep.scale(points)
         if not isinstance(given, Mapping):
-            raise ValueError(
+            raise InputError(
                 f"Sweep {sweep.name}: scale gave {type(given).__name__}; it must give a dict of factors"
             )
         missing = {v.scale for v in sweep.variables.values() if v.scale} - set(given)
         if missing:
-            raise ValueError(f"Sweep {sweep.name}: scale gives no {', '.join(sorted(missing))}")
+            raise InputError(f"Sweep {sweep.name}: scale gives no {', '.join(sorted(missing))}")
         for name, each in given.items():
             values = np.asarray(each)
             if values.shape != index.shape or values.dtype.kind not in "biuf":
-                raise ValueError(
+                raise InputError(
                     f"Sweep {sweep.name}: scale gave {name!r} as an array of shape {values.shape} and type "
                     f"{values.dtype} for {len(index)} points; it must give one number for each"
                 )
             if not np.all(np.isfinite(values)):
-                raise ValueError(f"Sweep {sweep.name}: scale gave {name!r} with a factor that is not finite")
+                raise InputError(f"Sweep {sweep.name}: scale gave {name!r} with a factor that is not finite")
             found.setdefault(name, np.zeros(grid.size))[index] = values
     return found
 
@@ -86,10 +87,10 @@ def _key(sweep: Declaration, points: Points) -> Columns:
     count = len(next(iter(points.values())))
     rows = np.asarray(sweep.key(points)) if sweep.key is not None and count else np.zeros(0)
     if rows.ndim not in (1, 2) or len(rows) != count or rows.dtype.kind not in "biufU":
-        raise ValueError(
+        raise InputError(
             f"Sweep {sweep.name}: key gave an array of shape {rows.shape} and type {rows.dtype} for "
             f"{count} points; it must give one row of numbers or texts for each"
         )
     if rows.dtype.kind == "f" and np.any(np.isnan(rows)):
-        raise ValueError(f"Sweep {sweep.name}: key gave NaN, which equals nothing")
+        raise InputError(f"Sweep {sweep.name}: key gave NaN, which equals nothing")
     return [rows] if rows.ndim == 1 else list(rows.T)

@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sweeps.errors import InputError
 from sweeps.grid import (
     DONE,
     FAILED,
@@ -73,7 +74,7 @@ def wanted_points(
     """
     large = [each for each in manifest.large() if each in manifest.variables and not manifest.variables[each].dims]
     if large:
-        raise ValueError(
+        raise InputError(
             f"Sweep {sweep.name}: {manifest.grid.size} points of {large[0]} are too many to refine; it must be at "
             f"most {LARGE // manifest.row_bytes(large[0])}"
         )
@@ -130,20 +131,20 @@ def _check(sweep: Declaration, refinement: Refinement) -> None:
     who = f"Sweep {sweep.name}: refinement"
     levels, tolerance = refinement.levels, refinement.tolerance
     if type(levels) is not int or levels < 0:
-        raise ValueError(f"{who}: levels = {levels!r}: it must be a whole number, 0 or above")
+        raise InputError(f"{who}: levels = {levels!r}: it must be a whole number, 0 or above")
     if tolerance is not None and not tolerance > 0.0:
-        raise ValueError(f"{who}: tolerance = {tolerance!r}: it must be above 0")
+        raise InputError(f"{who}: tolerance = {tolerance!r}: it must be above 0")
     variable = sweep.variables.get(refinement.variable)
     if variable is None or variable.dims:
         numbers = [name for name, each in sweep.variables.items() if not each.dims]
-        raise ValueError(f"{who}: variable = {refinement.variable!r}: it must be one of {', '.join(numbers)}")
+        raise InputError(f"{who}: variable = {refinement.variable!r}: it must be one of {', '.join(numbers)}")
     if list(refinement.thresholds) != sorted(set(refinement.thresholds)):
-        raise ValueError(f"{who}: thresholds = {refinement.thresholds}: they must ascend")
+        raise InputError(f"{who}: thresholds = {refinement.thresholds}: they must ascend")
     for dim, length in zip(sweep.grid.dims, sweep.grid.shape, strict=True):
         if levels and length > 1 and sweep.grid.axes[dim].values.dtype.kind == "U":
-            raise ValueError(f"{who}: {dim} is of texts, between which nothing is interpolated; levels must be 0")
+            raise InputError(f"{who}: {dim} is of texts, between which nothing is interpolated; levels must be 0")
         if (length - 1) % 2**levels:
-            raise ValueError(
+            raise InputError(
                 f"{who}: {dim} has {length} values; with levels = {levels} it must have one more than a multiple "
                 f"of {2**levels}"
             )

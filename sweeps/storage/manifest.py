@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.values import residual, scaled
-from sweeps.errors import StoreError, reason
+from sweeps.errors import InputError, StoreError, reason
 from sweeps.grid import STATUS_FLAGS, Axis, Embedding, Grid, Variable
 from sweeps.storage.packed import Packed, pack
 from sweeps.storage.replacing import replacing
@@ -187,6 +187,6 @@ class Manifest:
                 factors={name: arrays[f"factor {name}"] for name in about["factors"]},
             )
         except (FileNotFoundError, NotADirectoryError, LookupError, TypeError, ValueError) as problem:
-            raise ValueError(f"{path}: it is damaged or not the manifest of a sweep") from problem
+            raise InputError(f"{path}: it is damaged or not the manifest of a sweep") from problem
         except OSError as problem:
             raise StoreError(f"{path} cannot be read: {reason(problem)}") from None

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from xarray.backends import NetCDF4DataStore
 
 from sweeps.compute.batch import Failure
-from sweeps.errors import StoreError, reason
+from sweeps.errors import InputError, MissingFileError, StoreError, reason
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED
 from sweeps.storage.existing import sources_of
@@ -301,17 +301,17 @@ def open_results(path: str | Path) -> xr.Dataset:
         with suppress(ValueError, StoreError):
             return _unfinished(store)
     if not store.file.is_file():
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise MissingFileError(f"{path}: there is no such file")
     if not os.access(store.file, os.R_OK):
-        raise ValueError(f"{path}: it cannot be read")
+        raise InputError(f"{path}: it cannot be read")
     try:
         data = _opened(store.file)
     except (OSError, ValueError, RuntimeError):
-        raise ValueError(f"{path}: it is damaged or not netCDF") from None
+        raise InputError(f"{path}: it is damaged or not netCDF") from None
     try:
         json.loads(data.attrs["configuration"])["constants"]
     except (KeyError, TypeError, ValueError):
-        raise ValueError(f"{path}: it is not the result of a sweep") from None
+        raise InputError(f"{path}: it is not the result of a sweep") from None
     return data
 
 

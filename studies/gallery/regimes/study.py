@@ -20,7 +20,7 @@ from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
 from studies.rig import rig_of, rig_settings
 from studies.spec import evenly, logarithmically
 from studies.study import Setting, Study, deferred
-from sweeps import Axis, Variable
+from sweeps import Axis, InputError, Variable
 
 MOST_MEMBERS = 100
 # How members make a point's figure: the largest of them; of a line the one in the middle, for where two lines are
@@ -173,7 +173,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     ensembles.check(fixed)
     slowest = float(axes["V"].values.min())
     if slowest <= 0.0:
-        raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
+        raise InputError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
     ends = transients.extremes(axes, fixed["rig"])
     check_jobs([ensembles.member(scene, fixed["members"], fixed, 1e-6) for scene in ends])
 

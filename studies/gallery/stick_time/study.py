@@ -15,7 +15,7 @@ from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
 from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
 from studies.study import Study, deferred
-from sweeps import Axis, Variable
+from sweeps import Axis, InputError, Variable
 
 # Of one member so many sticks are kept one by one; its counts and totals are of all.
 KEPT = 64
@@ -94,7 +94,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     ensembles.check(fixed)
     slowest = float(axes["V"].values.min())
     if slowest <= 0.0:
-        raise ValueError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
+        raise InputError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
     for value in axes["member"].values:
         checks.between("member", float(value), 1.0, 1e6, "a number counted from 1")
     ends = transients.extremes(axes, fixed["rig"], theta=fixed["theta"])
