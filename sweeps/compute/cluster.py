@@ -55,6 +55,8 @@ CONFIGURATION = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 24,
 }
+# Dask gives a worker up for good that is not back within 15 s; restarting one on a busy machine may take longer.
+NEVER_GIVEN_UP = {"distributed.deploy.lost-worker-timeout": "1 day"}
 
 
 @contextmanager
@@ -145,7 +147,11 @@ def _own(workers: int) -> Iterator[distributed.Client]:
             ) from problem
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        with cluster, distributed.Client(cluster, set_as_default=False) as client:
+        with (
+            dask.config.set(NEVER_GIVEN_UP),  # read whenever a worker is lost
+            cluster,
+            distributed.Client(cluster, set_as_default=False) as client,
+        ):
             try:
                 yield client
             except BaseException:
