@@ -63,7 +63,6 @@ class PlaneMap {
       this.shade(column, [...seen].filter((value) => typeof value === "number"));
     }
     if (seen.has(null)) this.key("", "no value");
-    this.canvas.setAttribute("data-colour", column.name);
   }
 
   // Numbers as lightness; of a growth rate only what grows.
@@ -162,12 +161,8 @@ class PlaneMap {
       if (across < 0 || across >= 1 || up < 0 || up >= 1) return;
       this.move(Math.floor(across * this.across), Math.floor(up * this.up));
     };
-    // A click holds the cell, so that its lines can be reached; another one lets go.
-    this.canvas.addEventListener("pointerdown", (event) => {
-      this.held = event.pointerType === "mouse" && !this.held;
-      point(event);
-    });
-    this.canvas.addEventListener("pointermove", (event) => { if (!this.held) point(event); });
+    this.canvas.addEventListener("pointerdown", point);
+    this.canvas.addEventListener("pointermove", (event) => { if (event.buttons) point(event); });
     this.canvas.addEventListener("keydown", (event) => {
       const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
       if (!steps[event.key]) return;
@@ -206,7 +201,7 @@ class PlaneMap {
       + `; ${points.columns[this.column].name}: ${shown(points.value(row, this.column))}`;
     const more = element("div", null, { class: "more", tabindex: "0", role: "region", "aria-label": "What was found" });
     more.append(list(values));
-    const lines = Object.entries(this.plane.lines).flatMap(([name, line]) => [element("p", name), commandLine(this.filled(line, row))]);
+    const lines = Object.entries(this.plane.lines).flatMap(([name, line]) => [element("p", name), command(this.filled(line, row))]);
     this.cell.replaceChildren(element("h4", "The scene"), scene, element("h4", "What was found"), more, ...lines);
   }
 

@@ -17,8 +17,6 @@ class Points {
     this.count = this.shape.reduce((product, size) => product * size, 1);
     this.columns = [
       ...axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
-      ...axes.flatMap((axis, dim) =>
-        axis.names ? [{ name: axis.name + "_name", kind: "text", units: "", about: axis.about, dim, values: axis.names }] : []),
       ...columns.map((column) => ({ ...column, dim: null })),
     ];
     this.place = new Map(this.columns.map((column, k) => [column.name, k]));
@@ -53,29 +51,25 @@ function headed(column) {
   return column.units ? `${column.name} (${column.units})` : column.name;
 }
 
-function copying(button) {
-  const line = button.parentElement.querySelector("code");
-  button.hidden = false;
-  button.setAttribute("aria-label", "Copy this line");
+// A command, or lines of Python: broken before an option, if at all, with a button that copies it.
+function command(text, box = element("div", null, { class: "command" })) {
+  const [pre, code] = [element("pre"), element("code")];
+  const button = element("button", "Copy", { type: "button", "aria-label": "Copy this line" });
+  const [begin, ...options] = text.split(" --");
+  code.append(begin, ...options.flatMap((part) => [" ", element("span", "--" + part)]));
+  pre.append(code);
   button.addEventListener("click", async () => {
     try {
-      await navigator.clipboard.writeText(line.textContent);
+      await navigator.clipboard.writeText(text);
       button.textContent = "Copied";
       setTimeout(() => { button.textContent = "Copy"; }, 1500);
     } catch {
       // Without a clipboard the line is marked, ready for the keyboard.
-      getSelection().selectAllChildren(line);
+      getSelection().selectAllChildren(code);
     }
   });
-}
-
-function commandLine(text) {
-  const box = document.getElementById("command").content.firstElementChild.cloneNode(true);
-  // Broken before an option, if at all.
-  const [begin, ...options] = text.split(" --");
-  box.querySelector("code").replaceChildren(begin, ...options.flatMap((part) => [" ", element("span", "--" + part)]));
-  copying(box.querySelector("button"));
+  box.replaceChildren(pre, button);
   return box;
 }
 
-for (const button of document.querySelectorAll(".copy")) copying(button);
+for (const box of document.querySelectorAll(".command")) command(box.textContent, box);
