@@ -1,12 +1,14 @@
 "use strict";
 // What tables and maps of this page share. All text reaches the page as text, never as markup.
 
-function element(name, text = null, attributes = {}) {
+function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
-  if (text !== null) made.textContent = text;
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
   return made;
 }
+
+const product = (numbers) => numbers.reduce((a, b) => a * b, 1);
 
 // The points of a result: rows in the order of its grid, columns by number.
 class Points {
@@ -14,18 +16,15 @@ class Points {
     const { axes, columns, plane, settings } = JSON.parse(document.getElementById(id).textContent);
     Object.assign(this, { axes, plane, settings });
     this.shape = axes.map((axis) => axis.values.length);
-    this.count = this.shape.reduce((product, size) => product * size, 1);
-    this.columns = [
-      ...axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
-      ...columns.map((column) => ({ ...column, dim: null })),
-    ];
+    this.count = product(this.shape);
+    this.columns = [...axes.map((axis, dim) => ({ ...axis, dim, axis: true })), ...columns];
     this.place = new Map(this.columns.map((column, k) => [column.name, k]));
-    this.strides = this.shape.map((_, dim) => this.shape.slice(dim + 1).reduce((product, size) => product * size, 1));
+    this.strides = this.shape.map((_, dim) => product(this.shape.slice(dim + 1)));
   }
 
   value(row, column) {
-    const { dim, values, at, fill } = this.columns[column];
-    if (dim !== null) return values[Math.floor(row / this.strides[dim]) % this.shape[dim]];
+    const { axis, dim, values, at, fill } = this.columns[column];
+    if (axis) return values[Math.floor(row / this.strides[dim]) % this.shape[dim]];
     if (values) return values[row];
     return Object.hasOwn(at, row) ? at[row] : fill;
   }
@@ -47,17 +46,11 @@ function shown(value) {
   return String(Number(value.toPrecision(6)));
 }
 
-function headed(column) {
-  return column.units ? `${column.name} (${column.units})` : column.name;
-}
-
 // A command, or lines of Python: broken before an option, if at all, with a button that copies it.
-function command(text, box = element("div", null, { class: "command" })) {
-  const [pre, code] = [element("pre"), element("code")];
-  const button = element("button", "Copy", { type: "button", "aria-label": "Copy this line" });
+function command(text, box = element("div", { class: "command" })) {
   const [begin, ...options] = text.split(" --");
-  code.append(begin, ...options.flatMap((part) => [" ", element("span", "--" + part)]));
-  pre.append(code);
+  const code = element("code", {}, begin, ...options.flatMap((part) => [" ", element("span", {}, "--" + part)]));
+  const button = element("button", { type: "button", "aria-label": "Copy this line" }, "Copy");
   button.addEventListener("click", async () => {
     try {
       await navigator.clipboard.writeText(text);
@@ -68,7 +61,7 @@ function command(text, box = element("div", null, { class: "command" })) {
       getSelection().selectAllChildren(code);
     }
   });
-  box.replaceChildren(pre, button);
+  box.replaceChildren(element("pre", {}, code), button);
   return box;
 }
 
