@@ -61,11 +61,6 @@ class Result:
         return self.target if own else "of-" + re.sub(r"[^\w-]", "-", self.target)
 
     @property
-    def is_map(self) -> bool:
-        """Whether it was made by `fiv map`."""
-        return self.study.name in registry.UNLISTED
-
-    @property
     def title(self) -> str:
         """What it is called: of a map what it shows."""
         own = self.target == self.study.name
@@ -113,8 +108,8 @@ def shown(result: Result) -> dict[str, Any]:
     context: dict[str, Any] = {
         "facts": _facts(result),
         "command": commands.whole,
-        # Whose axes are too long for a command.
-        "toml": f"{result.command('status')} --toml" if not result.is_map and commands.point else None,
+        # Of a study whose axes are too long for a command.
+        "toml": f"{result.command('status')} --toml" if commands.point.startswith("fiv run") else None,
     }
     parts: dict[str, Callable[[], Any]] = {
         "figure": lambda: b64encode(_figure(result)).decode(),
@@ -162,31 +157,15 @@ def _figure(result: Result) -> bytes:
 
 
 def _findings(parts: Iterable[Part], title: str) -> list[Any]:
-    """A study's report: tables, and paragraphs as lists of lines."""
+    """A study's report: tables, and paragraphs of lines, which an empty one ends."""
     found: list[Any] = []
-    # Lines that follow one another are a paragraph; an empty one ends it.
-    for is_line, group in groupby(parts, lambda part: isinstance(part, str) and part != ""):
-        block = list(group)
+    for is_line, block in groupby(parts, lambda part: isinstance(part, str) and part != ""):
         if is_line:
-            found.append(_flowing(list(map(str, block))))
-        else:
-            tables = (each for each in block if isinstance(each, Table))
-            found += [
-                table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables
-            ]
+            found.append("\n".join(map(str, block)))
+            continue
+        tables = (each for each in block if isinstance(each, Table))
+        found += [table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables]
     return found
-
-
-def _flowing(lines: Sequence[str]) -> list[str]:
-    """Lines of a terminal: a sentence goes on, and what follows an end or is set in begins anew."""
-    flowing, before = [lines[0].strip()], lines[0]
-    for line in lines[1:]:
-        if before.rstrip()[-1:] in ".:" or line.startswith(" ") or before.startswith(" "):
-            flowing.append(line.strip())
-        else:
-            flowing[-1] += " " + line.strip()
-        before = line
-    return flowing
 
 
 def _failures(result: Result) -> dict[str, Any] | None:
