@@ -169,18 +169,13 @@ def _findings(parts: Iterable[Part], title: str) -> list[Any]:
 
 
 def _failures(result: Result) -> dict[str, Any] | None:
-    """What failed, where, and why; whether it is in the table of points or not."""
-    status = result.dataset["status"]
-    total = int((status == FAILED).sum())
+    """The first points that failed, and why, whether they are in the table of points or not."""
+    total = int((result.dataset["status"] == FAILED).sum())
+    heads = [*map(str, result.dataset["status"].dims), "error"]
     if not total:
         return None
-    heads = [*map(str, status.dims), "error"]
-    rows = query(result.dataset, "status == 'failed'", show=heads, limit=MOST_FAILURES).astype(str).to_numpy()
-    return {
-        "total": total,
-        "table": table(heads, rows.tolist(), f"{result.title}: what failed"),
-        "left": total - len(rows),
-    }
+    rows = query(result.dataset, "status == 'failed'", show=heads, limit=MOST_FAILURES).astype(str)
+    return {"total": total, "table": table(heads, rows.to_numpy().tolist(), f"{result.title}: what failed")}
 
 
 def _facts(result: Result) -> dict[str, str]:

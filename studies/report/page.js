@@ -23,10 +23,8 @@ class Points {
   }
 
   value(row, column) {
-    const { axis, dim, values, at, fill } = this.columns[column];
-    if (axis) return values[Math.floor(row / this.strides[dim]) % this.shape[dim]];
-    if (values) return values[row];
-    return Object.hasOwn(at, row) ? at[row] : fill;
+    const { axis, dim, values } = this.columns[column];
+    return values[axis ? Math.floor(row / this.strides[dim]) % this.shape[dim] : row];
   }
 
   named(row, name) {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -48,7 +47,7 @@ def points_of(dataset: xr.Dataset, lines: Mapping[str, str] | None = None) -> Po
     data = {
         "axes": [_axis(dataset[dim].isel({dim: coarse[dim]})) for dim in dims],
         # Where nothing failed there is no column of errors.
-        "columns": [each for each in columns if each["name"] != "error" or each.get("fill") != "" or each["at"]],
+        "columns": [each for each in columns if each["name"] != "error" or any(each["values"])],
         "settings": {
             name: None if value in (math.inf, -math.inf) or value != value else value
             for name, value in held.items()
@@ -97,16 +96,10 @@ def _axis(axis: xr.DataArray) -> dict[str, Any]:
 
 
 def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
-    """The values of a variable, in the order of the grid; what most of them are is written once."""
+    """The values of a variable, in the order of the grid."""
     column = column_of(name, variable)
-    described = _described(column, variable)
-    values = _values(column.shown(variable.values.ravel()))
-    if column.words is not None:
-        described["words"] = list(column.words.values())
-    common, count = Counter(values).most_common(1)[0] if values else (None, 0)
-    if 2 * count > len(values):
-        return described | {"fill": common, "at": {str(k): v for k, v in enumerate(values) if v != common}}
-    return described | {"values": values}
+    words = {} if column.words is None else {"words": list(column.words.values())}
+    return _described(column, variable) | words | {"values": _values(column.shown(variable.values.ravel()))}
 
 
 def _described(column: Column, variable: xr.DataArray) -> dict[str, Any]:
