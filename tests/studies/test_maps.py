@@ -255,19 +255,14 @@ def test_help_lists_what_there_is_to_choose_from(here):
         ({"--x": "thata=0:10:3"}, "--x thata: there is no such axis; did you mean theta? the axes are V, theta"),
         ({"--x": "mu=0:0.4:3"}, "--y mu: it is the axis --x already"),
         ({"--x": "theta"}, "--x 'theta': it must be AXIS=SPEC, for example mu=0:0.5:101"),
-        ({"--y": "mu=0:0.4"}, "mu = '0:0.4': a range must be start:stop:count"),
         ({"--y": "mu=-0.1,0.2"}, "mu = -0.1: it must be a number from 0 to"),
-        ({"--x": "theta=0,90"}, "theta = 90.0: it must be a single angle between -90 and 90"),
-        ({"--x": "V=-1e-3:1e-3:3"}, "V = 0.0: it must be a speed"),
         ({"--x": "p1_elements=10,11", "--refine": "1"}, "p1_elements = 10.5: it must be a whole number"),
         ({"--x": "contact_position=0.05:0.2:4"}, "contact_position = 0.2: it must be above 0 and at most"),
         ({"--quantity": "onset_mu"}, "--y mu: onset_mu is found over all mu, which cannot be an axis then"),
-        ({"--quantity": "critical_mu"}, "--y mu: critical_mu is found over all mu"),
         ({"--fix": "mo=0.2"}, "--fix mo: there is no such axis or setting; did you mean"),
         ({"--fix": "members=3"}, "--fix members: growth_rate does not depend on it"),
         ({"--fix": "mu=0.2"}, "--fix mu: it is an axis of this map; leave it out"),
         ({"--fix": "V=1e-3,2e-3"}, "--fix 'V=1e-3,2e-3': V must have one value; what is to vary is --x or --y"),
-        ({"--fix": "V=fast"}, "V = 'fast': 'fast' must be a finite number"),
         ({"--fix": "head_mass=-1"}, "head_mass = -1.0: it must be a number from 0 to"),
         ({"--tolerance": "0.01"}, "tolerance = 0.01: it is for a refined map; say --refine N as well"),
         ({"--refine": "1", "--tolerance": "0"}, "tolerance = 0.0: it must be a number from 1e-12"),
@@ -275,19 +270,15 @@ def test_help_lists_what_there_is_to_choose_from(here):
             {"--refine": "1", "--tolerance": "0.1", "--quantity": "unstable_modes"},
             "tolerance = 0.1: unstable_modes has whole numbers, between which nothing is interpolated",
         ),
-        ({"--refine": "13"}, "Invalid value for '--refine': 13 is not in the range 0<=x<=12"),
         ({"--refine": "12"}, "8193 x 8193 values are 67125249 points: it must be at most 4000000"),
         ({"--quantity": "regime", "--fix": "members=2.5"}, "members = 2.5: it must be a whole number from 1 to"),
-        ({"--quantity": "regime", "--fix": "ramp=-1"}, "ramp = -1.0: it must be a number from 1e-09"),
         ({"--quantity": "regime", "--fix": "most=0"}, "most = 0.0: it must be a number from"),
         ({"--quantity": "regime", "--fix": "cutoff=-1"}, "cutoff = -1.0: it must be a number from 0"),
-        ({"--workers": "0"}, "Invalid value for '--workers': 0 is not in the range x>=1."),
-        ({"--quantity": None}, "Missing option '--quantity'."),
     ],
 )
 def test_wrong_input_is_one_clear_line(tmp_path, here, changes, message):
     told = dict(zip(MAP[1::2], MAP[2::2], strict=True)) | changes
-    done = here("map", *(part for pair in told.items() if pair[1] is not None for part in pair))
+    done = here("map", *(part for pair in told.items() for part in pair))
     assert done.returncode == 2
     assert message in done.stderr
     assert done.stderr.strip().count("\n") == 0
