@@ -155,12 +155,7 @@ def toml(config: Config) -> str:
 
 
 def _value(value: Any) -> str:
-    """A number, a text, or a list; a long list as a SPEC where one gives the same bits."""
-    if not isinstance(value, list):
-        return json.dumps(value)
-    if len(value) > 5 and all(isinstance(each, (int, float)) for each in value):
-        for start in ("", "log:"):
-            text = f"{start}{value[0]!r}:{value[-1]!r}:{len(value)}"
-            if (not start or value[0] > 0) and np.array_equal(spec.parse(text, "axis"), value):
-                return json.dumps(text)
-    return f"[{', '.join(map(json.dumps, value))}]"
+    """A number, a text or a list, as TOML and JSON both have them; a long list of numbers as a SPEC."""
+    if isinstance(value, list) and len(value) > 5 and not isinstance(value[0], str):
+        value = spec.written(value) or value
+    return json.dumps(value)

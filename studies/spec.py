@@ -12,6 +12,8 @@ from sweeps import InputError
 
 FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30"
 MOST_VALUES = 10_000_000
+# A list of more values is no SPEC that anybody types.
+MOST_LISTED = 60
 
 
 def assignment(text: str, texts: Mapping[str, Sequence[str]]) -> tuple[str, Any]:
@@ -117,6 +119,18 @@ def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
 def typed(value: float) -> str:
     """A number as one types it, all its digits kept."""
     return repr(float(value)).removesuffix(".0")
+
+
+def written(values: Any, halvings: int = 0) -> str:
+    """The SPEC of these numbers, bit for bit, once its intervals are halved so often; "" if it is too long."""
+    values = np.asarray(values, dtype=float)
+    coarse = values[:: 2**halvings]
+    ends = f"{typed(coarse[0])}:{typed(coarse[-1])}:{len(coarse)}"
+    texts = [",".join(map(typed, coarse))] if len(coarse) <= MOST_LISTED else []
+    texts += [ends, f"log:{ends}"] if values.min() > 0.0 else [ends]
+    # A few values are listed.
+    order = texts if len(coarse) <= 3 else texts[::-1]
+    return next((text for text in order if np.array_equal(refined(text, "", halvings), values)), "")
 
 
 def _written(values: NDArray[Any]) -> NDArray[Any]:

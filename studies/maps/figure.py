@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -87,7 +86,7 @@ def _draw_classes(panel: Panel, quantity: str, values: NDArray[Any]) -> list[Any
 
 def _draw_shades(figure: Figure, panel: Panel, quantity: str, values: NDArray[Any]) -> list[Any]:
     """A number as lightness; of a growth rate only what grows, with the boundary."""
-    label, factor = readable(quantity, QUANTITIES[quantity].variable.units)
+    label, factor = readable(quantity)
     handles: list[Any] = []
     shaded = factor * values
     norm = None
@@ -154,32 +153,22 @@ def _draw_computed(panel: Panel, status: NDArray[Any]) -> list[Any]:
 
 def _draw_paper(axes: Axes, dataset: xr.Dataset) -> list[Any]:
     """The paper's tests, and where it found modes to become unstable, as far as they lie in the plane."""
-    handles: list[Any] = []
+    given = constants(dataset)
     tests = [{"V": V, "theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD} for V in paper.SPEEDS]
     looks = [("*", 12.0, "paper: tests", tests)]
-    if constants(dataset)["quantity"] in GROWTH:
+    if given["quantity"] in GROWTH:
         onsets = [tests[0] | {"mu": mu} for mu, _ in paper.ONSETS]
         looks.append(("D", 5.5, "paper: first unstable μ", onsets))
+    handles: list[Any] = []
     for marker, size, label, points in looks:
-        places = {place for point in points if (place := _place(dataset, point)) is not None}
-        if places:
-            look = MARKER | {"marker": marker, "markersize": size, "markeredgewidth": 0.9}
-            axes.plot(*zip(*sorted(places), strict=True), zorder=4.0, clip_on=False, **look)
-            handles.append(Line2D([], [], label=label, **look))
+        places = set()
+        for point in points:
+            numbers = {name: each.value for name, each in AXES.items()} | point
+            # None where the map is of another rig, or of another scene in what matters.
+            matter = (*QUANTITIES[given["quantity"]].matter, *RIG)
+            if all(given.get(name, numbers[name]) == numbers[name] for name in matter):
+                x, y = (float(planes.shown(str(name), numbers[str(name)])) for name in dataset["status"].dims)
+                places.add((x, y))
+        look = MARKER | {"marker": marker, "markersize": size, "markeredgewidth": 0.9, "label": label}
+        handles += planes.marks(axes, sorted(places), zorder=4.0, clip_on=False, **look)
     return handles
-
-
-def _place(dataset: xr.Dataset, point: Mapping[str, float]) -> tuple[float, float] | None:
-    """Where a point of the paper's rig lies in the plane; None if outside, or if the map is of something else."""
-    given = constants(dataset)
-    matter = QUANTITIES[given["quantity"]].matter
-    whole = {name: each.value for name, each in AXES.items()} | dict(point)
-    if any(given.get(name, whole[name]) != whole[name] for name in (*matter, *RIG)):
-        return None
-    place = []
-    for name in dataset["status"].dims:
-        values = dataset[name].values
-        if not values[0] <= whole[str(name)] <= values[-1] or len(values) < 2:
-            return None
-        place.append(float(planes.shown(str(name), whole[str(name)])))
-    return place[0], place[1]

@@ -42,7 +42,7 @@ def _found(quantity: str, values: NDArray[Any]) -> list[str]:
     if not len(values):
         return ["No point has a value."]
     if not QUANTITIES[quantity].is_whole:
-        label, factor = readable(quantity, QUANTITIES[quantity].variable.units)
+        label, factor = readable(quantity)
         lines = [f"{label} from {factor * values.min():.4g} to {factor * values.max():.4g}."]
         if quantity == "growth_rate":
             lines.append(f"Unstable at {100.0 * np.mean(values > 0.0):.3g} % of the points.")
@@ -67,8 +67,9 @@ def held(dataset: xr.Dataset) -> list[str]:
     return [*scene, *sign, *others, *runs]
 
 
-def readable(quantity: str, units: str) -> tuple[str, float]:
+def readable(quantity: str) -> tuple[str, float]:
     """Name and unit of a quantity as they stand at a scale, and the factor to that unit."""
+    units = QUANTITIES[quantity].variable.units
     unit, factor = UNITS.get(units, (units, 1.0))
     name = quantity.replace("_", " ")
     return (f"{name} / ({unit})" if "/" in unit else f"{name} / {unit}" if unit else name), factor

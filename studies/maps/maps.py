@@ -218,14 +218,8 @@ def _refused(*_: Any) -> NoReturn:
     raise InputError(f"STUDY = {NAME!r}: maps are made by a command of their own: fiv map --help tells how")
 
 
-class _Maps(Study):
-    """What draws and explains a map's file; whatever is set, a map is not made as a study is."""
-
-    def sweep(self, given: Mapping[str, Any], **series: Any) -> Sweep:
-        _refused()
-
-
-STUDY = _Maps(
+# What draws and explains a map's file.
+STUDY = Study(
     name=NAME,
     title="Maps: one quantity over any two axes",
     question="How does a quantity change over a plane?",

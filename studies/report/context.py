@@ -15,13 +15,13 @@ import xarray as xr
 
 from studies import registry, results, runner
 from studies.plotting import figures
-from studies.report.commands import again
+from studies.query.query import query
+from studies.report.commands import again, in_python
 from studies.report.points import points_of
 from studies.study import Study
 from studies.tables import Part, Table
 from sweeps import FAILED, INTERPOLATED_FLAG, STATUS_FLAGS, duration
 
-UNFINISHED = {"running": "still going on", "interrupted": "interrupted"}
 # Failures that are listed.
 MOST_FAILURES = 20
 # A cell with more letters is broken into lines.
@@ -61,11 +61,6 @@ class Result:
         return self.target if own else "of-" + re.sub(r"[^\w-]", "-", self.target)
 
     @property
-    def is_map(self) -> bool:
-        """Whether it was made by `fiv map`."""
-        return self.study.name in registry.UNLISTED
-
-    @property
     def title(self) -> str:
         """What it is called: of a map what it shows."""
         own = self.target == self.study.name
@@ -89,7 +84,7 @@ class Result:
     def made(self) -> str:
         """When it was last computed; of a run that is not at its end the file does not say."""
         last = str(self.dataset.attrs.get("history", "")).splitlines()[-1:] if self.state == "complete" else []
-        return re.sub(r"^(\d{4}-\d\d-\d\d)T(\d\d:\d\d):\d\dZ$", r"\1 \2 UTC", " ".join(last).partition(" ")[0])
+        return " ".join(last).partition(" ")[0]
 
 
 def overview(found: Sequence[Result]) -> dict[str, Any]:
@@ -108,26 +103,19 @@ def overview(found: Sequence[Result]) -> dict[str, Any]:
 
 
 def shown(result: Result) -> dict[str, Any]:
-    """All of one result; what cannot be shown is None, and `no_` and its name say why."""
+    """What is found in one result; what cannot be shown is None, and `no_` and its name say why."""
     commands = again(result.dataset, result.target if registry.is_file(result.target) else "")
     context: dict[str, Any] = {
-        "anchor": result.anchor,
-        "query": result.command("query"),
-        "title": result.title,
-        "question": result.study.question,
-        "paper": result.study.paper,
-        "unfinished": UNFINISHED.get(result.state),
-        "stands_in": result.command("run") if result.stands_in else None,
-        "failures": _failures(result),
         "facts": _facts(result),
         "command": commands.whole,
-        # Whose axes are too long for a command.
-        "toml": f"{result.command('status')} --toml" if not result.is_map and commands.point else None,
+        # Of a study whose axes are too long for a command.
+        "toml": f"{result.command('status')} --toml" if commands.point.startswith("fiv run") else None,
     }
     parts: dict[str, Callable[[], Any]] = {
         "figure": lambda: b64encode(_figure(result)).decode(),
         "findings": lambda: _findings(result.study.findings(result.dataset), result.title),
-        "points": lambda: points_of(result.dataset, commands.point),
+        "points": lambda: points_of(result.dataset, _lines(result, commands.point)),
+        "failures": lambda: _failures(result),
     }
     for name, make in parts.items():
         try:
@@ -139,25 +127,23 @@ def shown(result: Result) -> dict[str, Any]:
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> dict[str, Any]:
-    """Cells with the classes they have: numbers stand flush right, words flush left.
-
-    The caption is for those who cannot see the table.
-    """
-    words = [k == 0 or not all(_is_number(row[k]) for row in rows) for k in range(len(heads))]
-
-    def looks(cells: Sequence[str]) -> list[tuple[str, str | None]]:
-        texts = ["text" if word else "" for word in words]
-        return [
-            (cell, f"{text} {'long' if len(cell) > LONG else ''}".strip() or None)
-            for cell, text in zip(cells, texts, strict=True)
-        ]
-
-    return {"caption": caption, "heads": looks(heads), "rows": list(map(looks, rows))}
+    """A table with the class of each column; the caption is for those who cannot see it."""
+    looks = [_look(cells) for _, *cells in zip(heads, *rows, strict=True)]
+    return {"caption": caption, "heads": heads, "rows": rows, "looks": ["text", *looks[1:]]}
 
 
-def _is_number(cell: str) -> bool:
-    """Whether a cell says how much, or nothing."""
-    return cell in ("", "-") or cell.lstrip("<>+- ")[:1].isdigit()
+def _look(cells: Sequence[str]) -> str:
+    """Numbers, and what stands for none, are flush right, words flush left; long ones are broken into lines."""
+    if all(cell in ("", "-") or cell.lstrip("<>+- ")[:1].isdigit() for cell in cells):
+        return ""
+    return "text long" if max(map(len, cells)) > LONG else "text"
+
+
+def _lines(result: Result, point: str) -> dict[str, str]:
+    """What computes a point of a plane of scenes again, and its scene."""
+    out = "" if result.out is None or results.is_path(result.target) else f", {str(result.out)!r}"
+    python = in_python(result.dataset, f"studies.open({result.target!r}{out})")
+    return ({"This point again": point} if point else {}) | {"Its scene, in Python": python}
 
 
 def _figure(result: Result) -> bytes:
@@ -171,44 +157,25 @@ def _figure(result: Result) -> bytes:
 
 
 def _findings(parts: Iterable[Part], title: str) -> list[Any]:
-    """A study's report: tables, and paragraphs as lists of lines."""
+    """A study's report: tables, and paragraphs of lines, which an empty one ends."""
     found: list[Any] = []
-    # Lines that follow one another are a paragraph; an empty one ends it.
-    for is_line, group in groupby(parts, lambda part: isinstance(part, str) and part != ""):
-        block = list(group)
+    for is_line, block in groupby(parts, lambda part: isinstance(part, str) and part != ""):
         if is_line:
-            found.append(_flowing(list(map(str, block))))
-        else:
-            tables = (each for each in block if isinstance(each, Table))
-            found += [
-                table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables
-            ]
+            found.append("\n".join(map(str, block)))
+            continue
+        tables = (each for each in block if isinstance(each, Table))
+        found += [table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables]
     return found
 
 
-def _flowing(lines: Sequence[str]) -> list[str]:
-    """Lines of a terminal: a sentence goes on, and what follows an end or is set in begins anew."""
-    flowing, before = [lines[0].strip()], lines[0]
-    for line in lines[1:]:
-        if before.rstrip()[-1:] in ".:" or line.startswith(" ") or before.startswith(" "):
-            flowing.append(line.strip())
-        else:
-            flowing[-1] += " " + line.strip()
-        before = line
-    return flowing
-
-
 def _failures(result: Result) -> dict[str, Any] | None:
-    """What failed, where, and why; whether it is in the table of points or not."""
-    status = result.dataset["status"]
-    places = np.argwhere(status.values == FAILED)
-    if not len(places):
+    """The first points that failed, and why, whether they are in the table of points or not."""
+    total = int((result.dataset["status"] == FAILED).sum())
+    heads = [*map(str, result.dataset["status"].dims), "error"]
+    if not total:
         return None
-    points = [result.dataset.isel(dict(zip(status.dims, p, strict=True))) for p in places[:MOST_FAILURES]]
-    heads = [*map(str, status.dims), "error"]
-    rows = [[str(point[name].item()) for name in heads] for point in points]
-    listed = table(heads, rows, f"{result.title}: what failed")
-    return {"total": len(places), "table": listed, "left": len(places) - len(rows)}
+    rows = query(result.dataset, "status == 'failed'", show=heads, limit=MOST_FAILURES).astype(str)
+    return {"total": total, "table": table(heads, rows.to_numpy().tolist(), f"{result.title}: what failed")}
 
 
 def _facts(result: Result) -> dict[str, str]:

@@ -19,7 +19,6 @@ const COMPARISONS = {
 const ARITHMETIC = {
   "+": (a, b) => a + b, "-": (a, b) => a - b, "*": (a, b) => a * b, "/": (a, b) => a / b,
 };
-const KINDS = { number: "a number", text: "a text", words: "a word", truth: "true or false", missing: "nan", list: "a list" };
 
 // Reads an expression, by recursive descent, into terms {kind, text, of, column, constant, parts}: `of` gives the value
 // for a row, a term of one column has that, one that is the same for all rows a constant, and a list its parts.
@@ -59,14 +58,13 @@ class Reader {
 
   // What is calculated; a constant where all that it is made of is constant.
   number(begin, of, terms) {
-    for (const { kind, text } of terms) {
-      if (kind !== "number") throw new Error(`${text} is ${KINDS[kind]}; only numbers can be calculated with`);
-    }
+    const other = terms.find((term) => term.kind !== "number");
+    if (other) throw new Error(`${other.text}: only numbers can be calculated with`);
     return this.term(begin, "number", of, terms.every((term) => term.constant !== undefined) ? { constant: of() } : {});
   }
 
   truth(term, why) {
-    if (term.kind !== "truth") throw new Error(`${term.text} is ${KINDS[term.kind]}; ${why}`);
+    if (term.kind !== "truth") throw new Error(`${term.text}: ${why}`);
     return term;
   }
 

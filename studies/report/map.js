@@ -15,7 +15,7 @@ class PlaneMap {
     this.choose(box.querySelector(".choose"));
     this.listen();
     this.recolour();
-    this.tell();
+    this.show();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
@@ -27,21 +27,23 @@ class PlaneMap {
   // A choice of the column that colours the plane, and of the values of the axes that are not in it.
   choose(box) {
     const add = (text, options, changed) => {
-      const [label, select] = [element("label", text), element("select")];
-      select.append(...options.map(([name, value]) => element("option", name, { value })));
-      select.addEventListener("change", () => changed(Number(select.value)));
-      label.append(select);
-      box.append(label);
+      const select = element("select", {}, ...options.map(([name, value]) => element("option", { value }, name)));
+      select.addEventListener("change", () => { changed(Number(select.value)); this.show(); });
+      box.append(element("label", {}, text, select));
       return select;
     };
-    const columns = [...this.points.columns.entries()].filter(([, column]) => column.dim === null && column.name !== "error");
-    const recolour = (column) => { this.column = column; this.recolour(); this.draw(); };
+    const columns = [...this.points.columns.entries()].filter(([, column]) => !column.axis && column.name !== "error");
+    const recolour = (column) => { this.column = column; this.recolour(); };
     add("Colour", columns.map(([k, column]) => [column.name, k]), recolour).value = String(this.column);
     this.points.axes.forEach((axis, dim) => {
       if (dim === this.x || dim === this.y || axis.values.length < 2) return;
-      const move = (place) => { this.at[dim] = place; this.draw(); this.tell(); };
-      add(axis.label || axis.name, axis.values.map((_, k) => [this.read(dim, k), k]), move);
+      add(this.name(dim), axis.values.map((_, k) => [this.read(dim, k), k]), (place) => { this.at[dim] = place; });
     });
+  }
+
+  name(dim) {
+    const axis = this.points.axes[dim];
+    return axis.label || axis.name;
   }
 
   // A value of an axis in the unit of its label.
@@ -63,7 +65,6 @@ class PlaneMap {
       this.shade(column, [...seen].filter((value) => typeof value === "number"));
     }
     if (seen.has(null)) this.key("", "no value");
-    this.canvas.setAttribute("data-colour", column.name);
   }
 
   // Numbers as lightness; of a growth rate only what grows.
@@ -80,17 +81,22 @@ class PlaneMap {
     };
     if (grows) this.key(stable, "stable");
     if (low > high) return;
-    const bar = this.key(`linear-gradient(to right, ${shades.join(", ")})`, "", { class: "bar" });
-    bar.prepend(element("b", shown(low)));
-    bar.append(element("b", `${shown(high)} ${column.units}`));
+    const ends = [shown(low), `${shown(high)} ${column.units}`].map((end) => element("b", {}, end));
+    this.key(`linear-gradient(to right, ${shades.join(", ")})`, ends[1], "bar").prepend(ends[0]);
   }
 
-  key(colour, text, attributes) {
-    const [item, swatch] = [element("span"), element("i", null, attributes)];
+  // An entry of the legend.
+  key(colour, text, look = "") {
+    const swatch = element("i", { class: look });
     swatch.style.background = colour || "transparent";
-    item.append(swatch, text);
+    const item = element("span", {}, swatch, text);
     this.legend.append(item);
     return item;
+  }
+
+  show() {
+    this.draw();
+    this.tell();
   }
 
   draw() {
@@ -129,7 +135,6 @@ class PlaneMap {
   }
 
   scales(context, w, h, height) {
-    const name = (dim) => this.points.axes[dim].label || this.points.axes[dim].name;
     const bottom = EDGE.top + this.box.height;
     context.font = "12px system-ui, sans-serif";
     context.textAlign = "right";
@@ -140,11 +145,11 @@ class PlaneMap {
     for (const k of this.ticks(this.x, this.box.width / 64)) {
       context.fillText(this.read(this.x, k), EDGE.left + (k + 0.5) * w, bottom + 16);
     }
-    context.fillText(name(this.x), EDGE.left + this.box.width / 2, height - 6);
+    context.fillText(this.name(this.x), EDGE.left + this.box.width / 2, height - 6);
     context.save();
     context.translate(12, EDGE.top + this.box.height / 2);
     context.rotate(-Math.PI / 2);
-    context.fillText(name(this.y), 0, 0);
+    context.fillText(this.name(this.y), 0, 0);
     context.restore();
   }
 
@@ -162,12 +167,8 @@ class PlaneMap {
       if (across < 0 || across >= 1 || up < 0 || up >= 1) return;
       this.move(Math.floor(across * this.across), Math.floor(up * this.up));
     };
-    // A click holds the cell, so that its lines can be reached; another one lets go.
-    this.canvas.addEventListener("pointerdown", (event) => {
-      this.held = event.pointerType === "mouse" && !this.held;
-      point(event);
-    });
-    this.canvas.addEventListener("pointermove", (event) => { if (!this.held) point(event); });
+    this.canvas.addEventListener("pointerdown", point);
+    this.canvas.addEventListener("pointermove", (event) => { if (event.buttons) point(event); });
     this.canvas.addEventListener("keydown", (event) => {
       const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
       if (!steps[event.key]) return;
@@ -178,41 +179,26 @@ class PlaneMap {
   }
 
   move(across, up) {
-    const at = [...this.at];
-    at[this.x] = Math.min(Math.max(across, 0), this.across - 1);
-    at[this.y] = Math.min(Math.max(up, 0), this.up - 1);
-    if (this.row(at) === this.row(this.at)) return;
-    this.at = at;
-    this.draw();
-    this.tell();
+    this.at[this.x] = Math.min(Math.max(across, 0), this.across - 1);
+    this.at[this.y] = Math.min(Math.max(up, 0), this.up - 1);
+    this.show();
   }
 
   tell() {
     const [row, points] = [this.row(this.at), this.points];
-    const list = (pairs) => {
-      const made = element("dl");
-      for (const [name, value] of pairs) made.append(element("dt", name), element("dd", value));
-      return made;
-    };
-    const scene = list([
-      ...points.axes.map((axis, dim) => [axis.label || axis.name, this.read(dim, this.at[dim])]),
-      ...Object.entries(this.plane.held),
-    ]);
+    const list = (pairs) => element("dl", {}, ...pairs.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
+    const scene = [...points.axes.map((_, dim) => [this.name(dim), this.read(dim, this.at[dim])]), ...Object.entries(this.plane.held)];
     const values = [...points.columns.entries()]
       .map(([k, column]) => [column, points.value(row, k)])
-      .filter(([column, value]) => column.dim === null && value !== "" && value !== null)
+      .filter(([column, value]) => !column.axis && value !== "" && value !== null)
       .map(([column, value]) => [column.name, `${shown(value)} ${column.units}`.trim()]);
-    this.said.textContent = [...scene.children].map((each) => each.textContent).join(" ")
-      + `; ${points.columns[this.column].name}: ${shown(points.value(row, this.column))}`;
-    const more = element("div", null, { class: "more", tabindex: "0", role: "region", "aria-label": "What was found" });
-    more.append(list(values));
-    const lines = Object.entries(this.plane.lines).flatMap(([name, line]) => [element("p", name), commandLine(this.filled(line, row))]);
-    this.cell.replaceChildren(element("h4", "The scene"), scene, element("h4", "What was found"), more, ...lines);
-  }
-
-  // A line with the values of this point in it, with all digits that the page has.
-  filled(line, row) {
-    return line.replace(/\{(\w+)\}/g, (slot, name) => (this.points.place.has(name) ? String(this.points.named(row, name)) : slot));
+    this.said.textContent = `${scene.flat().join(" ")}; ${points.columns[this.column].name}: ${shown(points.value(row, this.column))}`;
+    const more = element("div", { class: "more", tabindex: "0", role: "region", "aria-label": "What was found" }, list(values));
+    // With the values of this point in them, with all digits that the page has.
+    const lines = Object.entries(this.plane.lines).flatMap(([name, line]) => [
+      element("p", {}, name), command(line.replace(/\{(\w+)\}/g, (_, axis) => points.named(row, axis))),
+    ]);
+    this.cell.replaceChildren(element("h4", {}, "The scene"), list(scene), element("h4", {}, "What was found"), more, ...lines);
   }
 }
 

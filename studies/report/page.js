@@ -1,12 +1,14 @@
 "use strict";
 // What tables and maps of this page share. All text reaches the page as text, never as markup.
 
-function element(name, text = null, attributes = {}) {
+function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
-  if (text !== null) made.textContent = text;
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
   return made;
 }
+
+const product = (numbers) => numbers.reduce((a, b) => a * b, 1);
 
 // The points of a result: rows in the order of its grid, columns by number.
 class Points {
@@ -14,22 +16,15 @@ class Points {
     const { axes, columns, plane, settings } = JSON.parse(document.getElementById(id).textContent);
     Object.assign(this, { axes, plane, settings });
     this.shape = axes.map((axis) => axis.values.length);
-    this.count = this.shape.reduce((product, size) => product * size, 1);
-    this.columns = [
-      ...axes.map((axis, dim) => ({ ...axis, dim, axis: true })),
-      ...axes.flatMap((axis, dim) =>
-        axis.names ? [{ name: axis.name + "_name", kind: "text", units: "", about: axis.about, dim, values: axis.names }] : []),
-      ...columns.map((column) => ({ ...column, dim: null })),
-    ];
+    this.count = product(this.shape);
+    this.columns = [...axes.map((axis, dim) => ({ ...axis, dim, axis: true })), ...columns];
     this.place = new Map(this.columns.map((column, k) => [column.name, k]));
-    this.strides = this.shape.map((_, dim) => this.shape.slice(dim + 1).reduce((product, size) => product * size, 1));
+    this.strides = this.shape.map((_, dim) => product(this.shape.slice(dim + 1)));
   }
 
   value(row, column) {
-    const { dim, values, at, fill } = this.columns[column];
-    if (dim !== null) return values[Math.floor(row / this.strides[dim]) % this.shape[dim]];
-    if (values) return values[row];
-    return Object.hasOwn(at, row) ? at[row] : fill;
+    const { axis, dim, values } = this.columns[column];
+    return values[axis ? Math.floor(row / this.strides[dim]) % this.shape[dim] : row];
   }
 
   named(row, name) {
@@ -49,33 +44,23 @@ function shown(value) {
   return String(Number(value.toPrecision(6)));
 }
 
-function headed(column) {
-  return column.units ? `${column.name} (${column.units})` : column.name;
-}
-
-function copying(button) {
-  const line = button.parentElement.querySelector("code");
-  button.hidden = false;
-  button.setAttribute("aria-label", "Copy this line");
+// A command, or lines of Python: broken before an option, if at all, with a button that copies it.
+function command(text, box = element("div", { class: "command" })) {
+  const [begin, ...options] = text.split(" --");
+  const code = element("code", {}, begin, ...options.flatMap((part) => [" ", element("span", {}, "--" + part)]));
+  const button = element("button", { type: "button", "aria-label": "Copy this line" }, "Copy");
   button.addEventListener("click", async () => {
     try {
-      await navigator.clipboard.writeText(line.textContent);
+      await navigator.clipboard.writeText(text);
       button.textContent = "Copied";
       setTimeout(() => { button.textContent = "Copy"; }, 1500);
     } catch {
       // Without a clipboard the line is marked, ready for the keyboard.
-      getSelection().selectAllChildren(line);
+      getSelection().selectAllChildren(code);
     }
   });
-}
-
-function commandLine(text) {
-  const box = document.getElementById("command").content.firstElementChild.cloneNode(true);
-  // Broken before an option, if at all.
-  const [begin, ...options] = text.split(" --");
-  box.querySelector("code").replaceChildren(begin, ...options.flatMap((part) => [" ", element("span", "--" + part)]));
-  copying(box.querySelector("button"));
+  box.replaceChildren(element("pre", {}, code), button);
   return box;
 }
 
-for (const button of document.querySelectorAll(".copy")) copying(button);
+for (const box of document.querySelectorAll(".command")) command(box.textContent, box);

@@ -85,7 +85,7 @@ def page(found: Sequence[Result], missing: Sequence[str], out: str | Path | None
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     style, script = _own("page.css"), "\n".join(map(_own, SCRIPTS))
     return environment.from_string(_own("page.html.j2")).render(
-        results=list(map(shown, found)),
+        results=[(result, shown(result)) for result in found],
         overview=overview(found),
         newest=max((result.made for result in found), default=""),
         missing=[(registry.load(name), results.command("run", name, out)) for name in missing],

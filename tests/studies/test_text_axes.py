@@ -6,7 +6,7 @@ import pytest
 import studies
 from studies import spec
 from studies.query.query import frame
-from studies.report.commands import spec_of
+from studies.report import commands
 from studies.study import Study
 from sweeps import Axis, Grid, Sweep, Variable
 
@@ -88,14 +88,10 @@ def test_rows_are_chosen_by_texts():
         assert frame(data, "case == 'tangents'", None, None, None, None, 3).empty
 
 
-def test_the_command_that_makes_a_result_again_quotes_texts():
-    assert spec_of(np.array(["tangent, missed", "mu = 0"], dtype=object)) == "'tangent, missed,mu = 0'"
-    assert spec_of(np.array(["x"] * 61)) == ""
-
-
 def test_a_study_of_texts_is_run_and_opened(tmp_path, monkeypatch):
     monkeypatch.setattr("studies.runner.plot", lambda *arguments, **options: None)
-    found = studies.run(STUDY, out=tmp_path, case=["tangent"])
+    found = studies.run(STUDY, out=tmp_path, case=["tangent", "tangent, missed"])
     again = studies.open("own_letters", out=tmp_path)
     assert found.equals(again)
     assert again.fiv.query("case == 'tangent'")["letters"].tolist() == [7, 7]
+    assert commands.again(found).whole == "fiv run own_letters --set case='tangent, missed,tangent'"

@@ -1,4 +1,4 @@
-"""The report page in a browser: it shows its results, answers to mouse, touch and keys, and fetches nothing."""
+"""The report page in a browser: it shows its results, answers to mouse and keys, and fetches nothing."""
 
 import json
 import re
@@ -6,11 +6,10 @@ import re
 import pytest
 
 from studies.report import page as report
-from tests.helpers import browser as chromium
 from tests.helpers.browser import browser, printed, resize, scheme
-from tests.helpers.reports import made
 
 pytestmark = pytest.mark.browser
+CENTRED = "arguments[0].scrollIntoView({block: 'center', behavior: 'instant'})"
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +19,10 @@ def driver(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def file(driver, tmp_path_factory):
+def file(driver, request, tmp_path_factory):
     """The page; the driver comes first, so that nothing is computed where there is none."""
-    return report.write((), made(tmp_path_factory.mktemp("report")), None, pytest.fail)
+    target = tmp_path_factory.mktemp("page") / "report.html"
+    return report.write((), request.getfixturevalue("folder"), target, pytest.fail)
 
 
 @pytest.fixture
@@ -41,7 +41,8 @@ def one(page, css):
 
 
 def texts(page, css):
-    return [each.get_attribute("textContent") for each in page.find_elements("css selector", css)]
+    script = "return [...document.querySelectorAll(arguments[0])].map((each) => each.textContent)"
+    return page.execute_script(script, css)
 
 
 def opened(page, study):
@@ -54,105 +55,79 @@ def opened(page, study):
     return table
 
 
+def place(page, table, name):
+    """Which column of the table it is, from 1 on."""
+    return 1 + [head.split(" (")[0] for head in texts(page, f"{table} thead th")].index(name)
+
+
 def column(page, table, name):
-    """What stands in a column of the table, as numbers where they are."""
-    heads = texts(page, f"{table} thead th")
-    place = next(k for k, head in enumerate(heads) if head.split(" (")[0] == name) + 1
-    return [number(text) for text in texts(page, f"{table} tbody tr > :nth-child({place})")]
+    """What stands in a column of the table."""
+    return texts(page, f"{table} tbody tr > :nth-child({place(page, table, name)})")
 
 
-def number(text):
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def head(page, table, name):
-    return next(
-        each
-        for each in page.find_elements("css selector", f"{table} thead button")
-        if each.get_attribute("textContent").split(" (")[0] == name
-    )
-
-
-def moved_to(page, study, across, up):
-    """Put the mouse on a place of the map, in shares of its width and height."""
+def clicked(page, study, across, up):
+    """Click a place of the map, in shares of its width and height; what the panel beside it says then."""
     from selenium.webdriver import ActionChains
 
     picture = one(page, f"#{study} canvas")
-    page.execute_script("arguments[0].scrollIntoView({block: 'center', behavior: 'instant'})", picture)
+    page.execute_script(CENTRED, picture)
     size = picture.size
-    left, right, top, bottom = 58, 10, 10, 46  # EDGE of report_map.js
+    left, right, top, bottom = 58, 10, 10, 46  # EDGE of map.js
     x = left + across * (size["width"] - left - right) - size["width"] / 2
     y = top + (1 - up) * (size["height"] - top - bottom) - size["height"] / 2
-    ActionChains(page).move_to_element_with_offset(picture, round(x), round(y)).perform()
-    return picture
+    ActionChains(page).move_to_element_with_offset(picture, round(x), round(y)).click().perform()
+    return cell(page, study)
 
 
 def cell(page, study):
-    """What the panel beside a map says: names with values, and lines."""
-    names, values = texts(page, f"#{study} .cell dt"), texts(page, f"#{study} .cell dd")
-    return dict(zip(names, values, strict=True)), texts(page, f"#{study} .cell code")
+    """What the panel beside a map says, by name."""
+    return dict(zip(texts(page, f"#{study} .cell dt"), texts(page, f"#{study} .cell dd"), strict=True))
 
 
-def test_it_shows_every_result_and_the_console_is_silent(page):
+def selected(page, study, which, text):
+    """Choose an entry of a list above a map."""
+    from selenium.webdriver.support.ui import Select
+
+    Select(page.find_elements("css selector", f"#{study} .choose select")[which]).select_by_visible_text(text)
+
+
+def test_it_shows_every_result_and_requests_nothing_but_itself(page):
     assert page.title == "Friction-induced vibration: results"
-    assert len(page.find_elements("css selector", "main > section")) == 7
+    assert len(page.find_elements("css selector", "main > section")) == 6
     assert page.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 500)")
+    address = page.current_url
     one(page, ".overview a[href='#regimes']").click()
-    assert page.current_url.endswith("#regimes")
-
-
-def test_nothing_is_requested_but_the_page(page):
+    assert page.current_url == f"{address}#regimes"
     opened(page, "regimes")
-    moved_to(page, "regimes", 0.5, 0.5)
+    clicked(page, "regimes", 0.5, 0.5)
     told = [json.loads(entry["message"])["message"] for entry in page.get_log("performance")]
     wanted = [each["params"]["request"]["url"] for each in told if each["method"] == "Network.requestWillBeSent"]
-    assert [url for url in wanted if not url.startswith("data:")] == [page.current_url]
-    found = page.execute_script("return performance.getEntriesByType('resource').map((each) => each.name)")
-    assert [name for name in found if not name.startswith("data:")] == []
+    assert [url for url in wanted if not url.startswith("data:")] == [address]
 
 
 def test_clicks_sort_up_and_down(page):
     table = opened(page, "regimes")
-    first = column(page, table, "velocity_rms")
-    assert first != sorted(first)
-    head(page, table, "velocity_rms").click()
-    assert column(page, table, "velocity_rms") == sorted(first)
-    sorts = [each.get_attribute("aria-sort") for each in page.find_elements("css selector", f"{table} thead th")]
-    assert sorts.count("ascending") == 1
-    head(page, table, "velocity_rms").click()
-    assert column(page, table, "velocity_rms") == sorted(first, reverse=True)
-    head(page, table, "regime").click()
-    assert column(page, table, "regime") == sorted(column(page, table, "regime"))
-
-
-def test_the_keyboard_sorts_too(page):
-    from selenium.webdriver import Keys
-
-    table = opened(page, "table4")
-    head(page, table, "mode").send_keys(Keys.ENTER)
-    head(page, table, "mode").send_keys(Keys.SPACE)
-    assert column(page, table, "mode") == [8, 7, 6, 5, 4, 3, 2, 1]
-    head(page, table, "mode").send_keys(Keys.TAB)
-    assert page.switch_to.active_element == head(page, table, "status")
+    for name, read in (("velocity_rms", float), ("regime", str)):
+        head = f"{table} thead th:nth-child({place(page, table, name)})"
+        for order, down in (("ascending", False), ("descending", True)):
+            one(page, f"{head} button").click()
+            values = [read(text) for text in column(page, table, name)]
+            assert values == sorted(values, reverse=down)
+            assert one(page, head).get_attribute("aria-sort") == order
+            assert len(page.find_elements("css selector", f"{table} [aria-sort=none]")) > 5
 
 
 def test_conditions_filter(page):
     """What the filter understands is that of `test_shared_expressions.py`."""
     table = opened(page, "regimes")
     every = list(zip(*(column(page, table, name) for name in ("mu", "V")), strict=True))
-    wanted = [(mu, V) for mu, V in every if mu > 0.2 or V == 0.001]
+    wanted = [(mu, V) for mu, V in every if float(mu) > 0.2 or V == "0.001"]
     assert 0 < len(wanted) < len(every)
-    one(page, f"{table} input").send_keys("mu > 0.2 or V == 0.001")
+    box = one(page, f"{table} input")
+    box.send_keys("mu > 0.2 or V == 0.001")
     assert list(zip(*(column(page, table, name) for name in ("mu", "V")), strict=True)) == wanted
     assert texts(page, f"{table} [role=status]") == [f"{len(wanted)} of 9 points; {len(wanted)} shown."]
-
-
-def test_a_name_that_there_is_not_is_said(page):
-    table = opened(page, "regimes")
-    box = one(page, f"{table} input")
+    box.clear()
     box.send_keys("nu > 0.2")
     (said,) = texts(page, f"{table} [role=status]")
     assert re.fullmatch(
@@ -169,109 +144,65 @@ def test_a_long_table_is_shown_in_parts(page):
     assert not one(page, f"{table} > button").is_displayed()
 
 
-def test_pointing_at_a_cell_tells_its_scene_its_figures_and_its_lines(page):
-    moved_to(page, "regimes", 0.1, 0.1)
-    told, lines = cell(page, "regimes")
-    assert (told["V / mm/s"], told["μ"], told["θ / °"], told["F / N"]) == ("1", "0.05", "5", "9")
+def test_a_cell_tells_its_scene_its_figures_and_its_lines(page):
+    from selenium.webdriver import Keys
+
+    told = clicked(page, "regimes", 0.1, 0.1)
+    assert [told[name] for name in ("V / mm/s", "μ", "θ / °", "F / N")] == ["1", "0.05", "5", "9"]
     assert told["regime"] == "steady sliding"
-    moved_to(page, "regimes", 0.9, 0.9)
-    told, lines = cell(page, "regimes")
-    assert (told["V / mm/s"], told["μ"]) == ("5", "0.3")
+    told = clicked(page, "regimes", 0.9, 0.9)
     assert told["regime"] != "steady sliding"
+    lines = texts(page, "#regimes .cell code")
     assert lines[0].startswith("fiv run regimes --set V=0.005 --set mu=0.3 --set theta=5 --set F=9 ")
-    assert re.search(r"fiv run scenes .* --set duration=0\.\d+ ", lines[1])
-    assert "simulate(Scene(V=0.005, theta=5, mu=0.3, F=9), duration=0." in lines[2]
+    assert "dict(V=0.005, mu=0.3, theta=5, F=9)" in lines[1]
     # The table says the same of the point.
     table = opened(page, "regimes")
     one(page, f"{table} input").send_keys("V == 0.005 and mu == 0.3")
-    assert [f"{value:g} m s-1" for value in column(page, table, "velocity_rms")] == [told["velocity_rms"]]
-
-
-def test_arrow_keys_move_over_the_map(page):
-    from selenium.webdriver import Keys
-
-    picture = one(page, "#regimes canvas")
-    assert cell(page, "regimes")[0]["μ"] == "0.2"
-    picture.send_keys(Keys.ARROW_UP)
-    assert cell(page, "regimes")[0]["μ"] == "0.3"
-    picture.send_keys(Keys.ARROW_UP, Keys.ARROW_LEFT)
-    told = cell(page, "regimes")[0]
-    assert (told["V / mm/s"], told["μ"]) == ("1", "0.3")
-    assert texts(page, "#regimes .said") == [f"V / mm/s 1 μ 0.3 θ / ° 5 F / N 9; regime: {told['regime']}"]
-
-
-def test_a_click_holds_the_cell_and_another_lets_go(page):
-    moved_to(page, "regimes", 0.1, 0.1).click()
-    # Selenium clicks in the middle.
-    held = cell(page, "regimes")[0]["V / mm/s"]
-    moved_to(page, "regimes", 0.9, 0.9)
-    assert cell(page, "regimes")[0]["V / mm/s"] == held == "2"
-    one(page, "#regimes canvas").click()
-    moved_to(page, "regimes", 0.9, 0.9)
-    assert cell(page, "regimes")[0]["V / mm/s"] == "5"
-
-
-def test_a_touch_tells_the_cell(page):
-    resize(page, 390, 844, mobile=True)
-    picture = one(page, "#regimes canvas")
-    page.execute_script("arguments[0].scrollIntoView({block: 'center', behavior: 'instant'})", picture)
-    box = page.execute_script(
-        "const r = arguments[0].getBoundingClientRect(); return [r.x, r.y, r.width]", picture
-    )
-    page.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
-    touch = {"x": box[0] + box[2] - 20, "y": box[1] + 20}
-    page.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [touch]})
-    page.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    page.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
-    told = cell(page, "regimes")[0]
-    assert (told["V / mm/s"], told["μ"]) == ("5", "0.3")
+    assert [f"{value} m s-1" for value in column(page, table, "velocity_rms")] == [told["velocity_rms"]]
+    # Arrow keys move on, and stop at the edge.
+    one(page, "#regimes canvas").send_keys(Keys.ARROW_UP, Keys.ARROW_LEFT, Keys.ARROW_DOWN)
+    told = cell(page, "regimes")
+    assert (told["V / mm/s"], told["μ"]) == ("2", "0.2")
+    assert texts(page, "#regimes .said") == [f"V / mm/s 2 μ 0.2 θ / ° 5 F / N 9; regime: {told['regime']}"]
 
 
 def test_the_map_is_drawn_in_the_colours_of_its_legend(page):
     drawn = """
-        const canvas = document.querySelector(arguments[0]);
+        const canvas = document.querySelector("#regimes canvas");
         const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {willReadFrequently: true});
         copy.drawImage(canvas, 0, 0);
         const found = copy.getImageData(0, 0, canvas.width, canvas.height).data;
         const seen = new Set();
-        for (let k = 0; k < found.length; k += 4) seen.add(found.slice(k, k + 3).join());
+        for (let k = 0; k < found.length; k += 4) seen.add(`rgb(${[...found.slice(k, k + 3)].join(", ")})`);
         return [...seen];
     """
-    swatch = "return getComputedStyle(document.querySelector(arguments[0])).backgroundColor"
-    words = texts(page, "#regimes .legend span")
-    assert "steady sliding" in words
-    seen = page.execute_script(drawn, "#regimes canvas")
-    for k in range(len(words)):
-        colour = page.execute_script(swatch, f"#regimes .legend span:nth-child({k + 1}) i")
-        assert ",".join(re.findall(r"\d+", colour)) in seen
+    swatches = "return [...document.querySelectorAll('#regimes .legend i')].map((i) => i.style.backgroundColor)"
+    assert "steady sliding" in texts(page, "#regimes .legend span")
+    seen = page.execute_script(drawn)
+    assert set(page.execute_script(swatches)) <= set(seen)
     # Another figure has other colours.
-    from selenium.webdriver.support.ui import Select
-
-    Select(one(page, "#regimes .choose select")).select_by_visible_text("velocity_rms")
-    assert set(page.execute_script(drawn, "#regimes canvas")) != set(seen)
+    selected(page, "regimes", 0, "velocity_rms")
+    assert set(page.execute_script(drawn)) != set(seen)
     assert "m s-1" in texts(page, "#regimes .legend")[0]
 
 
 def test_other_axes_are_chosen_beside_the_map(page):
-    from selenium.webdriver.support.ui import Select
-
-    selects = page.find_elements("css selector", "#scenes .choose select")
-    assert len(selects) == 3
-    assert cell(page, "scenes")[0]["θ / °"] == "5"
-    Select(selects[1]).select_by_visible_text("40")
-    told = cell(page, "scenes")[0]
+    assert len(page.find_elements("css selector", "#scenes .choose select")) == 3
+    assert cell(page, "scenes")["θ / °"] == "5"
+    selected(page, "scenes", 1, "40")
+    told = cell(page, "scenes")
     assert (told["θ / °"], told["status"]) == ("40", "failed")
     assert "ContactError" in told["error"]
 
 
-@pytest.mark.parametrize("width", [320, 390])
-def test_a_phone_scrolls_only_down(page, width):
-    resize(page, width, 844, mobile=True)
+def test_a_phone_scrolls_only_down(page):
     for study in ("regimes", "fig5", "scenes"):
         opened(page, study)
-    wide = "return [document.documentElement.scrollWidth, document.body.scrollWidth]"
-    assert max(page.execute_script(wide)) <= width
-    assert page.execute_script("return visualViewport.scale") == 1
+    for width in (390, 320):
+        resize(page, width, 844, mobile=True)
+        wide = "return [document.documentElement.scrollWidth, document.body.scrollWidth]"
+        assert max(page.execute_script(wide)) <= width
+        assert page.execute_script("return visualViewport.scale") == 1
 
 
 CONTRAST = """
@@ -297,29 +228,23 @@ CONTRAST = """
 @pytest.mark.parametrize("name", ["light", "dark"])
 def test_both_schemes_have_contrast(page, name):
     scheme(page, name)
-    background = page.execute_script("return getComputedStyle(document.body).backgroundColor")
-    shade = sum(map(int, re.findall(r"\d+", background)))
+    style = "return getComputedStyle(document.querySelector(arguments[0])).backgroundColor"
+    shade = sum(map(int, re.findall(r"\d+", page.execute_script(style, "body"))))
     assert (shade > 600) == (name == "light")
     opened(page, "scenes")
     assert page.execute_script(CONTRAST) == []
     # Figures stay on white.
-    white = "return getComputedStyle(document.querySelector('figure img')).backgroundColor"
-    assert page.execute_script(white) == "rgb(255, 255, 255)"
+    assert page.execute_script(style, "figure img") == "rgb(255, 255, 255)"
 
 
 def test_a_print_has_figures_and_numbers_without_controls(page):
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     try:
-        shown = {css: one(page, f"#regimes {css}").is_displayed() for css in ("figure img", "table", ".facts")}
-        hidden = {css: one(page, f"#regimes {css}").is_displayed() for css in (".plane", "details", ".copy")}
+        assert all(one(page, f"#regimes {css}").is_displayed() for css in ("figure img", "table", ".facts"))
+        assert not any(one(page, f"#regimes {css}").is_displayed() for css in (".plane", "details", "button"))
     finally:
         page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
-    assert set(shown.values()) == {True}
-    assert set(hidden.values()) == {False}
-    pdf = printed(page)
-    assert pdf.startswith(b"%PDF")
-    pages = len(re.findall(rb"/Type\s*/Page\b", pdf))
-    assert 7 <= pages <= 16
+    assert 6 <= len(re.findall(rb"/Type\s*/Page\b", printed(page))) <= 14
 
 
 def test_every_control_has_a_name_and_can_be_reached(page):
@@ -328,24 +253,14 @@ def test_every_control_has_a_name_and_can_be_reached(page):
         const named = (node) => node.textContent.trim() || node.getAttribute("aria-label")
           || (node.labels && node.labels.length);
         return [...document.querySelectorAll("button, a, input, select, canvas, [tabindex]")]
-          .filter((node) => !named(node)).map((node) => node.outerHTML.slice(0, 80));
+          .filter((node) => !named(node) || node.tabIndex < 0).map((node) => node.outerHTML.slice(0, 80));
     """
     assert page.execute_script(unnamed) == []
-    out = "return [...document.querySelectorAll('button, a, input, select, summary')].some((n) => n.tabIndex < 0)"
-    assert page.execute_script(out) is False
 
 
 def test_a_line_is_copied(page):
-    page.execute_cdp_cmd(
-        "Browser.grantPermissions", {"permissions": ["clipboardReadWrite", "clipboardSanitizedWrite"]}
-    )
-    button = one(page, "#fig5 > .command .copy")
-    button.click()
+    granted = ["clipboardReadWrite", "clipboardSanitizedWrite"]
+    page.execute_cdp_cmd("Browser.grantPermissions", {"permissions": granted})
+    one(page, "#fig5 > .command button").click()
     copied = page.execute_async_script("navigator.clipboard.readText().then(arguments[0], arguments[0])")
     assert copied == "fiv run fig5 --set mu=0:0.5:51"
-
-
-def test_without_a_browser_the_tests_are_skipped_and_say_why(tmp_path, monkeypatch):
-    monkeypatch.setattr(chromium, "CHROMIUM", None)
-    with pytest.raises(pytest.skip.Exception, match="apt-get install chromium"), browser(tmp_path):
-        pass
