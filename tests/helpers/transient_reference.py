@@ -8,8 +8,7 @@ the shapes of the modes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -20,36 +19,25 @@ from tests.helpers.reference import assemble, element
 SEPARATION, STICK, SLIP = 0, 1, 2
 
 
-@dataclass(frozen=True, eq=False)
-class FiniteElements:
-    """Both beams of a rig.
-
-    Attributes
-    ----------
-    K, M, C : ndarray, (n, n)
-    normal, tangential : ndarray, (n,)
-        Rows that read g_N and g_T (without the clamp's own motion).
-    weight : ndarray, (n,)
-        Force of a unit load on A, along -y.
-    thrown : ndarray, (n,)
-        Force on P2's free nodes of a unit acceleration of its clamp, for motion relative to the clamp.
-    point_b : ndarray, (n,)
-        Row that reads the displacement of B along x.
-    """
+class FiniteElements(NamedTuple):
+    """Both beams of a rig: matrices (n, n) and rows or columns (n,)."""
 
     K: np.ndarray
     M: np.ndarray
     C: np.ndarray
+    # Rows that read g_N and g_T (without the clamp's own motion), and the displacement of B along x.
     normal: np.ndarray
     tangential: np.ndarray
+    point_b: np.ndarray
+    # Force of a unit load on A, along -y; of a unit acceleration of P2's clamp, for motion relative to it.
     weight: np.ndarray
     thrown: np.ndarray
-    point_b: np.ndarray
 
 
 def finite_elements(rig: Any, theta: float) -> FiniteElements:
     """Assemble; P1's nodes run from C to A, of which only y is free, P2's from the first after the clamp."""
-    K, M, normal, tangential = assemble(rig, theta)
+    # Rounded once.
+    K, M, normal, tangential = (part.astype(float) for part in assemble(rig, theta, np.longdouble))
     n1 = 3 * rig.p1.elements + 1
     weight, point_b, along = np.zeros((3, len(K)))
     weight[n1 - 1] = -1.0
@@ -57,12 +45,10 @@ def finite_elements(rig: Any, theta: float) -> FiniteElements:
     # All of P2 moves with the clamp, the clamped node too: its column of the first element's mass counts.
     thrown = -M @ along
     thrown[n1] -= element(rig.p2)[1][3][0]
-    place = rig.point_b * rig.p1.elements
-    node = min(int(place), rig.p1.elements - 1)
-    point_b[3 * node] = 1.0 - (place - node)
-    if node + 1 < rig.p1.elements:
-        point_b[3 * node + 3] = place - node
-    return FiniteElements(K, M, rig.d1 * M + rig.d2 * K, normal, tangential, weight, thrown, point_b)
+    # B between two nodes, of which A has no displacement along x.
+    nodes = np.arange(rig.p1.elements)
+    point_b[3 * nodes] = np.maximum(1.0 - np.abs(rig.point_b * rig.p1.elements - nodes), 0.0)
+    return FiniteElements(K, M, rig.d1 * M + rig.d2 * K, normal, tangential, point_b, weight, thrown)
 
 
 def nodal(rig: Any, theta: float, modal: np.ndarray) -> np.ndarray:
@@ -78,8 +64,7 @@ def clamp(t: float, V: float, ramp: float) -> float:
     return V * t * t / (2.0 * ramp) if t < ramp else V * (t - ramp / 2.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(NamedTuple):
     """What every step left behind; q holds the displacements at the ends of the steps asked for."""
 
     N: np.ndarray
