@@ -98,10 +98,3 @@ def test_what_grows_after_a_gentle_end_of_stick_does_not_depend_on_the_step():
         sizes.append(np.ptp(run.normal_force[(left > 0.3e-3) & (left < 0.4e-3)]))
     assert changes[0] == changes[1] < 10
     assert sizes[0] == pytest.approx(sizes[1], rel=0.01)
-
-
-def test_what_is_at_rest_stays_at_rest_in_any_step():
-    scene = Scene(1e-9, 5.0, 0.2, 9.0)
-    for step in (2.5e-6, 2e-6, 0.5e-6):
-        run = simulate(scene, 2e-3, step=step, cutoff=75e3, record=True)
-        assert run.normal_force == pytest.approx(9.0, rel=1e-8)
