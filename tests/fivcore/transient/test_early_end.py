@@ -169,16 +169,6 @@ def test_a_growing_mode_is_seen_however_small_it_is(mu, nudge, monkeypatch):
     assert np.ptp(full.normal_force[full.time > 3.4]) > 1.0
 
 
-def test_a_decaying_one_is_ended_at_once(monkeypatch):
-    given = begin_in_steady_sliding(monkeypatch, 1e-12)
-    full, ended = both(Scene(5e-3, 5.0, 0.10, 9.0), 0.2, record=True, **given)
-    assert ended.summary["settled_early"]
-    stretched(full.summary, ended.summary, 5e-3)
-    every = full.normal_force[full.time > 0.054]
-    assert np.any(every != ended.normal_force[ended.time > 0.054])
-    assert np.all(ended.normal_force[ended.time > 0.054] == ended.normal_force[-1])
-
-
 # The map and the bound.
 
 

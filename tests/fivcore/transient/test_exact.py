@@ -193,37 +193,6 @@ def value_and_slope(eigenvalues, factors, start, s):
     return waves.sum().real + forced @ d, (waves * eigenvalues).sum().real + slope
 
 
-class Watched(ExactRun):
-    """A run that keeps how far from zero, in seconds, what ended each stretch was."""
-
-    distances: list[float]
-    least: float
-
-    def _next_regime(self) -> None:
-        if self._event >= 0:
-            f, slope = self.watch(self._event, self._stop)
-            self.distances.append(abs(f / slope))
-            # Between events nothing watched is negative.
-            for t in np.linspace(self._origin + DWELL, self._stop - DWELL, 7):
-                self.least = min([self.least, *(self.watch(i, t)[0] for i in range(len(self._regime.margins)))])
-        super()._next_regime()
-
-    def watch(self, i: int, t: float) -> tuple[float, float]:
-        r = self._regime
-        return value_and_slope(r.eigenvalues, r.margins[i] * self._amplitudes, self._start, t - self._origin)
-
-
-def test_events_are_where_their_function_vanishes():
-    run = exact_run(kind=Watched, duration=0.03)
-    run.distances, run.least = [], 0.0
-    run_for(run)
-    assert len(run.distances) > 500
-    # A gap or a margin that is touched rather than crossed has no slope to divide by.
-    assert np.quantile(run.distances, 0.99) < 1e-14
-    assert max(run.distances) < 1e-12
-    assert run.least > -1e-12
-
-
 NO_START = np.zeros(8)
 NO_START[3] = 1.0
 
