@@ -379,22 +379,14 @@ def test_no_unique_contact_is_an_error_before_the_first_step():
         exact_run(Normalised.of(Scene(0.01, 40.0, 30.0, 9.0)))
 
 
-@pytest.mark.parametrize(
-    ("scene", "cutoff", "text"),
-    [
-        (Scene(0.02, 5.0, 0.2, 9.0), 1e9, r"cutoff = 1e\+09: it keeps every mode of this rig"),
-        (Scene(0.02, 5.0, 0.2, 9.0, Rig(d2=0.0)), 20e3, r"cutoff = 20000: the relaxation time .* is 0"),
-    ],
-)
-def test_without_an_absorbing_element_it_refuses_and_what_it_advises_works(scene, cutoff, text):
-    with pytest.raises(ValueError, match=text) as refusal:
-        simulate(scene, 1e-4, "exact", cutoff=cutoff)
-    assert "\n" not in str(refusal.value)
-    assert "method 'fast'" in str(refusal.value)
-    simulate(scene, 1e-4, "fast", cutoff=cutoff)
+def test_without_a_dashpot_it_refuses_and_what_it_advises_works():
+    scene = Scene(0.02, 5.0, 0.2, 9.0, Rig(d2=0.0))
+    text = r"cutoff = 20000: the relaxation time .* is 0.* another cutoff or method 'fast'"
+    with pytest.raises(ValueError, match=text):
+        simulate(scene, 1e-4, "exact", cutoff=20e3)
+    simulate(scene, 1e-4, "fast", cutoff=20e3)
     simulate(scene, 1e-4, "exact", cutoff=75e3)
-    if cutoff < 75e3:
-        simulate(scene, 1e-4, "exact", cutoff=cutoff, modify=partial(with_relaxation_time, tau=1e-7))
+    simulate(scene, 1e-4, "exact", cutoff=20e3, modify=partial(with_relaxation_time, tau=1e-7))
 
 
 def test_a_slow_mode_costs_no_digits():
