@@ -65,14 +65,14 @@ def clamp(t: float, V: float, ramp: float) -> float:
 
 
 class Motion(NamedTuple):
-    """What every step left behind; q holds the displacements at the ends of the steps asked for."""
+    """What every step left behind, and the displacements q at the end."""
 
     N: np.ndarray
     T: np.ndarray
     slip_velocity: np.ndarray
     velocity_B: np.ndarray
     state: np.ndarray
-    q: dict[int, np.ndarray]
+    q: np.ndarray
 
 
 def published_scheme(
@@ -89,7 +89,6 @@ def published_scheme(
     dt: float = 2e-8,
     b: float = 0.8,
     tau: float = 1e-7,
-    keep: tuple[int, ...] = (),
 ) -> Motion:
     """Run the scheme from displacements q and velocities v (of P2 relative to its clamp).
 
@@ -102,7 +101,6 @@ def published_scheme(
     closing = dt**2 * (b + 0.5) * np.array([[GN @ per_N, GN @ per_T], [GT @ per_N, GT @ per_T]])
     r = dt / tau
     out = np.zeros((5, steps))
-    kept = {}
 
     mass = cho_factor(fe.M)
     a = cho_solve(mass, F * fe.weight - fe.K @ q - fe.C @ v)
@@ -131,9 +129,7 @@ def published_scheme(
         gT = GT @ q - clamp((i + 1) * dt, V, ramp)
         out[:, i] = *force, (gT - last_gT) / dt, fe.point_b @ v, state
         last_gT, last_T = gT, force[1]
-        if i + 1 in keep:
-            kept[i + 1] = q
-    return Motion(*out[:4], out[4].astype(int), kept)
+    return Motion(*out[:4], out[4].astype(int), q)
 
 
 def _contact(
