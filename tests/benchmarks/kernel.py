@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fivcore import Rig, Scene, simulate_many
+from fivcore import Rig, Scene
 from fivcore.contact.reduced import reduced_model
 from fivcore.jit import kernel, reordered_call
 from fivcore.transient import fast_scene as at
@@ -30,6 +30,7 @@ from fivcore.transient.fast import aligned
 from fivcore.transient.fast_kernel import apply_impulse
 from fivcore.transient.fast_solver import frozen_solver
 from tests.benchmarks.stability import machine
+from tests.benchmarks.transient import together
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
 # Of a mode in a step: multiply-adds and multiplications, as `apply_impulse` has them.
@@ -91,14 +92,8 @@ def modes_alone() -> float:
 
 def whole(count: int) -> float:
     """Seconds per scene and step of a sweep, all that Python does included; every step taken."""
-    duration = 2.0
-    steps = duration / reduced_model(Rig(), SCENE.theta).default_step
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        simulate_many([SCENE] * count, duration, ramp=[1e-3 * (1.0 + 0.013 * k) for k in range(count)], leap=False)
-        times.append((time.perf_counter() - start) / count / steps)
-    return statistics.median(times)
+    steps = 2.0 / reduced_model(Rig(), SCENE.theta).default_step
+    return statistics.median(together(SCENE, 2.0, count, leap=False) for _ in range(5)) / steps
 
 
 def first_compile(repeat: int = 3) -> tuple[float, float]:

@@ -1,7 +1,6 @@
 """The two beams alone: Euler-Bernoulli's frequencies, and the modes as an exact change of coordinates."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -21,60 +20,50 @@ def bar(elements: int) -> Beam:
     return replace(P2, elements=elements)
 
 
-def frequency(basis) -> np.ndarray:
-    """Natural frequencies, Hz."""
-    return np.sqrt(basis.stiffness) / (2.0 * np.pi)
-
-
-def analytic(equation, number: int, beam: Beam) -> np.ndarray:
-    """Frequencies, Hz, from the roots beta L of a beam's characteristic equation, at most one between k pi."""
-    edges = np.pi * np.arange(number + 2)
+def bending_frequencies(equation, first: int) -> np.ndarray:
+    """Hz, from four roots beta L of an equation, one in each (k pi, (k + 1) pi) from k = `first` on."""
     roots = [
-        brentq(equation, low + 1e-9, high - 1e-9, xtol=1e-14)
-        for low, high in pairwise(edges)
-        if equation(low + 1e-9) * equation(high - 1e-9) < 0.0
-    ][:number]
-    wave = np.array(roots) / beam.length
-    line = beam.mass / beam.length
-    return wave**2 * np.sqrt(beam.bending_stiffness / line) / (2.0 * np.pi)
+        brentq(equation, k * np.pi + 1e-9, (k + 1) * np.pi - 1e-9, xtol=1e-14) for k in range(first, first + 4)
+    ]
+    wave, line = np.array(roots) / P2.length, P2.mass / P2.length
+    return wave**2 * np.sqrt(P2.bending_stiffness / line) / (2.0 * np.pi)
 
 
-def order(frequencies, exact: np.ndarray, meshes: list[int]) -> np.ndarray:
-    errors = np.array([np.abs(frequencies(n) / exact - 1.0) for n in meshes])
-    assert np.all(errors[-1] < 1e-4)
-    return np.log2(errors[:-1] / errors[1:])
+CANTILEVER = bending_frequencies(lambda x: np.cos(x) + 1.0 / np.cosh(x), 0)
+PINNED = bending_frequencies(lambda x: np.cos(x) * np.tanh(x) - np.sin(x), 1)
+AXIAL = (2 * np.arange(3) + 1) * np.sqrt(P2.young_modulus / P2.density) / (4.0 * P2.length)
 
 
-def test_clamped_free_beam_converges_at_fourth_order():
-    exact = analytic(lambda x: np.cos(x) + 1.0 / np.cosh(x), 4, bar(1))
-    orders = order(lambda n: frequency(lower_basis(bar(n), 0.1))[:4], exact, [8, 16, 32])
-    np.testing.assert_allclose(orders, 4.0, atol=0.15)
+def free(n: int) -> np.ndarray:
+    """Of a free tip."""
+    return np.sqrt(lower_basis(bar(n), 0.1).stiffness)[:4] / (2.0 * np.pi)
 
 
-def test_clamped_pinned_beam_converges_at_fourth_order():
-    # An upright P1 that neither moves nor gives pins the end of P2; its own bending does not touch y.
+def pinned(n: int) -> np.ndarray:
+    """An upright P1 that neither moves nor gives pins the end of P2; its own bending does not touch y."""
     stiff = Beam(0.05, 0.01, 0.0015, 185e17, 7900.0, 1)
-    exact = analytic(lambda x: np.cos(x) * np.tanh(x) - np.sin(x), 4, bar(1))
-
-    def pinned(n: int) -> np.ndarray:
-        rig = Rig(stiff, bar(n), contact_position=0.15, head_mass=1e12, d1=0.0, d2=0.0)
-        found = sliding_modes(rig, 0.0, 0.0, 1.2 * exact[-1]).frequency
-        return found[found > 50.0][:4]
-
-    np.testing.assert_allclose(order(pinned, exact, [8, 16, 32]), 4.0, atol=0.15)
+    rig = Rig(stiff, bar(n), contact_position=0.15, head_mass=1e12, d1=0.0, d2=0.0)
+    found = sliding_modes(rig, 0.0, 0.0, 1.2 * PINNED[-1]).frequency
+    return found[found > 50.0][:4]
 
 
-def test_clamped_free_bar_converges_at_second_order():
-    beam = bar(1)
-    speed = np.sqrt(beam.young_modulus / beam.density)
-    exact = (2 * np.arange(3) + 1) * speed / (4.0 * beam.length)
+def axially(n: int) -> np.ndarray:
+    basis = lower_basis(bar(n), 0.1)
+    return np.sqrt(basis.stiffness)[basis.tangential != 0.0][:3] / (2.0 * np.pi)
 
-    def longitudinal(n: int) -> np.ndarray:
-        basis = lower_basis(bar(n), 0.1)
-        return frequency(basis)[basis.tangential != 0.0][:3]
 
-    errors = np.array([np.abs(longitudinal(n) / exact - 1.0) for n in (32, 64, 128)])
-    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.05)
+@pytest.mark.parametrize(
+    ("frequencies", "exact", "coarsest", "order", "apart"),
+    [
+        (free, CANTILEVER, 8, 4.0, 0.15),
+        (pinned, PINNED, 8, 4.0, 0.15),
+        (axially, AXIAL, 32, 2.0, 0.05),
+    ],
+)
+def test_frequencies_converge_to_the_analytic_ones(frequencies, exact, coarsest, order, apart):
+    errors = np.array([np.abs(frequencies(factor * coarsest) / exact - 1.0) for factor in (1, 2, 4)])
+    assert np.all(errors[-1] < 1e-4 * (4.0 if order == 2.0 else 1.0))
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), order, atol=apart)
 
 
 @pytest.mark.parametrize("family", [axial, bending])
@@ -84,7 +73,7 @@ def test_flexibility_root_is_the_inverse_of_the_stiffness(family):
     np.testing.assert_allclose(identity, np.eye(len(identity)), atol=1e-10)
 
 
-@pytest.mark.parametrize("theta", [-30.0, 0.0, 5.0, 80.0])
+@pytest.mark.parametrize("theta", [-30.0, 80.0])
 def test_all_modes_together_are_the_finite_element_model(theta):
     """Mass and static flexibility seen from the contact are the same, modal or assembled."""
     rig = workshop_rig(3)
@@ -105,20 +94,6 @@ def test_all_modes_together_are_the_finite_element_model(theta):
     )
 
 
-@given(st.integers(0, 500), st.floats(-80.0, 80.0))
-@settings(max_examples=20, deadline=None)
-def test_residual_flexibility_completes_the_kept_modes(seed, theta):
-    upper, _ = rig_bases(workshop_rig(seed), theta)
-    kept = upper.stiffness < np.median(upper.stiffness)
-    shape = np.stack([upper.normal, upper.tangential])
-    elastic = upper.stiffness > 0.0
-    total = (shape[:, elastic] / upper.stiffness[elastic]) @ shape[:, elastic].T
-    both = kept & elastic
-    kept_part = (shape[:, both] / upper.stiffness[both]) @ shape[:, both].T
-    residual = residual_flexibility(upper.stiffness[~kept], *shape[:, ~kept])
-    np.testing.assert_allclose(kept_part + residual, total, rtol=1e-10, atol=1e-12 * np.abs(total).max())
-
-
 @pytest.mark.parametrize("elements", [1, 2, 90, 400])
 def test_modes_are_orthonormal_and_ascending_on_any_mesh(elements):
     part = bending(bar(elements))
@@ -129,18 +104,15 @@ def test_modes_are_orthonormal_and_ascending_on_any_mesh(elements):
     np.testing.assert_allclose(vectors.T @ part.stiffness @ vectors / scale, np.eye(len(values)), atol=1e-6)
 
 
-def test_residual_flexibility_refuses_a_rigid_mode():
-    upper, _ = rig_bases(Rig(), 5.0)
-    with pytest.raises(ValueError, match="rigid mode"):
-        residual_flexibility(upper.stiffness, upper.normal, upper.tangential)
-
-
 def test_static_tip_deflection_is_the_cantilevers():
     beam = bar(9)
     basis = lower_basis(beam, beam.length)
     flexibility = residual_flexibility(basis.stiffness, basis.normal, basis.tangential)
     expected = np.diag([beam.length**3 / (3.0 * beam.bending_stiffness), beam.length / beam.axial_stiffness])
     np.testing.assert_allclose(flexibility, expected, rtol=1e-12, atol=1e-12 * expected[1, 1])
+    upper, _ = rig_bases(Rig(), 5.0)
+    with pytest.raises(ValueError, match="rigid mode"):
+        residual_flexibility(upper.stiffness, upper.normal, upper.tangential)
 
 
 def test_upper_beam_translates_freely_along_y():

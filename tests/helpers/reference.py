@@ -1,7 +1,7 @@
 """The rig written a second time, plainly: global finite elements and dense algebra, nothing of fivcore's.
 
 Both beams are assembled node by node in x, y and rotation. `scalar` chooses the arithmetic: float, NumPy's
-longdouble, or mpmath's mpf for a small mesh.
+longdouble, or mpmath's mpf for a small mesh, whose arrays hold objects.
 """
 
 from __future__ import annotations
@@ -19,94 +19,74 @@ one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 REFINED = (2.0 * np.pi * 60e3) ** 2
 
 
-def element(beam: Any, scalar: Any = float) -> tuple[list, list]:
+def element(beam: Any, scalar: Any = float) -> tuple[np.ndarray, np.ndarray]:
     """Six by six stiffness and mass, (u, w, phi) at either end, in the element's own frame."""
     length, width, thickness = scalar(beam.length), scalar(beam.width), scalar(beam.thickness)
     young, density = scalar(beam.young_modulus), scalar(beam.density)
     h, area = length / beam.elements, width * thickness
-    inertia = width * thickness**3 / 12
-    ea, ei, m = young * area / h, young * inertia / h**3, density * area * h
-    k = [[scalar(0)] * 6 for _ in range(6)]
-    c = [[scalar(0)] * 6 for _ in range(6)]
-    for i, si in ((0, 1), (3, -1)):
-        for j, sj in ((0, 1), (3, -1)):
-            k[i][j] = si * sj * ea
-            c[i][j] = m / 3 if i == j else m / 6
+    m, one = density * area * h, scalar(1)
+    stiffness, mass = np.full((2, 6, 6), scalar(0))
+    along, across, levers = np.ix_([0, 3], [0, 3]), np.ix_([1, 2, 4, 5], [1, 2, 4, 5]), np.array([one, h, one, h])
+    stiffness[along] = young * area / h * np.array([[1, -1], [-1, 1]])
+    mass[along] = m / 6 * np.array([[2, 1], [1, 2]])
+    levers = np.outer(levers, levers)
     bend = [[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]
+    stiffness[across] = young * width * thickness**3 / 12 / h**3 * levers * np.array(bend)
     lump = [[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]
-    for i, p in enumerate((1, 2, 4, 5)):
-        for j, q in enumerate((1, 2, 4, 5)):
-            levers = h ** ((i % 2) + (j % 2))
-            k[p][q] = ei * levers * bend[i][j]
-            c[p][q] = m / 420 * levers * lump[i][j]
-    return k, c
+    mass[across] = m / 420 * levers * np.array(lump)
+    return stiffness, mass
 
 
 def assemble(rig: Any, theta: float, scalar: Any = float) -> tuple[Any, Any, Any, Any]:
     """K, M, G_N, G_T of both beams; P1 from C to A with (y) left at A, P2 without its clamped node."""
     if scalar is mpmath.mpf:
-        angle = scalar(theta) * mpmath.pi / 180
+        angle = mpmath.radians(scalar(theta))
         sine, cosine = mpmath.sin(angle), mpmath.cos(angle)
     else:
         angle = scalar(theta) * (4 * np.arctan(scalar(1))) / 180
         sine, cosine = np.sin(angle), np.cos(angle)
-    n1, n2 = rig.p1.elements, rig.p2.elements
-    size = 3 * (n1 + 1) + 3 * (n2 + 1)
-    zero = scalar(0)
-    stiffness = [[zero] * size for _ in range(size)]
-    mass = [[zero] * size for _ in range(size)]
+    n1, n2, one = rig.p1.elements, rig.p2.elements, scalar(1)
+    second = 3 * (n1 + 1)
+    size = second + 3 * (n2 + 1)
+    stiffness, mass = np.full((2, size, size), scalar(0))
+    normal, tangential = np.full((2, size), scalar(0))
     # From the element's (u, w) to (x, y): columns are the axis and the transverse, turned left from it.
-    for beam, first, axis in ((rig.p1, 0, (sine, cosine)), (rig.p2, 3 * (n1 + 1), (scalar(1), zero))):
-        k, c = element(beam, scalar)
-        turn = [[zero] * 6 for _ in range(6)]
-        for o in (0, 3):
-            turn[o][o], turn[o][o + 1] = axis[0], axis[1]
-            turn[o + 1][o], turn[o + 1][o + 1] = -axis[1], axis[0]
-            turn[o + 2][o + 2] = scalar(1)
-        kg, cg = _turned(k, turn), _turned(c, turn)
-        for e in range(beam.elements):
-            for i in range(6):
-                for j in range(6):
-                    stiffness[first + 3 * e + i][first + 3 * e + j] += kg[i][j]
-                    mass[first + 3 * e + i][first + 3 * e + j] += cg[i][j]
-    top = 3 * n1
-    mass[top + 1][top + 1] += scalar(rig.head_mass)
-    normal, tangential = [zero] * size, [zero] * size
-    normal[1], tangential[0] = scalar(1), scalar(1)
+    for beam, first, (x, y) in ((rig.p1, 0, (sine, cosine)), (rig.p2, second, (one, 0 * one))):
+        turn = np.kron(np.eye(2, dtype=int), np.array([[x, y, 0], [-y, x, 0], [0, 0, one]]))
+        for whole, part in zip((stiffness, mass), element(beam, scalar), strict=True):
+            for start in range(first, first + 3 * beam.elements, 3):
+                whole[start : start + 6, start : start + 6] += turn.T @ part @ turn
+    mass[3 * n1 + 1, 3 * n1 + 1] += scalar(rig.head_mass)
+    normal[1], tangential[0] = one, one
     h = scalar(rig.p2.length) / n2
     place = scalar(rig.contact_position) / h
     if abs(place - round(float(place))) < 1e-9:
         place = scalar(round(float(place)))
     e = min(int(place), n2 - 1)
-    x, o = place - e, 3 * (n1 + 1) + 3 * e
-    tangential[o], tangential[o + 3] = -(1 - x), -x
-    normal[o + 1], normal[o + 2] = -(1 - 3 * x**2 + 2 * x**3), -h * (x - 2 * x**2 + x**3)
-    normal[o + 4], normal[o + 5] = -(3 * x**2 - 2 * x**3), -h * (x**3 - x**2)
-    held = {top, top + 2, 3 * (n1 + 1), 3 * (n1 + 1) + 1, 3 * (n1 + 1) + 2}
-    free = [i for i in range(size) if i not in held]
-    if scalar is not mpmath.mpf:
-        cut = np.ix_(free, free)
-        rows = np.array(normal)[free], np.array(tangential)[free]
-        return np.array(stiffness)[cut], np.array(mass)[cut], *rows
-    return (
-        mpmath.matrix([[stiffness[i][j] for j in free] for i in free]),
-        mpmath.matrix([[mass[i][j] for j in free] for i in free]),
-        [normal[i] for i in free],
-        [tangential[i] for i in free],
-    )
+    x, o = place - e, second + 3 * e
+    tangential[[o, o + 3]] = x - 1, -x
+    normal[[o + 1, o + 2]] = -(1 - 3 * x**2 + 2 * x**3), -h * (x - 2 * x**2 + x**3)
+    normal[[o + 4, o + 5]] = -(3 * x**2 - 2 * x**3), -h * (x**3 - x**2)
+    free = np.delete(np.arange(size), [3 * n1, 3 * n1 + 2, second, second + 1, second + 2])
+    return stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], normal[free], tangential[free]
+
+
+def _sliding(rig: Any, theta: float, mu: float, scalar: Any) -> tuple[np.ndarray, np.ndarray]:
+    """K and M of steady sliding, the constraint eliminated from both sides."""
+    k, m, normal, tangential = assemble(rig, theta, scalar)
+    force = normal + scalar(mu) * tangential
+    return _without(_without(k, normal).T, force).T, _without(_without(m, normal).T, force).T
 
 
 @one_blas_thread
-def sliding_eigenvalues(rig: Any, theta: float, mu: float, sign: int = 1) -> np.ndarray:
-    """Undamped eigenvalues lambda of steady sliding: constraint eliminated, eigenvalues of K^-1 M, dense.
+def sliding_eigenvalues(rig: Any, theta: float, mu: float) -> np.ndarray:
+    """Undamped eigenvalues lambda of steady sliding (mu < 0: the other way), those of K^-1 M, dense.
 
     Cholesky or LU of K costs digits in proportion to its condition. Each eigenvalue is therefore read a
     second time from its left and right vectors by a Rayleigh quotient of matrices in extended precision,
     whose error is the square of the vectors'. That product is slow, and made for modes below `REFINED` only.
     """
-    k, m, normal, tangential = assemble(rig, theta, np.longdouble)
-    force = normal + sign * np.longdouble(mu) * tangential
-    kk, mm = _without(_without(k, normal).T, force).T, _without(_without(m, normal).T, force).T
+    kk, mm = _sliding(rig, theta, mu, np.longdouble)
     stiffness, mass = kk.astype(float), mm.astype(float)
     values, w, x = eig(np.linalg.solve(stiffness, mass), left=True)
     y = np.linalg.solve(stiffness.T, w)
@@ -135,18 +115,8 @@ def damped(eigenvalues: np.ndarray, d1: float, d2: float) -> np.ndarray:
 def sliding_eigenvalues_extended(rig: Any, theta: float, mu: float, digits: int = 50) -> np.ndarray:
     """The same in extended precision, each eigenvalue rounded to a complex double at the end."""
     with mpmath.workdps(digits):
-        k, m, normal, tangential = assemble(rig, theta, mpmath.mpf)
-        n = k.rows
-        force = [normal[i] + mpmath.mpf(mu) * tangential[i] for i in range(n)]
-        right, left = _nulls(normal), _nulls(force)
-        inner = mpmath.lu_solve
-        kk, mm = left.T * k * right, left.T * m * right
-        columns = [inner(kk, mm[:, j]) for j in range(mm.cols)]
-        flexible = mpmath.matrix(n - 1, n - 1)
-        for j, column in enumerate(columns):
-            for i in range(n - 1):
-                flexible[i, j] = column[i]
-        values = mpmath.eig(flexible, left=False, right=False)
+        kk, mm = (mpmath.matrix(each.tolist()) for each in _sliding(rig, theta, mu, mpmath.mpf))
+        values = mpmath.eig(mpmath.inverse(kk) * mm, left=False, right=False)
         return np.array([complex(1 / v) for v in values])
 
 
@@ -164,20 +134,3 @@ def _refined(k: np.ndarray, m: np.ndarray, plain: np.ndarray, left: np.ndarray, 
     quotients = (np.sum(y * (k @ x), axis=0) / np.sum(y * (m @ x), axis=0)).astype(plain.dtype)
     plain[low] = np.where(np.abs(quotients / plain[low] - 1.0) < 1e-4, quotients, plain[low])
     return plain
-
-
-def _nulls(row: list) -> Any:
-    """A basis of the vectors orthogonal to `row`, eliminating its largest entry."""
-    n = len(row)
-    pivot = max(range(n), key=lambda i: abs(row[i]))
-    basis = mpmath.matrix(n, n - 1)
-    for column, i in enumerate(i for i in range(n) if i != pivot):
-        basis[i, column] = 1
-        basis[pivot, column] = -row[i] / row[pivot]
-    return basis
-
-
-def _turned(matrix: list, turn: list) -> list:
-    n = range(len(matrix))
-    half = [[sum(matrix[i][k] * turn[k][j] for k in n) for j in n] for i in n]
-    return [[sum(turn[k][i] * half[k][j] for k in n) for j in n] for i in n]

@@ -8,8 +8,7 @@ the shapes of the modes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -20,36 +19,25 @@ from tests.helpers.reference import assemble, element
 SEPARATION, STICK, SLIP = 0, 1, 2
 
 
-@dataclass(frozen=True, eq=False)
-class FiniteElements:
-    """Both beams of a rig.
-
-    Attributes
-    ----------
-    K, M, C : ndarray, (n, n)
-    normal, tangential : ndarray, (n,)
-        Rows that read g_N and g_T (without the clamp's own motion).
-    weight : ndarray, (n,)
-        Force of a unit load on A, along -y.
-    thrown : ndarray, (n,)
-        Force on P2's free nodes of a unit acceleration of its clamp, for motion relative to the clamp.
-    point_b : ndarray, (n,)
-        Row that reads the displacement of B along x.
-    """
+class FiniteElements(NamedTuple):
+    """Both beams of a rig: matrices (n, n) and rows or columns (n,)."""
 
     K: np.ndarray
     M: np.ndarray
     C: np.ndarray
+    # Rows that read g_N and g_T (without the clamp's own motion), and the displacement of B along x.
     normal: np.ndarray
     tangential: np.ndarray
+    point_b: np.ndarray
+    # Force of a unit load on A, along -y; of a unit acceleration of P2's clamp, for motion relative to it.
     weight: np.ndarray
     thrown: np.ndarray
-    point_b: np.ndarray
 
 
 def finite_elements(rig: Any, theta: float) -> FiniteElements:
     """Assemble; P1's nodes run from C to A, of which only y is free, P2's from the first after the clamp."""
-    K, M, normal, tangential = assemble(rig, theta)
+    # Rounded once.
+    K, M, normal, tangential = (part.astype(float) for part in assemble(rig, theta, np.longdouble))
     n1 = 3 * rig.p1.elements + 1
     weight, point_b, along = np.zeros((3, len(K)))
     weight[n1 - 1] = -1.0
@@ -57,12 +45,10 @@ def finite_elements(rig: Any, theta: float) -> FiniteElements:
     # All of P2 moves with the clamp, the clamped node too: its column of the first element's mass counts.
     thrown = -M @ along
     thrown[n1] -= element(rig.p2)[1][3][0]
-    place = rig.point_b * rig.p1.elements
-    node = min(int(place), rig.p1.elements - 1)
-    point_b[3 * node] = 1.0 - (place - node)
-    if node + 1 < rig.p1.elements:
-        point_b[3 * node + 3] = place - node
-    return FiniteElements(K, M, rig.d1 * M + rig.d2 * K, normal, tangential, weight, thrown, point_b)
+    # B between two nodes, of which A has no displacement along x.
+    nodes = np.arange(rig.p1.elements)
+    point_b[3 * nodes] = np.maximum(1.0 - np.abs(rig.point_b * rig.p1.elements - nodes), 0.0)
+    return FiniteElements(K, M, rig.d1 * M + rig.d2 * K, normal, tangential, point_b, weight, thrown)
 
 
 def nodal(rig: Any, theta: float, modal: np.ndarray) -> np.ndarray:
@@ -78,16 +64,15 @@ def clamp(t: float, V: float, ramp: float) -> float:
     return V * t * t / (2.0 * ramp) if t < ramp else V * (t - ramp / 2.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """What every step left behind; q holds the displacements at the ends of the steps asked for."""
+class Motion(NamedTuple):
+    """What every step left behind, and the displacements q at the end."""
 
     N: np.ndarray
     T: np.ndarray
     slip_velocity: np.ndarray
     velocity_B: np.ndarray
     state: np.ndarray
-    q: dict[int, np.ndarray]
+    q: np.ndarray
 
 
 def published_scheme(
@@ -104,7 +89,6 @@ def published_scheme(
     dt: float = 2e-8,
     b: float = 0.8,
     tau: float = 1e-7,
-    keep: tuple[int, ...] = (),
 ) -> Motion:
     """Run the scheme from displacements q and velocities v (of P2 relative to its clamp).
 
@@ -117,7 +101,6 @@ def published_scheme(
     closing = dt**2 * (b + 0.5) * np.array([[GN @ per_N, GN @ per_T], [GT @ per_N, GT @ per_T]])
     r = dt / tau
     out = np.zeros((5, steps))
-    kept = {}
 
     mass = cho_factor(fe.M)
     a = cho_solve(mass, F * fe.weight - fe.K @ q - fe.C @ v)
@@ -146,9 +129,7 @@ def published_scheme(
         gT = GT @ q - clamp((i + 1) * dt, V, ramp)
         out[:, i] = *force, (gT - last_gT) / dt, fe.point_b @ v, state
         last_gT, last_T = gT, force[1]
-        if i + 1 in keep:
-            kept[i + 1] = q
-    return Motion(*out[:4], out[4].astype(int), kept)
+    return Motion(*out[:4], out[4].astype(int), q)
 
 
 def _contact(

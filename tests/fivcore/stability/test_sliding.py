@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linear_sum_assignment
+from scipy.optimize import brentq, linear_sum_assignment
 
 from fivcore import Beam, Rig, Scene, flutter_onsets, node_positions, sliding_modes
 from fivcore.beams import modes as bases
@@ -37,7 +37,7 @@ def assert_same_modes(rig: Rig, theta: float, mu: float, fmax: float, dense: np.
     return len(mine)
 
 
-@pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.0), (5.0, 0.2), (5.0, 0.45), (10.0, 0.3), (-5.0, 0.2)])
+@pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.0), (10.0, 0.3), (-5.0, 0.2)])
 def test_the_papers_mesh_against_a_dense_solve(theta, mu):
     dense = reference.sliding_eigenvalues(Rig(), theta, mu)
     # What the Rayleigh quotients of the reference allow.
@@ -69,7 +69,7 @@ def test_no_eigenvalue_is_ever_unaccounted_for(seed):
     sliding_modes(rig, rng.uniform(-85.0, 85.0), rng.uniform(0.0, 10.0, 100), 10 ** rng.uniform(1.0, 5.0))
 
 
-@pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.2), (20.0, 0.6), (-12.0, 0.9)])
+@pytest.mark.parametrize(("theta", "mu"), [(20.0, 0.6), (-12.0, 0.9)])
 def test_a_small_mesh_against_extended_precision(theta, mu):
     rig = Rig(Beam(0.05, 0.01, 0.0015, 185e9, 7900.0, 2), Beam(0.15, 0.015, 0.003, 185e9, 7900.0, 3))
     exact = reference.sliding_eigenvalues_extended(rig, theta, mu)
@@ -87,12 +87,11 @@ def test_mirrored_scenes_are_one(rig, theta, mu):
         assert other.drive_theta == scene.drive_theta
 
 
-@pytest.mark.parametrize("theta", [3.0, -8.0, 25.0])
-def test_the_other_direction_of_sliding_is_the_other_inclination(theta):
+def test_the_other_direction_of_sliding_is_the_other_inclination():
     """A dense solve with the friction force reversed, V < 0, against the scene in the mirror."""
-    rig, mu = workshop_rig(11), 0.4
+    rig, theta, mu = workshop_rig(11), -8.0, 0.4
     scene = Scene(-0.005, theta, mu, 9.0, rig)
-    dense = reference.sliding_eigenvalues(rig, theta, mu, sign=-1)
+    dense = reference.sliding_eigenvalues(rig, theta, -mu)
     assert assert_same_modes(rig, scene.drive_theta, mu, 20e3, dense, (1e-8, 1e-7, 1e-6)) > 3
 
 
@@ -105,7 +104,7 @@ def test_upright_or_frictionless_is_stable(seed, theta, mu, fmax):
     assert len(flutter_onsets(rig, 0.0, fmax).mu) == 0
 
 
-@pytest.mark.parametrize("d1", [1e6, 1e9, 1e12])
+@pytest.mark.parametrize("d1", [1e6, 1e12])
 def test_heavy_damping_does_not_cancel(d1):
     """Overdamped: the slower root is -lambda / d1 to first order, and never an oscillation."""
     modes = sliding_modes(Rig(d1=d1, d2=0.0), 5.0, 0.05, 30.0)
@@ -114,14 +113,6 @@ def test_heavy_damping_does_not_cancel(d1):
         modes.growth_rate[-1], slow[-1], rtol=5.0 * modes.eigenvalue[-1].real / d1**2 + 1e-12
     )
     np.testing.assert_array_equal(modes.frequency, 0.0)
-
-
-def test_nothing_flutters_beyond_the_bound_on_theta():
-    theta = np.linspace(0.1, 60.0, 60)[:, None]
-    below = np.tan(np.radians(theta)) / 1.001 * np.linspace(0.0, 0.999, 60)
-    assert not np.any(sliding_modes(Rig(), theta, below).unstable)
-    trailing = sliding_modes(Rig(), -theta, np.linspace(0.0, 1.0, 41))
-    assert not np.any(trailing.unstable)
 
 
 def test_the_papers_unstable_pairs_at_its_operating_point_and_modes_5_and_6_without_friction():
@@ -139,18 +130,6 @@ def test_proportional_damping_only_maps_the_eigenvalues():
     assert np.all(sliding_modes(undamped, 5.0, 0.1).growth_rate == 0.0)
 
 
-@given(rigs, angles, frictions, st.floats(1.5, 20.0))
-@settings(max_examples=30, deadline=None)
-def test_frequencies_scale_with_the_root_of_the_stiffness(rig, theta, mu, factor):
-    plain = replace(rig, d1=0.0, d2=0.0)
-    stiffer = (replace(beam, young_modulus=factor**2 * beam.young_modulus) for beam in (rig.p1, rig.p2))
-    scaled = replace(plain, **dict(zip(("p1", "p2"), stiffer, strict=True)))
-    first, second = sliding_modes(plain, theta, mu, 8e3), sliding_modes(scaled, theta, mu, 8e3 * factor)
-    np.testing.assert_allclose(
-        second.frequency, factor * first.frequency, rtol=1e-6, atol=1e-6 * first.fmax * factor
-    )
-
-
 @given(rigs, angles, st.lists(frictions, min_size=2, max_size=12), st.floats(500.0, 30e3))
 @settings(max_examples=60, deadline=None)
 def test_a_point_has_the_same_bits_in_any_batch(rig, theta, mu, fmax):
@@ -163,17 +142,11 @@ def test_a_point_has_the_same_bits_in_any_batch(rig, theta, mu, fmax):
         assert np.all(np.isnan(together.frequency[i, count:]))
 
 
-def test_theta_and_mu_broadcast():
-    grid = sliding_modes(Rig(), np.array([[4.0], [9.0]]), np.array([0.1, 0.2, 0.3]))
-    assert grid.frequency.shape[:2] == (2, 3)
-    one = sliding_modes(Rig(), 9.0, 0.3)
-    np.testing.assert_array_equal(grid.frequency[1, 2, : len(one.frequency)], one.frequency)
-    with pytest.raises(ValueError, match="mu of shape"):
-        sliding_modes(Rig(), np.zeros(3), np.zeros(2))
-
-
-def test_places_without_a_mode_are_nan():
-    modes = sliding_modes(Rig(), 8.0, np.linspace(0.0, 0.5, 51))
+def test_theta_and_mu_broadcast_and_places_without_a_mode_are_nan():
+    modes = sliding_modes(Rig(), np.array([[4.0], [8.0]]), np.linspace(0.0, 0.5, 51))
+    assert modes.frequency.shape[:2] == (2, 51)
+    one = sliding_modes(Rig(), 8.0, 0.3)
+    np.testing.assert_array_equal(modes.frequency[1, 30, : len(one.frequency)], one.frequency)
     gone = np.isnan(modes.frequency)
     assert gone.any()
     assert np.all(np.isnan(modes.growth_rate) == gone)
@@ -181,7 +154,7 @@ def test_places_without_a_mode_are_nan():
     assert not np.any(modes.unstable & gone)
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.2, 0.5])
+@pytest.mark.parametrize("mu", [0.0, 0.5])
 def test_shapes_solve_the_equations_of_motion(mu):
     """In the reference's finite elements: (K - lambda M) u = (G_N + mu G_T) N and G_N u = 0."""
     rig, theta = workshop_rig(4), 12.0
@@ -211,12 +184,11 @@ def test_node_positions_go_from_the_support_over_the_contact_to_the_free_end():
 def test_a_contact_at_a_node_of_a_mode_leaves_that_mode_alone():
     """The second bending mode of a cantilever has a node at 0.7834 of its length: hidden, not lost."""
     rig = Rig(p2=Beam(0.15, 0.015, 0.003, 185e9, 7900.0, 40), d1=0.0, d2=0.0)
-    low, high = 0.7 * 0.15, 0.9 * 0.15
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        shape = rig_bases(Rig(p2=rig.p2, contact_position=middle), 5.0)[1].normal[1]
-        low, high = (middle, high) if shape * rig_bases(rig, 5.0)[1].normal[1] > 0.0 else (low, middle)
-    at_node = replace(rig, contact_position=low)
+
+    def second_mode(x):
+        return rig_bases(replace(rig, contact_position=x), 5.0)[1].normal[1]
+
+    at_node = replace(rig, contact_position=brentq(second_mode, 0.7 * 0.15, 0.9 * 0.15, xtol=1e-16))
     second = np.sqrt(rig_bases(at_node, 5.0)[1].stiffness[1]) / (2.0 * np.pi)
     found = sliding_modes(at_node, 5.0, 0.1)
     assert np.min(np.abs(found.frequency / second - 1.0)) < 1e-12
@@ -243,14 +215,9 @@ def test_two_modes_of_one_frequency_keep_both_eigenvalues(monkeypatch):
 
 def test_divergence_is_a_growing_mode_that_does_not_oscillate():
     theta, mu = 30.0, 3.0
-    for seed in range(200):
-        rig = workshop_rig(seed)
-        modes = sliding_modes(rig, theta, mu, 10e3)
-        still = modes.frequency == 0.0
-        if np.any(still & modes.unstable):
-            break
-    else:
-        pytest.fail("none of the rigs diverges")
+    found = ((rig, sliding_modes(rig, theta, mu, 10e3)) for rig in map(workshop_rig, range(200)))
+    rig, modes = next(pair for pair in found if np.any((pair[1].frequency == 0.0) & pair[1].unstable))
+    still = modes.frequency == 0.0
     dense = reference.sliding_eigenvalues(rig, theta, mu)
     real = dense[(np.abs(dense.imag) < 1e-9 * np.abs(dense)) & (dense.real < 0.0)].real
     for value in modes.eigenvalue[still & modes.unstable].real:
@@ -287,7 +254,7 @@ def test_a_kernel_compiles_without_a_place_to_keep_it(monkeypatch):
     assert twice(1.5) == 3.0
 
 
-@pytest.mark.parametrize("fmax", [15.0, 100.0, 1e3, 3e5])
+@pytest.mark.parametrize("fmax", [15.0, 1e3, 3e5])
 def test_any_band_gives_the_same_modes(fmax):
     wide = sliding_modes(Rig(), 5.0, 0.2, 40e3)
     some = sliding_modes(Rig(), 5.0, 0.2, fmax)

@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 
 from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact.reduced import reduced_model
-from fivcore.contact.step_map import step_map
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_kernel import FEW
 from fivcore.transient.fast_scene import LANES
 from fivcore.transient.fast_solver import frozen_solver
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.stick_skip import AFFINE, COLUMNS, LOGARITHM, LOSSES, MODULI, ROUND, VALUE_ROWS, skip_tables
+from fivcore.transient.stick_skip import skip_tables
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)
@@ -51,12 +50,11 @@ def test_every_scene_of_a_batch_is_the_scene_alone(method):
         assert_same_run(run, simulate(scene, duration, method))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_order_of_a_batch_does_not_matter(seed):
+def test_the_order_of_a_batch_does_not_matter():
     """More scenes than are under way at once; those that wait come in whatever place becomes free."""
     many = [COMPANY[k % len(COMPANY)] for k in range(AT_ONCE + 8)]
     durations = [0.02 + 0.002 * (k % 9) for k in range(len(many))]
-    order = np.random.default_rng(seed).permutation(len(many))
+    order = np.random.default_rng(0).permutation(len(many))
     straight = simulate_many(many, durations)
     mixed = simulate_many([many[k] for k in order], [durations[k] for k in order])
     for k, run in zip(order, mixed, strict=True):
@@ -114,14 +112,10 @@ def test_what_is_recorded_of_one_is_recorded_of_all():
         assert run.time.tolist() == times[:2]
 
 
-def test_what_is_wrong_is_named():
-    with pytest.raises(ValueError, match=r"ramp: a list of 1: it must have one entry for each of 2 scenes"):
-        simulate_many([PAPERS, PAPERS], 0.01, ramp=[1e-3])
-    with pytest.raises(ValueError, match=r"duration = -1.0: it must be"):
-        simulate_many([PAPERS], -1.0)
+def test_no_scenes_are_no_runs_and_an_option_that_is_none_is_named():
+    assert simulate_many([], 0.01) == []
     with pytest.raises(TypeError, match=r"'ramps'"):
         simulate_many([PAPERS], 0.01, ramps=1e-3)
-    assert simulate_many([], 0.01) == []
 
 
 # What is recorded changes nothing.
@@ -159,11 +153,10 @@ def test_a_record_changes_no_bit_of_a_moving_contact_or_of_steady_sliding(theta,
     duration = 0.06 if given.get("contact_motion") else 0.5
     plain = simulate(scene, duration, **given)
     assert plain.summary["settled_early"] == (theta < 0.0 and "contact_motion" not in given)
-    for rate in (100e3, 5e5):
-        assert_same_summary(plain, simulate(scene, duration, record=["state"], sample_rate=rate, **given))
+    assert_same_summary(plain, simulate(scene, duration, record=["state"], sample_rate=5e5, **given))
 
 
-@pytest.mark.parametrize("rate", [1e3, 100e3, 5e5, 1e7])
+@pytest.mark.parametrize("rate", [1e3, 1e7])
 def test_recorded_or_not_the_bits_are_the_same(rate):
     """Through the onset, sticks, slip and separation, and steps of which each is recorded."""
     for plain, run in zip(
@@ -173,37 +166,6 @@ def test_recorded_or_not_the_bits_are_the_same(rate):
 
 
 # Skips.
-
-
-@pytest.mark.parametrize("scene", [PAPERS, Scene(5e-3, 12.0, 0.1, 9.0), Scene(5e-3, 0.0, 0.3, 9.0)])
-def test_what_a_skip_uses_is_the_map_of_a_step_in_stick(scene):
-    model = reduced_model(scene.rig, scene.theta)
-    solver, size = frozen_solver(model, scene.mu, model.default_step), len(model.rest)
-    tables = skip_tables(solver, 16)
-    count, room, packed = tables.count, tables.size, tables.packed
-    assert room == solver.size
-    assert packed[:2].tolist() == [count, 2 * room]
-    shapes = [(VALUE_ROWS, 2 * count), (MODULI, count), (2 * count, ROUND), (2 * count, 2 * count)]
-    shapes += [(AFFINE + LOSSES, COLUMNS), (2 * count, 2 * room), (2 * count, 2 * room)]
-    ends = np.cumsum([2] + [rows * columns for rows, columns in shapes])
-    values, _, powers, _, _, into, back = (
-        packed[first:][: rows * columns].reshape(rows, columns)
-        for first, (rows, columns) in zip(ends, shapes, strict=False)
-    )
-    # Empty places have z = 1 and no part in anything.
-    log = values[LOGARITHM, :count] - 1j * values[LOGARITHM, count:]
-    ahead = np.exp(np.outer(log, 16.0 * np.arange(ROUND))) * (
-        np.arange(count)[:, None] < np.flatnonzero(log)[-1] + 1
-    )
-    assert np.abs(powers.reshape(2, count, ROUND) - [ahead.real, -ahead.imag]).max() < 1e-11
-    own = np.r_[:size, room : room + size]
-    into, back = into[:, own].reshape(2, count, -1), back[:, own].reshape(2, count, -1)
-    into, back = into[0] + 1j * into[1], back[0] - 1j * back[1]
-    units = np.r_[np.sqrt(np.maximum(model.stiffness, 1e4)), np.ones(size)]
-    step = (back.T * np.exp(log) @ into).real
-    expected = step_map(model, solver.impulse, solver.step).matrix
-    assert np.abs(units[:, None] * (step - expected) / units).max() < 1e-9
-    assert np.abs(units[:, None] * ((back.T @ into).real - np.eye(2 * size)) / units).max() < 1e-9
 
 
 @given(st.floats(3e-4, 3e-3), st.floats(1.0, 12.0), st.floats(0.05, 0.5))
@@ -281,11 +243,8 @@ def test_a_skip_over_many_real_eigenvalues():
     model = reduced_model(rig, 5.0)
     tables = skip_tables(frozen_solver(model, 0.2, model.default_step), 10)
     assert tables.count > tables.size
-    for V in (2e-4, 5e-4):
-        every, skipped = (
-            simulate(Scene(V, 5.0, 0.2, 9.0, rig), 0.25, leap=leap).summary for leap in (False, True)
-        )
-        assert skipped["velocity_rms"] == pytest.approx(every["velocity_rms"], rel=1e-9, abs=0.0)
+    every, skipped = (simulate(Scene(5e-4, 5.0, 0.2, 9.0, rig), 0.25, leap=leap).summary for leap in (False, True))
+    assert skipped["velocity_rms"] == pytest.approx(every["velocity_rms"], rel=1e-9, abs=0.0)
 
 
 # Every place of every array.
@@ -313,11 +272,7 @@ print(json.dumps(told))
 def watched(folder, **environment):
     """Summaries of a few short runs of a process of its own."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)} | environment
-    done = subprocess.run(
-        [sys.executable, "-c", WATCHED], capture_output=True, text=True, env=environment, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return json.loads(subprocess.check_output([sys.executable, "-c", WATCHED], text=True, env=environment))
 
 
 @pytest.mark.slow

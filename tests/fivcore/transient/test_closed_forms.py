@@ -1,7 +1,7 @@
 """Problems with known answers, through the kernels that run the rig: small systems given as plain arrays."""
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
@@ -31,12 +31,7 @@ def block(kT, step, *, x, v, V=0.0, contact=SLIP, d1=0.0):
     )  # fmt: skip
 
 
-def turning_points(x):
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0) + 1
-    return x[turns]
-
-
-@pytest.mark.parametrize("kT", [1e3, 1e4, 1e5])
+@pytest.mark.parametrize("kT", [1e3, 1e5])
 def test_coulomb_friction_lets_a_block_rest_inside_the_dead_band(kT):
     """x'' + x = r, |r| <= 1, from 12 at 6: turns at sqrt(205) - 1, two less each time, and stays at 0.682179.
 
@@ -51,18 +46,8 @@ def test_coulomb_friction_lets_a_block_rest_inside_the_dead_band(kT):
     assert abs(x[-1] - (14.0 - first)) > 1.3 / kT
     assert np.all(rows[-1000:, STATE_OF] == STICK)
     expected = (first - 2.0 * np.arange(7)) * (-1.0) ** np.arange(7)
-    np.testing.assert_allclose(turning_points(x)[:7], expected, atol=1e-4 + 2.5 / kT)
-
-
-@pytest.mark.parametrize(("dt", "b"), [(1e-3, 0.8), (1e-4, 0.8), (1e-3, 0.5), (1e-4, 0.5)])
-def test_coulomb_friction_by_the_published_scheme(dt, b):
-    """First order: off by 25 steps with beta2 = 0.8, by 2.7 steps with 0.5 (tau of one step)."""
-    _, q = stepped(
-        [0.0, 1.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0],
-        mu=1.0, dt=dt, tau=dt, steps=int(40.0 / dt), q=[0.0, 12.0], v=[0.0, 6.0], b=b, held=True, last_T=-1.0,
-    )  # fmt: skip
-    expected = 15.0 - np.sqrt(205.0)
-    assert q[1] == pytest.approx(expected, abs=(28.0 if b == 0.8 else 3.0) * dt)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
+    np.testing.assert_allclose(x[turns][:7], expected, atol=1e-4 + 2.5 / kT)
 
 
 def belt(t, V):
@@ -70,7 +55,7 @@ def belt(t, V):
     return np.where(t < 1.0 / V, V * t, 1.0 + V * np.sin(t - 1.0 / V))
 
 
-@pytest.mark.parametrize("kT", [1e3, 1e4, 1e5])
+@pytest.mark.parametrize("kT", [1e3, 1e5])
 def test_belt_oscillator(kT):
     """Through one stick and two periods of sliding, to 1.25 / kT."""
     V, step = 0.7, 1e-3
@@ -105,12 +90,10 @@ YOUNG, LENGTH, SOUND, FALL = 900.0, 10.0, 30.0, 10.0
 @lru_cache
 def bar(elements, lumped=False):
     """omega^2 and the lower end's displacement in the modes of a free bar of unit section and density."""
-    h = LENGTH / elements
-    K, M = np.zeros((2, elements + 1, elements + 1))
-    for e in range(elements):
-        cut = slice(e, e + 2)
-        K[cut, cut] += YOUNG / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        M[cut, cut] += h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+    h, line = LENGTH / elements, np.ones(elements)
+    ends = np.append(line, 0.0) + np.append(0.0, line)
+    beside = np.diag(line, 1) + np.diag(line, -1)
+    K, M = YOUNG / h * (np.diag(ends) - beside), h / 6.0 * (2.0 * np.diag(ends) + beside)
     if lumped:
         M = np.diag(M.sum(axis=1))
     k, shapes = eigh(K, M)
@@ -138,8 +121,8 @@ def reduced_bar(elements, unit, *, height, speed, weight, z=0.5):
 def contacts(t, N, gap=0.05):
     """Begin and end of each contact; shorter gaps do not end one."""
     touching = t[N > 0.0]
-    breaks = np.flatnonzero(np.diff(touching) > gap)
-    return np.stack([touching[np.append(0, breaks + 1)], touching[np.append(breaks, -1)]], axis=1)
+    parts = np.split(touching, np.flatnonzero(np.diff(touching) > gap) + 1)
+    return np.array([(part[0], part[-1]) for part in parts])
 
 
 def about(t, N, when):
@@ -291,43 +274,38 @@ def test_mode_coupling_begins_at_the_critical_friction(ratio, grows):
 # Balances.
 
 
-def drag(step):
+def drag(step, d1=0.0):
     """A block that slips to and fro on a belt and sticks at last."""
-    return block(1e3, step, x=12.0, v=6.0, V=0.3), 40.0
-
-
-def damped_drag(step):
-    """The same with modal damping, of which the kernel samples every SAMPLED-th step."""
-    return block(1e3, step, x=12.0, v=6.0, V=0.3, d1=0.02), 40.0
+    return block(1e3, step, x=12.0, v=6.0, V=0.3, d1=d1)
 
 
 def impact(step):
     """A bar that bounces."""
-    system = reduced_bar(50, 1.0 / (LENGTH * FALL), height=1.0, speed=0.0, weight=1.0, z=step)
-    return system, 3.0
+    return reduced_bar(50, 1.0 / (LENGTH * FALL), height=1.0, speed=0.0, weight=1.0, z=step)
 
 
 def ride(step):
     """A block on a belt too fast to be caught: friction is constant."""
-    return block(1e3, step, x=12.0, v=6.0, V=100.0), 8.0
+    return block(1e3, step, x=12.0, v=6.0, V=100.0)
 
 
 def couple(step):
     """Two coupled modes that slide: friction and normal force grow together."""
-    return coupled(1.05 * CRITICAL, step, 0.05, 0.05, V=10.0)[0], 20.0
+    return coupled(1.05 * CRITICAL, step, 0.05, 0.05, V=10.0)[0]
 
 
 @pytest.mark.parametrize(
-    ("case", "steps", "error", "falls"),
+    ("case", "duration", "steps", "error", "falls"),
     [
-        (ride, (4e-3,), 1e-11, 0.0),
-        (couple, (0.1, 0.05, 0.025, 0.0125), 4e-3, 1.7),
-        (drag, (8e-3, 4e-3, 2e-3, 1e-3, 5e-4), 3e-6, 1.6),
-        (damped_drag, (8e-3, 4e-3, 2e-3), 1.25e-4 * SAMPLED, 1.8),
-        (impact, (0.4, 0.2, 0.1, 0.05, 0.025), 5e-3, 1.6),
+        (ride, 8.0, (4e-3,), 1e-11, 0.0),
+        (couple, 20.0, (0.1, 0.05, 0.025, 0.0125), 4e-3, 1.7),
+        (drag, 40.0, (8e-3, 4e-3, 2e-3), 3e-6, 1.6),
+        # The kernel samples modal damping every SAMPLED-th step.
+        (partial(drag, d1=0.02), 40.0, (8e-3, 4e-3, 2e-3), 1.25e-4 * SAMPLED, 1.8),
+        (impact, 3.0, (0.4, 0.2, 0.1, 0.05), 5e-3, 1.6),
     ],
 )
-def test_energy_balances_at_every_instant(case, steps, error, falls):
+def test_energy_balances_at_every_instant(case, duration, steps, error, falls):
     """Work in = stored + damped + friction + termination, relative to the energy at the start.
 
     Exact under constant forces, else first order in the step: between two impulses the element's state is half a
@@ -335,7 +313,7 @@ def test_energy_balances_at_every_instant(case, steps, error, falls):
     """
     worst = []
     for step in steps:
-        system, duration = case(step)
+        system = case(step)
         size, largest = abs(system.first), 0.0
         for _ in range(int(duration / system.step / 8)):
             system.run(8)
@@ -371,7 +349,6 @@ def sliding_state(rig, theta, mu, V, F, pair=0, size=0.0):
 METHODS = {
     "fast": {"method": "fast"},
     "fast, 75 kHz, half the step": {"method": "fast", "cutoff": 75e3, "step": 6e-7},
-    "fast, 150 kHz": {"method": "fast", "cutoff": 150e3},
     "exact": {"method": "exact", "cutoff": 75e3},
     "paper": {"method": "paper"},
 }
@@ -429,9 +406,9 @@ def test_a_seeded_mode_grows_at_its_eigenvalues_rate(name, pair, d2, error):
 
 
 @pytest.mark.parametrize("method", ["fast", "exact", "paper"])
-@pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.05), (-5.0, 0.2)])
-def test_a_stable_scene_returns_to_steady_sliding(theta, mu, method):
+def test_a_stable_scene_returns_to_steady_sliding(method):
     """N = F, T = mu F to 1e-6 of F; with a light head and more damping it does not take a second."""
+    theta, mu = 5.0, 0.05
     rig, F = Rig(replace(P1, elements=10), replace(P2, elements=30), head_mass=0.03, d1=1000.0), 9.0
     assert not np.any(sliding_modes(rig, theta, mu, 100e3).unstable)
     start, _ = sliding_state(rig, theta, mu, 0.1, F)

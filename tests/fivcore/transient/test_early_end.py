@@ -25,19 +25,14 @@ FEW = 30e3
 
 SETTLING = [
     (STABLE, {}),
-    (STABLE.mirrored(), {}),
     (Scene(-5e-3, 5.0, 0.2, 9.0), {"settle": 0.0}),
     (Scene(5e-3, 5.0, 0.05, 9.0), {}),
     (Scene(5e-3, 15.0, 0.2, 9.0), {}),
     (Scene(1e-3, -5.0, 0.2, 0.3), {}),
     (Scene(5e-3, 5.0, 0.0, 9.0), {}),
-    (Scene(5e-3, -5.0, 0.0, 9.0), {"settle": 0.5}),
     (replace(STABLE, rig=workshop_rig(3)), {}),
-    (replace(STABLE, rig=replace(Rig(), contact_position=0.12, d1=150.0)), {}),
     (STABLE, {"step": 0.5e-6}),
-    (STABLE, {"cutoff": 150e3}),
     (STABLE, {"termination": "elastic", "cutoff": 50e3}),
-    (STABLE, {"settle": 0.7}),
     (STABLE, {"settle": 1.7}),
     (STABLE, {"settle": 5.0}),
     (STABLE, {"min_stick": 1e-4, "settle": 0.0}),
@@ -47,7 +42,6 @@ SETTLING = [
 ]
 NEVER_ENDED = [
     (Scene(5e-3, 5.0, 0.2, 9.0), {}),
-    (Scene(1e-3, 5.0, 0.2, 9.0), {}),
     (Scene(5e-3, 5.0, 0.111, 9.0), {}),
     (Scene(5e-3, 5.0, 0.1113, 9.0), {}),
     (Scene(5e-3, 5.0, 0.1114, 9.0), {"cutoff": FEW}),
@@ -71,24 +65,26 @@ def stretched(summary, other, V):
         "energy_residual": (0.0, 1e-8),
         "slip_fraction": (1e-8, 0.0),
     }
-    for key, value in summary.items():
-        if key == "settled_early":
-            continue
-        if isinstance(value, str):
-            assert other[key] == value, key
-            continue
+    assert other["regime"] == summary["regime"]
+    for key in summary.keys() - {"regime", "settled_early"}:
         rel, least = allowed.get(key, (1e-7, 0.0))
-        assert other[key] == pytest.approx(value, rel=rel, abs=least, nan_ok=True), key
+        assert other[key] == pytest.approx(summary[key], rel=rel, abs=least, nan_ok=True), key
 
 
 @pytest.mark.parametrize(("scene", "given"), SETTLING)
-def test_a_scene_that_settles_has_the_figures_of_the_full_run(scene, given):
-    full, ended = both(scene, 2.0, **given)
+def test_a_scene_that_settles_has_the_figures_and_the_record_of_the_full_run(scene, given):
+    full, ended = both(scene, 2.0, record=True, sample_rate=777.0, **given)
     if not given:
         assert full.summary["regime"] == "steady sliding"
     assert ended.summary["settled_early"]
     assert not full.summary["settled_early"]
     stretched(full.summary, ended.summary, scene.V)
+    assert_same_summary(ended, simulate(scene, 2.0, **given))
+    assert np.array_equal(full.time, ended.time)
+    assert np.array_equal(full.state, ended.state)
+    V, F = abs(scene.V), scene.F
+    for name, unit in zip(SERIES[1:5], (V, F, F, V), strict=True):
+        assert np.max(np.abs(getattr(full, name) - getattr(ended, name))) < 2e-9 * unit, name
 
 
 @pytest.mark.parametrize(("scene", "given"), NEVER_ENDED)
@@ -106,31 +102,17 @@ def test_a_contact_that_moves_takes_every_step():
     assert_same_summary(full, free)
 
 
-@pytest.mark.parametrize("mu", [0.1105, 0.1065])
-def test_a_scene_that_settles_slowly_is_not_ended_before_it_has(mu):
+def test_a_scene_that_settles_slowly_is_not_ended_before_it_has():
     """The slowest mode decays by 25 1/s."""
-    scene = Scene(5e-3, 5.0, mu, 9.0)
+    scene = Scene(5e-3, 5.0, 0.1105, 9.0)
     model = reduced_model(Rig(), 5.0)
-    rate = -steady_sliding(model, mu, model.default_step).eigenvalues.real.max()
+    rate = -steady_sliding(model, scene.mu, model.default_step).eigenvalues.real.max()
     full, ended = both(scene, 0.9 + 25.0 / rate, record=True, sample_rate=5e3)
     assert ended.summary["settled_early"]
     stretched(full.summary, ended.summary, scene.V)
     same = np.flatnonzero(full.slip_velocity != ended.slip_velocity)[0]
     left = full.slip_velocity[same:] + scene.V
     assert np.ptp(left) < 2e-9 * scene.V
-
-
-@pytest.mark.parametrize("rate", [100e3, 777.0])
-@pytest.mark.parametrize("scene", [STABLE, STABLE.mirrored(), Scene(5e-3, 5.0, 0.0, 9.0)])
-def test_a_record_is_complete(scene, rate):
-    full, ended = both(scene, 1.5, record=True, sample_rate=rate)
-    assert ended.summary["settled_early"]
-    assert np.array_equal(full.time, ended.time)
-    assert np.array_equal(full.state, ended.state)
-    V, F = abs(scene.V), scene.F
-    for name, unit in zip(SERIES[1:5], (V, F, F, V), strict=True):
-        assert np.max(np.abs(getattr(full, name) - getattr(ended, name))) < 2e-9 * unit, name
-    assert_same_summary(ended, simulate(scene, 1.5))
 
 
 def test_what_is_left_of_a_long_run_costs_nothing():
@@ -140,9 +122,6 @@ def test_what_is_left_of_a_long_run_costs_nothing():
     assert summary["slip_fraction"] == pytest.approx(1.0, abs=1e-9)
     assert summary["mean_normal_force"] == pytest.approx(9.0, rel=1e-8)
     assert summary["energy_residual"] < 1e-3
-
-
-# Starting in steady sliding itself.
 
 
 def begin_in_steady_sliding(monkeypatch, nudge):
@@ -178,17 +157,6 @@ def test_a_growing_mode_is_seen_however_small_it_is(mu, nudge, monkeypatch):
     assert_same_summary(full, free)
     assert np.ptp(full.normal_force[full.time < 0.05]) < 1e-6
     assert np.ptp(full.normal_force[full.time > 3.4]) > 1.0
-
-
-@pytest.mark.parametrize("nudge", [0.0, 1e-12])
-def test_a_decaying_one_is_ended_at_once(nudge, monkeypatch):
-    given = begin_in_steady_sliding(monkeypatch, nudge)
-    full, ended = both(Scene(5e-3, 5.0, 0.10, 9.0), 0.2, record=True, **given)
-    assert ended.summary["settled_early"]
-    stretched(full.summary, ended.summary, 5e-3)
-    every = full.normal_force[full.time > 0.054]
-    assert np.any(every != ended.normal_force[ended.time > 0.054])
-    assert np.all(ended.normal_force[ended.time > 0.054] == ended.normal_force[-1])
 
 
 # The map and the bound.
@@ -254,13 +222,12 @@ def test_the_kernels_step_in_slip_is_the_map(scene, cutoff):
     assert run.record["anchor"] == 0.0
 
 
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("V", [1e-3, 0.3])
-def test_what_the_bound_allows_never_ends_slip(seed, V, monkeypatch):
+def test_what_the_bound_allows_never_ends_slip(V, monkeypatch):
     """The largest deviation of a kind for which the proof holds; slow scenes end by sticking, fast ones by N."""
     run, sliding, speed = run_in_slip(replace(STABLE, V=V))
     monkeypatch.setattr(steady, "TOLERANCE", np.inf)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     size = len(run.model.rest)
     kind = rng.standard_normal(len(sliding.state))
     kind[:size] /= 1e4
@@ -283,7 +250,7 @@ def test_what_the_bound_allows_never_ends_slip(seed, V, monkeypatch):
     assert np.any(recorded(run, 20_080)[:, 5] != SLIP)
 
 
-@pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.2), (-5.0, 0.2), (5.0, 0.05), (15.0, 0.2), (8.0, 0.3)])
+@pytest.mark.parametrize(("theta", "mu"), [(5.0, 0.2), (-5.0, 0.2), (8.0, 0.3)])
 def test_the_proofs_spectrum_is_that_of_sliding_stability(theta, mu):
     modes = sliding_modes(Rig(), theta, mu)
     model = reduced_model(Rig(), theta)
@@ -298,11 +265,4 @@ def test_the_proofs_spectrum_is_that_of_sliding_stability(theta, mu):
     limit = finest[np.abs(finest[:, None] - expected).argmin(axis=0)]
     assert nearest == pytest.approx(limit, rel=1e-5, abs=0.2)
     assert np.array_equal(nearest.real > 0.0, modes.unstable)
-    if (theta, mu) == (5.0, 0.2):
-        # The paper's pair.
-        pair = found[np.abs(found.imag / (2.0 * np.pi) - 2794.0) < 10.0]
-        assert pair.real.max() == pytest.approx(1764.0, rel=2e-3)
-        assert pair.real.min() < 0.0
-    if modes.unstable.any():
-        assert not sliding.decays
     assert sliding.decays == bool(np.all(found.real < 0.0))

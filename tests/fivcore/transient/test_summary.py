@@ -61,10 +61,15 @@ def shown(monitor, t, velocity, settled_from=0.0):
     monitor.add(t, velocity, np.ones(len(t)), np.zeros(len(t)), settled_from)
 
 
+def counted_figures(states, *series, **given):
+    """Summary of a made sequence of contact states."""
+    counted, sticks = run(states, *series, **given)
+    return figures_of(counted, silent(), len(states) * 1e-4, sticks)
+
+
 def test_fractions_are_shares_of_the_time_after_the_first_slip_and_settling():
     states = [STICK] * 1000 + [SLIP] * 100 + [STICK] * 300 + [SEPARATION] * 100
-    counted, sticks = run(states, settling=0.01)
-    figures = figures_of(counted, silent(), 0.15, sticks)
+    figures = counted_figures(states, settling=0.01)
     assert figures["first_slip_time"] == pytest.approx(0.10005)
     shares = [figures[f"{name}_fraction"] for name in ("stick", "separation", "slip")]
     assert shares == pytest.approx([0.75, 0.25, 0.0], abs=1e-3)
@@ -72,8 +77,7 @@ def test_fractions_are_shares_of_the_time_after_the_first_slip_and_settling():
 
 
 def test_a_run_that_never_slips_counts_from_its_start():
-    counted, _ = run([STICK] * 100)
-    figures = figures_of(counted, silent(), 0.01)
+    figures = counted_figures([STICK] * 100)
     assert figures["stick_fraction"] == 1.0
     assert np.isnan(figures["first_slip_time"])
     assert np.isnan(figures["first_separation_time"])
@@ -84,13 +88,11 @@ def test_a_run_that_never_slips_counts_from_its_start():
 def test_long_sticks_are_a_fifth_of_the_first_and_the_last_may_be_censored():
     first = [STICK] * 1000 + [SLIP] * 10
     states = first + [STICK] * 300 + [SLIP] * 10 + [STICK] * 100 + [SLIP] * 10 + [STICK] * 250
-    counted, sticks = run(states)
-    figures = figures_of(counted, silent(), len(states) * 1e-4, sticks)
+    figures = counted_figures(states)
     assert figures["stick_times"] == pytest.approx([0.03])
     assert figures["stick_starts"] == pytest.approx([0.10105], abs=1e-4)
     assert figures["censored_sticks"] == 1
-    counted, sticks = run(states, min_stick=0.005)
-    figures = figures_of(counted, silent(), len(states) * 1e-4, sticks)
+    figures = counted_figures(states, min_stick=0.005)
     assert figures["stick_times"] == pytest.approx([0.03, 0.01])
 
 
@@ -99,11 +101,9 @@ def test_what_comes_before_settling_counts_for_nothing():
     states = [STICK] * 10 + [SLIP] * 10 + [STICK] * 10 + [SLIP] * 20 + [SEPARATION] * 20
     forces = np.r_[np.full(25, 7.0), np.full(25, 3.0), np.zeros(20)]
     speeds = np.r_[np.full(25, 4.0), np.full(45, 2.0)]
-    counted, sticks = run(states, forces, speeds, settle=20e-4, min_stick=1e-9)
-    figures = figures_of(counted, silent(), 70e-4, sticks)
+    figures = counted_figures(states, forces, speeds, settle=20e-4, min_stick=1e-9)
     assert figures["max_normal_force"] == pytest.approx(7.0 * 9.0)
-    counted, sticks = run(states, forces, speeds, settling=14.5e-4, min_stick=1e-9)
-    figures = figures_of(counted, silent(), 70e-4, sticks)
+    figures = counted_figures(states, forces, speeds, settling=14.5e-4, min_stick=1e-9)
     assert figures["max_normal_force"] == pytest.approx(3.0 * 9.0)
     assert figures["max_slip_speed"] == pytest.approx(2.0 * 9.0)
     assert figures["mean_normal_force"] == pytest.approx(9.0 * 3.0 * 25.0 / 45.0)
@@ -111,7 +111,7 @@ def test_what_comes_before_settling_counts_for_nothing():
     assert figures["stick_times"] == pytest.approx([10e-4])
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 3e3])
+@pytest.mark.parametrize("scale", [1e-9, 3e3])
 def test_quantiles_of_a_known_distribution(scale):
     rng = np.random.default_rng(1)
     values = scale * rng.exponential(size=200_000)
@@ -139,19 +139,13 @@ def test_quantiles_of_nothing_of_zeros_and_of_weighted_values():
     assert histogram.quantile(0.999) == pytest.approx(5.0, rel=4e-3)
 
 
-@pytest.mark.parametrize("frequency", [233.0, 1234.5, 2612.0, 6624.4, 9871.0])
-def test_the_dominant_frequency_of_a_noisy_sine(frequency):
+@pytest.mark.parametrize("frequency", [233.0, 2612.0, 9871.0])
+def test_the_dominant_frequency_of_a_noisy_sine_beside_peaks_below_200_hz_and_above_10_khz(frequency):
     t = np.arange(40_000) / RATE
     welch = Welch(RATE)
-    welch.add(np.sin(2 * np.pi * frequency * t) + 0.5 * np.random.default_rng(2).normal(size=len(t)))
+    lines = sum(size * np.sin(2 * np.pi * f * t) for size, f in ((10, 60), (1, frequency), (5, 15e3)))
+    welch.add(lines + 0.5 * np.random.default_rng(2).normal(size=len(t)))
     assert welch.peak() == pytest.approx(frequency, abs=3.0)
-
-
-def test_a_peak_below_200_hz_or_above_10_khz_does_not_count():
-    t = np.arange(20_000) / RATE
-    welch = Welch(RATE)
-    welch.add(10 * np.sin(2 * np.pi * 60 * t) + np.sin(2 * np.pi * 3000 * t) + 5 * np.sin(2 * np.pi * 15e3 * t))
-    assert welch.peak() == pytest.approx(3000.0, abs=3.0)
 
 
 def test_sticks_and_what_lies_between_them_have_spectra_of_their_own():
@@ -203,28 +197,6 @@ def test_what_is_not_known_to_be_a_long_stick_waits():
     assert monitor.moving.power.sum() < 0.03 * monitor.stuck.power.sum()
 
 
-def test_figures_of_samples_do_not_depend_on_the_segments_they_come_in():
-    rng = np.random.default_rng(5)
-    t = np.arange(2 * BLOCK + 12_345) / RATE
-    signal, forces, speeds = rng.normal(size=len(t)), rng.exponential(size=len(t)), rng.normal(size=len(t))
-    sticks, found = np.array([[0.1, 0.4], [1.2, 1.5], [1.9, 2.4]]), []
-    for pieces in (1, 7, 301):
-        monitor = Monitor(RATE)
-        for piece in np.array_split(np.arange(len(t)), pieces):
-            monitor.add(t[piece], signal[piece], forces[piece], speeds[piece], 0.05)
-            ended = sticks[sticks[:, 1] < t[piece[-1]]]
-            begun = sticks[len(ended) : len(ended) + 1]
-            monitor.process(ended, begun[0, 0] if len(begun) and begun[0, 0] < t[piece[-1]] else np.inf)
-        monitor.close(sticks)
-        found.append(monitor)
-    one, *others = (
-        [each.rms, *each.moving.power, *each.stuck.power, each.correlation.near(400.0, 10.0)]
-        + [histogram.quantile(0.999) for histogram in (each.forces, each.speeds)]
-        for each in found
-    )
-    assert others == [one, one]
-
-
 def test_settling_begins_everything_anew():
     monitor = Monitor(RATE)
     t = np.arange(2000) / RATE
@@ -233,24 +205,6 @@ def test_settling_begins_everything_anew():
     monitor.close(NONE)
     assert monitor.rms == pytest.approx(1.0)
     assert monitor.forces.counts.sum() == monitor.speeds.counts.sum() == 2000
-
-
-def test_what_is_repeated_counts_as_often_as_told():
-    """A run filled in to its end has the figures of one whose samples are all there."""
-    rng = np.random.default_rng(6)
-    t = np.arange(60_000) / RATE
-    velocity, forces = np.full(len(t), 0.5), np.full(len(t), 2.0)
-    velocity[:1000], forces[:1000] = rng.normal(size=1000), rng.exponential(size=1000)
-    whole, filled = Monitor(RATE), Monitor(RATE)
-    whole.add(t, velocity, forces, 0.1 * forces, 0.01)
-    filled.add(t[:2000], velocity[:2000], forces[:2000], 0.1 * forces[:2000], 0.01)
-    filled.repeat(t[1999], 0.5, 2.0, 0.2, 58_000)
-    for monitor in (whole, filled):
-        monitor.close(NONE)
-    assert filled.rms == pytest.approx(whole.rms, rel=1e-12)
-    for share in (0.5, 0.999):
-        assert filled.forces.quantile(share) == whole.forces.quantile(share)
-        assert filled.speeds.quantile(share) == whole.speeds.quantile(share)
 
 
 @pytest.mark.parametrize("decay", [0.0, 40.0])

@@ -22,7 +22,7 @@ from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.rig import P1, P2
 from fivcore.transient import fast
 from fivcore.transient.published import STEP, TAU
-from tests.benchmarks.ensembles import FRACTIONS, SCENES, compare
+from tests.benchmarks.ensembles import FRACTIONS, compare, members
 from tests.helpers.rigs import workshop_rig
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
@@ -33,8 +33,8 @@ def paper_scene(V, F=9.0):
 
 @pytest.fixture(scope="module")
 def vibrating():
-    """One second at 2 mm/s, recorded."""
-    return simulate(paper_scene(2e-3), 1.0, record=True)
+    """One second at 2 mm/s, recorded at the rate of the samples of which statistics are made."""
+    return simulate(paper_scene(2e-3), 1.0, record=True, sample_rate=50e3)
 
 
 # What the paper's rig does.
@@ -82,7 +82,7 @@ def test_time_fractions_lines_and_forces_at_the_papers_speeds(V):
         assert run["energy_residual"] < 0.01
 
 
-@pytest.mark.parametrize("scene", [paper_scene(2e-3), Scene(2e-3, -5.0, 0.2, 9.0), Scene(-5e-3, -5.0, 0.2, 9.0)])
+@pytest.mark.parametrize("scene", [paper_scene(2e-3), Scene(-5e-3, 5.0, 0.2, 9.0)])
 def test_the_motion_does_not_depend_on_the_stretches_it_is_taken_in(scene, monkeypatch):
     """Bit for bit, long after the first burst; the sums of the figures are added stretch by stretch."""
     runs = []
@@ -127,11 +127,7 @@ def test_the_published_scheme_at_the_papers_speeds(V):
 @pytest.mark.parametrize("name", ["2 mm/s", "theta 10"])
 def test_fast_agrees_with_the_published_scheme_in_its_statistics(name):
     """Two scenes of the table that `python -m tests.benchmarks.ensembles` makes."""
-    paper, fast = (
-        [simulate(SCENES[name], 2.4, method, ramp=1e-3 * (1 + 0.013 * k)).summary for k in range(members)]
-        for method, members in (("paper", 2), ("fast", 6))
-    )
-    for key, difference, _, allowed in compare(paper, fast):
+    for key, difference, allowed in compare(members(name, "paper", 2), members(name, "fast", 6)):
         assert abs(difference) <= allowed, key
 
 
@@ -157,19 +153,10 @@ def test_a_record_is_what_the_summary_speaks_of(vibrating):
     for key, state in zip(FRACTIONS, (1, 2, 0), strict=True):
         assert np.mean(vibrating.state[settled] == state) == pytest.approx(summary[key], abs=2e-3)
     assert vibrating.normal_force[settled].mean() == pytest.approx(summary["mean_normal_force"], rel=2e-3)
-    assert t[1] - t[0] == pytest.approx(1e-5, rel=0.1)
+    # Sampled twice as often it would differ by up to half a percent.
+    assert vibrating.velocity_B[settled].std() == pytest.approx(summary["velocity_rms"], rel=1e-9)
+    assert t[1] - t[0] == pytest.approx(2e-5, rel=0.1)
     assert t[-1] == pytest.approx(1.0, abs=2e-5)
-
-
-def test_the_rms_is_that_of_the_samples():
-    """Every 20 us: of one second sampled twice as often it differs by up to half a percent."""
-    result = simulate(paper_scene(2e-3), 1.0, record=["velocity_B"], sample_rate=50e3)
-    settled = result.time > result.summary["first_slip_time"] + 0.1
-    assert result.velocity_B[settled].std() == pytest.approx(result.summary["velocity_rms"], rel=1e-9)
-
-
-def test_without_record_there_is_none():
-    assert all(len(getattr(simulate(paper_scene(5e-3), 0.01), name)) == 0 for name in SERIES)
 
 
 def test_the_same_scene_has_the_same_bits_on_threads():
@@ -187,22 +174,24 @@ def test_memory_does_not_grow_with_duration_unless_recorded():
     # Four seconds hold stretches of full length.
     for duration in (4.0, 16.0):
         tracemalloc.start()
-        simulate(paper_scene(5e-3), duration)
+        run = simulate(paper_scene(5e-3), duration)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
+        assert all(len(getattr(run, name)) == 0 for name in SERIES)
     assert peaks[1] < 1.1 * peaks[0]
 
 
-def test_without_a_drive_worth_the_name_the_rig_stays_at_rest():
-    result = simulate(Scene(1e-9, 5.0, 0.2, 9.0), 0.05, record=True)
-    assert result.normal_force == pytest.approx(9.0, rel=1e-6)
+@pytest.mark.parametrize("given", [{}, {"step": 2.5e-6, "cutoff": 75e3}, {"step": 0.5e-6, "cutoff": 75e3}])
+def test_without_a_drive_worth_the_name_the_rig_stays_at_rest(given):
+    result = simulate(Scene(1e-9, 5.0, 0.2, 9.0), 5e-3, record=True, **given)
+    assert result.normal_force == pytest.approx(9.0, rel=1e-8 if given else 1e-6)
     assert result.summary["regime"] == "undecided"
 
 
-HARD = [("fast", 0.05, seed) for seed in range(40)]
+HARD = [("fast", 0.05, seed) for seed in range(24)]
 # Beyond the critical friction.
 REFUSED = {1, 8, 14}
-HARD += [("exact", 0.005, seed) for seed in range(40, 52)] + [("paper", 0.002, seed) for seed in range(52, 64)]
+HARD += [("exact", 0.005, seed) for seed in range(40, 48)] + [("paper", 0.002, seed) for seed in range(52, 60)]
 
 
 @pytest.mark.parametrize(("method", "duration", "seed"), HARD)
@@ -255,47 +244,6 @@ def test_without_an_element_24_modes_lose_their_contact_force_at_1_92():
 
 
 @pytest.mark.parametrize(
-    ("given", "text"),
-    [
-        ({"step": 3e-6}, "step = 3e-06: .* at most 2.* s"),
-        ({"step": 2.2e-8, "method": "paper"}, "step = 2.2e-08: .* at most 2.164e-08 s"),
-        ({"method": "newmark"}, "method = 'newmark': it must be one of fast, "),
-        ({"termination": "soft"}, "termination = 'soft': it must be one of absorbing, elastic, none"),
-        ({"cutoff": -1.0}, "cutoff = -1"),
-        ({"cutoff": 50e3, "method": "paper"}, "cutoff = 50000: the published scheme keeps all modes"),
-        ({"duration": 0.0}, "duration = 0"),
-        ({"duration": float("nan")}, "duration = nan"),
-        ({"ramp": -1.0}, "ramp = -1"),
-        ({"ramp": 1e-320}, "ramp = 1e-320: it must be 0 or a time"),
-        ({"cutoff": 1.0}, "cutoff = 1: it must be above .* Hz, so that three modes"),
-        ({"record": "a"}, "record = 'a': it must be a bool or names of series among velocity_B, "),
-        ({"method": np.array(["fast"])}, "method = array"),
-        ({"contact_motion": True}, "contact_motion = True"),
-        ({"duration": 1e4, "record": True}, "sample_rate = 100000: .* at most 10000 Hz"),
-        ({"scene": Scene(1e-30, 5.0, 0.2, 9.0)}, "V / F = 1.11111e-31: it must be from 1e-12"),
-        ({"initial": (np.full(361, 1e60), np.zeros(361), 1)}, "initial: modal displacements"),
-        ({"settle": -1.0}, "settle = -1"),
-        ({"end_early": 1}, "end_early = 1: it must be a bool"),
-        ({"leap": 1}, "leap = 1: it must be a bool"),
-        ({"min_stick": 0.0}, "min_stick = 0"),
-        ({"sample_rate": 0.0}, "sample_rate = 0"),
-        ({"sample_times": [0.0]}, "sample_times: they are for what is recorded, and nothing is; give record"),
-        ({"sample_times": ["x"], "record": True}, "sample_times: they must be numbers"),
-        ({"sample_times": [1e-3, 0.0], "record": True}, r"sample_times of shape \(2,\): .* ascending times"),
-        ({"sample_times": [0.0, 0.02], "record": True}, "sample_times from 0 to 0.02 s: .* from 0 to dur"),
-        ({"initial": 3}, "initial: it must be modal displacements"),
-        ({"initial": (np.zeros(3), np.zeros(3), 1)}, r"initial: modal displacements of shape \(3,\)"),
-        ({"initial": (np.zeros(361), np.zeros(361), 7)}, "initial: contact state 7"),
-        ({"scene": "fig5"}, "scene = 'fig5': it must be a Scene"),
-    ],
-)
-def test_a_bad_argument_is_named_with_its_value_and_what_would_do(given, text):
-    arguments = {"scene": paper_scene(5e-3), "duration": 0.01, **given}
-    with pytest.raises(ValueError, match=text):
-        simulate(**arguments)
-
-
-@pytest.mark.parametrize(
     ("method", "scene", "duration"),
     [
         # Through the onset; a drive that starts to slide steadily for good; the published scheme; event to event.
@@ -319,8 +267,7 @@ def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
     assert every.summary["settled_early"] == (duration == 2.0)
 
 
-@pytest.mark.parametrize("V", [2e-3, 5e-3])
-def test_switches_and_energy_converge_as_the_step_goes_to_zero(V):
+def test_switches_and_energy_converge_as_the_step_goes_to_zero():
     """Changes of contact state per second: 15 % too few at the default step, half of that at half the step.
 
     The energy residual is half a per cent already at the default step, where errors of both signs cancel. Means
@@ -328,13 +275,12 @@ def test_switches_and_energy_converge_as_the_step_goes_to_zero(V):
     """
     ramps, found = [1e-3 * (1 + 0.013 * k) for k in range(8)], []
     for step in (2e-6, 1e-6, 0.5e-6):
-        runs = simulate_many([paper_scene(V)] * 8, 1.2, step=step, cutoff=75e3, ramp=ramps)
+        runs = simulate_many([paper_scene(5e-3)] * 8, 1.2, step=step, cutoff=75e3, ramp=ramps)
         found.append([[run.summary[name] for run in runs] for name in ("switches_per_second", "energy_residual")])
     rates, residuals = np.mean(found, axis=2).T
     limit = 2.0 * rates[2] - rates[1]
-    if V == 5e-3:
-        # `exact`: 38.7 thousand.
-        assert limit == pytest.approx(38.7e3, rel=0.03)
+    # `exact`: 38.7 thousand.
+    assert limit == pytest.approx(38.7e3, rel=0.03)
     missed = 1.0 - rates / limit
     assert 0.0 < missed[0] < 0.16
     assert np.all(missed[1:] < 0.67 * missed[:-1])
@@ -343,27 +289,24 @@ def test_switches_and_energy_converge_as_the_step_goes_to_zero(V):
 
 
 @pytest.mark.parametrize("method", ["fast", "exact", "paper"])
-@pytest.mark.parametrize("ramp", [1e-9, 3e-8, 1e-7, 1.3e-6])
-def test_a_ramp_shorter_than_a_step_is_a_jerk(method, ramp):
+def test_a_ramp_shorter_than_a_step_is_a_jerk(method):
     """What matters is the speed that P2 is given at once, not in how many steps."""
-    jerk, short = (
-        simulate(Scene(1e-3, 5.0, 0.2, 9.0), 1e-3, method, ramp=r, settle=0.0, record=True) for r in (0.0, ramp)
+    jerk, *others = (
+        simulate(paper_scene(1e-3), 1e-3, method, ramp=ramp, settle=0.0, record=True)
+        for ramp in (0.0, 1e-9, 1e-7, 1.3e-6)
     )
-    assert short.summary["stick_fraction"] == pytest.approx(jerk.summary["stick_fraction"], abs=0.02)
-    assert short.normal_force[-1] == pytest.approx(jerk.normal_force[-1], rel=0.02)
-    assert short.tangential_force[-1] == pytest.approx(jerk.tangential_force[-1], abs=0.05)
+    for short in others:
+        assert short.summary["stick_fraction"] == pytest.approx(jerk.summary["stick_fraction"], abs=0.02)
+        assert short.normal_force[-1] == pytest.approx(jerk.normal_force[-1], rel=0.02)
+        assert short.tangential_force[-1] == pytest.approx(jerk.tangential_force[-1], abs=0.05)
 
 
-def test_a_run_that_ends_within_the_ramp_balances_its_energy():
-    for ramp in (0.1, 1.0):
-        assert simulate(paper_scene(5e-3), 0.02, ramp=ramp).summary["energy_residual"] < 0.02
-
-
-@pytest.mark.parametrize("d2", [3e-6, 1e-5, 1e-4])
-def test_heavy_damping_does_not_make_the_contact_slip_early(d2):
-    scene = Scene(5e-3, 5.0, 0.2, 9.0, Rig(d2=d2))
-    default, plain = (simulate(scene, 0.035, cutoff=cutoff, settle=0.0).summary for cutoff in (None, 75e3))
-    assert default["first_slip_time"] == pytest.approx(plain["first_slip_time"], rel=1e-3)
+def test_within_the_ramp_energy_balances_and_heavy_damping_does_not_make_the_contact_slip_early():
+    assert simulate(paper_scene(5e-3), 0.02, ramp=0.1).summary["energy_residual"] < 0.02
+    for d2 in (3e-6, 1e-4):
+        scene = Scene(5e-3, 5.0, 0.2, 9.0, Rig(d2=d2))
+        default, plain = (simulate(scene, 0.035, cutoff=cutoff, settle=0.0).summary for cutoff in (None, 75e3))
+        assert default["first_slip_time"] == pytest.approx(plain["first_slip_time"], rel=1e-3)
 
 
 def test_a_step_at_which_slip_alternates_is_refused():
@@ -407,16 +350,15 @@ def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
 # The reduced model.
 
 
-@pytest.mark.parametrize("cutoff", [75e3, 100e3, 200e3])
-def test_the_element_keeps_the_static_flexibility(cutoff):
-    rig, theta = Rig(), 20.0
-    full, reduced = full_model(rig, theta), reduced_model(rig, theta, cutoff)
-    elastic = full.stiffness > 0.0
-    shape = np.stack([full.normal, full.tangential])[:, elastic]
-    all_modes = (shape / full.stiffness[elastic]) @ shape.T
-    kept = reduced.stiffness > 0.0
-    shape = np.stack([reduced.normal, reduced.tangential])[:, kept]
-    assert (shape / reduced.stiffness[kept]) @ shape.T + np.linalg.inv(reduced.K) == pytest.approx(all_modes)
+def test_the_element_keeps_the_static_flexibility():
+    full, *reduced = full_model(Rig(), 20.0), reduced_model(Rig(), 20.0, 75e3), reduced_model(Rig(), 20.0, 200e3)
+
+    def flexibility(model):
+        elastic = model.stiffness > 0.0
+        return (model.shapes[:, elastic] / model.stiffness[elastic]) @ model.shapes[:, elastic].T
+
+    for model in reduced:
+        assert flexibility(model) + np.linalg.inv(model.K) == pytest.approx(flexibility(full))
 
 
 @pytest.mark.parametrize("rig", [Rig(), workshop_rig(3), replace(Rig(), contact_position=0.12)])
@@ -436,12 +378,6 @@ def test_with_all_modes_a_striking_tip_stays_in_contact_and_the_kept_ones_need_t
     assert np.all(struck.state[touched:] > 0)
     model = reduced_model(rig, 0.0)
     assert 0.0 < model.C[0, 0] / model.K[0, 0] * model.contact_frequency < 2.0
-
-
-def test_a_model_of_all_modes_needs_no_element():
-    model = reduced_model(Rig(replace(P1, elements=2), replace(P2, elements=4)), 5.0, 1e9)
-    assert model.kept.all()
-    assert not model.K.any()
 
 
 # A contact point that moves.
@@ -467,13 +403,12 @@ def test_the_line_wanders_with_the_contact_point_and_the_mean_force_does_not():
         assert summary["mean_normal_force"] == pytest.approx(9.0, rel=5e-3)
 
 
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_the_mirrored_scene_moves_the_contact_the_same_way(direction):
+def test_the_mirrored_scene_moves_the_contact_the_same_way():
     one, other = (
-        simulate(scene, 0.06, contact_motion=direction, record=True)
+        simulate(scene, 0.05, contact_motion=-1, record=True)
         for scene in (paper_scene(5e-3), paper_scene(5e-3).mirrored())
     )
-    assert one.summary["first_separation_time"] < 0.06
+    assert one.summary["first_separation_time"] < 0.05
     assert np.array_equal(one.normal_force, other.normal_force)
     assert np.array_equal(one.velocity_B, -other.velocity_B)
 
@@ -482,21 +417,11 @@ def test_the_mirrored_scene_moves_the_contact_the_same_way(direction):
     ("V", "theta", "place", "direction", "duration", "bound"),
     [
         (1.0, 5.0, 0.14, 1, 0.0035, 0.01),
-        (1.0, -5.0, 0.14, 1, 0.0025, 1e-4),
+        (1.0, -5.0, 0.14, 1, 0.002, 1e-4),
         (1.0, 5.0, 0.012, -1, 0.0025, 1e-3),
-        (0.1, 5.0, 0.07, -1, 0.025, 5e-3),
     ],
 )
 def test_energy_is_kept_while_the_contact_point_moves(V, theta, place, direction, duration, bound):
     """Over an element of P2 and more, the first over two, through vibration and through steady sliding."""
     scene = Scene(V, theta, 0.2, 9.0, Rig(contact_position=place))
     assert simulate(scene, duration, contact_motion=direction).summary["energy_residual"] < bound
-
-
-@pytest.mark.parametrize(("direction", "end", "room"), [(-1, "clamp", 0.08 - 0.15 / 90), (1, "free end", 0.07)])
-def test_a_run_that_would_leave_the_beam_is_refused_beforehand(direction, end, room):
-    longest = room / 5e-3 + 0.5e-3
-    with pytest.raises(ValueError, match=f"duration = 20: it must be at most {longest:.6g} s, .* {end}"):
-        simulate(paper_scene(5e-3), 20.0, contact_motion=direction)
-    with pytest.raises(ValueError, match=r"contact_motion = 2: it must be 0, -1 .* or 1"):
-        simulate(paper_scene(5e-3), 1.0, contact_motion=2)
