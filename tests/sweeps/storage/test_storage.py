@@ -24,6 +24,7 @@ from sweeps.storage.parts import PartFolder, encode
 from sweeps.storage.sources import NETCDF
 from sweeps.storage.store import Store
 from tests.helpers import waves
+from tests.helpers.sweep_programs import flip
 
 LOG: list[float] = []
 
@@ -128,14 +129,14 @@ def test_chunks_of_numbers_are_of_one_size_whatever_the_grid(shape, row):
 
 
 def test_numbers_of_a_large_grid_are_in_large_chunks(tmp_path):
-    axes = {"a": Axis(np.arange(21)), "b": Axis(np.arange(20_000)), "c": Axis(np.arange(10))}
+    axes = {"a": Axis(np.arange(3)), "b": Axis(np.arange(20_000)), "c": Axis(np.arange(10))}
     grid = Grid(axes)
     Sweep("wide", lambda p: {"y": 1.0 * p["a"] + p["c"]}, grid, {"y": Variable()}).plan(tmp_path / "w.nc").run()
     with open_results(tmp_path / "w.nc") as found:
         assert found["y"].encoding["chunksizes"] == (1, 3276, 10)
         assert found["error"].shape == grid.shape
         np.testing.assert_array_equal(found["y"].isel(b=-1), axes["a"].values[:, None] + 1.0 * axes["c"].values)
-    assert (tmp_path / "w.nc").stat().st_size < 50e6
+    assert (tmp_path / "w.nc").stat().st_size < 7e6
 
 
 def test_failures_of_a_large_grid_keep_their_reasons(path, limits):
@@ -173,7 +174,7 @@ def test_packed_arrays_come_back_bit_for_bit(tmp_path_factory, arrays, deflated)
         assert (values.dtype, values.shape) == (arrays[name].dtype, arrays[name].shape)
 
 
-def test_a_part_is_checked_when_it_is_read_and_not_before(tmp_path, flip):
+def test_a_part_is_checked_when_it_is_read_and_not_before(tmp_path):
     folder = PartFolder(tmp_path)
     result = BatchResult({"y": np.random.default_rng(1).normal(size=100_000)}, np.ones(100_000))
     result.failures[7] = Failure("ValueError: no", "here", "again()")
@@ -204,7 +205,7 @@ def recorded(count=6):
     return Sweep("recorded", series, grid, {"y": Variable(dims=("elapsed",))}, coords=coords)
 
 
-def test_a_part_that_rots_costs_its_points_and_no_more(path, flip):
+def test_a_part_that_rots_costs_its_points_and_no_more(path):
     waves.interrupted(recorded().plan(path), 3)
     store = Store(path)
     name = store.folder.names()[-1]
@@ -340,21 +341,7 @@ def test_flags_of_a_variable_are_those_of_cf(tmp_path):
         Variable(flags={0: "nought"})
 
 
-def test_a_plan_that_had_nothing_to_do_is_refused_when_the_file_has_grown(path):
-    def sweep(*values):
-        grid, coords = Grid({"x": Axis(values)}), {"k": Axis(range(100_000))}
-        return Sweep("rows", series, grid, {"y": Variable(dims=("k",))}, coords=coords)
-
-    sweep(1.0, 2.0, 3.0).plan(path).run("sync")
-    old = sweep(2.0, 3.0).plan(path)
-    assert old.whole
-    sweep(0.0, 1.0, 1.5, 2.0, 3.0).plan(path).run("sync")
-    with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
-        old.run("sync")
-    np.testing.assert_array_equal(sweep(2.0, 3.0).plan(path).run("sync")["x"], [2.0, 3.0])
-
-
-def test_a_refined_sweep_computes_again_what_rots(path, flip):
+def test_a_refined_sweep_computes_again_what_rots(path):
     def sweep():
         axis = Axis(np.linspace(0.0, 1.0, 257))
         disc = lambda points: {"r": np.hypot(points["x"], points["y"])}  # noqa: E731
@@ -397,7 +384,7 @@ def test_a_result_is_read_while_another_is_written(tmp_path, limits):
 
     data, reads = sweep(200).plan(tmp_path / "a.nc").run("sync"), 0
     assert not data["y"].variable._in_memory
-    expected, end = data["y"].values, time.monotonic() + 1.5
+    expected, end = data["y"].values, time.monotonic() + 0.8
 
     def write():
         while time.monotonic() < end:
