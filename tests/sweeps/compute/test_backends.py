@@ -38,6 +38,7 @@ from tests.helpers.sweep_programs import cut, end, make, undisturbed, values
 pytestmark = pytest.mark.usefixtures("small_pieces")
 # Options of a cluster that says nothing and shows nothing.
 QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
+INSIDE = QUIET | {"processes": False, "protocol": "tcp://"}
 X = Axis(np.arange(24.0))
 
 
@@ -51,8 +52,7 @@ def address():
 @pytest.fixture(scope="module")
 def inner():
     """A scheduler with two workers of four threads, all in this process."""
-    where = {"processes": False, "protocol": "tcp://"}
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=4, **where, **QUIET) as one:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=4, **INSIDE) as one:
         yield one.scheduler_address
 
 
@@ -219,7 +219,7 @@ def test_workers_that_lack_the_module(tmp_path, monkeypatch, address, capfd):
 ELSEWHERE = f"""
 import sys, distributed
 sys.modules["sweeps"] = None
-cluster = distributed.LocalCluster(n_workers=1, processes=False, protocol="tcp://", **{QUIET})
+cluster = distributed.LocalCluster(n_workers=1, **{INSIDE})
 print(cluster.scheduler_address, flush=True)
 sys.stdin.readline()
 del sys.modules["sweeps"]
@@ -359,40 +359,24 @@ def test_within_a_thread_and_within_a_worker(address):
         assert "no workers could be started" in told
 
 
-WORKER = """
-import sys
-from distributed.cli.dask_worker import main
-sys.argv[1:] = [sys.argv[1], "--nworkers", "2", "--nthreads", "1", "--no-dashboard", "--lifetime", "20s",
-                "--lifetime-stagger", "4s", "--lifetime-restart", "--local-directory", sys.argv[2]]
-main()
-"""
+def test_workers_that_leave_and_join_cost_nothing(path):
+    counts = []
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=2, **INSIDE) as some,
+        some.get_client() as client,
+    ):
+        workers = set(client.nthreads())
 
+        def leave(snapshot):
+            counts.append(snapshot.done)
+            if snapshot.done >= 16 and workers:
+                some.scale(3)
+                client.retire_workers([workers.pop()])
 
-@pytest.mark.slow
-def test_workers_that_leave_before_their_time_is_up_cost_nothing(tmp_path):
-    path, counts = tmp_path / "powers.nc", []
-    with distributed.LocalCluster(n_workers=0, **QUIET) as empty:
-        command = [sys.executable, "-c", WORKER, empty.scheduler_address, str(tmp_path)]
-        workers = subprocess.Popen(
-            command,
-            cwd=HOME,
-            env=os.environ | {"PYTHONPATH": str(HOME)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        try:
-            begin = time.monotonic()
-            make(points=600, pause=0.3).plan(path).run(
-                empty.scheduler_address, None, lambda snapshot: counts.append(snapshot.done)
-            )
-            assert time.monotonic() - begin > 60.0
-        finally:
-            end(workers)
+        make(points=80, pause=0.02).plan(path).run(some.scheduler_address, None, leave)
+    assert not workers
     assert counts == sorted(counts)
-    assert counts[-1] == 600
-    xr.testing.assert_identical(values(open_results(path)), undisturbed(600))
+    xr.testing.assert_identical(values(open_results(path)), undisturbed(80))
 
 
 # What every back end does.

@@ -16,6 +16,7 @@ from hypothesis.extra import numpy as hnp
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.compute.batch import MOST_LETTERS, Task
 from sweeps.compute.values import rounded
+from tests.helpers import waves
 
 CALLS: list[int] = []
 RAISED: list[Exception] = []
@@ -24,6 +25,19 @@ RAISED: list[Exception] = []
 def sweep(function, count=8, **changes):
     options = {"grid": Grid({"x": Axis(np.arange(float(count)), "m")}), "variables": {"y": Variable("m")}}
     return Sweep("batches", function, **(options | changes))
+
+
+def test_dimensions_come_in_the_grids_order():
+    data = waves.sweep().plan().run()
+    assert data["root"].dims == ("x", "y")
+    assert data["row"].dims == ("x", "y", "power")
+    np.testing.assert_array_equal(data["power"], waves.POWERS.values)
+    x, y = np.meshgrid(waves.GRID["x"], waves.GRID["y"], indexing="ij")
+    np.testing.assert_array_equal(
+        data["root"].values.ravel(), waves.wave({"x": x.ravel(), "y": y.ravel()})["root"]
+    )
+    assert np.all(data["status"] == 1)
+    assert np.all(data["wall_time"] >= 0.0)
 
 
 def numbers(kind):
@@ -238,13 +252,18 @@ def test_nothing_said_of_errors_and_time_is_as_if_they_were_left_out():
     assert found["wall_time"].sum() < time.perf_counter() - begin
 
 
-def test_of_many_failures_the_first_thousand_are_told_in_full(path):
+@pytest.mark.parametrize("large", [10_000, 1 << 40])
+def test_of_many_failures_the_first_thousand_are_told_in_full(path, monkeypatch, large):
+    """Also where texts are too many for memory."""
+    for name in ("manifest.LARGE", "netcdf.LARGE", "netcdf.READ_AT_ONCE"):
+        monkeypatch.setattr(f"sweeps.storage.{name}", large)
+
     def fail(points):
         return {"y": points["x"], "error": [ValueError(f"{x:g}") for x in points["x"]]}
 
     found = sweep(fail, 3500).plan(path).run()
     assert np.all(found["status"] == 2)
-    assert found["error"].values[-1] == "ValueError: 3499"
+    assert found["error"].values.tolist() == [f"ValueError: {x}" for x in range(3500)]
     np.testing.assert_array_equal(found["failure_x"], np.arange(1000.0))
     xr.testing.assert_equal(open_results(path), found)
     grown = sweep(fail, 3600).plan(path).run()

@@ -187,15 +187,6 @@ def test_rubbish_among_the_shards(half):
     check(half.file, 20)
 
 
-def test_shards_of_another_sweep_are_never_taken(half, tmp_path):
-    half.manifest.unlink()
-    changed = make(
-        lambda points, **constants: {"square": -points["x"], "powers": points["x"][:, None] * [1, 2, 3]}, 20
-    )
-    changed.plan(half.file).run()
-    assert open_results(half.file)["square"].values.tolist() == [-float(x) for x in range(20)]
-
-
 def test_the_second_run_is_refused_and_the_lock_dies_with_its_holder(path):
     process = start(store=path, points=20, long=0.2)
     wait_for(process, "progress 3")
