@@ -16,7 +16,7 @@ from pathlib import Path
 # A program of several modules. Every marked line is reached by what `compute` of `main.py` runs, or it stands in
 # another module, which counts as a whole.
 PROGRAM = {
-    "__init__.py": "from ident.core import exported\n",
+    "__init__.py": "from .core import *\n",
     "api.py": "from ident.core import helper as helper, other  # edit: helper as -> other as\n",
     "core.py": """
         from ident.settings import *
@@ -50,11 +50,20 @@ PROGRAM = {
             return color  # edit: color -> color, figure
         """,
     "deep/__init__.py": "",
-    "deep/inner.py": "def depth():\n    return 4  # edit: 4 -> 44\ndef unused():\n    return 5  # edit: 5 -> 55\n",
-    "late.py": "def arrive(x):\n    return x + 6  # edit: 6 -> 7\n",
+    "deep/inner.py": """
+        from ..deeper import *
+
+        def depth():
+            return 4 + K  # edit: 4 -> 44
+
+        def unused():
+            return 5  # edit: 5 -> 55
+        """,
+    "deeper.py": "K = 1  # edit: 1 -> 2\n",
+    "late.py": "import ident.main\n\ndef arrive(x):\n    return x + 6  # edit: 6 -> 7\n",
     "figures.py": "class Figure:\n    size = 8\n",
     "plugins.py": """
-        from ident.registry import TABLE, register
+        from .registry import TABLE, register
 
         @register("square")  # edit: square -> cube
         def square(x):

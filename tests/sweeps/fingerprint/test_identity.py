@@ -89,31 +89,6 @@ def test_nothing_is_imported_for_it(package):
     assert "ident.late" not in sys.modules
 
 
-def test_stars_and_relative_imports_are_followed(package):
-    files = package(
-        {
-            "__init__.py": "from . import tools\nfrom .core import *\n",
-            "core.py": "def helper():\n    return 1\n",
-            "tools.py": "def shift():\n    return 1\n",
-            "sub/__init__.py": "from ..tools import shift\n",
-            "main.py": """
-                import ident
-                from .sub import shift
-                from . import helper
-
-                def f(p):
-                    return shift() + helper() + ident.tools.shift()
-                """,
-        }
-    )
-    f = files.load("main").f
-    before = digests(f)
-    assert {"ident", "ident.core", "ident.tools", "ident.sub", "ident.main"} == set(before)
-    files.edit("core.py", "return 1", "return 2")
-    files.edit("tools.py", "return 1", "return 2")
-    assert differing(before, digests(f)) == ["ident.core", "ident.tools"]
-
-
 def test_a_star_brings_whole_modules(package):
     files = package(
         {
@@ -166,17 +141,6 @@ def test_names_of_a_functions_own_lead_nowhere(package):
     files.edit("main.py", "[d for d in b]", "[b for b in b]")
     files.edit("main.py", "k = 1", "k = 2")
     assert digests(f) != before
-
-
-def test_modules_that_import_each_other(package):
-    files = package(
-        {
-            "__init__.py": "from ident.main import f\n",
-            "main.py": "import ident\nfrom ident import other\n\n\ndef f(p):\n    return other.g(p)\n",
-            "other.py": "import ident\n\n\ndef g(p):\n    return ident.f(p)\n",
-        }
-    )
-    assert set(digests(files.load("main").f)) == {"ident", "ident.main", "ident.other"}
 
 
 def test_differing_names_what_differs():

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from sweeps import LockedError, StoreError, open_results
+from sweeps import LockedError, StoreError
 from sweeps.storage import lock
 from sweeps.storage.parts import PartFolder
 from sweeps.storage.store import Store

@@ -29,37 +29,27 @@ from tests.helpers.sweep_programs import flip
 LOG: list[float] = []
 
 
-def test_what_is_derived_may_change_the_shape_of_a_variable(tmp_path):
-    grid, coords = Grid({"x": Axis(np.arange(3.0))}), {"elapsed": Axis(np.arange(10_000))}
-    made = Sweep(
-        "means",
-        lambda p: {"y": p["x"][:, None] + np.zeros(10_000)},
-        grid,
-        {"y": Variable(dims=("elapsed",))},
-        coords=coords,
-        derive=lambda data: data.assign(y=data["y"].mean("elapsed")),
-    )
-    found = made.plan(tmp_path / "m.nc").run()
-    assert found["y"].dims == ("x",)
-    np.testing.assert_array_equal(found["y"], np.arange(3.0))
-
-
 def with_words(data):
     data["state"].attrs |= {"flag_values": np.arange(3, dtype=np.int8), "flag_meanings": "apart stick slip"}
-    return data
+    return data.assign(mean=data["mean"].mean("side"))
 
 
 @pytest.mark.parametrize("large", [34_000, 32_000])
 def test_what_is_derived_of_a_variable_of_any_size_is_in_the_file(path, limits, large):
     limits(large, 1000, large)
-    coords, grid = {"elapsed": Axis(np.arange(1000))}, Grid({"x": Axis(np.arange(33))})
-    variables = {"state": Variable(dims=("elapsed",), dtype="int8")}
-    state = lambda p: {"state": np.tile(np.arange(1000) % 3, (len(p["x"]), 1))}  # noqa: E731
+    coords, grid = {"elapsed": Axis(np.arange(1000)), "side": Axis([0, 1])}, Grid({"x": Axis(np.arange(33))})
+    variables = {"state": Variable(dims=("elapsed",), dtype="int8"), "mean": Variable(dims=("side",))}
+    state = lambda p: {  # noqa: E731
+        "state": np.tile(np.arange(1000) % 3, (len(p["x"]), 1)),
+        "mean": p["x"][:, None] + [0.0, 1.0],
+    }
     Sweep("contact", state, grid, variables, coords=coords, derive=with_words).plan(path).run()
     with xr.open_dataset(path, decode_cf=False) as plain:
         assert plain["state"].attrs["flag_meanings"] == "apart stick slip"
         assert plain["state"].attrs["flag_values"].tolist() == [0, 1, 2]
         assert plain["state"].dtype == np.int8
+        assert plain["mean"].dims == ("x",)
+        np.testing.assert_array_equal(plain["mean"], np.arange(33) + 0.5)
 
 
 def motion(points):
