@@ -151,6 +151,8 @@ def test_a_failure_is_one_however_many_points_it_has(path, scaled):
     assert found.sizes["failure"] == 1
     assert found["traceback"].values[0].endswith("ValueError: no, not this")
     assert key({name: found[f"failure_{name}"].values for name in sweep().grid.axes}).tolist() == [list(broken)]
+    # Of a part without the failing points there is nothing to tell.
+    assert "failure" not in sweep(theta=(1.0 - broken[1],), scaled=scaled).plan(path).run().dims
     # A copy that comes first, of what has failed: still the one failure, with its reason.
     grown = sweep(V=(-1, 7), F=(7, 6), scaled=scaled).plan(path).run()
     assert grown.sizes["failure"] == 1

@@ -164,18 +164,6 @@ def test_a_damaged_part_is_computed_again_and_with_the_manifest_all(half, how):
     check(half.file, 20)
 
 
-def test_a_shard_that_goes_bad_during_the_run_is_not_passed_over(half):
-    name, plan = half.folder.names()[0], make(points=20).plan(half.file)
-
-    def spoil(snapshot):
-        DAMAGES["cut"](half.parts / name)
-
-    with pytest.raises(StoreError, match=f"{name} in .* got damaged; plan and run again"):
-        plan.run(progress=spoil)
-    make(points=20).plan(half.file).run()
-    check(half.file, 20)
-
-
 def test_rubbish_among_the_shards(half):
     names = ("000900-00000000.part", "12-abc.part", "000901-zz.part", "notes.txt", ".000902-00000000.part.tmp")
     for name in names:

@@ -174,23 +174,25 @@ def series(points):
     return {"y": points["x"][:, None] + np.arange(100_000.0)}
 
 
-def recorded(count=6):
-    coords = {"elapsed": Axis(np.arange(100_000))}
-    grid = Grid({"x": Axis(np.arange(float(count)))})
-    return Sweep("recorded", series, grid, {"y": Variable(dims=("elapsed",))}, coords=coords)
+def recorded(count=6, function=series, length=100_000, **variable):
+    """A sweep of series."""
+    grid, coords = Grid({"x": Axis(np.arange(float(count)))}), {"elapsed": Axis(np.arange(length))}
+    return Sweep("recorded", function, grid, {"y": Variable(dims=("elapsed",), **variable)}, coords=coords)
 
 
-def test_a_part_that_rots_costs_its_points_and_no_more(path):
+@pytest.mark.parametrize("spoil", [lambda part: flip(part, -1000), lambda part: os.truncate(part, 1000)])
+def test_a_part_that_rots_costs_its_points_and_no_more(path, spoil):
     waves.interrupted(recorded().plan(path), 3)
     store = Store(path)
     name = store.folder.names()[-1]
     lost = store.folder.contents(name).points
-    flip(store.parts / name, -1000)
+    plan = recorded().plan(path)
+    spoil(store.parts / name)
     LOG.clear()
     # A reader leaves out what is damaged; a run finds it when it writes the file, and the next computes it again.
     assert np.all(open_results(store.file)["status"].values[lost] == 0)
     with pytest.raises(StoreError, match=f"{name} in .* got damaged; plan and run again"):
-        recorded().plan(store.file).run("sync")
+        plan.run("sync")
     assert not set(LOG) & set(lost.tolist())
     LOG.clear()
     found = recorded().plan(store.file).run("sync")
@@ -199,10 +201,7 @@ def test_a_part_that_rots_costs_its_points_and_no_more(path):
 
 
 def test_status_of_ten_gigabytes_of_parts_reads_their_headers(tmp_path):
-    coords = {"elapsed": Axis(np.arange(50_000))}
-    grid = Grid({"x": Axis(np.arange(30_000.0))})
-    variables = {"y": Variable(dims=("elapsed",))}
-    sweep = Sweep("recorded", series, grid, variables, coords=coords)
+    sweep = recorded(30_000, length=50_000)
     plan = sweep.plan(tmp_path / "r.nc")
     store = Store(plan.store)
     store.parts.mkdir()
@@ -211,7 +210,7 @@ def test_status_of_ten_gigabytes_of_parts_reads_their_headers(tmp_path):
     for begin in range(0, 25_000, 30):
         points = begin + np.arange(30)
         result = BatchResult({"y": np.zeros((30, 1))}, np.full(30, 0.5))
-        content = encode(result, points, variables, plan.manifest.token)
+        content = encode(result, points, sweep.variables, plan.manifest.token)
         _, length, _ = HEAD.unpack_from(content)
         header = json.loads(content[HEAD.size : HEAD.size + length])
         header["arrays"]["value_y"] = ["<f8", [30, 50_000], "raw", header["arrays"]["value_y"][3], 12_000_000, 0]
@@ -348,9 +347,7 @@ def test_a_result_is_read_while_another_is_written(tmp_path, limits):
     assert pickle.loads(pickle.dumps(NETCDF)) is NETCDF  # noqa: S301 - our own lock
 
     def sweep(count):
-        variables, coords = {"y": Variable(dims=("k",), digits=4)}, {"k": Axis(range(1000))}
-        function = lambda points: {"y": points["x"][:, None] + np.arange(1000.0)}  # noqa: E731
-        return Sweep("rows", function, Grid({"x": Axis(np.arange(float(count)))}), variables, coords=coords)
+        return recorded(count, lambda p: {"y": p["x"][:, None] + np.arange(1000.0)}, 1000, digits=4)
 
     data, reads = sweep(200).plan(tmp_path / "a.nc").run("sync"), 0
     assert not data["y"].variable._in_memory
