@@ -175,13 +175,13 @@ def test_distances_between_boundaries():
 VARIABLES = {"kind": Variable("1", "kind", dtype="int8"), "height": Variable("m", "height")}
 
 
-def hill(points, radius=0.6, steps=1):
+def hill(points):
     rows = list(zip(*(values.tolist() for values in points.values()), strict=True))
     LOG.extend(rows)
     if BROKEN["points"] & set(rows):
         raise ValueError("no result")
     away = np.hypot(points["x"], points["y"])
-    return {"kind": steps * (away < radius), "height": np.exp(-4.0 * away**2)}
+    return {"kind": 1 * (away < 0.6), "height": np.exp(-4.0 * away**2)}
 
 
 def slope(points):

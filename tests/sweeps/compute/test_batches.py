@@ -174,7 +174,7 @@ def test_a_batch_that_fails_is_halved_until_only_what_fails_is_left():
     assert len(sizes) < 40
 
 
-def test_a_function_may_return_what_failed_and_the_time(tmp_path):
+def test_a_function_may_return_what_failed_and_the_time():
     def judge(points):
         CALLS.append(len(points["x"]))
         wrong = points["x"] % 3 == 2
@@ -184,13 +184,24 @@ def test_a_function_may_return_what_failed_and_the_time(tmp_path):
         return {"y": points["x"], "error": errors, "wall_time": points["x"] / 10.0}
 
     CALLS.clear()
-    found = sweep(judge).plan(tmp_path / "batches.nc").run()
+    found = sweep(judge).plan().run()
     assert sum(CALLS) == 8  # nothing is halved
     assert found["status"].values.tolist() == [1, 1, 2, 1, 1, 2, 1, 1]
     assert found["error"].values[[2, 5]].tolist() == ["ValueError: 2 is wrong", "ValueError: 5 is wrong"]
     assert found["traceback"].values[0] == "(raised by the sweep engine)\nValueError: 2 is wrong"
     np.testing.assert_array_equal(found["wall_time"], np.arange(8.0) / 10.0)
     assert np.isnan(found["y"].values[[2, 5]]).all()
+
+    def nap(points):
+        time.sleep(0.01)
+        return {"y": points["x"], "error": None, "wall_time": None}
+
+    begin = time.perf_counter()
+    found = sweep(nap, 200).plan().run("sync")
+    assert np.all(found["status"] == 1)
+    assert np.all(found["wall_time"] > 0.0)
+    # A batch's time is shared by its points.
+    assert found["wall_time"].sum() < time.perf_counter() - begin
 
 
 @pytest.mark.parametrize(
@@ -237,19 +248,6 @@ def test_nothing_is_cast_in_silence(dtype, returned, said):
     assert said in found["error"].values[0]
     found = sweep(lambda p: {}, 2).plan().run()
     assert "returned no 'y'" in found["error"].values[0]
-
-
-def test_nothing_said_of_errors_and_time_is_as_if_they_were_left_out():
-    def nap(points):
-        time.sleep(0.01)
-        return {"y": points["x"], "error": None, "wall_time": None}
-
-    begin = time.perf_counter()
-    found = sweep(nap, 200).plan().run("sync")
-    assert np.all(found["status"] == 1)
-    assert np.all(found["wall_time"] > 0.0)
-    # A batch's time is shared by its points.
-    assert found["wall_time"].sum() < time.perf_counter() - begin
 
 
 @pytest.mark.parametrize("large", [10_000, 1 << 40])
@@ -299,19 +297,14 @@ def test_the_file_reads_as_cf_and_without_us(tmp_path):
         assert (data["kind"].values.tolist(), data["side"].values.tolist()) == (["a", "µm", ""], ["left", "right"])
         assert set(data.coords) == {"x", "kind", "n", "w", "side"}
     with netCDF4.Dataset(path) as file:
-        assert (file.data_model, file.Conventions, file.title) == ("NETCDF4", "CF-1.11", "A title")
-        assert file.source.startswith("fiv ")
-        assert isinstance(file.history, str)
-        assert not any("_FillValue" in file[name].ncattrs() for name in ("x", "kind", "n", "w", "side", "status"))
+        # What CF asks for besides is checked with every kind of file.
+        assert file.title == "A title"
         assert file["status"].flag_values.tolist() == [0, 1, 2, 3]
-        assert file["status"].flag_values.dtype == file["status"].dtype == np.int8
         assert file["status"].flag_meanings == "pending done failed skipped"
         assert (file["y"].units, file["y"].coordinates, file["wall_time"].units) == ("m", "w", "s")
         assert np.isnan(file["y"]._FillValue)
         assert file["count"]._FillValue == np.iinfo("int32").min
-        assert file["kind"][...].tolist() == ["a", "µm", ""]
         assert (file["error"][0, 2, 1], file["error"][0, 0, 0]) == ("ValueError: no kind", "")
-        assert not hasattr(file["kind"], "units")
         assert file["y"][0, 2, 0] is np.ma.masked
         # A file with texts of any length cannot be opened twice at once.
         assert all(variable.dtype is not str for variable in file.variables.values())

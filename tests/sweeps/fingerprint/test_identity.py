@@ -314,19 +314,13 @@ def test_the_code_of_a_constants_class_counts(package):
             "main.py": "def f(points, **constants):\n    return {'y': constants['models'][0].area()}\n",
         }
     )
-    model = files.load("models").Model(2.0)
-    grid, variables = Grid({"x": Axis([1.0])}), {"y": Variable()}
-    sweep = Sweep("areas", files.load("main").f, grid, variables, {"models": [model]})
+    grid, variables, model = Grid({"x": Axis([1.0])}), {"y": Variable()}, files.load("models").Model(2.0)
+    sweep = Sweep("areas", files.load("main").f, grid, variables, {"models": [model], "table": np.arange(3.0)})
     before = fingerprint(sweep, ())
+    # The class of an array does not make its library the project's.
+    assert set(before["sources"]) == {"ident.main", "ident.models", "numpy"}
     files.edit("models.py", "self.size**2", "self.size**3")
     assert differences(before, fingerprint(sweep, ())) == "the code of ident.models has changed"
-
-
-def test_the_class_of_an_array_does_not_make_its_library_the_projects(package):
-    files = package({"__init__.py": "", "main.py": "def f(points, table):\n    return {'y': table}\n"})
-    grid, variables = Grid({"x": Axis([1.0])}), {"y": Variable()}
-    sweep = Sweep("tables", files.load("main").f, grid, variables, {"table": np.arange(3.0)})
-    assert set(fingerprint(sweep, ())["sources"]) == {"ident.main", "numpy"}
 
 
 def test_versions_of_libraries_are_told_and_compared():
