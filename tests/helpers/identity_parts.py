@@ -16,7 +16,7 @@ from pathlib import Path
 # A program of several modules. Every marked line is reached by what `compute` of `main.py` runs, or it stands in
 # another module, which counts as a whole.
 PROGRAM = {
-    "__init__.py": "from .core import *\n",
+    "__init__.py": "from .core import exported\n",
     "api.py": "from ident.core import helper as helper, other  # edit: helper as -> other as\n",
     "core.py": """
         from ident.settings import *
