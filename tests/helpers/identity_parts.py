@@ -13,48 +13,33 @@ import sys
 import textwrap
 from pathlib import Path
 
-# Of every marked line: what `compute` of `main.py` runs, or it stands in another module, which counts as a whole.
-FILES = {
-    "__init__.py": "",
-    "main.py": '''
-        """The module computes."""
-
-        from __future__ import annotations
-
-        from typing import TYPE_CHECKING
-
-        import numpy as np  # edit: numpy as -> numpy.lib as
-
-        from ident import api, tools
-        from ident.api import helper
-        from ident.decorators import doubled
-        from ident.models import Model
-        from ident.settings import DEFAULT, ORDER
-        import ident.deep.inner
-
-        if TYPE_CHECKING:
-            from ident.figures import Figure
-
-        SCALE = 2.0  # edit: 2.0 -> 2.5
-        LIMITS: dict[str, float] = {"low": 0.0}
-        LIMITS["high"] = 9.0  # edit: high -> low
-
-
-        @doubled  # edit: @doubled -> # without
-        def compute(points, factor=DEFAULT):  # edit: =DEFAULT -> =ORDER
-            """What it gives."""
-            from ident.late import arrive
-
-            model = Model(points["x"])  # a remark
-            total = SCALE * helper(model.value) + tools.shift(1.0) + ident.deep.inner.depth() + arrive()
-            return {"y": np.sin(total) * factor * ORDER + LIMITS["low"]}  # edit: np.sin -> np.cos
-
-
-        def draw(figure: Figure, color="blue"):
-            return tools.paint(figure, color)
-        ''',
+# A program of several modules. Every marked line is reached by what `compute` of `main.py` runs, or it stands in
+# another module, which counts as a whole.
+PROGRAM = {
+    "__init__.py": "from .core import exported\n",
     "api.py": "from ident.core import helper as helper, other  # edit: helper as -> other as\n",
-    "core.py": "def helper(x):\n    return x + 1  # edit: 1 -> 2\ndef other(x):\n    return +x  # edit: + -> -\n",
+    "core.py": """
+        from ident.settings import *
+
+        def exported(x):
+            return x * FACTOR  # edit: FACTOR -> FACTOR + 1
+
+        def helper(x):
+            return x + 1  # edit: 1 -> 2
+
+        def other(x):
+            return +x  # edit: + -> -
+        """,
+    "settings.py": """
+        import sys
+
+        FACTOR = 2.0  # edit: 2.0 -> 2.5
+        if sys.platform == "nowhere":
+            ORDER = 1
+        else:
+            ORDER = 2  # edit: 2 -> 3
+        UNUSED = 7  # edit: 7 -> 8
+        """,
     "tools.py": """
         STEP = 1  # edit: 1 -> 2 | 1 -> 1; print()
 
@@ -64,32 +49,121 @@ FILES = {
         def paint(figure, color):
             return color  # edit: color -> color, figure
         """,
-    "decorators.py": "def doubled(f):\n    return lambda *a, **k: f(*a, **k)  # edit: : f -> : 2 * f\n",
+    "deep/__init__.py": "",
+    "deep/inner.py": """
+        from ..deeper import *
+
+        def depth():
+            return 4 + K  # edit: 4 -> 44
+
+        def unused():
+            return 5  # edit: 5 -> 55
+        """,
+    "deeper.py": "K = 1  # edit: 1 -> 2\n",
+    "late.py": "import ident.main\n\ndef arrive(x):\n    return x + 6  # edit: 6 -> 7\n",
+    "figures.py": "class Figure:\n    size = 8\n",
+    "plugins.py": """
+        from .registry import TABLE, register
+
+        @register("square")  # edit: square -> cube
+        def square(x):
+            return x**2  # edit: **2 -> **3
+        """,
+    "registry.py": """
+        TABLE = {"plain": 1.0}  # edit: 1.0 -> 1.5
+
+        def register(name):
+            def keep(function):
+                TABLE[name] = function  # edit: = function -> = (function, 1)
+                return function
+            return keep
+        """,
     "models.py": """
-        from dataclasses import dataclass
+        import dataclasses
 
         class Base:
-            unit = 1.0  # edit: 1.0 -> 2.0
+            unit = 1.0  # edit: 1.0 -> 3.0
 
-        @dataclass
-        class Model(Base):
+            def scaled(self):
+                return self.unit * 2  # edit: * 2 -> * 4
+
+        class Other(Base):
+            pass
+
+        @dataclasses.dataclass(frozen=True)  # edit: frozen=True -> frozen=False
+        class Model(Base):  # edit: (Base) -> (Other)
             value: float  # edit: float -> int
             weight: float = 3.0  # edit: 3.0 -> 4.0
-        """,
-    "settings.py": """
-        import sys
 
-        DEFAULT = 1.5  # edit: 1.5 -> 1.6
-        if sys.platform == "nowhere":
-            ORDER = 1
-        else:
-            ORDER = 2  # edit: 2 -> 3
-        UNUSED = 7  # edit: 7 -> 8
+            @property
+            def heavy(self):
+                return self.weight > 2  # edit: > 2 -> > 5
+
+            def __getattr__(self, name):
+                return 5  # edit: 5 -> 8
         """,
-    "deep/__init__.py": "",
-    "deep/inner.py": "def depth():\n    return 4  # edit: 4 -> 44\ndef unused():\n    return 5  # edit: 5 -> 55\n",
-    "late.py": "def arrive():\n    return 6  # edit: 6 -> 66\n",
-    "figures.py": "class Figure:\n    size = 8\n",
+    "lazy.py": "def __getattr__(name):\n    return 9  # edit: 9 -> 10\n",
+    "main.py": '''
+        """The module computes."""
+
+        from __future__ import annotations
+
+        import functools
+        from typing import TYPE_CHECKING
+
+        import numpy as np  # edit: numpy as -> numpy.lib as
+
+        from ident import api, lazy, registry, tools
+        from ident.api import helper
+        from ident.models import Model
+        from ident.settings import ORDER
+        import ident
+        import ident.deep.inner
+        import ident.plugins
+        import ident.settings as chosen
+
+        if TYPE_CHECKING:
+            from ident.figures import Figure
+
+        SCALE = 2.0  # edit: 2.0 -> 2.5
+        LIMITS: dict[str, float] = {"low": 0.0}  # edit: 0.0 -> 0.1
+        LIMITS["high"] = 9.0  # edit: 9.0 -> 8.0 | high -> low
+        LIMITS.update(middle=4.0)  # edit: 4.0 -> 4.5
+        DEFAULT = 1.5  # edit: 1.5 -> 1.6
+        SHAPE = (1, 2) if DEFAULT else (2, 1)  # edit: (2, 1) -> (3, 1)
+        CHOICES = {"up": lambda x: x + 1, "down": lambda x: x - 1}  # edit: x - 1 -> x - 2
+
+        def doubled(function):
+            @functools.wraps(function)
+            def inner(points):
+                return 2 * function(points)  # edit: 2 * -> 3 *
+            return inner
+
+        def tripled(function):
+            return function
+
+        def maker(step=0.5):  # edit: 0.5 -> 0.6
+            def inner(x):
+                return x / step  # edit: x / -> x *
+            return inner
+
+        HELD = maker()  # edit: maker() -> maker(2.0)
+        GIVEN = functools.partial(pow, 2)  # edit: (pow, 2) -> (pow, 3)
+
+        @doubled  # edit: doubled -> tripled | @doubled -> # without
+        def compute(points, factor=DEFAULT):  # edit: =DEFAULT -> =ORDER
+            """What it gives."""
+            from ident.late import arrive
+
+            model = Model(points["x"])  # a remark
+            total = SCALE * helper(model.value) + tools.shift(1.0) + ident.deep.inner.depth() + arrive(1.0)
+            total += ident.exported(factor) + chosen.FACTOR + lazy.anything + model.scaled() + model.other
+            total += model.heavy + LIMITS["low"] + SHAPE[0] + HELD(1.0) + GIVEN(2) + registry.TABLE["plain"]
+            return {"y": np.sin(total) * factor * ORDER + CHOICES["up"](total)}  # edit: np.sin -> np.cos
+
+        def draw(figure: Figure, color="blue"):
+            return tools.paint(figure, color)
+        ''',
 }
 
 # What names stand for that the text does not say; what running changes.
@@ -134,108 +208,6 @@ NAMED = {
         """,
 }
 
-# A program of several modules, in which every marked line is reached by what `compute` runs.
-PROGRAM = {
-    "__init__.py": "from ident.core import exported\n",
-    "core.py": """
-        from ident.settings import *
-
-        def exported(x):
-            return x * FACTOR  # edit: FACTOR -> FACTOR + 1
-        """,
-    "settings.py": "FACTOR = 2.0  # edit: 2.0 -> 2.5\n",
-    "late.py": "def arrive(x):\n    return x + 6  # edit: 6 -> 7\n",
-    "plugins.py": """
-        from ident.registry import TABLE, register
-
-        @register("square")  # edit: square -> cube
-        def square(x):
-            return x**2  # edit: **2 -> **3
-        """,
-    "registry.py": """
-        TABLE = {"plain": 1.0}  # edit: 1.0 -> 1.5
-
-        def register(name):
-            def keep(function):
-                TABLE[name] = function  # edit: = function -> = (function, 1)
-                return function
-            return keep
-        """,
-    "models.py": """
-        import dataclasses
-
-        class Base:
-            unit = 1.0  # edit: 1.0 -> 3.0
-
-            def scaled(self):
-                return self.unit * 2  # edit: * 2 -> * 4
-
-        class Other(Base):
-            pass
-
-        @dataclasses.dataclass(frozen=True)  # edit: frozen=True -> frozen=False
-        class Model(Base):  # edit: (Base) -> (Other)
-            weight: float = 3.0  # edit: 3.0 -> 4.0
-
-            @property
-            def heavy(self):
-                return self.weight > 2  # edit: > 2 -> > 5
-
-            def __getattr__(self, name):
-                return 5  # edit: 5 -> 8
-        """,
-    "lazy.py": """
-        def __getattr__(name):
-            return 9  # edit: 9 -> 10
-        """,
-    "main.py": """
-        import functools
-
-        import ident
-        import ident.plugins
-        import ident.settings as chosen
-        import numba
-        from ident import lazy, registry
-        from ident.models import Model
-
-        LIMITS = {"low": 0.0}  # edit: 0.0 -> 0.1
-        LIMITS["high"] = 9.0  # edit: 9.0 -> 8.0
-        LIMITS.update(middle=4.0)  # edit: 4.0 -> 4.5
-        DEFAULT = 1.5  # edit: 1.5 -> 1.6
-        SHAPE = (1, 2) if DEFAULT else (2, 1)  # edit: (2, 1) -> (3, 1)
-        CHOICES = {"up": lambda x: x + 1, "down": lambda x: x - 1}  # edit: x - 1 -> x - 2
-
-        def doubled(function):
-            @functools.wraps(function)
-            def inner(points):
-                return 2 * function(points)  # edit: 2 * -> 3 *
-            return inner
-
-        def tripled(function):
-            return function
-
-        @numba.njit(error_model="numpy")  # edit: numpy -> python
-        def kernel(x):
-            return x + 3  # edit: x + 3 -> x + 4
-
-        def maker(step=0.5):  # edit: 0.5 -> 0.6
-            def inner(x):
-                return x / step  # edit: x / -> x *
-            return inner
-
-        HELD = maker()  # edit: maker() -> maker(2.0)
-        GIVEN = functools.partial(pow, 2)  # edit: (pow, 2) -> (pow, 3)
-
-        @doubled  # edit: doubled -> tripled
-        def compute(points, start=DEFAULT):  # edit: start=DEFAULT -> start=2.0
-            from ident.late import arrive
-
-            model = Model()
-            total = ident.exported(start) + chosen.FACTOR + lazy.anything + arrive(kernel(model.scaled()))
-            total += model.heavy + model.other + LIMITS["low"] + SHAPE[0] + HELD(1.0) + GIVEN(2)
-            return CHOICES["up"](total) + registry.TABLE["plain"]  # edit: up -> down
-        """,
-}
 # What may stand anywhere between two statements at the top of a module and changes nothing.
 HARMLESS = (
     "# a remark\n",
@@ -249,9 +221,9 @@ HARMLESS = (
 )
 
 
-def edits(program=PROGRAM):
+def edits():
     """Every edit marked in the program: file, line, the line as edited."""
-    for name, text in program.items():
+    for name, text in PROGRAM.items():
         for line in text.splitlines():
             before, _, marked = line.strip().partition("  # edit: ")
             for edit in marked.split(" | ") if marked else ():

@@ -13,51 +13,21 @@ import sys
 import time
 from contextlib import suppress
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from sweeps import (
-    AbandonedError,
-    Axis,
-    Grid,
-    LockedError,
-    SchedulerError,
-    StoreError,
-    Sweep,
-    SweepStoppedError,
-    Variable,
-    open_results,
-)
-from sweeps.compute import cluster
+from sweeps import AbandonedError, Axis, Grid, StoreError, Sweep, Variable, open_results
 from sweeps.plan import batches
-from sweeps.plan.batches import BatchSizes
 from sweeps.storage.store import Store
 from tests import HOME
 
-MEGABYTE = 1 << 20
 COMPARED = ["square", "powers", "status", "error"]
-# Options of a cluster that says nothing and shows nothing.
-QUIET = {"silence_logs": 50, "dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
 
 
 def cut():
     """Let every batch be of one point, however short it is."""
     batches.BATCH_BYTES = 1.0
-
-
-def size_of_batch(left, seconds, workers=2, **limits):
-    """How many points a batch holds once as many as one likes have taken `seconds` each."""
-    sizes = BatchSizes(**limits)
-    sizes.finished(1 << 40, seconds * (1 << 40))
-    return sizes.next(left, workers)
-
-
-def simple(function, points=24, **options):
-    """A sweep of any function that gives y and n."""
-    variables = {"y": Variable(), "n": Variable()}
-    return Sweep("simple", function, Grid({"x": Axis(np.arange(float(points)))}), variables, **options)
 
 
 def powers(points, log, pause, long, parent, deadly):
@@ -78,11 +48,6 @@ def powers(points, log, pause, long, parent, deadly):
     return {"square": x**2, "powers": x[:, None] ** np.arange(3.0)}
 
 
-def rows(points):
-    """A megabyte for each point, which the file shrinks fast and a part does not."""
-    return {"row": points["x"][:, None] + np.arange(MEGABYTE // 8) % 2}
-
-
 def make(function=powers, points=60, log="", pause=0.0, long=0.0, parent=0, deadly=-1.0):
     """The sweep of `powers`."""
     return Sweep(
@@ -93,12 +58,6 @@ def make(function=powers, points=60, log="", pause=0.0, long=0.0, parent=0, dead
         constants={"log": str(log), "pause": pause, "long": long, "parent": parent, "deadly": deadly},
         coords={"power": Axis([0, 1, 2])},
     )
-
-
-def make_rows(points):
-    """The sweep of `rows`."""
-    grid, inner = Grid({"x": Axis(np.arange(float(points)))}), Axis(np.arange(MEGABYTE // 8))
-    return Sweep("rows", rows, grid, {"row": Variable(dims=("column",))}, coords={"column": inner})
 
 
 def values(data):
@@ -123,6 +82,13 @@ def check(path, points=60):
     """The file is what an undisturbed run makes, and alone."""
     xr.testing.assert_identical(values(open_results(path)), undisturbed(points))
     assert sorted(p.name for p in path.parent.iterdir()) == [path.name]
+
+
+def flip(path, place):
+    """Change one bit of a file."""
+    content = bytearray(path.read_bytes())
+    content[place] ^= 4
+    path.write_bytes(content)
 
 
 def end(process):
@@ -164,11 +130,8 @@ class Copy(multiprocessing.get_context("fork").Process):
 
 
 def start(**told):
-    """This program as the leader of a process group.
-
-    A copy of this process has imported everything; clusters, and who measures memory, want a new one.
-    """
-    if told.get("scheduler", "threads") in ("sync", "threads") and "rows" not in told:
+    """This program as the leader of a process group: a copy of this process, unless it starts others."""
+    if told.get("scheduler") != "processes":
         return Copy(told)
     path = os.pathsep.join([str(HOME), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
@@ -197,20 +160,15 @@ def main(told):
     if "file_size" in told:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (told["file_size"], resource.RLIM_INFINITY))
-    cluster.PATIENCE = told.get("patience", cluster.PATIENCE)
     print("ready", flush=True)
     wanted = {key: told[key] for key in ("points", "log", "pause", "long") if key in told}
-    sweep = make_rows(told["points"]) if told.get("rows") else make(parent=told.get("parent", 0), **wanted)
-    store = Store(told.get("store", "none.nc"))
+    store = Store(told["store"])
     try:
-        plan = sweep.plan(told.get("store"))
-        print("planned", flush=True)
-        time.sleep(told.get("wait", 0.0))
+        plan = make(**wanted).plan(store.file)
         plan.run(
             told.get("scheduler", "threads"),
-            told.get("workers", 2),
+            2,
             lambda snapshot: print(f"progress {snapshot.done} {snapshot.stopping} {snapshot.now}", flush=True),
-            fail_fast=told.get("fail_fast", False),
         )
     except AbandonedError:
         print("AbandonedError", flush=True)
@@ -222,12 +180,9 @@ def main(told):
     except KeyboardInterrupt:
         print("KeyboardInterrupt", flush=True)
         return 130
-    except (LockedError, StoreError, SchedulerError, SweepStoppedError) as problem:
+    except StoreError as problem:
         print(f"{type(problem).__name__}: {problem}", flush=True)
         return 3
-    # Of this process alone: what `getrusage` tells it has from its parent.
-    status = dict(line.split(":") for line in Path("/proc/self/status").read_text().splitlines())
-    print(f"peak {int(status['VmHWM'].split()[0]) // 1024}", flush=True)
     print("done", flush=True)
     return 0
 

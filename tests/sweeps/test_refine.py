@@ -64,7 +64,7 @@ def noise(seed, width, size=33, classes=3):
     return np.digitize(smooth, np.quantile(smooth, np.arange(1, classes) / classes)).astype(float)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.7, 1.5, 3.0, 6.0]), st.integers(2, 4), st.integers(1, 4))
 def test_what_is_shown_is_true_but_for_islands_that_no_computed_point_has_met(seed, width, classes, levels):
     truth = noise(seed, width, classes=classes)
@@ -79,7 +79,7 @@ def test_what_is_shown_is_true_but_for_islands_that_no_computed_point_has_met(se
         assert not np.any((wrong[1:] | wrong[:-1])[change])
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
 def test_neither_order_nor_interruption_changes_what_is_computed(seed, order):
     truth = noise(seed, 2.0, size=17)
@@ -175,13 +175,13 @@ def test_distances_between_boundaries():
 VARIABLES = {"kind": Variable("1", "kind", dtype="int8"), "height": Variable("m", "height")}
 
 
-def hill(points, radius=0.6, steps=1):
+def hill(points):
     rows = list(zip(*(values.tolist() for values in points.values()), strict=True))
     LOG.extend(rows)
     if BROKEN["points"] & set(rows):
         raise ValueError("no result")
     away = np.hypot(points["x"], points["y"])
-    return {"kind": steps * (away < radius), "height": np.exp(-4.0 * away**2)}
+    return {"kind": 1 * (away < 0.6), "height": np.exp(-4.0 * away**2)}
 
 
 def slope(points):
@@ -222,12 +222,6 @@ def test_a_refined_sweep_computes_what_is_worth_it_and_interpolates_the_rest(pat
     assert (again.todo, again.whole) == (0, True)
     xr.testing.assert_identical(refine(hills(65, 3, tolerance=0.02), path), data)
     assert path.read_bytes() == before
-
-
-def test_the_back_end_changes_nothing(tmp_path, inner):
-    names, asked = ["kind", "height", "status"], hills(variable="height", tolerance=0.01)
-    one = refine(asked, tmp_path / "a.nc", "sync")
-    xr.testing.assert_equal(refine(asked, tmp_path / "b.nc", inner)[names], one[names])
 
 
 def test_killed_anywhere_it_goes_on(path, tmp_path, small_pieces):
@@ -368,19 +362,3 @@ def test_a_plan_is_its_first_pass_and_a_run_in_memory_goes_through_all(tmp_path)
     assert np.count_nonzero(data["status"] == 1) > 25
     names = ["kind", "height", "status"]
     xr.testing.assert_equal(data[names], refine(hills(), tmp_path / "hills.nc", "sync")[names])
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"levels": -1}, "levels = -1: it must be a whole number, 0 or above"),
-        ({"levels": 5}, "x has 17 values; with levels = 5 it must have one more than a multiple of 32"),
-        ({"variable": "wide"}, "variable = 'wide': it must be one of kind, height"),
-        ({"tolerance": 0.0}, "tolerance = 0.0: it must be above 0"),
-    ],
-)
-def test_what_does_not_fit_is_refused(changes, message):
-    with pytest.raises(ValueError, match=message):
-        hills(**changes)
-    with pytest.raises(ValueError, match=r"thresholds = .*: they must ascend"):
-        refined(hills(), Refinement("height", 1, thresholds=(1.0, 0.0)))

@@ -24,11 +24,6 @@ def _in_small_pieces(monkeypatch):
     monkeypatch.setattr(batches, "BATCH_BYTES", 400.0)
 
 
-@pytest.fixture(params=[True, False], ids=["scaled", "plain"])
-def scaled(request):
-    return request.param
-
-
 def key(points):
     """What a point is up to its size: V / F, as exact as the axes are."""
     ratio = points["V"] / points["F"]
@@ -108,8 +103,8 @@ def same(found, asked):
         assert found[name].values.tobytes() == values.astype(found[name].dtype).tobytes(), name
 
 
-def test_a_geometric_grid_collapses_to_its_diagonals(path, scaled):
-    asked, distinct = sweep(scaled=scaled), (6 + 5 - 1) * 2 * 2
+def test_a_geometric_grid_collapses_to_its_diagonals(path):
+    asked, distinct = sweep(), (6 + 5 - 1) * 2 * 2
     for store in (None, path):
         LOG.clear()
         planned = asked.plan(store)
@@ -121,14 +116,14 @@ def test_a_geometric_grid_collapses_to_its_diagonals(path, scaled):
         assert float(found["wall_time"].sum()) == distinct
         assert np.count_nonzero(found["wall_time"]) == distinct
     # Nor does it make what is to come look cheap: each computation has told that it took a second.
-    planned = sweep(V=(0, 9), scaled=scaled).plan(path)
+    planned = sweep(V=(0, 9)).plan(path)
     assert planned.todo == 3 * 4
     assert planned.seconds == pytest.approx(planned.todo)
 
 
-def test_an_interrupted_run_goes_on(path, scaled):
-    asked = sweep(scaled=scaled)
-    sweep(V=(0, 3), scaled=scaled).plan(path).run()
+def test_an_interrupted_run_goes_on(path):
+    asked = sweep()
+    sweep(V=(0, 3)).plan(path).run()
     LOG.clear()
     interrupted(asked.plan(path), 6)
     partly = open_results(path)
@@ -142,6 +137,7 @@ def test_an_interrupted_run_goes_on(path, scaled):
     assert float(found["wall_time"].sum()) == 40.0
 
 
+@pytest.mark.parametrize("scaled", [True, False])
 def test_a_failure_is_one_however_many_points_it_has(path, scaled):
     rows = [tuple(row) for row in key(sweep().grid.points()).tolist()]
     broken = max(set(rows), key=rows.count)
@@ -155,6 +151,8 @@ def test_a_failure_is_one_however_many_points_it_has(path, scaled):
     assert found.sizes["failure"] == 1
     assert found["traceback"].values[0].endswith("ValueError: no, not this")
     assert key({name: found[f"failure_{name}"].values for name in sweep().grid.axes}).tolist() == [list(broken)]
+    # Of a part without the failing points there is nothing to tell.
+    assert "failure" not in sweep(theta=(1.0 - broken[1],), scaled=scaled).plan(path).run().dims
     # A copy that comes first, of what has failed: still the one failure, with its reason.
     grown = sweep(V=(-1, 7), F=(7, 6), scaled=scaled).plan(path).run()
     assert grown.sizes["failure"] == 1
@@ -184,7 +182,7 @@ DIAGONALS = [(0, 6, 8, 5), (0, 6, 8, 6), (0, 7, 7, 7), (0, 6, 7, 2, (0.5, 0.3)),
 # New points that equal old ones come first: an old copy may become what is computed.
 @example([(1, 1, 8, 1), (0, 1, 7, 1), (0, 2, 7, 2)], True, (), False)
 @example([(1, 1, 8, 1), (0, 1, 7, 1), (0, 2, 7, 2)], False, (), False)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_new_diagonals_only_are_computed_and_bits_do_not_depend_on_what_was_there(
     tmp_path_factory, before, scaled, together, skipping
 ):

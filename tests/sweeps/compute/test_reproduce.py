@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sweeps.compute.reproduce import one_liner
-from tests import HOME
-from tests.helpers.identity_parts import Caller, Inner, Outer, echo, maker, run
+from tests.helpers.identity_parts import Caller, Inner, Outer, echo, maker
 
 
 def failing(points, rig=None, limit=1.0):
@@ -52,14 +51,6 @@ def test_a_line_reads_as_promised():
         "failing({'V': array([0.002])}, rig=Outer(inner=Inner(size=2.5)), limit=0.5)"
     )
     assert "rig=Outer(), limit=float('nan')" in one_liner(failing, {}, {"rig": Outer(), "limit": math.nan})
-
-
-def test_a_line_does_the_same_in_another_process():
-    point = {"V": np.float64(-0.1), "n": np.int32(3), "kind": np.str_("a\nb"), "on": np.bool_(True)}
-    rig = Outer(Inner(0.1 + 0.2), (np.array([1.0, np.nan, -np.inf], dtype=np.float32),))
-    line = one_liner(echo, point, {"rig": rig, "text": "it's\n", "none": None})
-    imports, call = line.rsplit("; ", 1)
-    assert run(f"{imports}; print({call})", HOME) == f"{evaluated(line)}\n"
 
 
 NUMBERS = st.one_of(st.booleans(), st.integers(), st.floats())

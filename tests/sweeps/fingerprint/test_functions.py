@@ -13,7 +13,7 @@ import pytest
 from sweeps.fingerprint.code import differing, digests
 from tests import HOME
 from tests.helpers import waves
-from tests.helpers.identity_parts import FILES, NAMED, Caller, Colour, Inner, Outer, maker, printed, run
+from tests.helpers.identity_parts import NAMED, PROGRAM, Caller, Colour, Inner, Outer, maker, printed, run
 
 
 def same_everywhere():
@@ -85,7 +85,7 @@ def test_wrapped_and_closed_over_functions_lead_to_both(package):
                 return 3 * f(p)
             return inner
         """
-    files = package(FILES | {"wrap.py": text})
+    files = package(PROGRAM | {"wrap.py": text})
     helper = files.load("core").helper
     function, cached, closed = files.load("wrap").wrapped(helper), functools.lru_cache(helper), maker(helper)
     before, inside = digests(function), digests(closed)

@@ -18,10 +18,10 @@ def test_another_processor_takes_up_what_one_has_computed(tmp_path, monkeypatch)
         monkeypatch.setattr(table4, "tune_head_mass", lambda *given: float(change(WHOLE(*given))))
 
     # The last two are past an edge of any rounding to twelve digits.
-    for factor in (None, 1.0 + 1e-13, 1.0 + 5e-12, 1.0 - 5e-12):
+    for factor in (None, 1.0 + 5e-12, 1.0 - 5e-12):
         perturbed(lambda mass, factor=factor: mass * factor if factor else np.nextafter(mass, 9.0))
         assert runner.plan("table4", {}, tmp_path).todo == 0
-        assert runner.plan("table4", {"mode": [1, 9]}, tmp_path).todo == 1
+    assert runner.plan("table4", {"mode": [1, 9]}, tmp_path).todo == 1
     perturbed(lambda mass: mass * (1.0 + 1e-8))
     with pytest.raises(StoreError, match=r"holds something else: rig\.head_mass = "):
         runner.plan("table4", {}, tmp_path)

@@ -1,5 +1,6 @@
 """A script and the module of its file are one: what one has computed the other takes up."""
 
+import importlib
 import json
 import sys
 
@@ -13,6 +14,7 @@ from tests.helpers.identity_parts import printed, run
 SCRIPT = """
 import dataclasses
 import json
+from sweeps import *
 from sweeps.fingerprint.code import digests
 TABLE = {"a": 1}
 TABLE["b"] = 2
@@ -59,9 +61,10 @@ def test_a_script_is_the_module_of_its_file(script, capsys):
 
 def test_an_import_of_a_script_that_does_nothing_besides_is_the_script(script):
     file = script(SCRIPT.replace("print(", "x = lambda: ("))
-    other = f"import sys; sys.path.insert(0, {str(file.parent)!r})\nfrom json import dumps\n"
-    other += "from sweeps.fingerprint.code import digests\nfrom one_script import f\nprint(dumps(digests(f)))"
-    assert json.loads(run(other, HOME)) == digests(load_script(file).f)
+    sys.path.insert(0, str(file.parent))
+    imported = digests(importlib.import_module("one_script").f)
+    del sys.modules["one_script"]
+    assert imported == digests(load_script(file).f)
 
 
 def test_what_lies_beside_a_script_is_found(script):
@@ -72,19 +75,17 @@ def test_what_lies_beside_a_script_is_found(script):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
+        ("none.py", None, r"none\.py: there is no such file"),
         ("json.py", "", "Python has a module called json already; rename the file"),
         ("wrong.py", "1 +", "wrong.py: it cannot be loaded: SyntaxError: invalid syntax"),
         ("wrong.py", "nothing", "wrong.py: it cannot be loaded: NameError: name 'nothing' is not defined"),
     ],
 )
 def test_a_file_that_cannot_be_loaded_is_one_line(script, name, text, message):
-    file, path = script(text, name), [*sys.path]
+    file, path = script(text or "", name), [*sys.path]
+    if text is None:
+        file.unlink()
     with pytest.raises(InputError, match=message) as told:
         load_script(file)
     assert "\n" not in str(told.value)
     assert sys.path == path
-
-
-def test_no_such_file(tmp_path):
-    with pytest.raises(InputError, match=r"none\.py: there is no such file"):
-        load_script(tmp_path / "none.py")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sweeps import Axis, Grid, Variable
+from sweeps import Axis, Grid, Refinement, Variable, refined
 from tests.helpers.waves import GRID, sweep
 
 X, Y = (Axis(values) for values in GRID.values())
@@ -11,6 +11,12 @@ X, Y = (Axis(values) for values in GRID.values())
 
 def scaled(scale):
     return sweep(variables={"area": Variable(scale="s")}, scale=scale)
+
+
+def refine(levels=1, grid=None, variable="root", tolerance=None, thresholds=()):
+    axis = Axis(np.linspace(0.0, 1.0, 17))
+    asked = sweep(grid or Grid({"x": axis, "y": axis}))
+    return refined(asked, Refinement(variable, levels, tolerance, thresholds))
 
 
 @pytest.mark.parametrize(
@@ -64,8 +70,24 @@ def scaled(scale):
         (lambda: Variable(digits=16), "digits = 16"),
         (lambda: Variable(digits=3.0), "digits = 3.0"),
         (lambda: Variable(digits=True), "digits = True"),
+        *(
+            (lambda wrong=wrong: Variable(dtype="int8", flags=wrong), "Variable: flags = ")
+            for wrong in ({}, {0: ""}, {0.5: "half"}, {-128: "least"})
+        ),
+        (lambda: Variable(flags={0: "nought"}), "with a dtype of those"),
         (lambda: sweep(variables={"failure_x": Variable()}), "the name 'failure_x'"),
         (lambda: sweep(variables={"computed": Variable()}), "the name 'computed'"),
+        (lambda: Grid({"x": Axis(["fast", "exact", "fast"])}), r"takes the value .*fast.* twice"),
+        (lambda: Axis([None, "fast"]), "they must be numbers or texts"),
+        (lambda: refine(-1), "levels = -1: it must be a whole number, 0 or above"),
+        (lambda: refine(5), "x has 17 values; with levels = 5 it must have one more than a multiple of 32"),
+        (lambda: refine(variable="wide"), "variable = 'wide': it must be one of root, count"),
+        (lambda: refine(tolerance=0.0), "tolerance = 0.0: it must be above 0"),
+        (lambda: refine(thresholds=(1.0, 0.0)), r"thresholds = .*: they must ascend"),
+        (
+            lambda: refine(grid=Grid({"x": X, "kind": Axis(["a", "b"])})),
+            "kind is of texts, between which nothing is interpolated",
+        ),
     ],
 )
 def test_bad_declarations_are_named(make, message):

@@ -15,15 +15,3 @@ def limits(monkeypatch):
         monkeypatch.setattr("sweeps.storage.netcdf.MOST_CHUNK_BYTES", 2 * chunk)
 
     return limits
-
-
-@pytest.fixture
-def flip():
-    """Changes one bit of a file."""
-
-    def flip(path, place):
-        content = bytearray(path.read_bytes())
-        content[place] ^= 4
-        path.write_bytes(content)
-
-    return flip

@@ -100,6 +100,32 @@ def test_names_and_derived_figures_may_change(path):
     xr.testing.assert_identical(open_results(path), found)
 
 
+def test_files_that_are_none_of_this_sweeps_are_refused_and_stay(path, tmp_path):
+    Sweep("others", lambda p: {"y": p["x"]}, Grid({"x": Axis([1.0])}), {"y": Variable()}).plan(path).run()
+    before = path.read_bytes()
+    (tmp_path / "text.nc").write_text("no netCDF")
+    xr.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "plain.nc")
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for name, said in {
+        "sweep.nc": "holds the results of others; the results of waves need another folder",
+        "text.nc": "is damaged or not netCDF",
+        "plain.nc": "was not made by a sweep",
+        "link/waves.nc": "is a link to nothing",
+        f"{'long' * 100}/waves.nc": "cannot be used",
+        ".": "is a folder",
+    }.items():
+        with pytest.raises(StoreError, match=said):
+            sweep().plan(tmp_path / name).run()
+    assert path.read_bytes() == before
+    for name, problem, said in (
+        ("none.nc", FileNotFoundError, "there is no such file"),
+        ("text.nc", ValueError, "it is damaged or not netCDF"),
+        ("plain.nc", ValueError, "it is not the result of a sweep"),
+    ):
+        with pytest.raises(problem, match=said):
+            open_results(tmp_path / name)
+
+
 def test_damaged_files_are_refused(path, tmp_path):
     sweep().plan(path).run()
     good = path.read_bytes()

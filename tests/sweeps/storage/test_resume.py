@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from sweeps import StoreError, Sweep, open_results
-from tests.helpers.waves import BROKEN, GRID, LOG, NAMES, POWERS, VARIABLES, interrupted, product, sweep, wave
+from tests.helpers.waves import BROKEN, GRID, LOG, NAMES, POWERS, VARIABLES, interrupted, sweep, wave
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 
@@ -62,18 +62,6 @@ def test_failures_are_kept_until_they_are_retried(path):
     assert np.all(found["status"] == 1)
     assert "failure" not in found.dims
     assert "traceback" not in found
-
-
-def test_failures_keep_their_reasons_when_a_file_grows(path):
-    BROKEN["points"] = {(2.0, 3.0)}
-    first = sweep(key=product).plan(path).run()
-    BROKEN["points"] = set()
-    found = sweep({"x": [0.5, 2.0, 3.0], "y": [3.0]}, key=product).plan(path).run()
-    for data in (found, open_results(path)):
-        for name in ("traceback", "reproduce", "failure_x", "failure_y"):
-            assert data[name].values.tolist() == first[name].values.tolist()
-    # Of a part without the failing point there is nothing to tell.
-    assert "failure" not in sweep({"x": [0.5], "y": [3.0]}, key=product).plan(path).run().dims
 
 
 def test_an_unfinished_store_shows_what_is_finished(path):
