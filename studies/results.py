@@ -47,9 +47,10 @@ def is_reference(file: Path) -> bool:
     return file.parent.parent.name == FOLDER
 
 
-def notice(file: Path, out: str | Path | None = None) -> str:
-    """What to say of a file that stands in for a result of one's own; "" of any other."""
-    if not is_reference(file):
+def notice(name: str | Path, out: str | Path | None = None) -> str:
+    """What to say where the reference stands in for a result of one's own; "" where it does not."""
+    text = os.fspath(name)
+    if is_path(text) or not is_reference(file := results_file(text, out)):
         return ""
     return f"{results_folder(out) / file.stem} has no result; this is the reference, {file}"
 

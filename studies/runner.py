@@ -38,7 +38,6 @@ __all__ = [
     "FORMATS",
     "Finished",
     "backend",
-    "check_free",
     "drawn",
     "execute",
     "format_of",
@@ -116,11 +115,6 @@ def run(
 ) -> Finished:
     """Plan and execute a study, by its name, the file that defines it, or as it is."""
     return execute(plan(study, given, out, fresh=fresh), *backend(None, None))
-
-
-def check_free(name: str, out: str | Path | None = None) -> None:
-    """Refuse, before anything is planned, a study that another run is writing."""
-    sweeps.check_free(file_of(registry.load(name).name, out))
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:
