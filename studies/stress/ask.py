@@ -20,11 +20,6 @@ from studies.stress.cases import CONTACT, DIVERGENCE, DURATION, POINT, VALUE, Ca
 from studies.stress.starts import STARTS
 
 RAMP = 1e-3  # of the drive, s, where a case says nothing else (`fivcore.simulate`)
-MOST_SECONDS = 10.0  # a case is too dear for a method if it takes longer than this, s, on a nominal core
-# There a mode takes so long in a step of "fast" or "paper", and contact and statistics as long as so many modes.
-NOMINAL, CONTACT_MODES = 1e-9, 12
-# "exact" builds four eigenbases in extended precision, and adds up its work at POINTS / (largest frequency).
-BASES, POINTS = 400e-9, 8.0 / 2.5
 ERRORS: dict[str, type[Exception]] = {VALUE: ValueError, CONTACT: ContactError, DIVERGENCE: DivergenceError}
 FAR = 1e80  # beyond any limit, on either side
 # The word before the limit in a refusal, and how near to the limit the number after it must be.
@@ -93,16 +88,6 @@ class Question:
         own = self.options.get("cutoff") is None and not self.start and "contact_motion" not in self.options
         refines = self.method == "fast" and own and self.options.get("termination") != "none"
         return {"cutoff": default_cutoff(self.rig)} if refines else {}
-
-    @property
-    def seconds(self) -> float:
-        """What the run takes on the nominal core, to a factor of two or three; events are not counted."""
-        model, modes = self.model, len(self.model.stiffness)
-        if self.method == "exact":
-            # The largest angular frequency with the contact closed, rad/s.
-            fastest = float(np.sqrt(model.stiffness.max() + model.contact_frequency**2))
-            return NOMINAL * POINTS * self.duration * fastest * modes * (modes + 7) + BASES * (2 * modes) ** 3
-        return NOMINAL * self.duration / self.step * (modes + CONTACT_MODES)
 
     def ask(self, duration: float | None = None, **more: Any) -> Transient:
         """Simulate it, by default for its own duration."""
