@@ -118,8 +118,8 @@ def execute(
     return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
 
 
-def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset", out: Path | None = None) -> Figure:
-    """The study's figure, or an `InputError` if the dataset lacks something that it shows."""
+def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
+    """The study's figure, or an `InputError` if the dataset, which is of the file `whose`, lacks what it shows."""
     from studies.plotting import figures
 
     with figures.style():
@@ -128,7 +128,9 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset", out: Path |
         except KeyError as missing:
             # xarray lists everything that there is.
             name = re.sub(r"^No variable named '?([^']*)'?\..*$", r"\1", str(missing.args[0]), flags=re.DOTALL)
-            again = command("run", study.name, out)
+            file = Path(whose)
+            usual = file_of(study.name).resolve() == file.resolve() or file.parent.name != study.name
+            again = command("run", study.name, None if usual else file.parent.parent)
             raise InputError(
                 f"{whose}: it lacks {name}, which the figure shows; make it whole with: {again}"
             ) from None
@@ -148,23 +150,19 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
     `whose` is what a message calls the dataset; by default it is that file's.
     """
     target = beside.with_suffix(f".{form}")
-    folder = beside.parent.parent if beside.parent.name == study.name else None
-    out = None if folder is None or folder.resolve() == results_folder().resolve() else folder
-    whole = image(study, dataset, form, whose or str(beside), out)
+    whole = image(study, dataset, form, whose or str(beside))
     with written(target) as temporary:
         temporary.write_bytes(whole)
     return target
 
 
-def image(
-    study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset", out: Path | None = None
-) -> bytes:
+def image(study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset") -> bytes:
     """The study's figure (`drawn`) as a file that names its data (`studies.plotting.figures.data_digest`)."""
     # Drawing is slow to import, and most commands do not draw.
     from studies.plotting import figures
 
     with figures.style():
-        return figures.saved(drawn(study, dataset, whose, out), form, figures.data_digest(dataset))
+        return figures.saved(drawn(study, dataset, whose), form, figures.data_digest(dataset))
 
 
 @contextmanager

@@ -132,7 +132,9 @@ def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path, here):
     status = json.loads(here("status", "fig5", "--json").stdout)
     text, second = here("status", "fig5").stdout, here(*run)
     running.send_signal(signal.SIGINT)
+    (tmp_path / "go").touch()
     _, said = running.communicate(timeout=60)
+    (tmp_path / "go").unlink()
     assert status["state"] == "running"
     assert (status["run"]["pid"], status["run"]["todo"]) == (running.pid, 31)
     assert f"run by          process {running.pid} on " in text
