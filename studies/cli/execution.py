@@ -49,7 +49,7 @@ def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fa
         _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
     click.echo(finished.study.report(finished.dataset))
     say(f"\nwritten: {finished.file}\n         {finished.figure}")
-    if beside := finished.beside_reference():
+    if not is_set("quiet") and (beside := finished.beside_reference()):
         say(beside)
     if finished.failed:
         _list_failures(finished.dataset)

@@ -138,12 +138,10 @@ def _refusal(question: Question, kind: type[Exception] = ValueError) -> str:
 
 
 def _largest_step(question: Question) -> float:
-    """The largest stable step of the method, s; NaN for "exact", which has none."""
+    """The largest stable step of "fast" or "paper", s."""
     model, mu = question.model, question.numbers["mu"]
     if question.method == "paper":
         return published.largest_step(model.stiffness, model.damping, published.BETA2)
-    if question.method == "exact":
-        return float("nan")
     limit = model.largest_step
     return limit if stable(model, mu, limit) else largest_stable_step(model, mu, limit)
 
