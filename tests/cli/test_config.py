@@ -51,6 +51,9 @@ def test_a_result_prints_what_makes_it_again(tmp_path, here):
     assert here("run", "results/fig5/fig5.nc", "--out", "third", "-q").returncode == 0
     assert same("results/fig5/fig5.nc", "third/fig5/fig5.nc") == 26
     assert "to do           0" in here("plan", "third/fig5/fig5.nc", "--out", "there").stdout
+    # A file says more than a result.
+    (tmp_path / "again.toml").write_text("settings.theta = 90")
+    assert "theta = 90" in here("plan", "third/fig5/fig5.nc", "--config", "again.toml").stderr
 
 
 def test_series_are_made_again_too(tmp_path, here):
