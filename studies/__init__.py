@@ -62,6 +62,6 @@ def open(name: str, out: str | Path | None = None) -> xr.Dataset:  # shadows the
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
     dataset = results.open_dataset(name, out)
-    if not results.is_path(str(name)) and (notice := results.notice(results.results_file(name, out), out)):
+    if notice := results.notice(name, out):
         warn(notice, stacklevel=2)
     return dataset

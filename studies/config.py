@@ -56,23 +56,19 @@ class Config:
 
     def given(self, study: Study) -> dict[str, Any]:
         """Values of the study's axes and settings, as `Study.sweep` takes them."""
-        for what, values, own in (("axes", self.axes, study.axes), ("settings", self.settings, study.settings)):
-            for name in values:
-                if name not in own and name in {**study.axes, **study.settings}:
-                    other = "settings" if what == "axes" else "axes"
+        for what, other in (("axes", "settings"), ("settings", "axes")):
+            own: list[str] = list(getattr(study, what))
+            for name in [name for name in getattr(self, what) if name not in own]:
+                why = f"has nothing of that name there; {suggest(name, own)}there are {', '.join(own) or 'none'}"
+                if name in getattr(study, other):
                     raise InputError(
                         f"{what}.{name}: of study {study.name} it is one of the {other}; write it there"
                     )
-                if name not in own:
-                    raise InputError(
-                        f"{what}.{name}: study {study.name} has nothing of that name there; "
-                        f"{suggest(name, list(own))}there are {', '.join(own) or 'none'}"
-                    )
+                raise InputError(f"{what}.{name}: study {study.name} {why}")
         found = {**self.axes, **self.settings}
         for name, value in found.items():
-            of_texts = name in study.axes and study.axes[name].values.dtype.kind == "U"
             if isinstance(value, str):
-                found[name] = [value] if of_texts else spec.parse(value, name)
+                found[name] = [value] if name in study.texts else spec.parse(value, name)
         return found
 
     def over(self, other: Config) -> Config:
@@ -85,33 +81,34 @@ class Config:
 
 
 def read(file: str | Path) -> Config:
-    """The configuration of a TOML file.
-
-    Raises
-    ------
-    InputError
-        If it is none, or has a key that it cannot have.
-    """
+    """The configuration of a TOML file; an `InputError` says what is wrong with it."""
     try:
         content = tomllib.loads(Path(file).expanduser().read_text(encoding="utf-8"))
+        _check(content)
     except OSError as problem:
         raise InputError(f"--config {file}: it cannot be read: {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise InputError(f"--config {file}: it is not TOML: {problem}") from None
+    except InputError as problem:
+        raise InputError(f"--config {file}: {problem}") from None
+    return Config(**{**content, "record": tuple(content.get("record", ()))})
+
+
+def _check(content: Mapping[str, Any]) -> None:
+    """Refuse keys that there are not, and values of other types than theirs."""
     for key, value in content.items():
         if key not in KEYS:
-            near = suggest(key, list(KEYS))
-            raise InputError(f"--config {file}: {key}: there is no such key; {near}the keys are {', '.join(KEYS)}")
+            raise InputError(
+                f"{key}: there is no such key; {suggest(key, list(KEYS))}the keys are {', '.join(KEYS)}"
+            )
         kinds, called = KEYS[key]
-        if not isinstance(value, kinds) or isinstance(value, bool):
-            raise InputError(f"--config {file}: {key} = {value!r}: it must be {called}")
-    for name, value in [*content.get("axes", {}).items(), *content.get("settings", {}).items()]:
+        right = isinstance(value, kinds) and not isinstance(value, bool)
+        if not right or (key == "record" and not all(isinstance(each, str) for each in value)):
+            raise InputError(f"{key} = {value!r}: it must be {called}")
+    for name, value in {**content.get("axes", {}), **content.get("settings", {})}.items():
         entries = value if isinstance(value, list) else [value]
         if not all(isinstance(each, (int, float, str)) and not isinstance(each, bool) for each in entries):
-            raise InputError(f"--config {file}: {name} = {value!r}: it must be a number, SPEC or a list")
-    if not all(isinstance(each, str) for each in content.get("record", ())):
-        raise InputError(f"--config {file}: record = {content['record']!r}: it must be a list of texts")
-    return Config(**{**content, "record": tuple(content.get("record", ()))})
+            raise InputError(f"{name} = {value!r}: it must be a number, SPEC or a list")
 
 
 def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sample_rate: float | None) -> Any:
@@ -125,13 +122,7 @@ def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sam
 
 
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
-    """The configuration that makes a result again.
-
-    Raises
-    ------
-    InputError
-        If the file does not say it.
-    """
+    """The configuration that makes a result again, or an `InputError` where the file does not say it."""
     try:
         configuration = json.loads(dataset.attrs["configuration"])
         # A study without settings asks for nothing besides its axes.

@@ -40,9 +40,8 @@ SPEEDS = (1e-3, 2e-3, 5e-3)
 LINES = (2700.0, 5400.0, 8100.0)
 OTHER_LINES = (2080.0, 6500.0)
 
-# Section 3.5.3: the main line of the simulated spectra, Hz, and the others (the second perhaps a slip for 6500).
+# Section 3.5.3: the main line of the simulated spectra, Hz.
 SIMULATED_LINE = 2700.0
-OTHER_SIMULATED_LINES = (2070.0, 6050.0)
 
 # Sections 2 and 3.5.3, Figs. 2 and 7: kind of vibration by speed (m/s).
 VIBRATION = {1e-3: "intermittent", 2e-3: "intermittent", 5e-3: "periodic"}

@@ -17,29 +17,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from studies.study import Study
 
-NAMES = (
-    "table4",
-    "fig5",
-    "fig6",
-    "fig7",
-    "contact",
-    "fig11",
-    "table6",
-    "stick_time",
-    "stability",
-    "regimes",
-    "scenes",
-    "accuracy",
-    "stress",
-)
-
-
-# Studies that are not listed, by the name of the sweep: a map is made by a command of its own.
-UNLISTED = ("map",)
-# Studies whose module is not that of their name in the gallery.
-ELSEWHERE = {"map": "maps.maps", "accuracy": "accuracy.study", "stress": "stress.study"} | {
-    name: f"gallery.{name}.study" for name in ("table6", "stick_time", "stability", "regimes", "scenes")
+# The predefined studies in their order, with their modules; then those that are not listed, by the name of the
+# sweep: a map is made by a command of its own.
+MODULES = {
+    "table4": "gallery.table4",
+    "fig5": "gallery.fig5",
+    "fig6": "gallery.fig6",
+    "fig7": "gallery.fig7",
+    "contact": "gallery.contact",
+    "fig11": "gallery.fig11",
+    "table6": "gallery.table6.study",
+    "stick_time": "gallery.stick_time.study",
+    "stability": "gallery.stability.study",
+    "regimes": "gallery.regimes.study",
+    "scenes": "gallery.scenes.study",
+    "accuracy": "accuracy.study",
+    "stress": "stress.study",
+    "map": "maps.maps",
 }
+UNLISTED = ("map",)
+NAMES = tuple(name for name in MODULES if name not in UNLISTED)
 GROUP = "fiv.studies"
 CATALOGUE = Path(__file__).with_name("catalogue.json")
 # Studies of one's own that this process was given, by name.
@@ -49,8 +46,7 @@ _given: dict[str, Study] = {}
 @cache
 def installed() -> dict[str, EntryPoint]:
     """Studies that installed packages bring along, by name; none of them is imported."""
-    taken = (*NAMES, *UNLISTED)
-    return {each.name: each for each in entry_points(group=GROUP) if each.name not in taken}
+    return {each.name: each for each in entry_points(group=GROUP) if each.name not in MODULES}
 
 
 def catalogue() -> dict[str, dict[str, Any]]:
@@ -65,13 +61,7 @@ def names() -> list[str]:
 
 
 def resolve(text: str | Study) -> Study:
-    """The study that STUDY says: a name, or the path of a Python file that defines STUDY, which is run for it.
-
-    Raises
-    ------
-    InputError
-        If there is none; of a name the nearest is suggested.
-    """
+    """The study that STUDY says: a name, or the path of a Python file that defines STUDY, which is run for it."""
     from studies.study import Study
     from sweeps import InputError, load_script
 
@@ -93,14 +83,11 @@ def is_file(text: str) -> bool:
 def given(study: Study, where: str = "name") -> Study:
     """A study of one's own, which this process knows by its name from now on.
 
-    Raises
-    ------
-    InputError
-        If it has the name of another, or one that no folder can have.
+    An `InputError` refuses the name of another, and one that no folder can have.
     """
     from sweeps import InputError
 
-    if study.name in (*NAMES, *UNLISTED):
+    if study.name in MODULES:
         if study is load(study.name):
             return study
         raise InputError(f"{where}: a predefined study is called {study.name!r}; choose another name")
@@ -113,16 +100,13 @@ def given(study: Study, where: str = "name") -> Study:
 def load(name: str) -> Study:
     """The study called `name`: predefined, installed, or given to this process before; no file is run.
 
-    Raises
-    ------
-    InputError
-        If there is none; the message suggests the nearest.
+    Where there is none, an `InputError` suggests the nearest.
     """
     from studies.study import Study, suggest
     from sweeps import InputError
 
-    if name in NAMES or name in UNLISTED:
-        study: Study = import_module("studies." + ELSEWHERE.get(name, f"gallery.{name}")).STUDY
+    if name in MODULES:
+        study: Study = import_module(f"studies.{MODULES[name]}").STUDY
         return study
     if name in _given:
         return _given[name]

@@ -47,9 +47,10 @@ def is_reference(file: Path) -> bool:
     return file.parent.parent.name == FOLDER
 
 
-def notice(file: Path, out: str | Path | None = None) -> str:
-    """What to say of a file that stands in for a result of one's own; "" of any other."""
-    if not is_reference(file):
+def notice(name: str | Path, out: str | Path | None = None) -> str:
+    """What to say where the reference stands in for a result of one's own; "" where it does not."""
+    text = os.fspath(name)
+    if is_path(text) or not is_reference(file := results_file(text, out)):
         return ""
     return f"{results_folder(out) / file.stem} has no result; this is the reference, {file}"
 
@@ -64,18 +65,16 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
 
     Where nothing of one's own is there, it is that of the reference, if there is one.
     """
-    text, folder = os.fspath(name), results_folder(out)
+    text = os.fspath(name)
     if is_path(text):
         return Path(text).expanduser()
     if registry.is_file(text):
         return file_of(registry.resolve(text).name, out)
+    places = [results_folder(out) / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)]
     if text in registry.names():
-        own, kept = file_of(text, out), reference_folder(out) / text / f"{text}.nc"
-        return kept if kept.exists() and not is_there(own) else own
-    for found in (folder / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)):
-        if is_there(found):
-            return found
-    return file_of(registry.load(text).name, out)  # raises, unless this process was given it
+        places = [places[0], file_of(text, reference_folder(out))]
+    # Of what is nowhere: where a run would leave it, if there is such a study.
+    return next(filter(is_there, places), None) or file_of(registry.load(text).name, out)
 
 
 def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
@@ -101,13 +100,7 @@ def command(verb: str, study: str, out: str | Path | None = None) -> str:
 
 
 def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
-    """The study that a dataset is the result of.
-
-    Raises
-    ------
-    InputError
-        If no name that is known stands for it.
-    """
+    """The study that a dataset is the result of, or an `InputError` if no name that is known stands for it."""
     name = str(dataset.attrs.get("sweep", ""))
     try:
         return registry.load(name)

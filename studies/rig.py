@@ -42,22 +42,12 @@ def rig_settings() -> dict[str, Setting]:
 
 
 def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
-    """The rig and theta that settings made by `rig_settings` describe.
-
-    Raises
-    ------
-    ValueError
-        Naming the setting that cannot be.
-    """
+    """The rig and theta that settings made by `rig_settings` describe; an error names the setting."""
     fields: dict[str, Any] = {name: settings[name] for name in RIG_NUMBERS}
-    for beam in ("p1", "p2"):
-        numbers: dict[str, Any] = {name: settings[f"{beam}_{name}"] for name in BEAM_NUMBERS}
-        try:
-            fields[beam] = Beam(**numbers)
-        except ValueError as problem:
-            raise InputError(str(problem).replace("Beam: ", f"{beam}_", 1)) from None
     try:
-        rig = Rig(**fields)
+        for beam in ("p1", "p2"):
+            numbers: dict[str, Any] = {name: settings[f"{beam}_{name}"] for name in BEAM_NUMBERS}
+            fields[beam] = Beam(**numbers)
+        return Rig(**fields), settings["theta"]
     except ValueError as problem:
-        raise InputError(str(problem).replace("Rig: ", "", 1)) from None
-    return rig, settings["theta"]
+        raise InputError(str(problem).replace("Beam: ", f"{beam}_", 1).replace("Rig: ", "", 1)) from None

@@ -14,16 +14,7 @@ import sweeps
 from studies import registry
 from studies.comparison import compared
 from studies.config import request
-from studies.results import (
-    FOLDER,
-    command,
-    file_of,
-    open_dataset,
-    reference_folder,
-    results_file,
-    results_folder,
-    study_of,
-)
+from studies.results import FOLDER, command, file_of, open_dataset, reference_folder, results_folder
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -32,25 +23,6 @@ if TYPE_CHECKING:
 
     from studies.study import Study
     from sweeps import Progress
-
-
-__all__ = [
-    "FORMATS",
-    "Finished",
-    "backend",
-    "check_free",
-    "drawn",
-    "execute",
-    "format_of",
-    "open_dataset",
-    "plan",
-    "plot",
-    "results_file",
-    "results_folder",
-    "run",
-    "study_of",
-    "written",
-]
 
 # What a figure may be written as.
 FORMATS = ("png", "svg", "pdf")
@@ -68,11 +40,8 @@ class Finished:
     def beside_reference(self) -> str:
         """How far it is from the reference, in a line; "" where there is none."""
         name = self.study.name
-        kept = reference_folder(self.file.parent.parent) / name / f"{name}.nc"
-        if not kept.exists():
-            return ""
-        with sweeps.open_results(kept) as reference:
-            return compared(name, self.dataset, reference)
+        kept = file_of(name, reference_folder(self.file.parent.parent))
+        return compared(name, self.dataset, open_dataset(kept)) if kept.exists() else ""
 
     @property
     def failed(self) -> int:
@@ -93,11 +62,8 @@ def plan(
 ) -> sweeps.Plan:
     """The plan of a study (`registry.resolve`), with its file in the results folder.
 
-    Raises
-    ------
-    InputError
-        For a study of one's own that has another's name, or whose sweep is not called as it is; for the folder of
-        the reference, unless it is to be made.
+    An `InputError` refuses a sweep that is not called as its study, and the folder of the reference unless that is
+    to be made.
     """
     if results_folder(out).name == FOLDER and not reference:
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
@@ -118,20 +84,10 @@ def run(
     return execute(plan(study, given, out, fresh=fresh), *backend(None, None))
 
 
-def check_free(name: str, out: str | Path | None = None) -> None:
-    """Refuse, before anything is planned, a study that another run is writing."""
-    sweeps.check_free(file_of(registry.load(name).name, out))
-
-
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:
     """What `Plan.run` needs: as asked; else a cluster that Dask is configured for; else threads.
 
-    Workers without a scheduler are processes on this machine.
-
-    Raises
-    ------
-    InputError
-        If they do not go together.
+    Workers without a scheduler are processes on this machine. What does not go together is an `InputError`.
     """
     if scheduler is None:
         import dask
@@ -162,14 +118,8 @@ def execute(
     return Finished(study, dataset, planned.store, plot(study, whole, planned.store))
 
 
-def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset", out: Path | None = None) -> Figure:
-    """The study's figure.
-
-    Raises
-    ------
-    InputError
-        If the dataset lacks something that the figure shows.
-    """
+def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
+    """The study's figure, or an `InputError` if the dataset, which is of the file `whose`, lacks what it shows."""
     from studies.plotting import figures
 
     with figures.style():
@@ -178,20 +128,16 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset", out: Path |
         except KeyError as missing:
             # xarray lists everything that there is.
             name = re.sub(r"^No variable named '?([^']*)'?\..*$", r"\1", str(missing.args[0]), flags=re.DOTALL)
-            again = command("run", study.name, out)
+            file = Path(whose)
+            usual = file_of(study.name).resolve() == file.resolve() or file.parent.name != study.name
+            again = command("run", study.name, None if usual else file.parent.parent)
             raise InputError(
                 f"{whose}: it lacks {name}, which the figure shows; make it whole with: {again}"
             ) from None
 
 
 def format_of(path: str | Path, form: str | None = None) -> str:
-    """What a figure is written as: as asked, else what its path ends with, else png.
-
-    Raises
-    ------
-    InputError
-        If that is none of `FORMATS`.
-    """
+    """What a figure is written as: as asked, else what its path ends with, else png; one of `FORMATS`."""
     chosen = form or Path(path).suffix.removeprefix(".") or FORMATS[0]
     if chosen not in FORMATS:
         raise InputError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")
@@ -202,49 +148,26 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
     """Draw the study's figure beside its netCDF file, in one of `FORMATS`.
 
     `whose` is what a message calls the dataset; by default it is that file's.
-
-    Raises
-    ------
-    InputError
-        If the file lacks something that the figure shows.
-    StoreError
-        If the figure cannot be written.
     """
     target = beside.with_suffix(f".{form}")
-    folder = beside.parent.parent if beside.parent.name == study.name else None
-    out = None if folder is None or folder.resolve() == results_folder().resolve() else folder
-    whole = image(study, dataset, form, whose or str(beside), out)
+    whole = image(study, dataset, form, whose or str(beside))
     with written(target) as temporary:
         temporary.write_bytes(whole)
     return target
 
 
-def image(
-    study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset", out: Path | None = None
-) -> bytes:
-    """The study's figure as a file, which names the data that it shows (`studies.plotting.figures.data_digest`).
-
-    Raises
-    ------
-    ValueError
-        If the dataset lacks something that the figure shows.
-    """
+def image(study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset") -> bytes:
+    """The study's figure (`drawn`) as a file that names its data (`studies.plotting.figures.data_digest`)."""
     # Drawing is slow to import, and most commands do not draw.
     from studies.plotting import figures
 
     with figures.style():
-        return figures.saved(drawn(study, dataset, whose, out), form, figures.data_digest(dataset))
+        return figures.saved(drawn(study, dataset, whose), form, figures.data_digest(dataset))
 
 
 @contextmanager
 def written(target: Path) -> Iterator[Path]:
-    """A temporary file beside `target`, which takes its place when all has gone well.
-
-    Raises
-    ------
-    StoreError
-        If it cannot be written.
-    """
+    """A temporary file beside `target`, which takes its place when all has gone well, or a `StoreError`."""
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

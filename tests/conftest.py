@@ -45,3 +45,9 @@ def forgetful(tmp_path, monkeypatch):
     for name, module in list(sys.modules.items()):
         if tmp_path in Path(getattr(module, "__file__", None) or "").parents:
             del sys.modules[name]
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Runs draw no figure: what a test is not about."""
+    monkeypatch.setattr("studies.runner.plot", lambda study, dataset, file, *_: file.with_suffix(".png"))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 import click
+
+from studies.cli.errors import InputErrors
 
 
 class BrokenPipe(Exception):  # noqa: N818 - no error where it is the standard output's
@@ -39,13 +42,32 @@ def fiv() -> None:
 
 
 def command(
-    name: str, short: str, kind: type[click.Command] | None = None
+    name: str, short: str, *options: Callable[..., Any], kind: type[click.Command] | None = None
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """A command with -v and -q, and what the list of commands says of it."""
+    """A command with its options, -v and -q, and what the list of commands says of it; wrong input is one line."""
+    quiet = click.option("-q", "--quiet", is_flag=True, help="Only data and errors.")
+    verbose = click.option("-v", "--verbose", is_flag=True, help="With the traceback of an error.")
 
     def decorate(function: Callable[..., Any]) -> click.Command:
-        quiet = click.option("-q", "--quiet", is_flag=True, help="Only data and errors.")
-        verbose = click.option("-v", "--verbose", is_flag=True, help="With the traceback of an error.")
-        return fiv.command(name, kind, short_help=short)(quiet(verbose(function)))
+        @wraps(function)
+        def run(quiet: bool, verbose: bool, **given: Any) -> None:
+            with InputErrors(verbose):
+                function(**given)
+
+        decorated: Callable[..., Any] = run
+        for option in (*reversed(options), verbose, quiet):
+            decorated = option(decorated)
+        return fiv.command(name, kind, short_help=short)(decorated)
 
     return decorate
+
+
+def is_set(flag: str) -> bool:
+    """Whether the command under way was given -q ("quiet") or -v ("verbose")."""
+    return bool(click.get_current_context().params[flag])
+
+
+def say(text: str) -> None:
+    """Say something that is no data, unless -q forbids it."""
+    if not is_set("quiet"):
+        click.echo(text, err=True)

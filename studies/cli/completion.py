@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import redirect_stdout
 from glob import escape, glob
+from importlib import import_module
 from io import StringIO
+from itertools import chain
 
 import click
 from click.shell_completion import CompletionItem
@@ -66,28 +68,9 @@ def _settable(context: click.Context) -> Iterable[str]:
     return [*study.axes, *study.settings]
 
 
-def _series(context: click.Context) -> Iterable[str]:
-    from studies.motion.recording import SERIES
-
-    return SERIES
-
-
-def _map_axes(context: click.Context) -> Iterable[str]:
-    from studies.maps.quantities import AXES
-
-    return AXES
-
-
-def _map_settings(context: click.Context) -> Iterable[str]:
-    from studies.maps.quantities import AXES, RUN
-
-    return [*AXES, *RUN]
-
-
-def _quantities(context: click.Context) -> Iterable[str]:
-    from studies.maps.quantities import QUANTITIES
-
-    return QUANTITIES
+def _of(module: str, *attributes: str) -> Callable[[click.Context], Iterable[str]]:
+    """The names that tables of a module hold, imported when they are asked for."""
+    return lambda context: chain(*(getattr(import_module(module), attribute) for attribute in attributes))
 
 
 def _columns(context: click.Context) -> Iterable[str]:
@@ -98,10 +81,10 @@ def _columns(context: click.Context) -> Iterable[str]:
 
 
 SETTABLE = _offering(_settable, end="=")
-SERIES_LIST = _offering(_series, listed=True)
-MAP_AXIS = _offering(_map_axes, end="=")
-MAP_SETTING = _offering(_map_settings, end="=")
-QUANTITY = _offering(_quantities)
+SERIES_LIST = _offering(_of("studies.motion.recording", "SERIES"), listed=True)
+MAP_AXIS = _offering(_of("studies.maps.quantities", "AXES"), end="=")
+MAP_SETTING = _offering(_of("studies.maps.quantities", "AXES", "RUN"), end="=")
+QUANTITY = _offering(_of("studies.maps.quantities", "QUANTITIES"))
 COLUMNS = _offering(_columns, listed=True)
 SORTED_COLUMNS = _offering(_columns, listed=True, signed=True)
 

@@ -6,53 +6,53 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from math import isnan
 from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from studies.cli.app import is_set, say
 from studies.cli.errors import INTERRUPTED, SOME_FAILED
-from studies.cli.options import ASK_BYTES, ASK_SECONDS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from studies.runner import Finished
     from sweeps import Plan, Status
 
-# So many failed points are listed.
-LISTED = 20
+# A run that takes longer or writes more asks first; so many failed points are listed.
+ASK_SECONDS, ASK_BYTES, LISTED = 300.0, 1e9, 20
 
 
-def carry_out(planned: Plan, execute: Callable[[], Finished], yes: bool, quiet: bool, verbose: bool) -> None:
+def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fast: bool, yes: bool) -> None:
     """Show a plan, ask where it takes long, execute it, and tell what came of it."""
+    from studies import runner
+    from studies.cli.progress import progress
     from sweeps import AbandonedError
 
+    backend = runner.backend(scheduler, workers)
     asking = not yes and sys.stdin.isatty()
     if asking and isnan(planned.seconds):
         planned = planned.timed()
-    if not quiet:
-        click.echo(repr(planned), err=True)
+    say(repr(planned))
     # Where no point tells how long it takes, it may take long.
     large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
     if large and asking and not click.confirm("Go ahead?", err=True):
         click.echo("fiv: nothing was done", err=True)
         sys.exit(INTERRUPTED)
     try:
-        finished = execute()
+        with progress(planned.todo) as callback:
+            finished = runner.execute(planned, *backend, callback, fail_fast=fail_fast)
     except KeyboardInterrupt as interrupt:
         # One more changes nothing.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
     click.echo(finished.study.report(finished.dataset))
-    if not quiet:
-        click.echo(f"\nwritten: {finished.file}\n         {finished.figure}", err=True)
-        if beside := finished.beside_reference():
-            click.echo(beside, err=True)
+    say(f"\nwritten: {finished.file}\n         {finished.figure}")
+    if not is_set("quiet") and (beside := finished.beside_reference()):
+        say(beside)
     if finished.failed:
-        _list_failures(finished.dataset, verbose)
+        _list_failures(finished.dataset)
         sys.exit(SOME_FAILED)
 
 
@@ -78,7 +78,7 @@ def typed(*without: str) -> str:
     return shlex.join(["fiv", *(each for each in sys.argv[1:] if each not in without)])
 
 
-def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
+def _list_failures(dataset: xr.Dataset) -> None:
     """Failed points, each with its reason, and how to see them again."""
     from sweeps import FAILED
 
@@ -91,7 +91,7 @@ def _list_failures(dataset: xr.Dataset, verbose: bool) -> None:
     if len(places) > LISTED:
         click.echo(f"failed: and {len(places) - LISTED} more", err=True)
     if "reproduce" in dataset and dataset.sizes["failure"]:
-        if verbose:
+        if is_set("verbose"):
             click.echo(dataset["traceback"].values[0], err=True)
         click.echo(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
 
@@ -100,23 +100,20 @@ def status_text(found: Status) -> str:
     """A status as lines."""
     from sweeps import duration
 
-    rows = [("file", found.file), ("state", found.state), ("points", str(found.points))]
-    rows += [(name, str(getattr(found, name))) for name in ("done", "failed", "pending", "skipped")]
+    rows: list[tuple[str, object]] = [("file", found.file), ("state", found.state), ("points", found.points)]
+    rows += [(name, getattr(found, name)) for name in ("done", "failed", "pending", "skipped")]
     if found.pending and found.state == "complete":
-        rows[-2] = (
-            "pending",
-            f"{found.pending}, which no run has {'computed' if found.interpolated else 'asked for'}",
-        )
+        why = "computed" if found.interpolated else "asked for"
+        rows[-2] = ("pending", f"{found.pending}, which no run has {why}")
     if found.interpolated:
-        rows.append(("interpolated", f"{found.interpolated}"))
-    told = found.run
-    if "pid" in told:
-        rows.append(
-            ("run by", f"process {told['pid']} on {told['host']}, begun {told.get('started', 'just now')}")
-        )
-    if "todo" in told:
-        rows.append(("this run", f"{told['done']} of {told['todo']} computations, {told['rate']:.3g} a second"))
-        if told["left"] == told["left"]:
-            rows.append(("time left", duration(told["left"])))
-        rows += [("now", what) for what in told["now"]]
+        rows.append(("interpolated", found.interpolated))
+    run = found.run
+    if "pid" in run:
+        begun = run.get("started", "just now")
+        rows.append(("run by", f"process {run['pid']} on {run['host']}, begun {begun}"))
+    if "todo" in run:
+        rows.append(("this run", f"{run['done']} of {run['todo']} computations, {run['rate']:.3g} a second"))
+        if not isnan(run["left"]):
+            rows.append(("time left", duration(run["left"])))
+        rows += [("now", what) for what in run["now"]]
     return "\n".join(f"{name:<15} {text}" for name, text in rows)

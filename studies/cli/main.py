@@ -10,12 +10,9 @@ from typing import NoReturn
 
 import click
 
-from studies.cli import compute as commands_compute
-from studies.cli import read as commands_read
+from studies.cli import compute, read  # noqa: F401 - they add their commands
 from studies.cli.app import BrokenPipe, fiv
 from studies.cli.errors import INTERNAL, INTERRUPTED, SOME_FAILED, STORE_TAKEN, WRONG_INPUT, is_unread
-
-__all__ = ["commands_compute", "commands_read", "fiv", "main"]
 
 
 def main() -> NoReturn:

@@ -1,170 +1,136 @@
-"""What the commands have in common: their options.
+"""What the commands have in common: their arguments and options.
 
 Nothing heavy is imported: `fiv --help` answers at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import click
 
 from studies.cli import completion
 
-ASK_SECONDS, ASK_BYTES = 300.0, 1e9
-
-set_option = click.option(
-    "--set",
-    "assignments",
-    multiple=True,
-    metavar="AXIS=SPEC",
-    shell_complete=completion.SETTABLE,
-    help="Other values for an axis or a setting: mu=0.2, mu=0.1,0.2, mu=0:0.5:101, mu=log:1e-3:1:30.",
+STUDY = click.argument("study", shell_complete=completion.study)
+TARGET = click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
+OUT = click.option("--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results.")
+RETRY = click.option("--retry-failed", is_flag=True, help="Compute again the points that failed.")
+FRESH = click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it.")
+# Of `plan` and `run`: what there is to do.
+WHAT = (
+    click.option(
+        "--set",
+        "assignments",
+        multiple=True,
+        metavar="AXIS=SPEC",
+        shell_complete=completion.SETTABLE,
+        help="Other values for an axis or a setting: mu=0.2, mu=0.1,0.2, mu=0:0.5:101, mu=log:1e-3:1:30.",
+    ),
+    click.option(
+        "--config",
+        "config_file",
+        type=click.Path(dir_okay=False),
+        metavar="FILE.toml",
+        help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
+        "prints a result's.",
+    ),
+    OUT,
+    click.option(
+        "--record",
+        metavar="NAME,...",
+        shell_complete=completion.SERIES_LIST,
+        help="Keep time series, for example velocity_B,normal_force.",
+    ),
+    click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
+    FRESH,
+    RETRY,
 )
-out_option = click.option(
-    "--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results."
+# Of `run` and `map`: how it is done.
+HOW = (
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS|threads|sync",
+        help="Where: the tcp://host:port of a Dask scheduler. Default: DASK_SCHEDULER_ADDRESS, else threads.",
+    ),
+    click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help="So many processes on this machine; with threads, so many threads.",
+    ),
+    click.option("--fail-fast", is_flag=True, help="Stop at the first point that fails."),
+    click.option("--yes", is_flag=True, help="Never ask, however long it takes."),
 )
-retry_option = click.option("--retry-failed", is_flag=True, help="Compute again the points that failed.")
-fresh_option = click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it.")
-
-
-def what_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options of `plan` and `run` that say what there is to do."""
-    return _with(
-        function,
-        set_option,
-        click.option(
-            "--config",
-            "config_file",
-            type=click.Path(dir_okay=False),
-            metavar="FILE.toml",
-            help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
-            "prints a result's.",
-        ),
-        out_option,
-        click.option(
-            "--record",
-            metavar="NAME,...",
-            shell_complete=completion.SERIES_LIST,
-            help="Keep time series, for example velocity_B,normal_force.",
-        ),
-        click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
-        fresh_option,
-        retry_option,
-    )
-
-
-def where_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options of `run` and `map` that say how it is done."""
-    return _with(
-        function,
-        click.option(
-            "--scheduler",
-            metavar="ADDRESS|threads|sync",
-            help="Where: the tcp://host:port of a Dask scheduler. Default: DASK_SCHEDULER_ADDRESS, else threads.",
-        ),
-        click.option(
-            "--workers",
-            type=click.IntRange(min=1),
-            help="So many processes on this machine; with threads, so many threads.",
-        ),
-        click.option("--fail-fast", is_flag=True, help="Stop at the first point that fails."),
-        click.option("--yes", is_flag=True, help="Never ask, however long it takes."),
-    )
-
-
-def map_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options of `map` that say what there is to do."""
-    return _with(
-        function,
-        click.option(
-            "--x",
-            required=True,
-            metavar="AXIS=SPEC",
-            shell_complete=completion.MAP_AXIS,
-            help="Across: theta=-10:20:61 or V=log:2e-4:1e-2:30.",
-        ),
-        click.option(
-            "--y",
-            required=True,
-            metavar="AXIS=SPEC",
-            shell_complete=completion.MAP_AXIS,
-            help="Up, likewise.",
-        ),
-        click.option(
-            "--fix",
-            "fixed",
-            multiple=True,
-            metavar="AXIS=VALUE",
-            shell_complete=completion.MAP_SETTING,
-            help="Another axis or a setting: theta=8.",
-        ),
-        click.option(
-            "--quantity",
-            required=True,
-            metavar="NAME",
-            shell_complete=completion.QUANTITY,
-            help="What is shown.",
-        ),
-        click.option(
-            "--refine",
-            "halvings",
-            type=click.IntRange(0, 12),
-            default=0,
-            metavar="N",
-            help="Halve the SPECs' intervals so often where the quantity changes, and interpolate elsewhere.",
-        ),
-        click.option(
-            "--tolerance",
-            type=float,
-            metavar="T",
-            help="With --refine: largest error to expect of interpolation, as a share of the range of the values; "
-            "default: 0.02.",
-        ),
-        out_option,
-        fresh_option,
-        retry_option,
-    )
-
-
-def query_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options of `query`."""
-    return _with(
-        function,
-        click.option("--where", metavar="EXPR", help="Which rows; by default all."),
-        click.option(
-            "--show",
-            metavar="A,B,...",
-            shell_complete=completion.COLUMNS,
-            help="Which columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",
-        ),
-        click.option(
-            "--by",
-            metavar="A,B,...",
-            shell_complete=completion.COLUMNS,
-            help="Group the rows that agree in these columns.",
-        ),
-        click.option(
-            "--sort",
-            metavar="A,...",
-            shell_complete=completion.SORTED_COLUMNS,
-            help="By which columns; descending with a minus in front: --sort -velocity_rms.",
-        ),
-        click.option("--limit", type=click.IntRange(min=0), metavar="N", help="So many rows at most."),
-        click.option(
-            "--format",
-            "form",
-            type=click.Choice(["table", "csv", "json"]),
-            default="table",
-            show_default=True,
-            help="csv and json are in full precision.",
-        ),
-        click.option(
-            "--units", is_flag=True, help="Heads with units: V [m s-1]; in json as an object beside rows."
-        ),
-        out_option,
-    )
+MAP = (
+    click.option(
+        "--x",
+        required=True,
+        metavar="AXIS=SPEC",
+        shell_complete=completion.MAP_AXIS,
+        help="Across: theta=-10:20:61 or V=log:2e-4:1e-2:30.",
+    ),
+    click.option(
+        "--y", required=True, metavar="AXIS=SPEC", shell_complete=completion.MAP_AXIS, help="Up, likewise."
+    ),
+    click.option(
+        "--fix",
+        "fixed",
+        multiple=True,
+        metavar="AXIS=VALUE",
+        shell_complete=completion.MAP_SETTING,
+        help="Another axis or a setting: theta=8.",
+    ),
+    click.option(
+        "--quantity", required=True, metavar="NAME", shell_complete=completion.QUANTITY, help="What is shown."
+    ),
+    click.option(
+        "--refine",
+        "halvings",
+        type=click.IntRange(0, 12),
+        default=0,
+        metavar="N",
+        help="Halve the SPECs' intervals so often where the quantity changes, and interpolate elsewhere.",
+    ),
+    click.option(
+        "--tolerance",
+        type=float,
+        metavar="T",
+        help="With --refine: largest error to expect of interpolation, as a share of the range of the values; "
+        "default: 0.02.",
+    ),
+    OUT,
+    FRESH,
+    RETRY,
+)
+QUERY = (
+    click.option("--where", metavar="EXPR", help="Which rows; by default all."),
+    click.option(
+        "--show",
+        metavar="A,B,...",
+        shell_complete=completion.COLUMNS,
+        help="Which columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",
+    ),
+    click.option(
+        "--by",
+        metavar="A,B,...",
+        shell_complete=completion.COLUMNS,
+        help="Group the rows that agree in these columns.",
+    ),
+    click.option(
+        "--sort",
+        metavar="A,...",
+        shell_complete=completion.SORTED_COLUMNS,
+        help="By which columns; descending with a minus in front: --sort -velocity_rms.",
+    ),
+    click.option("--limit", type=click.IntRange(min=0), metavar="N", help="So many rows at most."),
+    click.option(
+        "--format",
+        "form",
+        type=click.Choice(["table", "csv", "json"]),
+        default="table",
+        show_default=True,
+        help="csv and json are in full precision.",
+    ),
+    click.option("--units", is_flag=True, help="Heads with units: V [m s-1]; in json as an object beside rows."),
+    OUT,
+)
 
 
 class MapCommand(click.Command):
@@ -177,10 +143,3 @@ class MapCommand(click.Command):
         for head, names in (("Quantities", QUANTITIES), ("Axes", AXES), ("Settings of runs", RUN)):
             with formatter.section(head):
                 formatter.write_text(", ".join(names))
-
-
-def _with(function: Callable[..., Any], *options: Callable[..., Any]) -> Callable[..., Any]:
-    """The function of a command with these options, in this order."""
-    for option in reversed(options):
-        function = option(function)
-    return function

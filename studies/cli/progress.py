@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import click
 
+from studies.cli.app import is_set
 from sweeps import Progress, Snapshot, duration
 
 # Between two plain lines, s.
@@ -21,9 +22,9 @@ STOPPING = "stopping after what is under way; Ctrl-C again: now"
 
 
 @contextmanager
-def progress(todo: int, quiet: bool) -> Iterator[Progress | None]:
+def progress(todo: int) -> Iterator[Progress | None]:
     """A callback for `Plan.run` that tells on standard error how far it is."""
-    if quiet or not todo:
+    if is_set("quiet") or not todo:
         yield None
     elif sys.stderr.isatty():
         with _bar(todo) as told:
@@ -32,16 +33,18 @@ def progress(todo: int, quiet: bool) -> Iterator[Progress | None]:
         yield _Lines()
 
 
-def line(snapshot: Snapshot) -> str:
-    """The state of a run in one line."""
-    left = "" if math.isnan(snapshot.left) else f", {duration(snapshot.left)} left"
-    failed = f", {snapshot.failed} failed" if snapshot.failed else ""
-    now = f"; now {snapshot.now[0]}" if snapshot.now else ""
-    return f"{snapshot.done} of {snapshot.todo} done{failed}, {snapshot.rate:.3g} a second{left}{now}"
+def words(snapshot: Snapshot) -> list[str]:
+    """How a run goes: failures, rate, and the time that is left, as far as there are any."""
+    failed = f"{snapshot.failed} failed" if snapshot.failed else ""
+    rate = f"{snapshot.rate:.3g} a second" if snapshot.rate > 0.0 else ""
+    left = "" if math.isnan(snapshot.left) else f"{duration(snapshot.left)} left"
+    return [word for word in (failed, rate, left) if word]
 
 
 def tell_compiling() -> None:
     """Say once, until the command ends, that kernels are compiled: no run of this installation has done so."""
+    if is_set("quiet"):
+        return
     from numba.core import event
 
     class Compiling(event.Listener):
@@ -73,7 +76,8 @@ class _Lines:
         # When a batch begins: the line then says which.
         if snapshot.now and time.monotonic() - self._last >= INTERVAL:
             self._last = time.monotonic()
-            click.echo(f"fiv: {line(snapshot)}", err=True)
+            done = ", ".join([f"{snapshot.done} of {snapshot.todo} done", *words(snapshot)])
+            click.echo(f"fiv: {done}; now {snapshot.now[0]}", err=True)
 
 
 @contextmanager
@@ -83,26 +87,17 @@ def _bar(todo: int) -> Iterator[Progress]:
     from rich.table import Column
 
     count = Column(no_wrap=True, min_width=2 * len(str(todo)) + 1)
-    words = Column(ratio=1, no_wrap=True, overflow="ellipsis")
+    text = Column(ratio=1, no_wrap=True, overflow="ellipsis")
     columns = (
         BarColumn(16),
         MofNCompleteColumn(table_column=count),
-        TextColumn("{task.description}", table_column=words),
+        TextColumn("{task.description}", table_column=text),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as bar:
         task = bar.add_task("", total=todo)
 
         def tell(snapshot: Snapshot) -> None:
-            left = "" if math.isnan(snapshot.left) else f"{duration(snapshot.left)} left"
-            failed = f"[red]{snapshot.failed} failed[/red]" if snapshot.failed else ""
-            rate = f"{snapshot.rate:.3g}/s" if snapshot.rate > 0.0 else ""
-            now = snapshot.now[0] if snapshot.now else ""
-            told = [STOPPING] if snapshot.stopping else [failed, rate, left, now]
-            bar.update(
-                task,
-                total=snapshot.todo,
-                completed=snapshot.done,
-                description="  ".join(word for word in told if word),
-            )
+            shown = [STOPPING] if snapshot.stopping else [*words(snapshot), *snapshot.now[:1]]
+            bar.update(task, total=snapshot.todo, completed=snapshot.done, description="  ".join(shown))
 
         yield tell

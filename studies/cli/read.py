@@ -5,23 +5,24 @@ Heavy packages are imported inside the commands: `fiv --help` answers at once.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from studies.cli import completion
-from studies.cli.app import command, fiv
-from studies.cli.errors import InputErrors
+from studies.cli.app import command, fiv, is_set, say
 from studies.cli.execution import status_text
-from studies.cli.options import out_option, query_options
+from studies.cli.options import OUT, QUERY, TARGET
 
-if TYPE_CHECKING:
-    import xarray as xr
+TARGETS = click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.study)
 
 
-@command("list", "Studies: what each asks, its size and its time.")
-@click.argument("study", required=False, shell_complete=completion.study)
-def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
+@command(
+    "list",
+    "Studies: what each asks, its size and its time.",
+    click.argument("study", required=False, shell_complete=completion.study),
+)
+def list_studies(study: str | None) -> None:
     """Studies: what each asks, its size, and the time that its reference took.
 
     With the name of one: what the paper says, and all that can be set.
@@ -33,30 +34,30 @@ def list_studies(study: str | None, quiet: bool, verbose: bool) -> None:
     from studies import registry
 
     known = registry.catalogue()
-    with InputErrors(verbose):
-        for name in [study] if study else registry.names():
-            told, more = known.get(name), ""
-            if study or told is None:
-                one = registry.resolve(name)
-                points = one.sweep({}).grid.size
-                name, more = one.name, f"\n{one.statement()}" if study else ""
-                told = {"title": one.title, "question": one.question, "points": points} | (known.get(name) or {})
-            click.echo(f"{name:<10} {told['title']}")
-            if not quiet:
-                time = f", about {told['time']} on one core" if "time" in told else ""
-                click.echo(f"{'':<10} {told['question']}\n{'':<10} {told['points']} points{time}")
-            if more:
-                click.echo(more)
+    for name in [study] if study else registry.names():
+        entry = known.get(name, {})
+        one = registry.resolve(name) if study or not entry else None
+        if one:
+            entry = {"title": one.title, "question": one.question, "points": one.sweep({}).grid.size} | entry
+        click.echo(f"{one.name if one else name:<10} {entry['title']}")
+        if not is_set("quiet"):
+            time = f", about {entry['time']} on one core" if "time" in entry else ""
+            click.echo(f"{'':<10} {entry['question']}\n{'':<10} {entry['points']} points{time}")
+        if one and study:
+            click.echo(f"\n{one.statement()}")
 
 
-@command("status", "How far a study is, also while it runs.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
-@click.option("--json", "as_json", is_flag=True, help="As JSON.")
-@click.option(
-    "--toml", "as_toml", is_flag=True, help="What it was asked for, as fiv run --config FILE.toml reads it."
+@command(
+    "status",
+    "How far a study is, also while it runs.",
+    TARGET,
+    click.option("--json", "as_json", is_flag=True, help="As JSON."),
+    click.option(
+        "--toml", "as_toml", is_flag=True, help="What it was asked for, as fiv run --config FILE.toml reads it."
+    ),
+    OUT,
 )
-@out_option
-def show_status(target: str, as_json: bool, as_toml: bool, out: str | None, quiet: bool, verbose: bool) -> None:
+def show_status(target: str, as_json: bool, as_toml: bool, out: str | None) -> None:
     """How far a study is: running, interrupted or complete; from any shell, while it runs.
 
     \b
@@ -68,40 +69,23 @@ def show_status(target: str, as_json: bool, as_toml: bool, out: str | None, quie
     from json import dumps
     from math import isnan
 
-    from studies import results
+    from studies import config, results
     from sweeps import status
 
-    with InputErrors(verbose):
-        file = results.results_file(target, out)
-        tell_reference(target, out, quiet)
-        if as_toml:
-            from studies import config
-
-            click.echo(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
-            return
-        found = status(file)
+    file = results.results_file(target, out)
+    tell_reference(target, out)
+    if as_toml:
+        click.echo(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
+        return
+    found = status(file)
     told = asdict(found)
     if isnan(told["run"].get("left", 0.0)):
         told["run"]["left"] = None  # JSON has no NaN
     click.echo(dumps(told) if as_json else status_text(found))
 
 
-@command("query", "Rows of a result as a table, CSV or JSON.", completion.SignedCommand)
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
-@query_options
-def query_rows(
-    target: str,
-    where: str | None,
-    show: str | None,
-    by: str | None,
-    sort: str | None,
-    limit: int | None,
-    form: str,
-    units: bool,
-    out: str | None,
-    quiet: bool,
-    verbose: bool,
-) -> None:
+@command("query", "Rows of a result as a table, CSV or JSON.", TARGET, *QUERY, kind=completion.SignedCommand)
+def query_rows(target: str, out: str | None, show: str | None, form: str, units: bool, **which: Any) -> None:
     """Rows of a result, whole or still running: chosen, sorted, and printed as a table, CSV or JSON.
 
     \b
@@ -128,31 +112,33 @@ def query_rows(
     std:X (of a sample), min:X, max:X and median:X of the values that are not missing; share:X is the share of the
     group's rows that have each word, or for which a condition is true. --sort and --limit act on the groups.
     """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import results
     from studies.query.output import print_rows
     from studies.query.query import select
 
     def note(text: str) -> None:
-        if not quiet:
-            click.echo(f"fiv: {text}", err=True)
+        say(f"fiv: {text}")
 
-    with InputErrors(verbose):
-        dataset = opened(target, out, quiet)
-        chosen = select(dataset, where, show=show, by=by, sort=sort, limit=limit, note=note)
-        print_rows(chosen, form, show is None, units, note)
+    tell_reference(target, out)
+    chosen = select(results.open_dataset(target, out), show=show, note=note, **which)
+    print_rows(chosen, form, show is None, units, note)
 
 
-@command("plot", "Draw the figure of a study or map again.")
-@click.argument("target", metavar="STUDY|PATH", shell_complete=completion.study)
-@click.option("--out", type=click.Path(), help="Results folder of a STUDY; of a PATH, where the figure goes.")
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(["png", "svg", "pdf"]),
-    default="png",
-    show_default=True,
-    help="Of the figure; svg and pdf are drawn in lines, for print.",
+@command(
+    "plot",
+    "Draw the figure of a study or map again.",
+    TARGET,
+    click.option("--out", type=click.Path(), help="Results folder of a STUDY; of a PATH, where the figure goes."),
+    click.option(
+        "--format",
+        "form",
+        type=click.Choice(["png", "svg", "pdf"]),
+        default="png",
+        show_default=True,
+        help="Of the figure; svg and pdf are drawn in lines, for print.",
+    ),
 )
-def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) -> None:
+def plot(target: str, out: str | None, form: str) -> None:
     """Draw the figure of a study again from its netCDF file.
 
     \b
@@ -161,25 +147,26 @@ def plot(target: str, out: str | None, form: str, quiet: bool, verbose: bool) ->
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import results, runner
 
-    with InputErrors(verbose):
-        dataset = opened(target, out, quiet)
-        file = results.results_file(target, out)
-        study = results.study_of(dataset, str(file))
-        if out and results.is_path(target):
-            file = results.results_folder(out) / file.name
-        elif not results.is_path(target) and results.is_reference(file):
-            file = results.file_of(study.name, out)
-        drawn = runner.plot(study, dataset, file, form)
-    click.echo(str(drawn))
+    tell_reference(target, out)
+    dataset, file = results.open_dataset(target, out), results.results_file(target, out)
+    study = results.study_of(dataset, str(file))
+    if out and results.is_path(target):
+        file = results.results_folder(out) / file.name
+    elif not results.is_path(target) and results.is_reference(file):
+        file = results.file_of(study.name, out)
+    click.echo(str(runner.plot(study, dataset, file, form)))
 
 
-@command("report", "One HTML page of every result.")
-@click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.study)
-@out_option
-@click.option(
-    "--file", type=click.Path(dir_okay=False), help="The page; default: report.html in the results folder."
+@command(
+    "report",
+    "One HTML page of every result.",
+    TARGETS,
+    OUT,
+    click.option(
+        "--file", type=click.Path(dir_okay=False), help="The page; default: report.html in the results folder."
+    ),
 )
-def write_report(targets: tuple[str, ...], out: str | None, file: str | None, quiet: bool, verbose: bool) -> None:
+def write_report(targets: tuple[str, ...], out: str | None, file: str | None) -> None:
     """One HTML page of every result.
 
     For each its figure, its numbers beside the paper's, its cost and its points, and of a plane a map to point at.
@@ -192,36 +179,27 @@ def write_report(targets: tuple[str, ...], out: str | None, file: str | None, qu
     The page needs no network and no other file.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry
-    from studies.report import page as report
+    from studies.report import page
 
-    with InputErrors(verbose):
-        for target in targets or registry.names():
-            tell_reference(target, out, quiet)
-        page = report.write(targets, out, file, lambda line: click.echo(f"fiv: {line}", err=True))
-    click.echo(str(page))
+    for target in targets or registry.names():
+        tell_reference(target, out)
+    click.echo(str(page.write(targets, out, file, lambda line: click.echo(f"fiv: {line}", err=True))))
 
 
-def opened(target: str, out: str | None, quiet: bool) -> xr.Dataset:
-    """The result that STUDY or PATH names; it is said where the reference stands in for it."""
-    from studies import results
-
-    tell_reference(target, out, quiet)
-    return results.open_dataset(target, out)
-
-
-def tell_reference(target: str, out: str | None, quiet: bool) -> None:
+def tell_reference(target: str, out: str | None) -> None:
     """Say where the reference stands in for a result of one's own."""
     from studies import results
 
-    if not quiet and not results.is_path(target):
-        notice = results.notice(results.results_file(target, out), out)
-        if notice:
-            click.echo(f"fiv: {notice}", err=True)
+    if notice := results.notice(target, out):
+        say(f"fiv: {notice}")
 
 
-@command("completion", "Print what a shell needs to complete names.")
-@click.argument("shell", metavar="|".join(completion.SHELLS), type=click.Choice(completion.SHELLS))
-def complete(shell: str, quiet: bool, verbose: bool) -> None:
+@command(
+    "completion",
+    "Print what a shell needs to complete names.",
+    click.argument("shell", metavar="|".join(completion.SHELLS), type=click.Choice(completion.SHELLS)),
+)
+def complete(shell: str) -> None:
     """Print what a shell needs to complete names of studies, axes, quantities and columns.
 
     \b

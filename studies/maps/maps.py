@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from numpy.typing import NDArray
 
 from fivcore import Scene, checks
-from studies import runner, spec
+from studies import results, spec
 from studies.gallery.regimes import study as regimes
 from studies.maps import quantities
 from studies.maps.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
@@ -135,7 +135,7 @@ def file_of(
     name = "-".join([quantity, plane.x, plane.y, *other])
     if len(name) > MOST_LETTERS:
         name = f"{quantity}-{plane.x}-{plane.y}-{sha256(name.encode()).hexdigest()[:16]}"
-    return runner.results_folder(out) / NAME / f"{name}.nc"
+    return results.results_folder(out) / NAME / f"{name}.nc"
 
 
 def defaults(quantity: str) -> dict[str, float]:

@@ -67,9 +67,9 @@ class Accessor:
         sweeps.StoreError
             If the figure cannot be written.
         """
-        from studies import runner
+        from studies import results, runner
 
-        study = runner.study_of(self._dataset)
+        study = results.study_of(self._dataset)
         if path is None:
             return runner.drawn(study, self._dataset)
         form = runner.format_of(path, format)

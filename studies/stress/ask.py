@@ -20,11 +20,6 @@ from studies.stress.cases import CONTACT, DIVERGENCE, DURATION, POINT, VALUE, Ca
 from studies.stress.starts import STARTS
 
 RAMP = 1e-3  # of the drive, s, where a case says nothing else (`fivcore.simulate`)
-MOST_SECONDS = 10.0  # a case is too dear for a method if it takes longer than this, s, on a nominal core
-# There a mode takes so long in a step of "fast" or "paper", and contact and statistics as long as so many modes.
-NOMINAL, CONTACT_MODES = 1e-9, 12
-# "exact" builds four eigenbases in extended precision, and adds up its work at POINTS / (largest frequency).
-BASES, POINTS = 400e-9, 8.0 / 2.5
 ERRORS: dict[str, type[Exception]] = {VALUE: ValueError, CONTACT: ContactError, DIVERGENCE: DivergenceError}
 FAR = 1e80  # beyond any limit, on either side
 # The word before the limit in a refusal, and how near to the limit the number after it must be.
@@ -94,16 +89,6 @@ class Question:
         refines = self.method == "fast" and own and self.options.get("termination") != "none"
         return {"cutoff": default_cutoff(self.rig)} if refines else {}
 
-    @property
-    def seconds(self) -> float:
-        """What the run takes on the nominal core, to a factor of two or three; events are not counted."""
-        model, modes = self.model, len(self.model.stiffness)
-        if self.method == "exact":
-            # The largest angular frequency with the contact closed, rad/s.
-            fastest = float(np.sqrt(model.stiffness.max() + model.contact_frequency**2))
-            return NOMINAL * POINTS * self.duration * fastest * modes * (modes + 7) + BASES * (2 * modes) ** 3
-        return NOMINAL * self.duration / self.step * (modes + CONTACT_MODES)
-
     def ask(self, duration: float | None = None, **more: Any) -> Transient:
         """Simulate it, by default for its own duration."""
         options: dict[str, Any] = {"initial": self.initial, **self.options, **more}
@@ -153,12 +138,10 @@ def _refusal(question: Question, kind: type[Exception] = ValueError) -> str:
 
 
 def _largest_step(question: Question) -> float:
-    """The largest stable step of the method, s; NaN for "exact", which has none."""
+    """The largest stable step of "fast" or "paper", s."""
     model, mu = question.model, question.numbers["mu"]
     if question.method == "paper":
         return published.largest_step(model.stiffness, model.damping, published.BETA2)
-    if question.method == "exact":
-        return float("nan")
     limit = model.largest_step
     return limit if stable(model, mu, limit) else largest_stable_step(model, mu, limit)
 

@@ -81,6 +81,12 @@ NO_STEP = {"exact": "it has no step to be stable: its grid is only where statist
 OWN_MODES = {"paper": "it keeps all modes: it has no cut-off and no termination"}
 ABSORBING = {"exact": "it needs the absorbing element and refuses another termination"}
 ENDS_EARLY = dict.fromkeys(("exact", "paper"), "only 'fast' ends a run early")
+# Cases that would take these methods longer than some 10 s of a core.
+TOO_DEAR = {
+    "long P2": ("exact",),
+    "absorbing, cut-off 1000 kHz": ("exact",),
+    "1 s, vibrating": ("paper",),
+} | dict.fromkeys(("100 s, vibrating", "100 s, sliding", "100 s, stuck"), ("exact", "paper"))
 # What "exact" says where one mode of a regime is slower than the others by ten orders of magnitude; and of a mesh
 # so coarse that the reduced model keeps every mode and needs no element.
 TOO_SLOW: dict[str, Any] = {"expected": {"exact": DIVERGENCE}}

@@ -101,7 +101,8 @@ def _contact_law(evidence: Evidence) -> dict[str, Judged]:
         "separation": (float(max(N_open, T_open)) / peak, 0.0),
     }
     if question.method == "paper":
-        places, side, wrong = _relaxation(T, N, mu, np.flatnonzero(state[1:] == SLIP) + 1, question.step)
+        places = np.flatnonzero(state[1:] == SLIP) + 1
+        side, wrong = _relaxation(T, N, mu, places, question.step)
         law["relaxation"] = float(wrong.max(initial=0.0)), SOLVED
         # Once friction has the sign and the size of its law; before, it relaxes.
         slips = places[(np.abs(T[places]) <= mu * N[places]) & (side * T[places] > 0.0)]
@@ -115,8 +116,8 @@ def _contact_law(evidence: Evidence) -> dict[str, Judged]:
     return law
 
 
-def _relaxation(T: Array, N: Array, mu: float, slips: Array, step: float) -> tuple[Array, Array, Array]:
-    """Where "paper" slips, towards which side T goes there, and how far it is off its law, relative.
+def _relaxation(T: Array, N: Array, mu: float, slips: Array, step: float) -> tuple[Array, Array]:
+    """Towards which side T goes where "paper" slips, and how far it is off its law, relative.
 
     T nears s mu N by 1 / (1 + r) a step, r = step / tau. The side s is the sign of what sticking would need, which
     is not recorded: that of the two which fits.
@@ -124,7 +125,7 @@ def _relaxation(T: Array, N: Array, mu: float, slips: Array, step: float) -> tup
     r, before, T, N = step / published.TAU, T[slips - 1], T[slips], N[slips]
     up, down = (np.abs((1.0 + r) * T - before - r * s * mu * N) for s in (1.0, -1.0))
     size = np.abs(T) + np.abs(before) + mu * N
-    return slips, np.where(up <= down, 1.0, -1.0), np.minimum(up, down) / np.where(size > 0.0, size, 1.0)
+    return np.where(up <= down, 1.0, -1.0), np.minimum(up, down) / np.where(size > 0.0, size, 1.0)
 
 
 def _moved(question: Question, driven: float) -> float:

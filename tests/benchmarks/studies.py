@@ -27,26 +27,19 @@ GRID = (
     f"F={','.join(repr(9.0 * 1.3**k) for k in range(10))}",
     "duration=1",
 )
-# Name, study, what is set, and what the project asks of itself, s.
+# By name: what the table calls it, the study, what is set, and what the project asks of itself, s.
 CASES = {
-    "stability": ("stability", ("theta=-10:20:501", "mu=0:0.5:401"), 20.0),
-    "table6": ("table6", (), 120.0),
-    "stick_time": ("stick_time", (), 180.0),
-    "regimes": ("regimes", (), 600.0),
-    "grid": ("scenes", GRID, 180.0),
-}
-WHAT = {
-    "stability": "`stability` at 501 x 401",
-    "table6": "`table6`",
-    "stick_time": "`stick_time`",
-    "regimes": "`regimes`, 40 x 40 x 4 members",
-    "grid": "`scenes`, 10 x 13 x 11 x 10, 1 s each",
+    "stability": ("`stability` at 501 x 401", "stability", ("theta=-10:20:501", "mu=0:0.5:401"), 20.0),
+    "table6": ("`table6`", "table6", (), 120.0),
+    "stick_time": ("`stick_time`", "stick_time", (), 180.0),
+    "regimes": ("`regimes`, 40 x 40 x 4 members", "regimes", (), 600.0),
+    "grid": ("`scenes`, 10 x 13 x 11 x 10, 1 s each", "scenes", GRID, 180.0),
 }
 
 
 def run(name: str, folder: str) -> tuple[float, float, xr.Dataset]:
     """Wall and processor time of a study's command, s, and what it found."""
-    study, given, _ = CASES[name]
+    _, study, given, _ = CASES[name]
     command = [sys.executable, "-m", "studies", "run", study, "--out", folder, "--fresh", "--yes", "-q"]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
@@ -84,7 +77,8 @@ def main() -> None:
             with found:
                 points = int((found["status"] == 1).sum())
                 row = f"{points} | {motion(name, found)}"
-        print(f"| {WHAT[name]} | {taken:.1f} s | {CASES[name][2]:g} s | {cpu:.0f} s | {row} |", flush=True)
+        what, *_, most = CASES[name]
+        print(f"| {what} | {taken:.1f} s | {most:g} s | {cpu:.0f} s | {row} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 """What a run is asked for in a file: read, overruled by options, and printed of a result."""
 
 import re
+import shutil
 import tomllib
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -22,6 +24,9 @@ F = 9.0
 [settings]
 duration = 0.05
 """
+
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def same(one, other):
@@ -46,6 +51,9 @@ def test_a_result_prints_what_makes_it_again(tmp_path, here):
     assert here("run", "results/fig5/fig5.nc", "--out", "third", "-q").returncode == 0
     assert same("results/fig5/fig5.nc", "third/fig5/fig5.nc") == 26
     assert "to do           0" in here("plan", "third/fig5/fig5.nc", "--out", "there").stdout
+    # A file says more than a result.
+    (tmp_path / "again.toml").write_text("settings.theta = 90")
+    assert "theta = 90" in here("plan", "third/fig5/fig5.nc", "--config", "again.toml").stderr
 
 
 def test_series_are_made_again_too(tmp_path, here):
@@ -80,6 +88,7 @@ def test_the_readmes_file(tmp_path, here):
         ("axis = 1", "run.toml: axis: there is no such key; did you mean axes? the keys are study, axes"),
         ("axes = 1", "run.toml: axes = 1: it must be a table"),
         ("workers = true", "run.toml: workers = True: it must be a whole number"),
+        ("record = 1", "run.toml: record = 1: it must be a list of texts"),
         ("record = [1]", "run.toml: record = [1]: it must be a list of texts"),
         ("axes.mu = true", "run.toml: mu = True: it must be a number, SPEC or a list"),
         ("axes.mo = 1", "axes.mo: study fig5 has nothing of that name there; did you mean mu? there are mu"),
@@ -100,18 +109,13 @@ def test_a_wrong_file_is_one_line(tmp_path, here, text, message):
     assert written(tmp_path) == ["run.toml"]
 
 
-def test_no_such_file(here):
+def test_no_such_file_and_a_result_that_does_not_say_it(tmp_path, here):
     assert here("run", "fig5", "--config", "none.toml").stderr == (
         "fiv: --config none.toml: it cannot be read: No such file or directory\n"
     )
-
-
-def test_a_file_that_does_not_say_it(tmp_path, here):
-    here("run", "table4", "-q")
-    with xr.open_dataset("results/table4/table4.nc") as file:
-        data = file.load()
-    data.attrs["configuration"] = '{"name": "table4", "axes": {}, "constants": {"theta": 5.0}}'
-    data.to_netcdf("old.nc")
+    shutil.copy(HOME / "results" / "reference" / "table4" / "table4.nc", tmp_path / "old.nc")
+    with netCDF4.Dataset(tmp_path / "old.nc", "a") as file:
+        file.configuration = '{"name": "table4", "axes": {}, "constants": {"theta": 5.0}}'
     done = here("run", "old.nc")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "old.nc: it does not say what it was asked for" in done.stderr

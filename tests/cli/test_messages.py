@@ -8,21 +8,12 @@ from dataclasses import replace
 import pytest
 
 from studies import registry
+from studies.cli.main import fiv
+from studies.gallery import fig5
 from tests.helpers.commands import written
 
 
-def test_plan_writes_nothing(tmp_path, here):
-    done = here("plan", "fig5", "--set", "mu=0:0.5:101")
-    assert done.returncode == 0
-    for line in ("points          101", "distinct        101", "cached          0", "to do           101"):
-        assert line in done.stdout
-    assert "time to expect" in done.stdout
-    assert written(tmp_path) == []
-
-
-def test_plan_computes_nothing_unless_it_is_asked_for_the_time(tmp_path, here, monkeypatch):
-    from studies.gallery import fig5
-
+def test_plan_writes_nothing_and_computes_only_what_the_time_is_asked_of(tmp_path, here, monkeypatch):
     calls, whole = [], fig5.modes
 
     def counted(points, **constants):
@@ -30,60 +21,46 @@ def test_plan_computes_nothing_unless_it_is_asked_for_the_time(tmp_path, here, m
         return whole(points, **constants)
 
     monkeypatch.setattr(fig5, "STUDY", replace(fig5.STUDY, function=counted))
-    assert "time to expect  unknown: no earlier run tells" in here("plan", "fig5").stdout
+    done = here("plan", "fig5", "--set", "mu=0:0.5:101")
+    assert done.returncode == 0
+    for line in ("points          101", "distinct        101", "cached          0", "to do           101"):
+        assert line in done.stdout
+    assert "time to expect  unknown: no earlier run tells" in done.stdout
     assert calls == []
     assert "on one core" in here("plan", "fig5", "--time").stdout
     assert calls
     assert written(tmp_path) == []
 
 
-def test_list_shows_every_study(here):
+def test_list_shows_every_study_and_all_of_one(here):
     done = here("list")
     assert done.returncode == 0
     for name in registry.NAMES:
         assert name in done.stdout
     assert "501 points, about" in done.stdout
-    assert done.stdout.count("?") == len(registry.NAMES)
     assert len(done.stdout.splitlines()) == 3 * len(registry.NAMES)
+    one = here("list", "fig5").stdout
+    assert "Paper: Section 3.4.2 and Fig. 5" in one
+    assert "axis     mu                0 to 0.5 (501)         coefficient of friction" in one
+    assert "setting  p2_thickness      0.003 m                thickness of P2" in one
 
 
-def test_list_tells_all_of_one_study(here):
-    done = here("list", "fig5")
-    assert done.returncode == 0
-    assert "Paper: Section 3.4.2 and Fig. 5" in done.stdout
-    assert "axis     mu                0 to 0.5 (501)         coefficient of friction" in done.stdout
-    assert "setting  p2_thickness      0.003 m                thickness of P2" in done.stdout
-
-
-@pytest.mark.parametrize("command", [[], ["list"], ["plan"], ["run"], ["status"], ["plot"], ["map"], ["query"]])
-def test_every_command_has_help(here, command):
-    done = here(*command, "--help")
-    assert done.returncode == 0
-    assert "Usage: fiv" in done.stdout
-    assert "Traceback" not in done.stderr
+def test_every_command_has_help(here):
+    assert here("--version").stdout.startswith("fiv, version ")
+    for command in ([], *([name] for name in fiv.commands)):
+        done = here(*command, "--help")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "Usage: fiv" in done.stdout
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["run", "fig55"], "fiv: STUDY = 'fig55': there is no such study; did you mean fig5?"),
-        (["run", "fig5", "--set", "mo=0.2"], "fiv: mo: study fig5 has no such axis; did you mean mu?"),
-        (
-            ["run", "fig5", "--set", "mu=0:0.5"],
-            "fiv: mu = '0:0.5': a range must be start:stop:count; the forms are ",
-        ),
+        (["run", "fig5", "--set", "mu=0:0.5"], "fiv: mu = '0:0.5': a range must be start:stop:count; the forms"),
         (["run", "fig5", "--set", "mu"], "fiv: --set 'mu': it must be AXIS=SPEC, for example mu=0:0.5:101"),
         (["run", "fig5", "--set", "mu=-0.1"], "fiv: mu = -0.1: it must be a number from 0 to"),
-        (["run", "fig5", "--set", "mu=nan"], "fiv: mu = 'nan': 'nan' must be a finite number"),
         (["run", "fig5", "--set", "mu=0.1", "--set", "mu=0.2"], "fiv: --set 'mu=0.2': mu is set already"),
-        (["run", "fig5", "--set", "theta=90"], "fiv: theta = 90.0: it must be a single angle between -90 and 90"),
-        (["run", "fig5", "--set", "contact_position=0.2"], "fiv: contact_position = 0.2: it must be above 0"),
-        (["run", "fig5", "--set", "head_mass=-1"], "fiv: head_mass = -1.0: it must be a number from 0 to"),
-        (["run", "fig5", "--set", "p1_length=-0.05"], "fiv: p1_length = -0.05: it must be a number from 1e-09 to"),
-        (["run", "fig6", "--set", "p2_elements=0"], "fiv: p2_elements = 0.0: it must be a whole number from 1 to"),
-        (["run", "fig5", "--set", "p1_density=nan"], "fiv: p1_density = 'nan': 'nan' must be a finite number"),
-        (["run", "table4", "--set", "mode=0"], "fiv: mode = 0: it must be a whole number from 1 to 359"),
-        (["run", "table4", "--set", "mode=400"], "fiv: mode = 400: it must be a whole number from 1 to 359"),
         (
             ["run", "fig5", "--scheduler", "cloud"],
             "fiv: scheduler = 'cloud': it must be 'threads', 'sync', 'processes', or an address like tcp://host:8786",
@@ -94,21 +71,17 @@ def test_every_command_has_help(here, command):
         ),
         (["plan", "fig5", "--record", "velocity_B"], "fiv: study fig5 has no motion in time to record"),
         (["plan", "scenes", "--record", "velocity_C"], "velocity_B"),
-        (["plan", "scenes", "--set", "V=0"], "fiv: V = 0.0: it must be"),
         (["status", "fig5"], "results/fig5/fig5.nc: there is no such file"),
         (["run", "fig5", "--workers", "0"], "fiv: Invalid value for '--workers': 0 is not in the range x>=1."),
         (["list", "fig55"], "fiv: STUDY = 'fig55': there is no such study; did you mean fig5?"),
         (["run"], "fiv: Missing argument 'STUDY'."),
         (["rum", "fig5"], "fiv: No such command 'rum'."),
-        (["plan", "fig5", "--set", "=3"], "fiv: --set '=3': it must be AXIS=SPEC"),
-        (["plot", "fig5"], "results/fig5/fig5.nc: there is no such file; make it with: fiv run fig5"),
-        (["run", "fig5", "--set", "theta=5,6"], "fiv: theta = 5, 6: study fig5 holds it fixed, so it must be one"),
-        (["run", "fig6", "--set", "theta=-5"], "fiv: theta = -5: no two modes below 10 kHz lock in up to mu = 1"),
-        (
-            ["plan", "fig6", "--set", "d2=1e-3"],
-            "fiv: theta = 5: the two modes that lock in cannot be followed back",
-        ),
         (["plot", "none.nc"], "fiv: none.nc: there is no such file"),
+        (
+            ["run", "scenes", "--set", "V=1e-3:1e-2:1000", "--set", "mu=0.1:0.3:1000", "--set", "F=1:9:1000"],
+            "fiv: grid = V 1000 x theta 4 x mu 1000 x F 1000: 4e+09 points are more than the 2e+08 that one plan "
+            "can hold; take fewer values, or run parts of them into folders of their own\n",
+        ),
     ],
 )
 def test_wrong_input_is_one_clear_line(tmp_path, here, arguments, message):
@@ -120,17 +93,7 @@ def test_wrong_input_is_one_clear_line(tmp_path, here, arguments, message):
     assert written(tmp_path) == []
 
 
-@pytest.mark.parametrize("command", ["plan", "run"])
-def test_a_grid_that_no_memory_holds_is_one_line(tmp_path, here, command):
-    done = here(command, "scenes", "--set", "V=1e-3:1e-2:1000", "--set", "mu=0.1:0.3:1000", "--set", "F=1:9:1000")
-    assert done.returncode == 2
-    assert done.stderr == (
-        "fiv: grid = V 1000 x theta 4 x mu 1000 x F 1000: 4e+09 points are more than the 2e+08 that one plan can "
-        "hold; take fewer values, or run parts of them into folders of their own\n"
-    )
-    assert written(tmp_path) == []
-
-
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_there_is_not_computed_again(here):
     here("run", "fig5", "--set", "mu=0:0.5:11", "-q")
     planned = here("plan", "fig5", "--set", "mu=0:0.5:21").stdout

@@ -75,6 +75,11 @@ def test_how_far_a_result_is_from_the_reference():
     with xr.open_dataset(KEPT / "fig5" / "fig5.nc") as file:
         kept = file.load()
     assert compared("fig5", kept, kept) == "beside the reference: no difference"
+    # The last digit of what is computed from a request may differ.
+    rounded = kept.copy()
+    rounded.attrs["configuration"] = kept.attrs["configuration"].replace("2.9434,", "2.9434000000000005,")
+    assert rounded.attrs != kept.attrs
+    assert compared("fig5", rounded, kept) == "beside the reference: no difference"
     other = kept.isel(mu=slice(0, 11)).copy(deep=True)
     other["frequency"].values[3, 2] += 1e-3 * np.nanmax(kept["frequency"].isel(mu=slice(0, 11)))
     assert compared("fig5", other, kept) == (

@@ -18,13 +18,17 @@ def written(folder) -> list[str]:
     return sorted(str(p.relative_to(folder)) for p in Path(folder).rglob("*") if p.is_file())
 
 
-# The command with batches that take their time; what they compute, and so the store, is the study's own.
+# The command with batches that take their time, and after the first six wait until there is a file `go`; what they
+# compute, and so the store, is the study's own.
 SLOW = """
-import sys, time
+import itertools, os, sys, time
 from studies.cli.main import main
 from sweeps.compute.batch import Task
-compute = Task.compute
+compute, calls = Task.compute, itertools.count()
 def slowly(self, points):
+    late = next(calls) > 5
+    while late and not os.path.exists('go'):
+        time.sleep(0.02)
     time.sleep(0.4 * len(points['mu']))
     return compute(self, points)
 Task.compute = slowly
