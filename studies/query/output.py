@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.query.columns import NUMBER, Column
-from studies.query.groups import Groups
-from studies.query.rows import Rows, Selection
+from studies.query.query import Selected
+from studies.query.rows import Rows
 
 # The widths of a table's columns are those of its first rows; rows are written so many at a time.
 MEASURED, AT_ONCE = 5000, 20_000
@@ -72,14 +72,12 @@ def write_table(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -
 WRITERS: dict[str, Write] = {"table": write_table, "csv": write_csv, "json": write_json}
 
 
-def print_rows(
-    chosen: Selection | Groups, form: str, narrow: bool, units: bool, note: Callable[[str], None]
-) -> None:
+def print_rows(chosen: Selected, form: str, narrow: bool, units: bool, note: Callable[[str], None]) -> None:
     """Print a selection to standard output.
 
     Parameters
     ----------
-    chosen : Selection or Groups
+    chosen : Selected
     form : str
         One of WRITERS.
     narrow : bool
@@ -89,7 +87,7 @@ def print_rows(
     note : callable
         Called with what a reader should know besides.
     """
-    columns, rows = chosen.columns, chosen.rows()
+    columns, rows = chosen
     if units and form != "json":
         columns, rows = _with_units(columns, rows)
     if narrow and form == "table" and sys.stdout.isatty():
@@ -109,7 +107,7 @@ def print_rows(
         note("no row")
 
 
-def _with_units(columns: tuple[Column, ...], rows: Iterator[Rows]) -> tuple[tuple[Column, ...], Iterator[Rows]]:
+def _with_units(columns: Sequence[Column], rows: Iterator[Rows]) -> tuple[Sequence[Column], Iterator[Rows]]:
     """Columns whose names carry their units, and their rows."""
     heads = {column.name: f"{column.name} [{column.units}]" if column.units else column.name for column in columns}
     renamed = ({heads[name]: values for name, values in part.items()} for part in rows)
@@ -117,8 +115,8 @@ def _with_units(columns: tuple[Column, ...], rows: Iterator[Rows]) -> tuple[tupl
 
 
 def _narrowed(
-    columns: tuple[Column, ...], rows: Iterator[Rows], note: Callable[[str], None]
-) -> tuple[tuple[Column, ...], Iterator[Rows]]:
+    columns: Sequence[Column], rows: Iterator[Rows], note: Callable[[str], None]
+) -> tuple[Sequence[Column], Iterator[Rows]]:
     """The columns that fit, and the rows from the first on."""
     first = [part for part in [next(rows, {})] if part]
     fit = fitting(columns, first, shutil.get_terminal_size().columns)
@@ -175,34 +173,11 @@ def _plain(column: Column, values: NDArray[Any], nothing: Any, infinite: bool) -
     if column.kind != NUMBER:
         return [text if text == text else nothing for text in column.shown(values).tolist()]
     present = ~column.missing(values) if infinite else np.isfinite(values)
-    numbers: list[Any]
     if column.whole:
         numbers = np.where(present, values, 0).astype(np.int64).tolist()
+    elif values.dtype == np.float32:
+        # With the digits that single precision has: 0.1, not 0.10000000149.
+        numbers = [float(str(value)) for value in values]
     else:
-        numbers = (shortest(values) if values.dtype == np.float32 else values).tolist()
-    if np.all(present):
-        return numbers
+        numbers = values.tolist()
     return [each if there else nothing for each, there in zip(numbers, present.tolist(), strict=True)]
-
-
-def shortest(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Doubles for single precision numbers, to be written with the digits that these have: 0.1, not 0.10000000149.
-
-    Each is the double nearest to a decimal that reads back as the same single precision number, of six digits if
-    such a one does and of nine at most.
-    """
-    result = values.astype(float)
-    left = np.flatnonzero(np.isfinite(result) & (result != 0.0))
-    for digits in range(6, 10):
-        wide = values[left].astype(float)
-        places = digits - 1 - np.floor(np.log10(np.abs(wide)))
-        # Numerator and denominator are exact, so that their quotient is the double nearest to the decimal.
-        power, up = 10.0 ** np.abs(places), places >= 0.0
-        whole = np.rint(np.where(up, wide * power, wide / power))
-        tried = np.where(up, whole / power, whole * power)
-        with np.errstate(over="ignore"):
-            same = (tried.astype(np.float32) == values[left]) & (np.abs(places) <= 22.0)
-        result[left[same]] = tried[same]
-        left = left[~same]
-    result[left] = [float(str(value)) for value in values[left]]
-    return result
