@@ -70,8 +70,6 @@ class Term:
         Where it is one and nothing else.
     constant : float or str, optional
         Where it is one.
-    units : str
-        Those of all columns in a sum or a difference that agree in them; "" for everything else.
     """
 
     kind: str
@@ -79,7 +77,6 @@ class Term:
     evaluate: Evaluate
     column: Column | None = None
     constant: float | str | None = None
-    units: str = ""
 
     def shown(self, values: Values) -> Any:
         """Its values; words in place of codes, and NaN where there is none."""
@@ -157,7 +154,7 @@ def column(every: Columns, text: str, argument: str, note: Note) -> Column:
         )
     dims = tuple(str(dim) for dim in every.dataset.sizes if any(dim in each.dims for each in inputs.values()))
     calculate = _quietly(term.evaluate)
-    return Column(expression.text, term.kind, dims, term.units, inputs=tuple(inputs.values()), calculate=calculate)
+    return Column(expression.text, term.kind, dims, inputs=tuple(inputs.values()), calculate=calculate)
 
 
 def _quietly(evaluate: Evaluate) -> Evaluate:
@@ -188,14 +185,14 @@ class _Meaning:
                 return Term(MISSING, text, lambda values: np.nan)
             case ast.Name(id=name):
                 column = self.columns[name]
-                return Term(column.kind, text, lambda values: values[name], column, None, column.units)
+                return Term(column.kind, text, lambda values: values[name], column)
             case ast.UnaryOp(op=ast.Not()):
                 inner = self._truth(node.operand, node, "not")
                 return Term(TRUTH, text, lambda values: np.logical_not(inner.evaluate(values)))
             case ast.UnaryOp():
                 number = self._number(node.operand, node)
                 sign = -1.0 if isinstance(node.op, ast.USub) else 1.0
-                return _numeric(text, lambda values: sign * _wide(number.evaluate(values)), [number], number.units)
+                return _numeric(text, lambda values: sign * _wide(number.evaluate(values)), [number])
             case ast.BinOp():
                 return self._arithmetic(node)
             case ast.BoolOp():
@@ -241,12 +238,7 @@ class _Meaning:
                 result = _ARITHMETIC[kind](result, _wide(term.evaluate(values)))
             return result
 
-        terms = [start, *(term for _, term in steps)]
-        alike = {term.units for term in terms} == {start.units} and {kind for kind, _ in steps} <= {
-            ast.Add,
-            ast.Sub,
-        }
-        return _numeric(self.expression.part(node), calculated, terms, start.units if alike else "")
+        return _numeric(self.expression.part(node), calculated, [start, *(term for _, term in steps)])
 
     def _chain(self, node: ast.Compare) -> Term:
         pairs = []
@@ -327,12 +319,12 @@ def _constant(value: float, text: str) -> Term:
     return Term(NUMBER, text, lambda values: value, None, value)
 
 
-def _numeric(text: str, evaluate: Evaluate, terms: list[Term], units: str) -> Term:
+def _numeric(text: str, evaluate: Evaluate, terms: list[Term]) -> Term:
     """A number; a constant where all that it is made of is constant."""
     if all(isinstance(term.constant, float) for term in terms):
         with np.errstate(all="ignore"):
             return _constant(float(evaluate({})), text)
-    return Term(NUMBER, text, evaluate, units=units)
+    return Term(NUMBER, text, evaluate)
 
 
 def _wide(values: Any) -> Any:

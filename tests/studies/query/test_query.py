@@ -255,28 +255,6 @@ def test_calculated_columns_run_along_further_dimensions(data):
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "units"),
-    [
-        ("-a", "m"),
-        ("+a", "m"),
-        ("a + top", "m"),
-        ("a - top - size", "m"),
-        ("a + b", ""),
-        ("a + 1", ""),
-        ("a * 1000", ""),
-        ("a / top", ""),
-        ("a ** 2", ""),
-        ("-(a - size)", "m"),
-        ("(a)", "m"),
-    ],
-)
-def test_sums_of_one_unit_keep_it(data, text, units):
-    (column,) = select(data, show=text).columns
-    assert column.units == units
-    assert not column.whole
-
-
 def test_groups_are_those_of_pandas(data):
     shown = "count,mean:size,std:size,min:count,max:count,median:share,share:kind,share:size > 0.3,mean:a*b"
     found = query(data, "b > 0.005", by="a", show=shown)
