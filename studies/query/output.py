@@ -1,13 +1,12 @@
 """Rows of a result as text: a table to read, CSV and JSON to go on with; some rows at a time.
 
-The command `query` prints them to standard output, until it ends or nobody reads any more.
+The command `query` prints them to standard output.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-import os
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -92,17 +91,11 @@ def print_rows(chosen: Selected, form: str, narrow: bool, units: bool, note: Cal
         columns, rows = _with_units(columns, rows)
     if narrow and form == "table" and sys.stdout.isatty():
         columns, rows = _narrowed(columns, rows, note)
-    try:
-        if units and form == "json":
-            known = {column.name: column.units for column in columns if column.units}
-            sys.stdout.write(f'{{"units": {json.dumps(known)},\n"rows": ')
-        count = WRITERS[form](columns, rows, sys.stdout)
-        sys.stdout.write("}\n" if units and form == "json" else "")
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # Whoever read has enough. What is still in the buffer goes nowhere, or Python would complain at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return
+    if units and form == "json":
+        known = {column.name: column.units for column in columns if column.units}
+        sys.stdout.write(f'{{"units": {json.dumps(known)},\n"rows": ')
+    count = WRITERS[form](columns, rows, sys.stdout)
+    sys.stdout.write("}\n" if units and form == "json" else "")
     if not count:
         note("no row")
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from studies.query.columns import TEXT, Column
 from sweeps import blocks
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Rows = dict[str, NDArray[Any]]
 # Columns to sort by, and whether descending.
@@ -115,13 +117,16 @@ class Block(dict[str, NDArray[Any]]):
         return self[name]
 
     def _read(self, column: Column) -> NDArray[Any]:
-        known, own = self._selection.dataset.variables, column.values
-        variable = known[column.name] if own is None else xr.Variable(column.dims, own)
+        dims, wanted = column.dims, self._selection.dims
+        source = self._selection.dataset.variables[column.name] if column.values is None else column.values
         try:
-            part = variable.isel(self._part, missing_dims="ignore")
-            return np.asarray(part.set_dims(self._selection.dims).values)  # type: ignore[no-untyped-call]
+            # Where one block is all there is xarray's indexing, which imports dask's arrays first, is not needed.
+            part: tuple[Any, ...] = (*(self._part.get(dim, slice(None)) for dim in dims), ...)
+            values = np.asarray(source[part] if self._part else source)
         except (OSError, RuntimeError) as problem:
             raise ValueError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
+        values = values.transpose([dims.index(dim) for dim in wanted if dim in dims])
+        return np.expand_dims(values, [k for k, dim in enumerate(wanted) if dim not in dims])
 
     def take(self, names: Iterable[str], places: NDArray[np.intp]) -> Rows:
         """Values at some places of the block, one row each."""
