@@ -84,16 +84,21 @@ class Term:
         return own if self.column is None else self.column.shown(own)
 
     @property
+    def brief(self) -> str:
+        """What was written for it, in one line, for a message."""
+        return shortened("".join(letter if letter.isprintable() else " " for letter in self.text))
+
+    @property
     def described(self) -> str:
         """What it is, for a message."""
-        return f"{shortened(self.text)} is {_KINDS[self.kind]}"
+        return f"{self.brief} is {_KINDS[self.kind]}"
 
     @property
     def example(self) -> str:
         """A comparison with it, for a message."""
         words = self.column.words if self.column else None
         value = repr(next(iter(words.values()))) if words else {TEXT: "'text'"}.get(self.kind, "0")
-        return f"{shortened(self.text)} == {value}"
+        return f"{self.brief} == {value}"
 
 
 def condition(expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr) -> Evaluate:
@@ -226,7 +231,7 @@ class _Meaning:
                 isinstance(right.constant, float) and abs(right.constant) <= MOST_POWER
             ):
                 limits = f"from -{MOST_POWER:g} to {MOST_POWER:g}"
-                raise self.expression.wrong(first, f"the power {shortened(right.text)} must be a number {limits}")
+                raise self.expression.wrong(first, f"the power {right.brief} must be a number {limits}")
             steps.append((type(first.op), right))
             first = first.left
         start = self._number(first, node)
@@ -273,7 +278,7 @@ class _Meaning:
         wrong = self.expression.wrong
         if TRUTH in kinds:
             truth = left if left.kind == TRUTH else right
-            raise wrong(node, f"{shortened(truth.text)} is true or false already; join it by and, or")
+            raise wrong(node, f"{truth.brief} is true or false already; join it by and, or")
         if sign not in ("==", "!=") and kinds != {NUMBER}:
             why = "only numbers are above or below each other; other values are compared by == and !="
             raise wrong(node, why)
@@ -285,7 +290,7 @@ class _Meaning:
         axis = one.column if one.column is not None and one.column.axis else None
         if kinds == {NUMBER}:
             if axis is not None and sign in ("==", "!=") and isinstance(other.constant, float):
-                return self._at(axis, sign, other.constant, f"{left.text} {sign} {right.text}")
+                return self._at(axis, sign, other.constant, f"{left.brief} {sign} {right.brief}")
         elif NUMBER in kinds:
             raise wrong(node, _unlike(left, right))
         elif one.column is not None and isinstance(other.constant, str):
@@ -358,9 +363,9 @@ def _unlike(left: Term, right: Term) -> str:
     one, number = (right, left) if left.kind == NUMBER else (left, right)
     if one.column is not None and one.column.words is not None:
         words = ", ".join(map(repr, one.column.words.values()))
-        return f"{one.text} is a word and {shortened(number.text)} a number; its words are {words}"
+        return f"{one.brief} is a word and {number.brief} a number; its words are {words}"
     hint = f"; without quotes {one.constant} is a number" if is_number(str(one.constant)) else ""
-    return f"{shortened(one.text)} is a text and {shortened(number.text)} a number{hint}"
+    return f"{one.brief} is a text and {number.brief} a number{hint}"
 
 
 def _near(text: str, values: list[str]) -> str:
