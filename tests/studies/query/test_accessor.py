@@ -28,9 +28,9 @@ def kept(name):
     return studies.open(str(RESULTS / name / f"{name}.nc"))
 
 
-def run(name, **given):
+def run(name, record=(), sample_rate=None, **given):
     """A study in memory, without its figure."""
-    return registry.load(name).sweep(given).plan().run("sync")
+    return registry.load(name).sweep(given, record=record, sample_rate=sample_rate).plan().run("sync")
 
 
 def test_importing_studies_is_light_and_open_gives_the_accessor(tmp_path):
@@ -141,29 +141,11 @@ def same(data, point, names=FIGURES, **which):
 
 
 def test_the_run_behind_a_point_is_repeated():
-    scenes = run(
-        "scenes",
-        V=[2e-3, -5e-3],
-        theta=[5.0, 10.0],
-        mu=0.2,
-        F=[4.5, 9.0],
-        duration=0.1,
-        settle=0.02,
-        d1=40.0,
-        ramp=2e-3,
-        cutoff=40e3,
-        leap=0.0,
-    )
+    how = {"duration": 0.1, "settle": 0.02, "ramp": 2e-3, "cutoff": 40e3}
+    scenes = run("scenes", V=[2e-3, -5e-3], theta=[5.0, 10.0], mu=0.2, F=[4.5, 9.0], d1=40.0, leap=0.0, **how)
     point = {"V": -5e-3, "theta": 10.0, "F": 4.5}
     assert same(scenes, point) == list(FIGURES)
-    assert scenes.fiv.run_options(**point) == {
-        "duration": 0.1,
-        "method": "fast",
-        "ramp": 2e-3,
-        "cutoff": 40e3,
-        "leap": False,
-        "settle": 0.02,
-    }
+    assert scenes.fiv.run_options(**point) == how | {"method": "fast", "leap": False}
     # The same scene run otherwise is another motion.
     found, at = again(scenes, point)
     other = simulate(found.scene, 0.1, ramp=1e-3, settle=0.02)
@@ -175,16 +157,8 @@ def test_series_are_repeated_too():
     found, at = again(data, {})
     assert same(data, {}) == ["first_slip_time"]
     assert found.time[1] - found.time[0] == pytest.approx(1.0 / (8 * 25e3), rel=0.5)
-    data = (
-        registry.load("scenes")
-        .sweep(
-            {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.05},
-            record=("normal_force",),
-            sample_rate=1e4,
-        )
-        .plan()
-        .run("sync")
-    )
+    given = {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.05}
+    data = run("scenes", record=("normal_force",), sample_rate=1e4, **given)
     found, at = again(data, {})
     expected = np.interp(data["elapsed"], found.time, found.normal_force)
     np.testing.assert_allclose(at["normal_force"], expected, rtol=1e-4, atol=1e-4)
