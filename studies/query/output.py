@@ -11,6 +11,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, islice
 from typing import Any, TextIO
 
@@ -27,7 +28,6 @@ MEASURED, AT_ONCE = 5000, 20_000
 DIGITS, LETTERS, NOTHING = 6, 60, "-"
 GAP = "  "
 
-Cells = tuple[str, ...]
 Write = Callable[[Sequence[Column], Iterable[Rows], TextIO], int]
 
 
@@ -54,18 +54,36 @@ def write_json(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) ->
     return count
 
 
-def write_table(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
-    """Aligned columns under their names and units. Returns how many rows."""
-    first, rest, widths = _measured(columns, rows)
+def write_table(
+    columns: Sequence[Column],
+    rows: Iterable[Rows],
+    file: TextIO,
+    width: float = np.inf,
+    note: Callable[[str], None] = lambda text: None,
+) -> int:
+    """Aligned columns under their names and units, as many as fit in a width, one at least. Returns how many rows.
+
+    `note` is called with the names of those that are left out.
+    """
+    units = tuple(column.units for column in columns)
+    heads: list[tuple[str, ...]] = [tuple(column.name for column in columns), *([units] if any(units) else [])]
+    cells = (tuple(map(_cell, record)) for records in _records(columns, rows, None) for record in records)
+    first = [*heads, *islice(cells, MEASURED)]
+    widths = [max(map(len, column)) for column in zip(*first, strict=True)]
+    ends = np.cumsum(widths) + len(GAP) * np.arange(len(columns))
+    fit = max(int(np.searchsorted(ends, width, side="right")), 1)
+    if fit < len(columns):
+        left_out = ", ".join(column.name for column in columns[fit:])
+        note(f"too wide for this terminal and left out: {left_out}; choose with --show")
     count = 0
-    for row in chain(first, rest):
+    for row in chain(first, cells):
         aligned = (
-            cell.rjust(width) if column.kind == NUMBER else cell.ljust(width)
-            for column, cell, width in zip(columns, row, widths, strict=True)
+            cell.rjust(room) if column.kind == NUMBER else cell.ljust(room)
+            for column, cell, room in zip(columns[:fit], row, widths, strict=False)
         )
         file.write(GAP.join(aligned).rstrip() + "\n")
         count += 1
-    return count - len(_heads(columns))
+    return count - len(heads)
 
 
 WRITERS: dict[str, Write] = {"table": write_table, "csv": write_csv, "json": write_json}
@@ -89,12 +107,13 @@ def print_rows(chosen: Selected, form: str, narrow: bool, units: bool, note: Cal
     columns, rows = chosen
     if units and form != "json":
         columns, rows = _with_units(columns, rows)
+    write = WRITERS[form]
     if narrow and form == "table" and sys.stdout.isatty():
-        columns, rows = _narrowed(columns, rows, note)
+        write = partial(write_table, width=shutil.get_terminal_size().columns, note=note)
     if units and form == "json":
         known = {column.name: column.units for column in columns if column.units}
         sys.stdout.write(f'{{"units": {json.dumps(known)},\n"rows": ')
-    count = WRITERS[form](columns, rows, sys.stdout)
+    count = write(columns, rows, sys.stdout)
     sys.stdout.write("}\n" if units and form == "json" else "")
     if not count:
         note("no row")
@@ -105,37 +124,6 @@ def _with_units(columns: Sequence[Column], rows: Iterator[Rows]) -> tuple[Sequen
     heads = {column.name: f"{column.name} [{column.units}]" if column.units else column.name for column in columns}
     renamed = ({heads[name]: values for name, values in part.items()} for part in rows)
     return tuple(replace(column, name=heads[column.name], units="") for column in columns), renamed
-
-
-def _narrowed(
-    columns: Sequence[Column], rows: Iterator[Rows], note: Callable[[str], None]
-) -> tuple[Sequence[Column], Iterator[Rows]]:
-    """The columns that fit, and the rows from the first on."""
-    first = [part for part in [next(rows, {})] if part]
-    fit = fitting(columns, first, shutil.get_terminal_size().columns)
-    left_out = [column.name for column in columns[len(fit) :]]
-    if left_out:
-        note(f"too wide for this terminal and left out: {', '.join(left_out)}; choose with --show")
-    return tuple(fit), chain(first, rows)
-
-
-def fitting(columns: Sequence[Column], rows: Sequence[Rows], width: int) -> list[Column]:
-    """The first columns of a table that fit in a terminal of this width, and one at least."""
-    ends = np.cumsum(_measured(columns, rows)[2]) + len(GAP) * np.arange(len(columns))
-    return list(columns[: max(int(np.searchsorted(ends, width, side="right")), 1)])
-
-
-def _measured(columns: Sequence[Column], rows: Iterable[Rows]) -> tuple[list[Cells], Iterator[Cells], list[int]]:
-    """A table's heads and first rows, the others, and the widths of its columns."""
-    rest = (tuple(map(_cell, record)) for records in _records(columns, rows, None) for record in records)
-    first = [*_heads(columns), *islice(rest, MEASURED)]
-    return first, rest, [max(map(len, cells)) for cells in zip(*first, strict=True)]
-
-
-def _heads(columns: Sequence[Column]) -> list[Cells]:
-    """Names, and below them units where any column has some."""
-    units = tuple(column.units for column in columns)
-    return [tuple(column.name for column in columns), *([units] if any(units) else [])]
 
 
 def _records(

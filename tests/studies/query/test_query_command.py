@@ -73,16 +73,15 @@ def test_texts_of_a_file_do_not_reach_the_terminal_as_they_are():
     assert writing._cell("x" * 100) == "x" * 57 + "..."
 
 
-def test_a_narrow_terminal_gets_the_columns_that_fit(data):
-    chosen = select(data)
-    found = list(chosen.rows)
+@pytest.mark.parametrize(("width", "count"), [(1, 1), (8, 2), (15, 2), (16, 3), (1000, 8)])
+def test_a_narrow_terminal_gets_the_columns_that_fit(data, width, count):
     # a, b, a_name and size take 1 + 5 + 6 + 9 letters, with gaps of two.
-    for width, count in ((1, 1), (8, 2), (15, 2), (16, 3), (1000, 8)):
-        kept = writing.fitting(chosen.columns, found, width)
-        assert len(kept) == count
-        text = io.StringIO()
-        writing.write_table(kept, found, text)
-        assert count == 1 or max(map(len, text.getvalue().splitlines())) <= width
+    text, notes = io.StringIO(), []
+    writing.write_table(*select(data), text, width, notes.append)
+    lines = text.getvalue().splitlines()
+    assert len(lines[0].split()) == count
+    assert count == 1 or max(map(len, lines)) <= width
+    assert len(notes) == (count < 8)
 
 
 # --- the command
