@@ -102,21 +102,9 @@ class Term:
 
 
 def condition(expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr) -> Evaluate:
-    """Which rows a part of an expression chooses.
+    """What says, from the values of columns by name, arrays that broadcast, which rows a part of one chooses.
 
-    Parameters
-    ----------
-    expression : Expression
-    columns : mapping of str to Column
-        Every name that stands in it.
-    note : callable
-        Called with a sentence on a value that no axis has.
-    part : ast.expr
-
-    Returns
-    -------
-    callable
-        From the columns' values by name, arrays that broadcast, to booleans.
+    `columns` has every name that stands in it; `note` is called with a sentence on a value that no axis has.
 
     Raises
     ------
@@ -132,14 +120,7 @@ def condition(expression: Expression, columns: Mapping[str, Column], note: Note,
 def column(every: Columns, text: str, argument: str, note: Note) -> Column:
     """The column of a name, or one that an expression calculates: of numbers, or of what is true or false.
 
-    Parameters
-    ----------
-    every : Columns
-    text : str
-    argument : str
-        Whose value it is, for messages.
-    note : callable
-        Called with a sentence on a value that no axis has.
+    `argument` says in a message whose value it is; `note` is called with a sentence on a value that no axis has.
 
     Raises
     ------
@@ -306,7 +287,7 @@ class _Meaning:
         return _known(left, compare, right)
 
     def _note_text(self, axis: Column, text: str) -> None:
-        known = [str(value) for value in np.ravel(np.asarray(axis.values))]
+        known = np.ravel(np.asarray(axis.values)).tolist()
         if text not in known:
             self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
 

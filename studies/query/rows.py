@@ -76,12 +76,12 @@ class Selection:
                 yield block, places
 
     def _sorted(self, names: Sequence[str], order: Order, limit: int | None) -> Iterator[Rows]:
-        """All rows in order; with a limit few more than twice as many are held."""
+        """All rows in order; with a limit at most twice as many are held, and a block."""
         wanted = [*names, *(column.name for column, _ in order)]
         parts: list[Rows] = []
         for block, places in self._chosen():
             parts.append(block.take(wanted, places))
-            if limit is not None and count_of(parts) > 2 * limit + AT_ONCE:
+            if limit is not None and count_of(parts) > 2 * limit:
                 parts = [sorted_rows(joined(parts), order, limit)]
             if count_of(parts) > MOST_HELD:
                 raise ValueError(
