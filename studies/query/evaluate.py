@@ -117,10 +117,10 @@ def condition(expression: Expression, columns: Mapping[str, Column], note: Note,
     return _quietly(term.evaluate)
 
 
-def column(every: Columns, text: str, argument: str, note: Note) -> Column:
+def column(every: Columns, text: str, argument: str) -> Column:
     """The column of a name, or one that an expression calculates: of numbers, or of what is true or false.
 
-    `argument` says in a message whose value it is; `note` is called with a sentence on a value that no axis has.
+    `argument` says in a message whose value it is.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def column(every: Columns, text: str, argument: str, note: Note) -> Column:
         return every.find(text, argument)
     expression = parse(text, argument)
     inputs = {name: every.find(name, argument) for name in expression.names()}
-    term = _Meaning(expression, inputs, note).of(expression.tree)
+    term = _Meaning(expression, inputs, every.note).of(expression.tree)
     if term.column is not None:
         return term.column
     if term.kind not in (NUMBER, TRUTH):

@@ -123,40 +123,36 @@ def select(
     whole = isinstance(limit, (int, np.integer)) and not isinstance(limit, bool)
     if limit is not None and not (whole and limit >= 0):
         raise ValueError(f"limit = {limit!r}: it must be a whole number, 0 or above")
-    every = Columns(dataset)
+    every = Columns(dataset, note)
     expression = None if where is None else parse(where)
     named = [] if expression is None else [every.find(name, "where") for name in expression.names()]
     if by is not None:
         keys = [every.find(name, "by") for name in _listed(by, "by")]
-        entries = [
-            entry for entry in _listed(show, "show") or ["count"] if entry not in [key.name for key in keys]
-        ]
         measures = [
             each
-            for entry in entries
-            for each in statistics(entry, lambda text: evaluate.column(every, text, "show", note))
+            for entry in _listed(show, "show") or ["count"]
+            if entry not in [key.name for key in keys]
+            for each in statistics(entry, lambda text: evaluate.column(every, text, "show"))
         ]
         columns = _once([*keys, *(each.of for each in measures if each.of is not None)])
         together = _read([*columns, *named])
-        beside = [column for column in together if not set(column.dims) <= set(every.point_dims)]
-        dims = _dims(every, together, points=all(column.axis for column in beside))
+        dims = _dims(every, together, points=all(each.axis for each in together if every.beside(each)))
         shown = [*keys, *(each.column for each in measures)]
         ranks = order_of(_listed(sort, "sort"), shown)
-        parts = _selection(every, expression, dims, columns, named, note).rows([each.name for each in columns])
+        parts = _selection(every, expression, dims, columns, named).rows([each.name for each in columns])
         return Selected(shown, grouped(parts, keys, measures, ranks, limit))
     order = [
-        (_number(every, name.removeprefix("-").strip(), "sort", note), name[0] == "-")
-        for name in _listed(sort, "sort")
+        (_number(every, name.removeprefix("-").strip(), "sort"), name[0] == "-") for name in _listed(sort, "sort")
     ]
     named += [column for column, _ in order]
     if show is None:
         _dims(every, _read(named), points=False)
         dims, shown = _by_default(every, named)
     else:
-        shown = [_number(every, text, "show", note) for text in _listed(show, "show")]
+        shown = [_number(every, text, "show") for text in _listed(show, "show")]
         dims = _dims(every, _read([*shown, *named]), points=False)
     shown = _with_coordinates(every, dims, shown)
-    selection = _selection(every, expression, dims, shown, named, note)
+    selection = _selection(every, expression, dims, shown, named)
     return Selected(shown, selection.rows([column.name for column in shown], order, limit))
 
 
@@ -166,12 +162,10 @@ def _selection(
     dims: tuple[str, ...],
     shown: Sequence[Column],
     named: Sequence[Column],
-    note: Callable[[str], None],
 ) -> Selection:
     """The rows along some dimensions for which an expression is true, without those that are padding."""
     columns = {column.name: column for column in [*shown, *named, *_read([*shown, *named])]}
-    further = set(dims) - set(every.point_dims)
-    padded = [column for column in _read(shown) if further & set(column.dims) and not column.axis]
+    padded = [column for column in _read(shown) if every.beside(column) and not column.axis]
     if expression is None:
         return Selection(every.dataset, columns, dims, [], padded)
     tree = expression.tree
@@ -180,14 +174,14 @@ def _selection(
     for part in parts:
         read = [columns[name] for name in expression.names(part) if columns[name].values is None]
         cost = sum(every.dataset.variables[column.name].size for column in read)
-        conditions.append((cost, evaluate.condition(expression, columns, note, part)))
+        conditions.append((cost, evaluate.condition(expression, columns, every.note, part)))
     cheapest = [condition for _, condition in sorted(conditions, key=itemgetter(0))]
     return Selection(every.dataset, columns, dims, cheapest, [] if expression.speaks_of_missing() else padded)
 
 
-def _number(every: Columns, text: str, argument: str, note: Callable[[str], None]) -> Column:
+def _number(every: Columns, text: str, argument: str) -> Column:
     """A column to be shown or to sort by: one of a name, or one of numbers."""
-    column = evaluate.column(every, text, argument, note)
+    column = evaluate.column(every, text, argument)
     if column.kind == evaluate.TRUTH:
         raise ValueError(f"{argument} = {text!r}: it is true or false; where = {text!r} chooses such rows")
     return column
@@ -240,16 +234,17 @@ def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> ValueError:
 
 def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...], list[Column]]:
     """What the rows run along, and the columns shown, where none are given but some are `named`."""
-    variables = [
-        every.find(str(name), "show") for name in every.dataset.variables if _fits(every.dataset, str(name))
-    ]
+    # Those that have a place in a table.
+    names = [str(name) for name, each in every.dataset.variables.items() if each.dtype.kind in "OUiufb"]
+    variables = [every.find(name, "show") for name in names]
     results = [column for column in variables if column.name not in (*every.axes, *every.dataset.sizes, *MAKING)]
     points = set(every.point_dims)
-    entries = [column for column in named if not set(column.dims) <= points]
+    entries = [column for column in named if every.beside(column)]
     status = [column for column in variables if column.name == "status"]
     dims = _dims(every, named, points=all(column.axis for column in entries))
-    chosen = [column for column in results if set(column.dims) <= set(dims) and (set(column.dims) - points)]
-    if not entries:
+    if entries:
+        chosen = [column for column in results if every.beside(column) and set(column.dims) <= set(dims)]
+    else:
         chosen = [column for column in results if set(column.dims) == points]
     if not entries and not chosen:
         # Where a point has no number of its own, the entries that it has many of are the rows.
@@ -262,16 +257,10 @@ def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...
 
 def _axes(every: Columns, dims: tuple[str, ...], results: Sequence[Column]) -> list[Column]:
     """The axes that rows run along, and the names that their values have."""
-    axes = [
-        column for column in (every.find(name, "show") for name in every.axes) if set(column.dims) <= set(dims)
-    ]
+    found = (every.find(name, "show") for name in every.axes)
+    axes = [column for column in found if set(column.dims) <= set(dims)]
     named = {f"{column.name}_name" for column in axes}
     return axes + [column for column in results if column.name in named]
-
-
-def _fits(dataset: xr.Dataset, name: str) -> bool:
-    """Whether a variable has a place in a table."""
-    return dataset.variables[name].dtype.kind in "OUiufb"
 
 
 def _once(columns: Sequence[Column]) -> list[Column]:
