@@ -239,20 +239,13 @@ def test_calculated_columns_run_along_further_dimensions(data):
     found = query(data, "a == 2 and b == 0.1", show="mode_size / 0 - mode_size / 0")
     assert found["mode"].tolist() == [1, 2]
     assert list(query(data, show="mode_size", sort="-mode_size * top", limit=2)["mode_size"]) == [34.0, 24.0]
-    with pytest.raises(ValueError, match="they have no rows in common"):
-        query(data, show="mode_size * peak_size")
-    with pytest.raises(ValueError, match="they have no rows in common"):
-        query(data, sort="mode_size * peak_size")
+    for argument in ("show", "sort"):
+        with pytest.raises(ValueError, match="they have no rows in common"):
+            query(data, **{argument: "mode_size * peak_size"})
     assert list(query(data, sort="-a * b", limit=1))[-2:] == ["a * b", "status"]
     # Entries that are sorted by are shown, but for their coordinate, which has its own place.
-    assert list(query(data, sort="-mode_size * 2,mode")) == [
-        "a",
-        "b",
-        "a_name",
-        "mode",
-        "mode_size",
-        "mode_size * 2",
-    ]
+    names = list(query(data, sort="-mode_size * 2,mode"))
+    assert names == ["a", "b", "a_name", "mode", "mode_size", "mode_size * 2"]
 
 
 def test_groups_are_those_of_pandas(data):
@@ -346,12 +339,9 @@ def test_units_and_whole_numbers_of_groups(data):
         ("mean:a > 1", "it is true or false; use share:a > 1"),
         ("mean", "show = 'mean': with by it must be count, or mean, std, min, max, median or share of a column"),
         ("mean:", "with by it must be count"),
-        ("count:a", "with by it must be count"),
         ("sum:a", "with by it must be count"),
         ("size", "with by it must be count"),
         ("mean:sise", "show = 'sise': nothing is called so; did you mean size?"),
-        ("mean:a +", "show = 'a +': something is missing at its end"),
-        ("mean:'x'", "it is a text; a column has a name, or is calculated"),
     ],
 )
 def test_statistics_that_there_are_not(data, show, message):

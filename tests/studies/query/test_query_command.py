@@ -130,9 +130,6 @@ def test_groups_of_the_command(file, here):
     rows = here(*ask, "--limit", "1", "--format", "csv", "--units").stdout.splitlines()
     assert rows[0] == "kind,count,mean:size [m],max:count"
     assert rows[1].startswith("steady sliding,8,0.904")
-    lines = json.loads(here("query", str(file), "--by", "b,kind", "--format", "json").stdout)
-    assert lines[0] == {"b": 0.001, "kind": "calm", "count": 2}
-    assert {"b": 0.1, "kind": None, "count": 1} in lines
     assert here("query", str(file), "--by", "kind", "--where", "a > 9").stdout == "kind  count\n"
 
 
