@@ -91,7 +91,7 @@ def column_of(
     dims, attributes, kind = tuple(map(str, variable.dims)), variable.attrs, variable.dtype.kind
     axis = axis and len(dims) < 2
     values = np.asarray(variable.values) if axis else None
-    if "flag_meanings" in attributes and "flag_values" in attributes:
+    if "flag_values" in attributes:
         codes = np.atleast_1d(attributes["flag_values"]).tolist()
         meanings = map(spaced, str(attributes["flag_meanings"]).split())
         return Column(name, WORDS, dims, "", dict(zip(codes, meanings, strict=True)), True, False, values)

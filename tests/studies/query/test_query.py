@@ -1,5 +1,6 @@
 """Rows of results: which there are, their columns and their order."""
 
+import json
 import re
 
 import numpy as np
@@ -9,6 +10,7 @@ import xarray as xr
 
 from studies import runner
 from studies.query import rows
+from studies.query.columns import Columns
 from studies.query.query import query, select
 from tests import HOME
 from tests.helpers.trials import FAILS, A, B, pairs, points
@@ -112,6 +114,24 @@ def test_without_numbers_of_their_own_points_have_rows_of_entries():
     assert len(whole) == 2 * 2001
 
 
+def test_without_numbers_of_their_own_points_have_rows_of_the_first_entries(data):
+    assert list(query(data[["mode_size", "member_kind"]])) == ["a", "b", "mode", "mode_size"]
+
+
+def test_settings_have_the_units_that_are_declared():
+    constants = {"rig": {"d1": 50.0, "p1": {"width": 0.02}}, "ramp": 1e-3, "settle": None}
+
+    def units(study, *names):
+        made = json.dumps({"axes": {}, "constants": constants})
+        every = Columns(xr.Dataset(attrs={"sweep": study, "configuration": made}))
+        return [every.find(name, "show").units for name in names]
+
+    assert units("map", "d1", "p1_width", "ramp", "settle") == ["s-1", "m", "s", ""]
+    assert units("fig5", "d1", "p1_width", "ramp") == ["s-1", "m", ""]
+    assert units("scenes", "ramp", "settle") == ["s", "s"]
+    assert units("none", "d1") == [""]
+
+
 @pytest.mark.parametrize("limit", [None, 0, 1, 7, 100])
 @pytest.mark.parametrize("few", [1, 6, 10_000])
 def test_sort_and_limit(data, limit, few, monkeypatch):
@@ -195,6 +215,13 @@ def test_what_is_not_known_is_told_with_the_nearest(data):
     ):
         with pytest.raises(ValueError, match=told):
             query(data, **given)
+
+
+@pytest.mark.parametrize(("name", "near"), [("time", "elapsed"), ("velocity_A", "velocity_B")])
+def test_of_a_series_the_time_is_called_elapsed(name, near):
+    data = runner.open_dataset(f"{HOME}/results/reference/fig7/fig7.nc")
+    with pytest.raises(ValueError, match=rf"nothing is called so; did you mean {near}\?$"):
+        query(data, f"{name} == 1")
 
 
 def test_a_number_that_an_axis_has_not_is_a_warning(data):
