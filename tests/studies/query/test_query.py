@@ -194,6 +194,7 @@ def test_what_is_not_known_is_told_with_the_nearest(data):
         ({"show": "a,shar"}, "show = 'shar': nothing is called so; did you mean share?"),
         ({"sort": "-knid"}, "sort = 'knid': nothing is called so; did you mean kind?"),
         ({"where": "zzz == 1"}, "nothing is called so; there are a, b, size, "),
+        ({"where": "kind == calm"}, "nothing is called so; to compare with the word, write 'calm' in quotes"),
         ({"show": ""}, "show = '': it must be one name or more"),
         ({"show": "a,,b"}, "show = 'a,,b': it must be one name or more"),
         ({"show": []}, r"show = \[\]: it must be one name or more"),
