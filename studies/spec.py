@@ -69,12 +69,10 @@ def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
         As `parse` does; or if there are no such values, or too many.
     """
     values = np.unique(parse(spec, name))
-    logarithmic, refusal = (
-        spec.startswith("log:"),
-        f"it cannot be halved {halvings} times; choose a smaller --refine",
-    )
+    logarithmic = spec.startswith("log:")
+    refusal = f"{name} = {spec!r}: it cannot be halved {halvings} times; choose a smaller --refine"
     if (len(values) - 1) * 2**halvings >= MOST_VALUES:
-        raise InputError(f"{name} = {spec!r}: {refusal}")
+        raise InputError(refusal)
     for _ in range(halvings):
         # Written so that no sum or product overflows.
         low, high = values[:-1], values[1:]

@@ -5,7 +5,7 @@ It is there once `studies.run` or `studies.open` was called, or after ``import s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,19 +31,11 @@ class Accessor:
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
 
-    def query(
-        self,
-        where: str | None = None,
-        *,
-        show: str | Sequence[str] | None = None,
-        by: str | Sequence[str] | None = None,
-        sort: str | Sequence[str] | None = None,
-        limit: int | None = None,
-    ) -> pd.DataFrame:
-        """Rows as a data frame, like ``fiv query``; see `studies.query.query.query`."""
+    def query(self, where: str | None = None, **options: Any) -> pd.DataFrame:
+        """Rows as a data frame, like ``fiv query``; options as `studies.query.query.query` has them."""
         from studies.query.query import frame
 
-        return frame(self._dataset, where, show, by, sort, limit, 3)
+        return frame(self._dataset, 3, where, **options)
 
     def plot(self, path: str | Path | None = None, format: str | None = None) -> Figure | Path:
         """Draw the study's figure.

@@ -93,7 +93,7 @@ def column_of(
     dims, attributes, kind = tuple(map(str, variable.dims)), variable.attrs, variable.dtype.kind
     axis = axis and len(dims) < 2
     values = np.asarray(variable.values) if axis else None
-    if "flag_meanings" in attributes and "flag_values" in attributes:
+    if "flag_values" in attributes:
         codes = np.atleast_1d(attributes["flag_values"]).tolist()
         meanings = map(spaced, str(attributes["flag_meanings"]).split())
         return Column(name, WORDS, dims, "", dict(zip(codes, meanings, strict=True)), True, False, values)
@@ -120,6 +120,8 @@ class Columns:
     ----------
     dataset : xarray.Dataset
         Of a sweep, as `studies.open`, `sweeps.open_results` or plain xarray give it, or a part of one.
+    note : callable
+        Called with a sentence on a value that is asked for and that no axis has.
 
     Raises
     ------
@@ -127,14 +129,18 @@ class Columns:
         If it is not of a sweep.
     """
 
-    def __init__(self, dataset: xr.Dataset) -> None:
-        self.dataset = dataset
+    def __init__(self, dataset: xr.Dataset, note: Callable[[str], None] = lambda text: None) -> None:
+        self.dataset, self.note = dataset, note
         self.configuration = configuration(dataset)
         self.axes = tuple(str(name) for name in self.configuration["axes"] if name in dataset.variables)
         along = {dim for name in self.axes for dim in dataset[name].dims}
         # In the order that the grid has.
         self.point_dims = tuple(str(dim) for dim in dataset.dims if dim in along)
         self.settings = settings(self.configuration["constants"])
+
+    def beside(self, column: Column) -> bool:
+        """Whether it has many values at each point, along a further dimension."""
+        return not set(column.dims) <= set(self.point_dims)
 
     @property
     def names(self) -> list[str]:

@@ -70,8 +70,6 @@ class Term:
         Where it is one and nothing else.
     constant : float or str, optional
         Where it is one.
-    units : str
-        Those of all columns in a sum or a difference that agree in them; "" for everything else.
     """
 
     kind: str
@@ -79,7 +77,6 @@ class Term:
     evaluate: Evaluate
     column: Column | None = None
     constant: float | str | None = None
-    units: str = ""
 
     def shown(self, values: Values) -> Any:
         """Its values; words in place of codes, and NaN where there is none."""
@@ -87,34 +84,27 @@ class Term:
         return own if self.column is None else self.column.shown(own)
 
     @property
+    def brief(self) -> str:
+        """What was written for it, in one line, for a message."""
+        return shortened("".join(letter if letter.isprintable() else " " for letter in self.text))
+
+    @property
     def described(self) -> str:
         """What it is, for a message."""
-        return f"{shortened(self.text)} is {_KINDS[self.kind]}"
+        return f"{self.brief} is {_KINDS[self.kind]}"
 
     @property
     def example(self) -> str:
         """A comparison with it, for a message."""
         words = self.column.words if self.column else None
         value = repr(next(iter(words.values()))) if words else {TEXT: "'text'"}.get(self.kind, "0")
-        return f"{shortened(self.text)} == {value}"
+        return f"{self.brief} == {value}"
 
 
 def condition(expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr) -> Evaluate:
-    """Which rows a part of an expression chooses.
+    """What says, from the values of columns by name, arrays that broadcast, which rows a part of one chooses.
 
-    Parameters
-    ----------
-    expression : Expression
-    columns : mapping of str to Column
-        Every name that stands in it.
-    note : callable
-        Called with a sentence on a value that no axis has.
-    part : ast.expr
-
-    Returns
-    -------
-    callable
-        From the columns' values by name, arrays that broadcast, to booleans.
+    `columns` has every name that stands in it; `note` is called with a sentence on a value that no axis has.
 
     Raises
     ------
@@ -127,17 +117,10 @@ def condition(expression: Expression, columns: Mapping[str, Column], note: Note,
     return _quietly(term.evaluate)
 
 
-def column(every: Columns, text: str, argument: str, note: Note) -> Column:
+def column(every: Columns, text: str, argument: str) -> Column:
     """The column of a name, or one that an expression calculates: of numbers, or of what is true or false.
 
-    Parameters
-    ----------
-    every : Columns
-    text : str
-    argument : str
-        Whose value it is, for messages.
-    note : callable
-        Called with a sentence on a value that no axis has.
+    `argument` says in a message whose value it is.
 
     Raises
     ------
@@ -148,7 +131,7 @@ def column(every: Columns, text: str, argument: str, note: Note) -> Column:
         return every.find(text, argument)
     expression = parse(text, argument)
     inputs = {name: every.find(name, argument) for name in expression.names()}
-    term = _Meaning(expression, inputs, note).of(expression.tree)
+    term = _Meaning(expression, inputs, every.note).of(expression.tree)
     if term.column is not None:
         return term.column
     if term.kind not in (NUMBER, TRUTH):
@@ -157,7 +140,7 @@ def column(every: Columns, text: str, argument: str, note: Note) -> Column:
         )
     dims = tuple(str(dim) for dim in every.dataset.sizes if any(dim in each.dims for each in inputs.values()))
     calculate = _quietly(term.evaluate)
-    return Column(expression.text, term.kind, dims, term.units, inputs=tuple(inputs.values()), calculate=calculate)
+    return Column(expression.text, term.kind, dims, inputs=tuple(inputs.values()), calculate=calculate)
 
 
 def _quietly(evaluate: Evaluate) -> Evaluate:
@@ -188,14 +171,14 @@ class _Meaning:
                 return Term(MISSING, text, lambda values: np.nan)
             case ast.Name(id=name):
                 column = self.columns[name]
-                return Term(column.kind, text, lambda values: values[name], column, None, column.units)
+                return Term(column.kind, text, lambda values: values[name], column)
             case ast.UnaryOp(op=ast.Not()):
                 inner = self._truth(node.operand, node, "not")
                 return Term(TRUTH, text, lambda values: np.logical_not(inner.evaluate(values)))
             case ast.UnaryOp():
                 number = self._number(node.operand, node)
                 sign = -1.0 if isinstance(node.op, ast.USub) else 1.0
-                return _numeric(text, lambda values: sign * _wide(number.evaluate(values)), [number], number.units)
+                return _numeric(text, lambda values: sign * _wide(number.evaluate(values)), [number])
             case ast.BinOp():
                 return self._arithmetic(node)
             case ast.BoolOp():
@@ -229,7 +212,7 @@ class _Meaning:
                 isinstance(right.constant, float) and abs(right.constant) <= MOST_POWER
             ):
                 limits = f"from -{MOST_POWER:g} to {MOST_POWER:g}"
-                raise self.expression.wrong(first, f"the power {shortened(right.text)} must be a number {limits}")
+                raise self.expression.wrong(first, f"the power {right.brief} must be a number {limits}")
             steps.append((type(first.op), right))
             first = first.left
         start = self._number(first, node)
@@ -241,12 +224,7 @@ class _Meaning:
                 result = _ARITHMETIC[kind](result, _wide(term.evaluate(values)))
             return result
 
-        terms = [start, *(term for _, term in steps)]
-        alike = {term.units for term in terms} == {start.units} and {kind for kind, _ in steps} <= {
-            ast.Add,
-            ast.Sub,
-        }
-        return _numeric(self.expression.part(node), calculated, terms, start.units if alike else "")
+        return _numeric(self.expression.part(node), calculated, [start, *(term for _, term in steps)])
 
     def _chain(self, node: ast.Compare) -> Term:
         pairs = []
@@ -281,7 +259,7 @@ class _Meaning:
         wrong = self.expression.wrong
         if TRUTH in kinds:
             truth = left if left.kind == TRUTH else right
-            raise wrong(node, f"{shortened(truth.text)} is true or false already; join it by and, or")
+            raise wrong(node, f"{truth.brief} is true or false already; join it by and, or")
         if sign not in ("==", "!=") and kinds != {NUMBER}:
             why = "only numbers are above or below each other; other values are compared by == and !="
             raise wrong(node, why)
@@ -293,7 +271,7 @@ class _Meaning:
         axis = one.column if one.column is not None and one.column.axis else None
         if kinds == {NUMBER}:
             if axis is not None and sign in ("==", "!=") and isinstance(other.constant, float):
-                return self._at(axis, sign, other.constant, f"{left.text} {sign} {right.text}")
+                return self._at(axis, sign, other.constant, f"{left.brief} {sign} {right.brief}")
         elif NUMBER in kinds:
             raise wrong(node, _unlike(left, right))
         elif one.column is not None and isinstance(other.constant, str):
@@ -309,7 +287,7 @@ class _Meaning:
         return _known(left, compare, right)
 
     def _note_text(self, axis: Column, text: str) -> None:
-        known = [str(value) for value in np.ravel(np.asarray(axis.values))]
+        known = np.ravel(np.asarray(axis.values)).tolist()
         if text not in known:
             self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
 
@@ -327,12 +305,12 @@ def _constant(value: float, text: str) -> Term:
     return Term(NUMBER, text, lambda values: value, None, value)
 
 
-def _numeric(text: str, evaluate: Evaluate, terms: list[Term], units: str) -> Term:
+def _numeric(text: str, evaluate: Evaluate, terms: list[Term]) -> Term:
     """A number; a constant where all that it is made of is constant."""
     if all(isinstance(term.constant, float) for term in terms):
         with np.errstate(all="ignore"):
             return _constant(float(evaluate({})), text)
-    return Term(NUMBER, text, evaluate, units=units)
+    return Term(NUMBER, text, evaluate)
 
 
 def _wide(values: Any) -> Any:
@@ -366,9 +344,9 @@ def _unlike(left: Term, right: Term) -> str:
     one, number = (right, left) if left.kind == NUMBER else (left, right)
     if one.column is not None and one.column.words is not None:
         words = ", ".join(map(repr, one.column.words.values()))
-        return f"{one.text} is a word and {shortened(number.text)} a number; its words are {words}"
+        return f"{one.brief} is a word and {number.brief} a number; its words are {words}"
     hint = f"; without quotes {one.constant} is a number" if is_number(str(one.constant)) else ""
-    return f"{shortened(one.text)} is a text and {shortened(number.text)} a number{hint}"
+    return f"{one.brief} is a text and {number.brief} a number{hint}"
 
 
 def _near(text: str, values: list[str]) -> str:

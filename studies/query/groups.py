@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from studies.query import rows as reading
 from studies.query.columns import NUMBER, WORDS, Column, hint
 from studies.query.evaluate import TRUTH
-from studies.query.rows import Order, Rows, Selection, ordered
+from studies.query.rows import Order, Rows
 from sweeps import InputError
 
 NUMERIC = ("mean", "std", "min", "max", "median")
@@ -74,73 +74,39 @@ def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
     raise InputError(f"show = {entry!r}: {why}")
 
 
-@dataclass(frozen=True, eq=False)
-class Groups:
-    """Groups of the rows of a selection, one row for each; a `Selection` to whoever reads them.
+def grouped(
+    parts: Iterable[Rows], keys: Sequence[Column], measures: Sequence[Statistic], order: Order, limit: int | None
+) -> Iterator[Rows]:
+    """Groups of rows that agree in the keys, one row each, all at once if there are any.
 
-    Attributes
-    ----------
-    selection : Selection
-        Of all that the groups are made of.
-    keys : tuple of Column
-        Rows that agree in them are a group; what is missing makes a group too.
-    statistics : tuple of Statistic
-    order : tuple
-        Columns of the grouped table to sort by, and whether descending; without them the keys are ascending.
-    limit : int, optional
-        So many groups at most.
+    What is missing makes a group too. Without an order the keys are ascending.
     """
+    import pandas as pd
 
-    selection: Selection
-    keys: tuple[Column, ...]
-    statistics: tuple[Statistic, ...]
-    order: Order
-    limit: int | None
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Keys and statistics."""
-        return (*self.keys, *(each.column for each in self.statistics))
-
-    def rows(self) -> Iterator[Rows]:
-        """All groups at once, if there are any."""
-        parts: list[Rows] = []
-        count = 0
-        for part in self.selection.rows():
-            count += len(part[self.keys[0].name])
-            if count > reading.MOST_SORTED:
-                raise InputError(
-                    f"by: more than {reading.MOST_SORTED} rows are to be grouped; choose fewer with where"
-                )
-            parts.append(part)
-        if not parts:
-            return
-        values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        table = self._grouped(values)
-        places = (
-            ordered(self.order, [table[column.name] for column, _ in self.order]) if self.order else slice(None)
-        )
-        yield {name: each[places][: self.limit] for name, each in table.items()}
-
-    def _grouped(self, values: Rows) -> Rows:
-        import pandas as pd
-
-        # Numbered, because a key and a statistic may be of one column.
-        numbered = {k: values[key.name] for k, key in enumerate(self.keys)}
-        for k, each in enumerate(self.statistics, len(self.keys)):
-            if each.of is not None:
-                own = values[each.of.name]
-                if each.code is not None:
-                    own = own == each.code
-                numbered[k] = own if each.function in ("min", "max") else own.astype(float)
-        groups = pd.DataFrame(numbered).groupby([*range(len(self.keys))], dropna=False)
-        sizes = groups.size()
-        index = sizes.index.to_frame()
-        table = {key.name: np.asarray(index[k], dtype=values[key.name].dtype) for k, key in enumerate(self.keys)}
-        for k, each in enumerate(self.statistics, len(self.keys)):
-            function = "mean" if each.function == "share" else each.function
-            table[each.column.name] = np.asarray(sizes if each.of is None else groups[k].agg(function))
-        return table
+    held: list[Rows] = []
+    for part in parts:
+        held.append(part)
+        if reading.count_of(held) > reading.MOST_HELD:
+            raise InputError(f"by: more than {reading.MOST_HELD} rows are to be grouped; choose fewer with where")
+    if not held:
+        return
+    values = reading.joined(held)
+    # Numbered, because a key and a statistic may be of one column.
+    numbered = {k: values[key.name] for k, key in enumerate(keys)}
+    for k, each in enumerate(measures, len(keys)):
+        if each.of is not None:
+            own = values[each.of.name]
+            if each.code is not None:
+                own = own == each.code
+            numbered[k] = own if each.function in ("min", "max") else own.astype(float)
+    groups = pd.DataFrame(numbered).groupby([*range(len(keys))], dropna=False)
+    sizes = groups.size()
+    index = sizes.index.to_frame()
+    table = {key.name: np.asarray(index[k], dtype=values[key.name].dtype) for k, key in enumerate(keys)}
+    for k, each in enumerate(measures, len(keys)):
+        function = "mean" if each.function == "share" else each.function
+        table[each.column.name] = np.asarray(sizes if each.of is None else groups[k].agg(function))
+    yield reading.sorted_rows(table, order, limit) if order else {k: v[:limit] for k, v in table.items()}
 
 
 def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:

@@ -1,17 +1,17 @@
 """Rows of a result as text: a table to read, CSV and JSON to go on with; some rows at a time.
 
-The command `query` prints them to standard output, until it ends or nobody reads any more.
+The command `query` prints them to standard output.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-import os
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, islice
 from typing import Any, TextIO
 
@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.query.columns import NUMBER, Column
-from studies.query.groups import Groups
-from studies.query.rows import Rows, Selection
+from studies.query.query import Selected
+from studies.query.rows import Rows
 
 # The widths of a table's columns are those of its first rows; rows are written so many at a time.
 MEASURED, AT_ONCE = 5000, 20_000
@@ -28,7 +28,6 @@ MEASURED, AT_ONCE = 5000, 20_000
 DIGITS, LETTERS, NOTHING = 6, 60, "-"
 GAP = "  "
 
-Cells = tuple[str, ...]
 Write = Callable[[Sequence[Column], Iterable[Rows], TextIO], int]
 
 
@@ -55,31 +54,47 @@ def write_json(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) ->
     return count
 
 
-def write_table(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
-    """Aligned columns under their names and units. Returns how many rows."""
-    first, rest, widths = _measured(columns, rows)
+def write_table(
+    columns: Sequence[Column],
+    rows: Iterable[Rows],
+    file: TextIO,
+    width: float = np.inf,
+    note: Callable[[str], None] = lambda text: None,
+) -> int:
+    """Aligned columns under their names and units, as many as fit in a width, one at least. Returns how many rows.
+
+    `note` is called with the names of those that are left out.
+    """
+    units = tuple(column.units for column in columns)
+    heads: list[tuple[str, ...]] = [tuple(column.name for column in columns), *([units] if any(units) else [])]
+    cells = (tuple(map(_cell, record)) for records in _records(columns, rows, None) for record in records)
+    first = [*heads, *islice(cells, MEASURED)]
+    widths = [max(map(len, column)) for column in zip(*first, strict=True)]
+    ends = np.cumsum(widths) + len(GAP) * np.arange(len(columns))
+    fit = max(int(np.searchsorted(ends, width, side="right")), 1)
+    if fit < len(columns):
+        left_out = ", ".join(column.name for column in columns[fit:])
+        note(f"too wide for this terminal and left out: {left_out}; choose with --show")
     count = 0
-    for row in chain(first, rest):
+    for row in chain(first, cells):
         aligned = (
-            cell.rjust(width) if column.kind == NUMBER else cell.ljust(width)
-            for column, cell, width in zip(columns, row, widths, strict=True)
+            cell.rjust(room) if column.kind == NUMBER else cell.ljust(room)
+            for column, cell, room in zip(columns[:fit], row, widths, strict=False)
         )
         file.write(GAP.join(aligned).rstrip() + "\n")
         count += 1
-    return count - len(_heads(columns))
+    return count - len(heads)
 
 
 WRITERS: dict[str, Write] = {"table": write_table, "csv": write_csv, "json": write_json}
 
 
-def print_rows(
-    chosen: Selection | Groups, form: str, narrow: bool, units: bool, note: Callable[[str], None]
-) -> None:
+def print_rows(chosen: Selected, form: str, narrow: bool, units: bool, note: Callable[[str], None]) -> None:
     """Print a selection to standard output.
 
     Parameters
     ----------
-    chosen : Selection or Groups
+    chosen : Selected
     form : str
         One of WRITERS.
     narrow : bool
@@ -89,62 +104,26 @@ def print_rows(
     note : callable
         Called with what a reader should know besides.
     """
-    columns, rows = chosen.columns, chosen.rows()
+    columns, rows = chosen
     if units and form != "json":
         columns, rows = _with_units(columns, rows)
+    write = WRITERS[form]
     if narrow and form == "table" and sys.stdout.isatty():
-        columns, rows = _narrowed(columns, rows, note)
-    try:
-        if units and form == "json":
-            known = {column.name: column.units for column in columns if column.units}
-            sys.stdout.write(f'{{"units": {json.dumps(known)},\n"rows": ')
-        count = WRITERS[form](columns, rows, sys.stdout)
-        sys.stdout.write("}\n" if units and form == "json" else "")
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # Whoever read has enough. What is still in the buffer goes nowhere, or Python would complain at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return
+        write = partial(write_table, width=shutil.get_terminal_size().columns, note=note)
+    if units and form == "json":
+        known = {column.name: column.units for column in columns if column.units}
+        sys.stdout.write(f'{{"units": {json.dumps(known)},\n"rows": ')
+    count = write(columns, rows, sys.stdout)
+    sys.stdout.write("}\n" if units and form == "json" else "")
     if not count:
         note("no row")
 
 
-def _with_units(columns: tuple[Column, ...], rows: Iterator[Rows]) -> tuple[tuple[Column, ...], Iterator[Rows]]:
+def _with_units(columns: Sequence[Column], rows: Iterator[Rows]) -> tuple[Sequence[Column], Iterator[Rows]]:
     """Columns whose names carry their units, and their rows."""
     heads = {column.name: f"{column.name} [{column.units}]" if column.units else column.name for column in columns}
     renamed = ({heads[name]: values for name, values in part.items()} for part in rows)
     return tuple(replace(column, name=heads[column.name], units="") for column in columns), renamed
-
-
-def _narrowed(
-    columns: tuple[Column, ...], rows: Iterator[Rows], note: Callable[[str], None]
-) -> tuple[tuple[Column, ...], Iterator[Rows]]:
-    """The columns that fit, and the rows from the first on."""
-    first = [part for part in [next(rows, {})] if part]
-    fit = fitting(columns, first, shutil.get_terminal_size().columns)
-    left_out = [column.name for column in columns[len(fit) :]]
-    if left_out:
-        note(f"too wide for this terminal and left out: {', '.join(left_out)}; choose with --show")
-    return tuple(fit), chain(first, rows)
-
-
-def fitting(columns: Sequence[Column], rows: Sequence[Rows], width: int) -> list[Column]:
-    """The first columns of a table that fit in a terminal of this width, and one at least."""
-    ends = np.cumsum(_measured(columns, rows)[2]) + len(GAP) * np.arange(len(columns))
-    return list(columns[: max(int(np.searchsorted(ends, width, side="right")), 1)])
-
-
-def _measured(columns: Sequence[Column], rows: Iterable[Rows]) -> tuple[list[Cells], Iterator[Cells], list[int]]:
-    """A table's heads and first rows, the others, and the widths of its columns."""
-    rest = (tuple(map(_cell, record)) for records in _records(columns, rows, None) for record in records)
-    first = [*_heads(columns), *islice(rest, MEASURED)]
-    return first, rest, [max(map(len, cells)) for cells in zip(*first, strict=True)]
-
-
-def _heads(columns: Sequence[Column]) -> list[Cells]:
-    """Names, and below them units where any column has some."""
-    units = tuple(column.units for column in columns)
-    return [tuple(column.name for column in columns), *([units] if any(units) else [])]
 
 
 def _records(
@@ -175,34 +154,11 @@ def _plain(column: Column, values: NDArray[Any], nothing: Any, infinite: bool) -
     if column.kind != NUMBER:
         return [text if text == text else nothing for text in column.shown(values).tolist()]
     present = ~column.missing(values) if infinite else np.isfinite(values)
-    numbers: list[Any]
     if column.whole:
         numbers = np.where(present, values, 0).astype(np.int64).tolist()
+    elif values.dtype == np.float32:
+        # With the digits that single precision has: 0.1, not 0.10000000149.
+        numbers = [float(str(value)) for value in values]
     else:
-        numbers = (shortest(values) if values.dtype == np.float32 else values).tolist()
-    if np.all(present):
-        return numbers
+        numbers = values.tolist()
     return [each if there else nothing for each, there in zip(numbers, present.tolist(), strict=True)]
-
-
-def shortest(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Doubles for single precision numbers, to be written with the digits that these have: 0.1, not 0.10000000149.
-
-    Each is the double nearest to a decimal that reads back as the same single precision number, of six digits if
-    such a one does and of nine at most.
-    """
-    result = values.astype(float)
-    left = np.flatnonzero(np.isfinite(result) & (result != 0.0))
-    for digits in range(6, 10):
-        wide = values[left].astype(float)
-        places = digits - 1 - np.floor(np.log10(np.abs(wide)))
-        # Numerator and denominator are exact, so that their quotient is the double nearest to the decimal.
-        power, up = 10.0 ** np.abs(places), places >= 0.0
-        whole = np.rint(np.where(up, wide * power, wide / power))
-        tried = np.where(up, whole / power, whole * power)
-        with np.errstate(over="ignore"):
-            same = (tried.astype(np.float32) == values[left]) & (np.abs(places) <= 22.0)
-        result[left[same]] = tried[same]
-        left = left[~same]
-    result[left] = [float(str(value)) for value in values[left]]
-    return result

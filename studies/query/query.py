@@ -11,29 +11,32 @@ from __future__ import annotations
 import ast
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from studies.query import evaluate
 from studies.query.columns import MAKING, TEXT, Column, Columns
-from studies.query.groups import Groups, order_of, statistics
+from studies.query.groups import grouped, order_of, statistics
 from studies.query.language import Expression, parse, split
-from studies.query.rows import Order, Rows, Selection, Source
+from studies.query.rows import Rows, Selection, joined
 from sweeps import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+Names = str | Sequence[str] | None
+
 
 def query(
     dataset: xr.Dataset,
     where: str | None = None,
     *,
-    show: str | Sequence[str] | None = None,
-    by: str | Sequence[str] | None = None,
-    sort: str | Sequence[str] | None = None,
+    show: Names = None,
+    by: Names = None,
+    sort: Names = None,
     limit: int | None = None,
 ) -> pd.DataFrame:
     """Rows of a result as a data frame.
@@ -69,21 +72,21 @@ def query(
     ValueError
         Naming the argument. A number that an axis does not have is a warning.
     """
-    return frame(dataset, where, show, by, sort, limit, 3)
+    return frame(dataset, 3, where, show=show, by=by, sort=sort, limit=limit)
 
 
-def frame(dataset: xr.Dataset, where: Any, show: Any, by: Any, sort: Any, limit: Any, depth: int) -> pd.DataFrame:
+def frame(dataset: xr.Dataset, depth: int, where: str | None = None, **options: Any) -> pd.DataFrame:
     """The same; its warnings are laid to the caller so many calls above."""
     import pandas as pd
 
     notes: list[str] = []
-    selected = select(dataset, where, show=show, by=by, sort=sort, limit=limit, note=notes.append)
+    columns, parts = select(dataset, where, **options, note=notes.append)
     for text in notes:
         warnings.warn(text, stacklevel=depth)
-    parts = list(selected.rows())
+    rows = joined([*parts] or [{column.name: _none(dataset, column) for column in columns}])
     table: dict[str, Any] = {}
-    for column in selected.columns:
-        values = np.concatenate([rows[column.name] for rows in parts]) if parts else _none(dataset, column)
+    for column in columns:
+        values = rows[column.name]
         if column.kind == TEXT:
             table[column.name] = pd.Series(values, dtype="str")
         elif column.words is not None:
@@ -100,73 +103,92 @@ def _none(dataset: xr.Dataset, column: Column) -> Any:
     return np.empty(0, dtype=None if like is None else like.dtype)
 
 
+class Selected(NamedTuple):
+    """What a query shows, and its rows, some at a time; nothing is read before they are asked for."""
+
+    columns: Sequence[Column]
+    rows: Iterator[Rows]
+
+
 def select(
     dataset: xr.Dataset,
     where: str | None = None,
     *,
-    show: str | Sequence[str] | None = None,
-    by: str | Sequence[str] | None = None,
-    sort: str | Sequence[str] | None = None,
+    show: Names = None,
+    by: Names = None,
+    sort: Names = None,
     limit: int | None = None,
     note: Callable[[str], None] = lambda text: None,
-) -> Selection | Groups:
+) -> Selected:
     """Understand a query; arguments and errors are those of `query`, and `note` is called with its warnings."""
     whole = isinstance(limit, (int, np.integer)) and not isinstance(limit, bool)
     if limit is not None and not (whole and limit >= 0):
         raise InputError(f"limit = {limit!r}: it must be a whole number, 0 or above")
-    limit = None if limit is None else int(limit)
-    every = Columns(dataset)
+    every = Columns(dataset, note)
     expression = None if where is None else parse(where)
     named = [] if expression is None else [every.find(name, "where") for name in expression.names()]
-
-    def selection(dims: tuple[str, ...], shown: Sequence[Column], order: Order, most: int | None) -> Selection:
-        columns = {column.name: column for column in [*shown, *named, *_read([*shown, *named])]}
-        further = set(dims) - set(every.point_dims)
-        padded = [column for column in _read(shown) if further & set(column.dims) and not column.axis]
-        if expression is not None and expression.speaks_of_missing():
-            padded = []
-        conditions = tuple(_conditions(expression, columns, dataset, note))
-        return Selection(tuple(shown), Source(dataset, columns, dims), conditions, tuple(padded), order, most)
-
     if by is not None:
         keys = [every.find(name, "by") for name in _listed(by, "by")]
-        entries = [
-            entry for entry in _listed(show, "show") or ["count"] if entry not in [key.name for key in keys]
-        ]
         measures = [
             each
-            for entry in entries
-            for each in statistics(entry, lambda text: evaluate.column(every, text, "show", note))
+            for entry in _listed(show, "show") or ["count"]
+            if entry not in [key.name for key in keys]
+            for each in statistics(entry, lambda text: evaluate.column(every, text, "show"))
         ]
         columns = _once([*keys, *(each.of for each in measures if each.of is not None)])
         together = _read([*columns, *named])
-        beside = [column for column in together if not set(column.dims) <= set(every.point_dims)]
-        dims = _dims(every, together, points=all(column.axis for column in beside))
-        ranks = order_of(_listed(sort, "sort"), [*keys, *(each.column for each in measures)])
-        return Groups(selection(dims, columns, (), None), tuple(keys), tuple(measures), ranks, limit)
-    order = tuple(
-        (_number(every, name.removeprefix("-").strip(), "sort", note), name[0] == "-")
-        for name in _listed(sort, "sort")
-    )
+        dims = _dims(every, together, points=all(each.axis for each in together if every.beside(each)))
+        shown = [*keys, *(each.column for each in measures)]
+        ranks = order_of(_listed(sort, "sort"), shown)
+        parts = _selection(every, expression, dims, columns, named).rows([each.name for each in columns])
+        return Selected(shown, grouped(parts, keys, measures, ranks, limit))
+    order = [
+        (_number(every, name.removeprefix("-").strip(), "sort"), name[0] == "-") for name in _listed(sort, "sort")
+    ]
     named += [column for column, _ in order]
     if show is None:
         _dims(every, _read(named), points=False)
         dims, shown = _by_default(every, named)
     else:
-        shown = [_number(every, text, "show", note) for text in _listed(show, "show")]
+        shown = [_number(every, text, "show") for text in _listed(show, "show")]
         dims = _dims(every, _read([*shown, *named]), points=False)
-    return selection(dims, _with_coordinates(every, dims, shown), order, limit)
+    shown = _with_coordinates(every, dims, shown)
+    selection = _selection(every, expression, dims, shown, named)
+    return Selected(shown, selection.rows([column.name for column in shown], order, limit))
 
 
-def _number(every: Columns, text: str, argument: str, note: Callable[[str], None]) -> Column:
+def _selection(
+    every: Columns,
+    expression: Expression | None,
+    dims: tuple[str, ...],
+    shown: Sequence[Column],
+    named: Sequence[Column],
+) -> Selection:
+    """The rows along some dimensions for which an expression is true, without those that are padding."""
+    columns = {column.name: column for column in [*shown, *named, *_read([*shown, *named])]}
+    padded = [column for column in _read(shown) if every.beside(column) and not column.axis]
+    if expression is None:
+        return Selection(every.dataset, columns, dims, [], padded)
+    tree = expression.tree
+    parts = tree.values if isinstance(tree, ast.BoolOp) and isinstance(tree.op, ast.And) else [tree]
+    conditions = []
+    for part in parts:
+        read = [columns[name] for name in expression.names(part) if columns[name].values is None]
+        cost = sum(every.dataset.variables[column.name].size for column in read)
+        conditions.append((cost, evaluate.condition(expression, columns, every.note, part)))
+    cheapest = [condition for _, condition in sorted(conditions, key=itemgetter(0))]
+    return Selection(every.dataset, columns, dims, cheapest, [] if expression.speaks_of_missing() else padded)
+
+
+def _number(every: Columns, text: str, argument: str) -> Column:
     """A column to be shown or to sort by: one of a name, or one of numbers."""
-    column = evaluate.column(every, text, argument, note)
+    column = evaluate.column(every, text, argument)
     if column.kind == evaluate.TRUTH:
         raise InputError(f"{argument} = {text!r}: it is true or false; where = {text!r} chooses such rows")
     return column
 
 
-def _listed(names: str | Sequence[str] | None, argument: str) -> list[str]:
+def _listed(names: Names, argument: str) -> list[str]:
     """The entries of a text or a list, each once."""
     if names is None:
         return []
@@ -213,16 +235,17 @@ def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> ValueError:
 
 def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...], list[Column]]:
     """What the rows run along, and the columns shown, where none are given but some are `named`."""
-    variables = [
-        every.find(str(name), "show") for name in every.dataset.variables if _fits(every.dataset, str(name))
-    ]
+    # Those that have a place in a table.
+    names = [str(name) for name, each in every.dataset.variables.items() if each.dtype.kind in "OUiufb"]
+    variables = [every.find(name, "show") for name in names]
     results = [column for column in variables if column.name not in (*every.axes, *every.dataset.sizes, *MAKING)]
     points = set(every.point_dims)
-    entries = [column for column in named if not set(column.dims) <= points]
+    entries = [column for column in named if every.beside(column)]
     status = [column for column in variables if column.name == "status"]
     dims = _dims(every, named, points=all(column.axis for column in entries))
-    chosen = [column for column in results if set(column.dims) <= set(dims) and (set(column.dims) - points)]
-    if not entries:
+    if entries:
+        chosen = [column for column in results if every.beside(column) and set(column.dims) <= set(dims)]
+    else:
         chosen = [column for column in results if set(column.dims) == points]
     if not entries and not chosen:
         # Where a point has no number of its own, the entries that it has many of are the rows.
@@ -235,16 +258,10 @@ def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...
 
 def _axes(every: Columns, dims: tuple[str, ...], results: Sequence[Column]) -> list[Column]:
     """The axes that rows run along, and the names that their values have."""
-    axes = [
-        column for column in (every.find(name, "show") for name in every.axes) if set(column.dims) <= set(dims)
-    ]
+    found = (every.find(name, "show") for name in every.axes)
+    axes = [column for column in found if set(column.dims) <= set(dims)]
     named = {f"{column.name}_name" for column in axes}
     return axes + [column for column in results if column.name in named]
-
-
-def _fits(dataset: xr.Dataset, name: str) -> bool:
-    """Whether a variable has a place in a table."""
-    return dataset.variables[name].dtype.kind in "OUiufb"
 
 
 def _once(columns: Sequence[Column]) -> list[Column]:
@@ -259,24 +276,3 @@ def _with_coordinates(every: Columns, dims: tuple[str, ...], shown: Sequence[Col
             place = next((k for k, column in enumerate(columns) if dim in column.dims), len(columns))
             columns.insert(place, every.find(dim, "show"))
     return columns
-
-
-def _conditions(
-    expression: Expression | None,
-    columns: dict[str, Column],
-    dataset: xr.Dataset,
-    note: Callable[[str], None],
-) -> Iterator[tuple[tuple[str, ...], Callable[[Rows], Any]]]:
-    """The parts of an expression that all must be true, those first that read least."""
-    if expression is None:
-        return
-    tree = expression.tree
-    parts = tree.values if isinstance(tree, ast.BoolOp) and isinstance(tree.op, ast.And) else [tree]
-    conditions = [
-        (tuple(expression.names(part)), evaluate.condition(expression, columns, note, part)) for part in parts
-    ]
-
-    def cost(each: tuple[tuple[str, ...], Any]) -> int:
-        return sum(dataset.variables[name].size for name in each[0] if columns[name].values is None)
-
-    yield from sorted(conditions, key=cost)

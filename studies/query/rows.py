@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,186 +17,140 @@ if TYPE_CHECKING:
 
 Rows = dict[str, NDArray[Any]]
 # Columns to sort by, and whether descending.
-Order = tuple[tuple[Column, bool], ...]
+Order = Sequence[tuple[Column, bool]]
 
-# So many rows are in hand at once; columns of at most so many values are read once.
-AT_ONCE, KEPT = 200_000, 100_000
-# Rows that are put in order.
-MOST_SORTED = 20_000_000
-
-
-class Source:
-    """Values of columns, read block by block.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-    columns : mapping of str to Column
-    dims : tuple of str
-        What the rows run along.
-    """
-
-    def __init__(self, dataset: xr.Dataset, columns: Mapping[str, Column], dims: tuple[str, ...]) -> None:
-        self.dataset, self.columns, self.dims = dataset, columns, dims
-        self.shape = tuple(dataset.sizes[dim] for dim in dims)
-        self.size = prod(self.shape)
-        self._known: dict[str, NDArray[Any]] = {}
-        self._last: tuple[Any, Rows] = (None, {})
-
-    def extent(self, block: tuple[slice, ...]) -> tuple[int, ...]:
-        """Shape of a block."""
-        rest = self.shape[len(block) :]
-        return (*(len(range(*part.indices(n))) for part, n in zip(block, self.shape, strict=False)), *rest)
-
-    def arrays(self, names: Iterable[str], block: tuple[slice, ...]) -> Rows:
-        """Values in a block, with length 1 along every dimension that a column does not have."""
-        if self._last[0] != block:
-            self._last = (block, {})
-        values = self._last[1]
-        for name in names:
-            if name not in values:
-                values[name] = self._values(self.columns[name], block)
-        return values
-
-    def take(self, names: Sequence[str], block: tuple[slice, ...], places: NDArray[np.intp]) -> Rows:
-        """Values at some places of a block."""
-        arrays = self.arrays(names, block)
-        # Without dimensions there is one row.
-        index = np.unravel_index(places, self.extent(block)) if self.dims else ()
-        rows: Rows = {}
-        for name in names:
-            values = arrays[name]
-            place = [0 if n == 1 else at for at, n in zip(index, values.shape, strict=True)]
-            # With the dots it stays an array.
-            rows[name] = values[(*place, ...)]
-            if rows[name].shape != places.shape:
-                rows[name] = np.full(places.shape, rows[name], dtype=values.dtype)
-        return rows
-
-    def _values(self, column: Column, block: tuple[slice, ...]) -> NDArray[Any]:
-        if column.calculate is None:
-            return self._array(column, dict(zip(self.dims, block, strict=False)))
-        values = np.asarray(column.calculate(self.arrays([each.name for each in column.inputs], block)))
-        return values if values.ndim else values.reshape([1] * len(self.dims))
-
-    def _array(self, column: Column, block: Mapping[str, slice]) -> NDArray[Any]:
-        index = {dim: part for dim, part in block.items() if dim in column.dims}
-        dims, own = column.dims, column.values
-        if own is None:
-            variable = self.dataset.variables[column.name]
-            try:
-                if variable.size <= KEPT and column.name not in self._known:
-                    self._known[column.name] = np.asarray(variable.values)
-                own = self._known.get(column.name)
-                if own is None:
-                    own, index = np.asarray(variable.isel(index).values), {}
-            except (OSError, RuntimeError) as problem:
-                raise InputError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
-        part: tuple[Any, ...] = (*(index.get(dim, slice(None)) for dim in dims), ...)
-        values: NDArray[Any] = own[part]
-        ordered = [dim for dim in self.dims if dim in dims]
-        values = values.transpose([dims.index(dim) for dim in ordered])
-        lengths = iter(values.shape)
-        shaped: NDArray[Any] = values.reshape([next(lengths) if dim in dims else 1 for dim in self.dims])
-        return shaped
+# So many rows are in hand at once.
+AT_ONCE = 200_000
+# Rows that are put in order, or in groups.
+MOST_HELD = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """A query of a result that was understood; nothing is read before its rows are.
+    """Rows of a result; nothing is read before they are asked for.
 
     Attributes
     ----------
-    columns : tuple of Column
-        What is shown.
-    source : Source
-    conditions : tuple
-        Names and, from their values, what is true of a row that is chosen; the cheapest first.
-    padded : tuple of Column
+    dataset : xarray.Dataset
+    columns : mapping of str to Column
+        All that are read or calculated.
+    dims : tuple of str
+        What the rows run along.
+    conditions : sequence of callable
+        From a block's values, what is true of a row that is chosen; the cheapest first.
+    padded : sequence of Column
         A row without a value in any of them is left out.
-    order : Order
-    limit : int, optional
-        So many rows at most.
     """
 
-    columns: tuple[Column, ...]
-    source: Source
-    conditions: tuple[tuple[tuple[str, ...], Callable[[Rows], Any]], ...]
-    padded: tuple[Column, ...]
-    order: Order
-    limit: int | None
+    dataset: xr.Dataset
+    columns: Mapping[str, Column]
+    dims: tuple[str, ...]
+    conditions: Sequence[Callable[[Mapping[str, NDArray[Any]]], Any]]
+    padded: Sequence[Column]
 
-    def rows(self) -> Iterator[Rows]:
+    def rows(self, names: Sequence[str], order: Order = (), limit: int | None = None) -> Iterator[Rows]:
         """The rows, some at a time: arrays by name; codes where words are shown."""
-        names = [column.name for column in self.columns]
-        if self.order:
-            yield from self._sorted(names)
+        if order:
+            yield from self._sorted(names, order, limit)
             return
-        left = self.limit
-        for block, places, _ in self._chosen():
-            taken = places if left is None else places[:left]
-            if len(taken):
-                yield self.source.take(names, block, taken)
-            left = None if left is None else left - len(taken)
-            if left == 0:
+        for block, places in self._chosen():
+            yield block.take(names, places[:limit])
+            limit = None if limit is None else max(limit - len(places), 0)
+            if limit == 0:
                 return
 
-    def _chosen(self) -> Iterator[tuple[tuple[slice, ...], NDArray[np.intp], int]]:
-        """Each block with the places in it of the rows that are chosen, and how many rows come before it."""
-        before = 0
-        for block in blocks(self.source.shape, AT_ONCE) if self.limit != 0 and self.source.size else ():
-            shape = self.source.extent(block)
+    def _chosen(self) -> Iterator[tuple[Block, NDArray[np.intp]]]:
+        """Each block that has rows which are chosen, and their places in it."""
+        for part in blocks(tuple(self.dataset.sizes[dim] for dim in self.dims), AT_ONCE):
+            block = Block(self, part)
             chosen: Any = np.ones((), dtype=bool)
-            for names, decide in self.conditions:
-                chosen = chosen & decide(self.source.arrays(names, block))
+            for condition in self.conditions:
+                chosen = chosen & condition(block)
                 if not np.any(chosen):
                     break
             if np.any(chosen) and self.padded:
-                values = self.source.arrays([column.name for column in self.padded], block)
-                absent = [column.missing(values[column.name]) for column in self.padded]
+                absent = [column.missing(block[column.name]) for column in self.padded]
                 chosen = chosen & ~np.logical_and.reduce(np.broadcast_arrays(*absent))
-            yield block, np.flatnonzero(np.broadcast_to(chosen, shape)), before
-            before += prod(shape)
+            places = np.flatnonzero(np.broadcast_to(chosen, block.shape))
+            if len(places):
+                yield block, places
 
-    def _sorted(self, names: Sequence[str]) -> Iterator[Rows]:
-        """The same in order: first what decides it, then the columns of the rows that are left."""
-        places = np.empty(0, dtype=np.intp)
-        keys: list[NDArray[Any]] = []
-        for block, chosen, before in self._chosen():
-            if len(chosen):
-                new = self.source.take([column.name for column, _ in self.order], block, chosen)
-                more = [new[column.name] for column, _ in self.order]
-                keys = [np.concatenate(pair) for pair in zip(keys, more, strict=True)] if keys else more
-                places = np.concatenate([places, chosen + before])
-            if self.limit is not None and len(places) > 2 * self.limit + AT_ONCE:
-                best = np.sort(ordered(self.order, keys)[: self.limit])
-                places, keys = places[best], [key[best] for key in keys]
-            if len(places) > MOST_SORTED:
+    def _sorted(self, names: Sequence[str], order: Order, limit: int | None) -> Iterator[Rows]:
+        """All rows in order; with a limit at most twice as many are held, and a block."""
+        wanted = [*names, *(column.name for column, _ in order)]
+        parts: list[Rows] = []
+        for block, places in self._chosen():
+            parts.append(block.take(wanted, places))
+            if limit is not None and count_of(parts) > 2 * limit:
+                parts = [sorted_rows(joined(parts), order, limit)]
+            if count_of(parts) > MOST_HELD:
                 raise InputError(
-                    f"sort: more than {MOST_SORTED} rows are to be sorted; give a limit, or choose fewer"
+                    f"sort: more than {MOST_HELD} rows are to be sorted; give a limit, or choose fewer"
                 )
-        places = places[ordered(self.order, keys)[: self.limit]] if keys else places
-        whole: Rows = {}
-        ranks = np.argsort(places, kind="stable")
-        before, done = 0, 0
-        for block in blocks(self.source.shape, AT_ONCE) if len(places) else ():
-            after = before + prod(self.source.extent(block))
-            until = int(np.searchsorted(places, after, sorter=ranks))
-            if until > done:
-                part = self.source.take(names, block, places[ranks[done:until]] - before)
-                for name, values in part.items():
-                    whole.setdefault(name, np.empty(len(places), dtype=values.dtype))[ranks[done:until]] = values
-            before, done = after, until
-        for start in range(0, len(places), AT_ONCE):
-            yield {name: values[start : start + AT_ONCE] for name, values in whole.items()}
+        if parts:
+            whole = sorted_rows(joined(parts), order, limit)
+            yield {name: whole[name] for name in names}
 
 
-def ordered(order: Order, keys: Sequence[NDArray[Any]]) -> NDArray[np.intp]:
-    """Places of rows in the order of their keys, an array a column: equal ones stay, missing ones come last."""
+class Block(dict[str, NDArray[Any]]):
+    """Values of columns in a part of the rows, each read or calculated when it is first asked for.
+
+    They have length 1 along every dimension that their column does not have.
+
+    Parameters
+    ----------
+    selection : Selection
+    part : tuple of slice
+        Of the first dimensions that the rows run along; all there is of the others.
+    """
+
+    def __init__(self, selection: Selection, part: tuple[slice, ...]) -> None:
+        super().__init__()
+        self._selection, self._part = selection, dict(zip(selection.dims, part, strict=False))
+        sizes = {dim: selection.dataset.sizes[dim] for dim in selection.dims}
+        cut = {dim: len(range(*each.indices(sizes[dim]))) for dim, each in self._part.items()}
+        self.shape = tuple((sizes | cut).values())
+
+    def __missing__(self, name: str) -> NDArray[Any]:
+        column = self._selection.columns[name]
+        self[name] = self._read(column) if column.calculate is None else np.asarray(column.calculate(self))
+        return self[name]
+
+    def _read(self, column: Column) -> NDArray[Any]:
+        dims, wanted = column.dims, self._selection.dims
+        source = self._selection.dataset.variables[column.name] if column.values is None else column.values
+        try:
+            # Where one block is all there is xarray's indexing, which imports dask's arrays first, is not needed.
+            part: tuple[Any, ...] = (*(self._part.get(dim, slice(None)) for dim in dims), ...)
+            values = np.asarray(source[part] if self._part else source)
+        except (OSError, RuntimeError) as problem:
+            raise InputError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
+        values = values.transpose([dims.index(dim) for dim in wanted if dim in dims])
+        return np.expand_dims(values, [k for k, dim in enumerate(wanted) if dim not in dims])
+
+    def take(self, names: Iterable[str], places: NDArray[np.intp]) -> Rows:
+        """Values at some places of the block, one row each."""
+        return {name: np.broadcast_to(self[name], self.shape).ravel()[places] for name in names}
+
+
+def count_of(parts: Sequence[Rows]) -> int:
+    """How many rows there are in all parts."""
+    return sum(len(next(iter(part.values()))) for part in parts)
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """All rows of one part or more."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def sorted_rows(rows: Rows, order: Order, limit: int | None) -> Rows:
+    """The first rows in order: equal ones stay as they are, missing ones come last."""
     ranks: list[NDArray[Any]] = []
-    for (column, descending), key in zip(order, keys, strict=True):
+    for column, descending in order:
+        key = rows[column.name]
         absent = column.missing(key)
         rank = np.unique(key.astype(str), return_inverse=True)[1] if column.kind == TEXT else key.astype(float)
         # The last of `lexsort`'s keys is its first.
         ranks = [np.where(absent, 0.0, -rank if descending else rank), absent, *ranks]
-    return np.lexsort(ranks)
+    places = np.lexsort(ranks)[:limit]
+    return {name: values[places] for name, values in rows.items()}

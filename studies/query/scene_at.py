@@ -124,11 +124,7 @@ def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _nearest(name: str, values: Any, number: Any) -> Any:
-    if (
-        not isinstance(number, (int, float, np.number))
-        or isinstance(number, bool)
-        or values.dtype.kind not in "iuf"
-    ):
+    if np.ndim(number) or not {np.asarray(number).dtype.kind, values.dtype.kind} <= set("iuf"):
         raise InputError(f"{name} = {number!r}: it must be one number")
     value, near = nearest(values, float(number))
     if not near:

@@ -88,7 +88,9 @@ def test_values_of_fewer_halvings_are_among_those_of_more(text):
 
 @pytest.mark.parametrize(("text", "halvings"), [("0:1:3", 30), ("1,1.0000000000000002", 1), ("log:1:2:3", 60)])
 def test_what_cannot_be_halved_so_often_is_told(text, halvings):
-    with pytest.raises(ValueError, match=f"it cannot be halved {halvings} times; choose a smaller --refine"):
+    with pytest.raises(
+        ValueError, match=f"^V = '{text}': it cannot be halved {halvings} times; choose a smaller --refine"
+    ):
         spec.refined(text, "V", halvings)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import studies
 from studies import spec
-from studies.query.query import frame
+from studies.query.query import query
 from studies.report import commands
 from studies.study import Study
 from sweeps import Axis, Grid, Sweep, Variable
@@ -80,12 +80,12 @@ def test_a_study_states_its_texts():
 
 def test_rows_are_chosen_by_texts():
     data = STUDY.sweep({}).plan().run("sync")
-    rows = frame(data, "case == 'tangent, missed' and method != 'fast'", None, None, None, None, 3)
+    rows = query(data, "case == 'tangent, missed' and method != 'fast'")
     assert rows[["case", "method", "letters"]].values.tolist() == [["tangent, missed", "exact", 15]]
-    rows = frame(data, "letters > 7 and method == 'exact'", ["case"], None, ["-case"], None, 3)
+    rows = query(data, "letters > 7 and method == 'exact'", show=["case"], sort=["-case"])
     assert rows["case"].tolist() == ["touching", "tangent, missed"]
     with pytest.warns(UserWarning, match="case has no such value; did you mean"):
-        assert frame(data, "case == 'tangents'", None, None, None, None, 3).empty
+        assert query(data, "case == 'tangents'").empty
 
 
 def test_a_study_of_texts_is_run_and_opened(tmp_path, monkeypatch):
