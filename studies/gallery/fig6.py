@@ -203,7 +203,7 @@ def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
 
 def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
     """The shape at the phase of its largest displacement, as it is stored, and faintly through its period."""
-    scale = 120.0 * float(np.ptp(dataset["node_x"]))
+    scale = 120.0 * float(np.ptp(dataset["node_x"].values))
     faint: dict[str, Any] = {"color": figures.GREY, "linewidth": 0.6}
     dashed: dict[str, Any] = {"color": figures.BLACK, "linewidth": 0.8, "linestyle": "--"}
     for number, colour in ((1, figures.RED), (2, figures.BLUE)):

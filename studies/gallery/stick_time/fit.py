@@ -27,6 +27,9 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 # Drawings, what of them an interval holds, and where they start.
 DRAWINGS, COVERED, SEED = 2000, 0.95, 2010
 
+# What a value and the ends of its interval are called.
+_END = "end of the 95 % interval of the "
+ENDS = {"": "", "_low": f"lower {_END}", "_high": f"upper {_END}"}
 _KIND, _LAW = ("kind", "V"), ("law",)
 # Dimensions beyond mu and F, units and meaning of what is derived; with its interval where that ends in a dash.
 DERIVED = {
@@ -48,13 +51,7 @@ def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
     found = {}
     for name, (dims, units, text) in DERIVED.items():
         name, _, ends = name.partition(" ")
-        for k, (suffix, whose) in enumerate(
-            (
-                ("", ""),
-                ("_low", "lower end of the 95 % interval of the "),
-                ("_high", "upper end of the 95 % interval of the "),
-            )
-        ):
+        for k, (suffix, whose) in enumerate(ENDS.items()):
             if not k or ends:
                 values = np.array([[one[name][k] if ends else one[name] for one in row] for row in each])
                 found[name + suffix] = (("mu", "F", *dims), values, {"units": units, "long_name": whose + text})
@@ -80,17 +77,11 @@ def _laws(at: xr.Dataset) -> dict[str, Any]:
     # Where no end is found, every speed at which sticks fill more than that counts.
     lasting = (share > LONG_SHARE) & ~(end <= V)
     both = (early, late)
+    fitted = (early, _intermittent_in_paper(V)), (late, lasting), (late, lasting & (SLOW * end >= V))
     return {
         "mean_stick_time": np.stack([[of.mean, *of.interval()] for of in both], axis=1),
         "local_exponent": np.stack([of.local_exponents(V) for of in both], axis=1),
-        "exponent": np.stack(
-            [
-                early.exponent(V, _intermittent_in_paper(V)),
-                late.exponent(V, lasting),
-                late.exponent(V, lasting & (SLOW * end >= V)),
-            ],
-            axis=1,
-        ),
+        "exponent": np.stack([of.exponent(V, chosen) for of, chosen in fitted], axis=1),
         "start_up_ratio": early.ratio(V, *paper.STICK_RATIO_SPEEDS),
         "sustained_share": share,
         "intermittence_end": end,
@@ -153,27 +144,22 @@ class Means:
         chosen = chosen & np.isfinite(self.mean)
         if chosen.sum() < 2:
             return np.full(3, np.nan)
-        drawn = self.drawn[:, chosen]
-        return np.append(
-            slope(np.log(V[chosen]), np.log(self.mean[chosen])), interval(slope(np.log(V[chosen]), np.log(drawn)))
-        )
+        x, y, drawn = (np.log(each) for each in (V[chosen], self.mean[chosen], self.drawn[:, chosen]))
+        return np.append(slope(x, y), interval(slope(x, drawn)))
 
     def local_exponents(self, V: Array) -> Array:
         """Exponent about each speed, from its neighbours, with the ends of its interval, (3, speeds)."""
-        found = np.full((3, len(V)), np.nan)
-        for k in range(len(V)):
-            near = np.zeros(len(V), dtype=bool)
-            near[max(k - 1, 0) : k + 2] = True
-            if np.isfinite(self.mean[k]):
-                found[:, k] = self.exponent(V, near)
+        place, found = np.arange(len(V)), np.full((3, len(V)), np.nan)
+        for k in np.flatnonzero(np.isfinite(self.mean)):
+            found[:, k] = self.exponent(V, np.abs(place - k) <= 1)
         return found
 
     def ratio(self, V: Array, over: float, under: float) -> Array:
         """Mean at one speed over that at another, and the ends of its interval, (3,); NaN if either is missing."""
-        places = [np.flatnonzero(np.isclose(V, speed, rtol=1e-9, atol=0.0)) for speed in (over, under)]
-        if not all(len(place) for place in places):
+        at = [np.isclose(V, speed, rtol=1e-9, atol=0.0) for speed in (over, under)]
+        if not all(map(np.any, at)):
             return np.full(3, np.nan)
-        a, b = (int(place[0]) for place in places)
+        a, b = map(np.argmax, at)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.append(self.mean[a] / self.mean[b], interval(self.drawn[:, a] / self.drawn[:, b]))
 

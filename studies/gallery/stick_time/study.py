@@ -59,10 +59,8 @@ def of_sticks(scene: Scene, summary: Mapping[str, Any], duration: float) -> dict
     """A run's long sticks, told apart by whether the motion had settled when they began."""
     first, long = summary["first_slip_time"], summary["stick_times"]
     early = summary["stick_starts"] - first < transients.SETTLING
-    kept = np.full(KEPT, np.nan)
-    kept[: min(len(long), KEPT)] = long[:KEPT]
     return {
-        "stick_time": kept,
+        "stick_time": np.append(long, np.full(KEPT, np.nan))[:KEPT],
         "start_up_count": np.count_nonzero(early),
         "start_up_total": long[early].sum(),
         "sustained_count": np.count_nonzero(~early),

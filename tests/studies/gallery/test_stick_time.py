@@ -186,26 +186,6 @@ def test_what_is_said_and_drawn(small, tmp_path):
     assert (tmp_path / "part.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(
-    ("given", "named"),
-    [
-        ({"V": -1e-3}, "V = -0.001: it must be above 0"),
-        ({"member": [0, 1]}, "member = 0"),
-        ({"member": 1.5}, "member = 1.5: it must be a whole number"),
-        ({"mu": -0.1}, "mu = -0.1"),
-        ({"F": 0.0}, "F = 0"),
-        ({"least": -1.0}, "least = -1"),
-        ({"ramp": 0.0}, "ramp = 0.0: it must be a number from 1e-09 to 1000 (s, for members differ by it"),
-        ({"most": 0.0}, "most = 0"),
-        ({"theta": 95.0}, "theta = 95"),
-    ],
-)
-def test_what_cannot_be_run_is_refused_before_anything_is_written(given, named, tmp_path):
-    with pytest.raises(ValueError, match=re.escape(named)):
-        studies.run("stick_time", **given)
-    assert not (tmp_path / "results").exists()
-
-
 @pytest.mark.slow
 def test_the_first_stick_after_the_burst_depends_on_the_scheme():
     """By how much the published scheme's own numerical damping changes it: no law of it is sharper than that."""
