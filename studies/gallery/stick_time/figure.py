@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from studies import paper
 from studies.gallery.stick_time.findings import reference
-from studies.gallery.stick_time.fit import settled
 from studies.motion import transients
 from studies.plotting import figures
 from studies.study import constants
@@ -94,13 +93,12 @@ def _draw_products(axes: Axes, at: xr.Dataset) -> None:
 
 def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
     """Distribution of the sustained sticks at some speeds."""
-    at = at.transpose("V", "member", "stick", ...)
-    late = settled(at)
-    enough = np.flatnonzero(late.sum(axis=(1, 2)) >= LEAST_STICKS)
+    times = at["stick_time"].where(at["stick"] > at["start_up_count"])
+    enough = np.flatnonzero(times.count(("member", "stick")) >= LEAST_STICKS)
     chosen = transients.some(len(enough), MOST_SPEEDS) if len(enough) else []
     for k, colour, style in zip(enough[chosen], COLOURS, STYLES, strict=False):
-        V = float(at["V"][k])
-        x = np.sort(1e6 * V * at["stick_time"].values[k][late[k]])
+        V, every = float(at["V"][k]), times.isel(V=k).values
+        x = np.sort(1e6 * V * every[np.isfinite(every)])
         share = np.arange(1, len(x) + 1) / len(x)
         axes.step(x, share, where="post", color=colour, linestyle=style, label=f"{1e3 * V:g} mm/s ({len(x)})")
     axes.set(xlabel="T V / µm, sustained sticks", ylabel="share of the sticks below", ylim=(0.0, 1.02))

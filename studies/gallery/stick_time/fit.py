@@ -23,7 +23,6 @@ KINDS = ("start_up", "sustained")
 # below the end of intermittence, and over those up to a third of it, where they fill most of the time.
 LAWS = ("start_up", "sustained", "sustained_slow")
 SLOW = 1.0 / 3.0
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 # Drawings, what of them an interval holds, and where they start.
 DRAWINGS, COVERED, SEED = 2000, 0.95, 2010
 
@@ -39,12 +38,11 @@ DERIVED = {
     "start_up_ratio -": ((), "1", "mean start-up stick at 2 mm/s over that at 1 mm/s"),
     "sustained_share": (("V",), "1", "share of the time after settling in the long sticks begun after it"),
     "intermittence_end": ((), "m s-1", "speed above which sustained sticks fill less than a tenth of the time"),
-    "stick_time_quantile": (("V", "quantile"), "s", "quantile of the durations of the sustained sticks"),
 }
 
 
 def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
-    """Add means over members, their intervals, the distribution, and the exponents of the laws."""
+    """Add means over members, their intervals, and the exponents of the laws."""
     each = [
         [_laws(dataset.isel(mu=m, F=f)) for f in range(dataset.sizes["F"])] for m in range(dataset.sizes["mu"])
     ]
@@ -58,7 +56,6 @@ def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
     coords: dict[str, Any] = {
         "kind": ("kind", np.array(KINDS, dtype=object), {"long_name": "begun before or after the motion settled"}),
         "law": ("law", np.array(LAWS, dtype=object), {"long_name": "which sticks, over which speeds"}),
-        "quantile": ("quantile", np.array(QUANTILES), {"units": "1", "long_name": "share of the sticks below"}),
     }
     return dataset.assign_coords(coords).assign(found)
 
@@ -85,29 +82,13 @@ def _laws(at: xr.Dataset) -> dict[str, Any]:
         "start_up_ratio": early.ratio(V, *paper.STICK_RATIO_SPEEDS),
         "sustained_share": share,
         "intermittence_end": end,
-        "stick_time_quantile": _quantiles(at["stick_time"].values, settled(at)),
     }
-
-
-def settled(at: xr.Dataset) -> NDArray[np.bool_]:
-    """Which of the sticks that are kept one by one, (V, member, stick), began after settling."""
-    begun = at["stick"] > at["start_up_count"]
-    return np.asarray((begun & at["stick_time"].notnull()).transpose("V", "member", "stick").values)
 
 
 def _intermittent_in_paper(V: Array) -> NDArray[np.bool_]:
     """Speeds within those at which the paper sees sticks come and go."""
     ends = [speed for speed, kind in paper.VIBRATION.items() if kind == "intermittent"]
     return np.asarray((min(ends) * (1.0 - 1e-9) <= V) & (max(ends) * (1.0 + 1e-9) >= V))
-
-
-def _quantiles(times: Array, chosen: NDArray[np.bool_]) -> Array:
-    """QUANTILES of the chosen ones of (speeds, members, sticks) at each speed."""
-    found = np.full((len(times), len(QUANTILES)), np.nan)
-    for k, (each, some) in enumerate(zip(times, chosen, strict=True)):
-        if some.any():
-            found[k] = np.quantile(each[some], QUANTILES)
-    return found
 
 
 @dataclass(frozen=True, eq=False)

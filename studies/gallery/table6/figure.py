@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -82,10 +83,8 @@ def draw(dataset: xr.Dataset) -> Figure:
             axes.legend(ncols=3, **above)
     strips.set_xlim(edges[0], edges[-1])
     strips.set_xlabel(planes.label("theta"))
-    figure.suptitle(
-        f"Stability and motion over the inclination, V = {1e3 * given['V']:g} mm/s, μ = {given['mu']:g}, "
-        f"F = {given['F']:g} N"
-    )
+    point = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
+    figure.suptitle(f"Stability and motion over the inclination, {point}")
     return figure
 
 
@@ -179,41 +178,34 @@ def _draw_strips(axes: Axes, dataset: xr.Dataset, edges: Array, of_paper: bool) 
     steady = np.any([(low < theta) & (theta < high) for low, high in paper.STEADY_ANGLES], axis=0)
     vibrates = np.isin(theta, list(paper.ANGLES_MEASURED))
     ticks, kinds, handles = [], set(), []
+    look: dict[str, Any] = {"align": "edge", "edgecolor": figures.GREY, "linewidth": 0.0}
+    strip = partial(axes.bar, edges[:-1], width=np.diff(edges))
     if of_paper and np.any(steady | vibrates):
         ticks.append("paper's text")
-        _strip(axes, edges, 0.0, 0.8 * steady, color=STEADY_COLOUR)
-        _strip(axes, edges, 0.0, 0.8 * vibrates, **VIBRATES)
+        strip(0.8 * steady, **look | {"facecolor": STEADY_COLOUR})
+        strip(0.8 * vibrates, **look | VIBRATES)
         kinds |= {KINDS.index(STEADY)} if steady.any() else set()
         handles = [
-            Patch(linewidth=0.5, label=f"paper: {label}", **look)
-            for label, look in (("vibrates", VIBRATES), ("says nothing", SILENT))
+            Patch(linewidth=0.5, label=f"paper: {label}", **patch)
+            for label, patch in (("vibrates", VIBRATES), ("says nothing", SILENT))
         ]
     below = np.full(len(theta), float(len(ticks)))
     for code, kind in enumerate(KINDS):
         share = (status == FAILED) * 1.0 if kind == "failed" else (regime == code).mean(axis=1) * (status == DONE)
         if share.any():
-            _strip(axes, edges, below, 0.8 * share, facecolor=COLOURS[code], hatch=HATCHES.get(kind, ""))
+            strip(0.8 * share, bottom=below, facecolor=COLOURS[code], hatch=HATCHES.get(kind, ""), **look)
             below += 0.8 * share
             kinds.add(code)
     ticks.append("runs")
     windows = dataset.sizes["window"]
     _draw_windows(axes, dataset, len(ticks))
-    heights = np.arange(len(ticks) + 1) + 0.4
-    heights[-1] = len(ticks) + 0.2 + 0.25 * (windows - 1)
+    heights = [*(np.arange(len(ticks)) + 0.4), *([len(ticks) - 0.05 + 0.25 * windows] if windows else [])]
     axes.set_ylim(-0.1, len(ticks) + 0.5 * windows)
-    axes.set_yticks(heights[: len(ticks) + bool(windows)], [*ticks, "unstable"][: len(ticks) + bool(windows)])
+    axes.set_yticks(heights, [*ticks, "unstable"][: len(heights)])
     axes.tick_params(axis="y", length=0.0)
     axes.spines["left"].set_visible(False)
     axes.grid(False)
     return planes.patches(kinds) + handles
-
-
-def _strip(axes: Axes, edges: Array, bottom: Array | float, height: Array, **look: Any) -> None:
-    """A cell for each angle, from `bottom` up; of none where the height is 0."""
-    cells = np.flatnonzero(height)
-    whole: dict[str, Any] = {"align": "edge", "edgecolor": figures.GREY, "linewidth": 0.0} | look
-    low = np.broadcast_to(bottom, len(height))[cells]
-    axes.bar(edges[cells], height[cells], np.diff(edges)[cells], low, **whole)
 
 
 def _draw_windows(axes: Axes, dataset: xr.Dataset, bottom: float) -> None:
