@@ -70,20 +70,9 @@ def test_a_mirror_image_is_a_copy_and_another_theta_is_not(tmp_path):
     assert float(data["velocity_rms"].sel(V=-6e-3, theta=5.0).squeeze()) < 1e-3
 
 
-def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
-    ran = []
-    monkeypatch.setattr(runs, "simulate_many", lambda s, *a, **k: ran.extend(s) or simulate_many(s, *a, **k))
+def test_a_scene_without_an_answer_fails_alone(computed):
     given = SHORT | {"theta": 40.0, "mu": [0.1, 0.2, 0.3, 5.0, 6.0], "V": [5e-3, 1e-2], "F": [4.5, 9.0]}
-    sweep = scenes.STUDY.sweep(given)
-    ran.clear()
-    points = {name: np.array([value] * 5) for name, value in (("V", 1e-3), ("theta", 40.0), ("F", 9.0))}
-    found = sweep.function(points | {"mu": np.array([0.1, 5.0, 0.2, 6.0, 0.3])}, **sweep.constants)
-    assert len(ran) == 5
-    assert [isinstance(error, ContactError) for error in found["error"]] == [False, True, False, True, False]
-    assert found["error"][::2] == [None] * 3
-    assert np.all(found["wall_time"] > 0.0)
-
-    data = sweep.plan(tmp_path / "scenes.nc").run("sync")
+    data = computed("scenes", **given)
     np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, :3], 1)
     np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, 3:], 2)
     texts = data["error"].sel(mu=5.0).values.ravel()
@@ -94,22 +83,12 @@ def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
     assert "20 scenes of 0.15 s on the paper's rig, 15 computed" in report
     assert report.count("failed: V") == 5
     assert "and 3 more failed." in report
-
-
-def test_the_line_that_reproduces_a_failure_raises_it_again():
-    from sweeps.compute.batch import Task
-
-    sweep = scenes.STUDY.sweep(SHORT | {"mu": [0.2, 5.0], "theta": -40.0, "V": -1e-3, "F": 9.0})
-    task = Task(sweep.name, sweep.function, sweep.constants, sweep.variables, dict.fromkeys(sweep.variables, ()))
-    result = task.compute(sweep.grid.points())
-    assert list(result.failures) == [1]
-    line = result.failures[1].reproduce
+    # The line that reproduces a failure raises it again; of a point that does not fail it gives the figures.
+    line, found = str(data["reproduce"].values[0]), {}
     with pytest.raises(ContactError, match="mu = 5"):
         exec(line, {})
-    # Of a point that does not fail the same line gives the figures.
-    found = {}
     exec(line.replace("motions({", "found = motions({").replace("array([5.0])", "array([0.2])"), found)
-    assert found["found"]["velocity_rms"] == result.values["velocity_rms"][0]
+    assert found["found"]["stick_fraction"][0] == data["stick_fraction"].sel(mu=0.2, theta=40.0)[0, 0]
 
 
 @pytest.mark.parametrize("V", [6e-3, -6e-3])
