@@ -81,7 +81,7 @@ def _draw_products(axes: Axes, at: xr.Dataset) -> None:
     if np.isfinite(end):
         dashed: dict[str, Any] = {"color": figures.RED, "linestyle": "--", "linewidth": 1.0}
         axes.axvline(end, label=f"intermittence ends, {end:.2f} mm/s", **dashed)
-    _hold(axes, 1e3 * V)
+    _logarithmic(axes, 1e3 * V)
     axes.set(ylim=(0.0, None), xlabel="V / (mm/s)", ylabel="T V / µm")
     small: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "fontsize": 6.5, "color": figures.BLUE}
     for x, count in zip(1e3 * V, at["sustained_count"].sum("member").values, strict=True):
@@ -110,26 +110,25 @@ def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
 
 def _draw_collapse(axes: Axes, dataset: xr.Dataset) -> None:
     """Stick time by speed over mu F against V / (mu F): one curve, if friction and load do no more than scale."""
-    every: list[float] = []
     frictions = dataset["mu"].values[dataset["mu"].values > 0.0]
     for mu, colour in zip(frictions, COLOURS, strict=False):
         for F, marker in zip(dataset["F"].values, MARKERS, strict=False):
             at = dataset.sel(mu=mu, F=F)
             x = 1e3 * at["V"].values / (mu * F)
-            every += x.tolist()
             looks: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 4.0}
             for kind, fill in (("sustained", colour), ("start_up", "none")):
                 y = 1e6 * at["V"].values * _means(at, kind)[0] / (mu * F)
                 label = f"μ = {mu:g}, F = {F:g} N" if kind == "sustained" else None
                 axes.plot(x, y, markerfacecolor=fill, label=label, markeredgewidth=0.7, **looks)
-    _hold(axes, every or [1.0])
+    _logarithmic(axes, [0.1, 10.0])
     axes.set(ylim=(0.0, None), xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
     figures.one_two_five(axes.xaxis)
     title: dict[str, Any] = {"title": "filled: sustained, open: start-up", "title_fontsize": 6.5}
     axes.legend(loc="lower left", fontsize=6.5, ncols=2, **title)
 
 
-def _hold(axes: Axes, x: Any) -> None:
-    """A logarithmic axis that holds all of `x`, also where nothing is drawn there."""
+def _logarithmic(axes: Axes, x: Any) -> None:
+    """A logarithmic axis; for all of `x` where nothing is drawn."""
     axes.set_xscale("log")
-    axes.plot(x, np.zeros(len(x)), alpha=0.0, transform=axes.get_xaxis_transform())
+    if not np.isfinite(axes.dataLim.y1):
+        axes.set_xlim(0.9 * np.min(x), 1.1 * np.max(x))
