@@ -34,7 +34,12 @@ DOT = MARK | STEADY | {"marker": "o", "markeredgecolor": "black"}
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Growth rate over the plane with the branches on it; below, frequency and number of unstable pairs."""
+    """Growth rate over the plane with the branches on it; below, frequency and number of unstable pairs.
+
+    Along a single inclination or friction, both against the other.
+    """
+    if min(dataset.sizes["theta"], dataset.sizes["mu"]) == 1:
+        return _draw_line(dataset)
     layout = [["growth", "growth"], ["frequency", "count"]]
     figure, panels = figures.mosaic(layout, 17.0, 17.5, height_ratios=(1.45, 1.0))
     plane = "theta", dataset["theta"].values, "mu", dataset["mu"].values
@@ -70,9 +75,13 @@ def draw(dataset: xr.Dataset) -> Figure:
     titles = ("growth of the fastest mode, and onsets", "its frequency", "number of unstable pairs")
     for letter, axes, title in zip("abc", panels.values(), titles, strict=True):
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=9.0)
-    whose = "" if paper.is_rig(dataset) else " (not the paper's rig)"
-    figure.suptitle(f"Steady sliding, modes below {constants(dataset)['fmax'] / 1e3:g} kHz{whose}")
+    figure.suptitle(_title(dataset))
     return figure
+
+
+def _title(dataset: xr.Dataset) -> str:
+    whose = "" if paper.is_rig(dataset) else " (not the paper's rig)"
+    return f"Steady sliding, modes below {constants(dataset)['fmax'] / 1e3:g} kHz{whose}"
 
 
 def _draw_branches(axes: Axes, dataset: xr.Dataset) -> list[Line2D]:
@@ -119,3 +128,29 @@ def _draw_paper(axes: Axes) -> list[Line2D]:
             steady = True
     whole = DOT | {"linestyle": "-", "label": "paper: slides steadily (measured)"}
     return handles + ([Line2D([], [], **whole)] if steady else [])
+
+
+def _draw_line(dataset: xr.Dataset) -> Figure:
+    """Growth rate and frequency of the fastest mode against the one axis that varies, and where it passes zero."""
+    along, held = ("theta", "mu") if dataset.sizes["mu"] == 1 and dataset.sizes["theta"] > 1 else ("mu", "theta")
+    at = dataset.isel({held: 0})
+    figure, (growth, frequency) = figures.panels(2, 1, 15.0, 12.0, sharex=True)
+    values, rate = planes.shown(along, at[along].values), at["growth_rate"].values
+    growth.plot(values, rate, marker="." if len(values) < 40 else None, color=figures.BLACK)
+    growth.axhline(0.0, color=figures.GREY, linewidth=0.8)
+    for chosen, colour, name in ((~(rate > 0.0), figures.GREY, "stable"), (rate > 0.0, figures.RED, "unstable")):
+        if chosen.any():
+            height = 1e-3 * at["frequency"].values[chosen]
+            frequency.plot(values[chosen], height, ".", color=colour, label=f"fastest mode, {name}")
+    names = ("window_from", "window_to") if along == "theta" else ("pair_onset_mu", "pair_recovery_mu")
+    passes = np.concatenate([at[name].values for name in names])
+    for k, place in enumerate(passes[(passes > values[0]) & (passes < values[-1])]):
+        label = "" if k else "a pair's growth passes zero"
+        growth.axvline(place, color=figures.BLUE, linestyle=":", label=label)
+    growth.set_ylabel("growth rate of the\nfastest mode / (1/s)")
+    frequency.set_ylabel("its frequency / kHz")
+    frequency.set_ylim(bottom=0.0)
+    frequency.set_xlabel(planes.label(along))
+    figures.legend_below(figure, [growth, frequency], 3)
+    figure.suptitle(f"{_title(dataset)}, {planes.named(held, dataset[held].values[0])}")
+    return figure
