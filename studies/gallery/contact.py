@@ -178,14 +178,18 @@ def draw(dataset: xr.Dataset) -> Figure:
     """A column for each speed: the whole start, two periods in time, and one in the phase plane."""
     given = constants(dataset)
     columns = transients.some(dataset.sizes["V"], MOST_COLUMNS)
-    shape: dict[str, Any] = {"sharey": "row", "gridspec_kw": {"height_ratios": (1.0, 1.0, 1.2, 1.0, 1.0, 1.9)}}
-    figure, panels = figures.panels(6, len(columns), max(9.0 * len(columns), 12.0), 25.0, **shape)
+    heights = {"height_ratios": (1.0, 1.0, 1.2, 1.0, 1.0, 1.9)}
+    figure, panels = figures.panels(6, len(columns), max(9.0 * len(columns), 12.0), 25.0, gridspec_kw=heights)
     grid = np.array(panels).reshape(6, len(columns))
     for column, k in zip(grid.T, columns, strict=True):
         _draw_speed(column, dataset.isel(V=k), given)
+    for row in grid:
+        low, high = np.transpose([axes.get_ylim() for axes in row])
+        # Speeds are compared, so a row has one scale.
+        for axes in row:
+            axes.set_ylim(low.min(), high.max())
     for axes in grid[:, 1:].flat:
         axes.set_ylabel("")
-        axes.tick_params(labelleft=True)
     figures.legend_below(figure, panels, 4)
     where = ", ".join(planes.named(name, given[name]) for name in ("theta", "mu", "F"))
     figure.suptitle(f"The contact, {where}{transients.of_all(columns, dataset.sizes['V'])}")
