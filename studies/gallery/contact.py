@@ -102,18 +102,14 @@ def intervals(overview: float) -> Axis:
 
 def within(run: Transient, times: np.ndarray) -> dict[str, Any]:
     """What the contact does at `times`: the nearest step, so that force, speed and state belong together."""
-    begin = max(int(np.searchsorted(run.time, times[0])) - 1, 0)
-    time, slip = run.time[begin:], run.slip_velocity[begin:]
+    whole = slice(max(int(np.searchsorted(run.time, times[0])) - 1, 0), None)
+    time, slip = run.time[whole], run.slip_velocity[whole]
     nearest = np.searchsorted(0.5 * (time[1:] + time[:-1]), times)
-    N, T = run.normal_force[begin:][nearest], run.tangential_force[begin:][nearest]
+    N, T = run.normal_force[whole][nearest], run.tangential_force[whole][nearest]
     moved = cumulative_trapezoid(slip, time, initial=0.0)
-    return {
-        "normal_force": N,
-        "apparent_friction": np.divide(T, N, out=np.zeros_like(N), where=N > 0.0),
-        "slip_velocity": slip[nearest],
-        "slip_displacement": moved[nearest] - moved[nearest[0]],
-        "state": run.state[begin:][nearest],
-    }
+    ratio = np.divide(T, N, out=np.zeros_like(N), where=N > 0.0)
+    values = N, ratio, slip[nearest], moved[nearest] - moved[nearest[0]], run.state[whole][nearest]
+    return dict(zip(SERIES, values, strict=True))
 
 
 def interval_peaks(run: Transient, overview: float) -> dict[str, Any]:
@@ -155,6 +151,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     """How hard the contact is loaded and how fast it slips, beside the paper's."""
     given = constants(dataset)
     speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
+    changes: Column = (lambda at: at["switches_per_second"] / regimes.main_line(at), ".0f")
     peaks: dict[str, Column] = {"mean N": ("mean_normal_force", ".3f")}
     for unit, factor, names in (
         ("N", 1.0, ("normal_force_999", "max_normal_force", "start_up_normal_force")),
@@ -167,7 +164,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"{given['duration']:g} s; from {transients.SETTLING:g} s after the first slip on unless said otherwise.",
         "",
         "Shares of time, and changes of state in a period of the main line (stick, slip, separation, slip: 4).",
-        Table.of(dataset, "V", speed | {"vibration": regimes.kind, **regimes.SHARES, "changes": (changes, ".0f")}),
+        Table.of(dataset, "V", speed | {"vibration": regimes.kind, **regimes.SHARES, "changes": changes}),
         "",
         "Normal force and slip speed: 99.9 %, not passed for that share of the time; start-up, the largest within "
         f"{START_UP:g} s of the first slip. Largest values are spikes of microseconds and grow with the length of "
@@ -175,11 +172,6 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         Table.of(dataset, "V", speed | peaks),
         *beside(dataset, CLAIMS),
     ]
-
-
-def changes(at: xr.Dataset) -> float:
-    """Changes of contact state in a period of the main line."""
-    return float(at["switches_per_second"] / regimes.main_line(at))
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -196,8 +188,8 @@ def draw(dataset: xr.Dataset) -> Figure:
         # Speeds are compared, so a row has one scale.
         for axes in row:
             axes.set_ylim(low.min(), high.max())
-        for axes in row[1:]:
-            axes.set_ylabel("")
+    for axes in grid[:, 1:].flat:
+        axes.set_ylabel("")
     figures.legend_below(figure, panels, 4)
     where = ", ".join(planes.named(name, given[name]) for name in ("theta", "mu", "F"))
     figure.suptitle(f"The contact, {where}{transients.of_all(columns, dataset.sizes['V'])}")
@@ -216,13 +208,13 @@ def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) ->
     phase.set(xlabel="slip displacement / μm", ylabel="slip velocity / (mm/s)")
     if kind == "failed":
         return
-    papers = paper.is_point(at, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
-    peaks = paper.CONTACT_PEAKS.get(float(at["V"]), ()) if papers else ()
-    for axes, name, scale, value in zip((force, speed), OVERVIEW, (1.0, 1e3), peaks or (None, None), strict=True):
+    for axes, name, scale in zip((force, speed), OVERVIEW, (1.0, 1e3), strict=True):
         axes.step(at["interval"], scale * at[name].values, where="mid", color=figures.BLUE, linewidth=0.8)
-        if value is not None:
-            look: dict[str, Any] = {"color": figures.RED, "linestyle": "--", "linewidth": 1.0}
-            axes.axhline(scale * value, **look, label="paper: reached")
+    if paper.is_point(at, mu=paper.MU, F=paper.LOAD, theta=paper.THETA):
+        peaks = paper.CONTACT_PEAKS.get(float(at["V"]), ())
+        for axes, scale, peak in zip((force, speed), (1.0, 1e3), peaks, strict=False):
+            dashed: dict[str, Any] = {"color": figures.RED, "linestyle": "--", "linewidth": 1.0}
+            axes.axhline(scale * peak, **dashed, label="paper: reached")
     first, last, one = shown(at)
     window = at.isel(elapsed=slice(first, last))
     begin = float(window["elapsed"][0])

@@ -50,13 +50,7 @@ def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float) -> d
 
 @lru_cache(maxsize=8)
 def lock_in(rig: Rig, theta: float, fmax: float) -> tuple[float, float]:
-    """Friction and frequency at which the first two modes lock in.
-
-    Raises
-    ------
-    ValueError
-        If no two do.
-    """
+    """Friction and frequency at which the first two modes lock in; `ValueError` if no two do."""
     onsets = flutter_onsets(rig, theta, fmax, MU_MAX)
     if not len(onsets.mu):
         raise InputError(
@@ -162,10 +156,11 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "mode": ("mode", "g"),
         f"Hz at mu = {float(start['mu']):g}": ("frequency", ".0f"),
     }
-    moved = [
-        [name, *(f"{abs(each):.3f}" for each in node)]
-        for name, node in zip(("P1's tip", "P2 under it"), _at_contact(dataset), strict=True)
-    ]
+    moved = []
+    for beam, name in ((1, "P1's tip"), (2, "P2 under it")):
+        position, shape = _nodes(dataset, beam)
+        nearest = np.abs(position).sum(axis=0).argmin()
+        moved.append([name, *(f"{abs(each):.3f}" for each in shape[:, nearest])])
     return [
         f"Two modes of steady sliding, theta = {constants(dataset)['theta']:g} degrees: lock-in at mu = "
         f"{float(dataset['lock_in_mu']):.4f}, {float(dataset['lock_in_frequency']):.0f} Hz.",
@@ -189,7 +184,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
     mu, frequency, growth = (dataset[name].values for name in ("mu", "frequency", "growth_rate"))
     numbers, theta = dataset["mode"].values, constants(dataset)["theta"]
-    for k, (colour, marker) in enumerate([(figures.BLUE, "o"), (figures.RED, "s")]):
+    for k, (colour, marker) in enumerate(((figures.BLUE, "o"), (figures.RED, "s"))):
         axes.plot(growth[:, k], frequency[:, k], color=colour, label=f"mode {numbers[k]}")
         axes.plot(growth[:1, k], frequency[:1, k], marker, color=colour)
     here, hertz = float(dataset["lock_in_mu"]), float(dataset["lock_in_frequency"])
@@ -208,19 +203,17 @@ def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
 
 def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
     """The shape at the phase of its largest displacement, as it is stored, and faintly through its period."""
-    position, shape = _nodes(dataset)
-    position *= 1e3
-    scale = 0.12 * float(np.ptp(position[:, 0]))
-    beams = [dataset["beam"].values == number for number in (1, 2)]
-    for phase in np.linspace(0.0, np.pi, 7)[1:]:
-        moved = position + scale * (shape * np.exp(1j * phase)).real
-        for beam in beams:
-            axes.plot(*moved[beam].T, color=figures.GREY, linewidth=0.6, alpha=0.5)
-    for beam, colour, label in zip(beams, (figures.RED, figures.BLUE), ("P1", "P2"), strict=True):
-        axes.plot(*position[beam].T, color=figures.BLACK, linewidth=0.8, linestyle="--")
-        axes.plot(*(position + scale * shape.real)[beam].T, color=colour, linewidth=2.0, label=label)
-    axes.plot([], [], color=figures.BLACK, linewidth=0.8, linestyle="--", label="undeformed")
-    axes.plot([], [], color=figures.GREY, linewidth=0.6, label="other phases")
+    scale = 120.0 * float(np.ptp(dataset["node_x"].values))
+    faint: dict[str, Any] = {"color": figures.GREY, "linewidth": 0.6}
+    dashed: dict[str, Any] = {"color": figures.BLACK, "linewidth": 0.8, "linestyle": "--"}
+    for number, colour in ((1, figures.RED), (2, figures.BLUE)):
+        position, shape = _nodes(dataset, number)
+        for phase in np.linspace(0.0, np.pi, 7)[1:]:
+            axes.plot(*(1e3 * position + scale * (shape * np.exp(1j * phase)).real), alpha=0.5, **faint)
+        axes.plot(*(1e3 * position), **dashed)
+        axes.plot(*(1e3 * position + scale * shape.real), color=colour, linewidth=2.0, label=f"P{number}")
+    axes.plot([], [], **dashed, label="undeformed")
+    axes.plot([], [], **faint, label="other phases")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x from the contact / mm", ylabel="y / mm")
     frequency = float(dataset["lock_in_frequency"])
@@ -228,20 +221,14 @@ def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
     axes.legend(loc="upper right")
 
 
-def _nodes(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Undeformed positions, m, and complex displacements of the nodes, (node, 2)."""
-
-    def both(name: str) -> np.ndarray:
-        return np.stack([dataset[name.format(axis)].values for axis in "xy"], axis=1)
-
-    return both("node_{}"), both("shape_{}_real") + 1j * both("shape_{}_imag")
-
-
-def _at_contact(dataset: xr.Dataset) -> list[np.ndarray]:
-    """Displacement of C and of the node of P2 nearest to the contact."""
-    position, shape = _nodes(dataset)
-    distance, beam = np.abs(position).sum(axis=1), dataset["beam"].values
-    return [shape[np.argmin(np.where(beam == number, distance, np.inf))] for number in (1, 2)]
+def _nodes(dataset: xr.Dataset, beam: int) -> tuple[np.ndarray, np.ndarray]:
+    """Undeformed positions, m, and complex displacements of the nodes of a beam, (2, node)."""
+    own = dataset.isel(node=np.flatnonzero(dataset["beam"].values == beam))
+    position, real, imaginary = (
+        np.stack([own[name.format(axis)].values for axis in "xy"])
+        for name in ("node_{}", "shape_{}_real", "shape_{}_imag")
+    )
+    return position, real + 1j * imaginary
 
 
 STUDY = Study(

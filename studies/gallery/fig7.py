@@ -88,9 +88,11 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "mean ms": ("mean_stick_time", ".1f", 1e3),
         "last ends s": (_last_stick, ".3f"),
     }
-    lines: dict[str, Column] = {"main": (regimes.main_line, ".0f")}
-    for k, head in ((2, "2nd"), (3, "3rd")):
-        lines[head] = (partial(_harmonic, k=k), ".0f")
+    lines: dict[str, Column] = {
+        "main": (regimes.main_line, ".0f"),
+        "2nd": (lambda at: _line(at, "spectrum_vibrating", 2.0 * float(regimes.main_line(at))), ".0f"),
+        "3rd": (lambda at: _line(at, "spectrum_vibrating", 3.0 * float(regimes.main_line(at))), ".0f"),
+    }
     for f in paper.OTHER_LINES:
         lines[f"stuck, about {f:.0f}"] = (partial(_line, spectrum="spectrum_stuck", about=f), ".0f")
     tones = Table.of(dataset, "V", speed | lines)
@@ -113,10 +115,6 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 def _line(at: xr.Dataset, spectrum: str, about: float) -> float:
     return transients.line_near(at["frequency"].values, at[spectrum].values, about)
-
-
-def _harmonic(at: xr.Dataset, k: int) -> float:
-    return _line(at, "spectrum_vibrating", k * float(regimes.main_line(at)))
 
 
 def _last_stick(at: xr.Dataset) -> float:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from fivcore import Scene, Transient, checks
 from fivcore.transient.normalised import Normalised, slip_distance
 from studies.motion import transients
-from studies.motion.jobs import Job
+from studies.motion.jobs import Job, check_jobs
 from studies.study import Setting
+from sweeps import Axis, InputError
 
 # Members differ by the ramp of the drive: each is longer than the one before by this share of the first. Motion
 # forgets it within milliseconds of the first separation, but no two members then move alike.
@@ -24,16 +25,12 @@ SETTINGS = ("least", "load_ups", "most")
 def settings(least: float, load_ups: float, most: float) -> dict[str, Setting]:
     """Settings of runs as long as their own time scale asks (`own_duration`)."""
     run = transients.run_settings(most)
+    slip = "least time after settling, in times that a stuck contact takes to slip"
     return {
         "least": Setting(least, "s", "least time simulated after settling"),
-        "load_ups": Setting(
-            load_ups, "1", "least time after settling, in times that a stuck contact takes to slip"
-        ),
+        "load_ups": Setting(load_ups, "1", slip),
         "most": Setting(most, "s", "longest simulated time"),
-        "ramp": run["ramp"],
-        "cutoff": run["cutoff"],
-        "leap": run["leap"],
-    }
+    } | {name: run[name] for name in ("ramp", "cutoff", "leap")}
 
 
 def held(settings: Mapping[str, float]) -> dict[str, Any]:
@@ -43,13 +40,7 @@ def held(settings: Mapping[str, float]) -> dict[str, Any]:
 
 
 def check(fixed: Mapping[str, Any]) -> None:
-    """Refuse settings that say nothing of how long a run is to be.
-
-    Raises
-    ------
-    ValueError
-        Naming the setting.
-    """
+    """Refuse settings that say nothing of how long a run is to be."""
     # Without a ramp all members would be one run.
     checks.between("ramp", fixed["ramp"], 1e-9, 1e3, "s, for members differ by it")
     checks.between("least", fixed["least"], 0.0, 1e6, "s")
@@ -57,7 +48,20 @@ def check(fixed: Mapping[str, Any]) -> None:
     checks.between("most", fixed["most"], 1e-3, 1e6, "s")
 
 
-def ramp_of(member: float, ramp: float) -> float:
+def check_grid(axes: Mapping[str, Axis], fixed: Mapping[str, Any], **more: float) -> None:
+    """Refuse, before anything is planned, a grid of normalised scenes that cannot be run.
+
+    A scene whose contact has no unique solution is not refused: its point fails by itself.
+    """
+    check(fixed)
+    slowest = float(axes["V"].values.min())
+    if slowest <= 0.0:
+        raise InputError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
+    ends = transients.extremes(axes, fixed["rig"], **more)
+    check_jobs([member(scene, fixed.get("members", 1), fixed, 1e-6) for scene in ends])
+
+
+def ramp_of(member: Any, ramp: float) -> Any:
     """The ramp of a member, counted from 1, s."""
     return ramp * (1.0 + STRETCH * (member - 1.0))
 

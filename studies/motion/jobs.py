@@ -20,15 +20,10 @@ PER_SCENE = ("ramp", "settle", "initial", "numerical_damping")
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One run to be simulated.
+    """One run to be simulated, for `duration` seconds.
 
-    Attributes
-    ----------
-    scene : Scene
-    duration : float
-        s.
-    options : mapping
-        Further arguments of `fivcore.simulate`, `method` among them; values are hashable or arrays, or PER_SCENE.
+    `options` are further arguments of `fivcore.simulate`, `method` among them; values are hashable or arrays, or
+    PER_SCENE.
     """
 
     scene: Scene
@@ -37,21 +32,9 @@ class Job:
 
 
 def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
-    """Simulate jobs; those whose options differ at most in PER_SCENE are simulated side by side.
+    """For each job its `Transient`, or the `SceneError` of its scene; a bad argument of any raises `ValueError`.
 
-    Parameters
-    ----------
-    jobs : sequence of Job
-
-    Returns
-    -------
-    list
-        For each job its `Transient`, or the `SceneError` of its scene.
-
-    Raises
-    ------
-    ValueError
-        For a bad argument of any job.
+    Those whose options differ at most in PER_SCENE are simulated side by side.
     """
     groups: dict[Any, list[int]] = {}
     for place, job in enumerate(jobs):
@@ -89,9 +72,10 @@ def outcomes(
     Parameters
     ----------
     points : sequence of sequence of Job
+        The jobs of each point.
     values : callable
-        `values(jobs, runs)` returns the value of each variable at one point, from its jobs and their results.
-        Long arrays should have their final type, for a batch holds many.
+        `values(jobs, runs)` returns the value of each variable at one point. Long arrays should have their final
+        type, for a batch holds many.
     copies : bool
         Whether points are copies of the scenes simulated; errors then say so and name none of the points.
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fivcore import Rig, Scene
 from fivcore.transient.normalised import Normalised
+from studies.motion.jobs import BATCH_MULTIPLE
 
 # Summary figures that F multiplies; the others are the same for every copy of a scene.
 SCALED = (
@@ -27,13 +28,7 @@ SCALED = (
 
 
 def coordinates(points: Mapping[str, Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Speed per load (m/s/N), theta (degrees) and mu of the normalised scene of each point.
-
-    Parameters
-    ----------
-    points : mapping of str to array_like, (points,)
-        V, theta, mu and F.
-    """
+    """Speed per load (m/s/N), theta (degrees) and mu of the normalised scene of each point."""
     V, F, mu = (np.asarray(points[name], dtype=float) for name in ("V", "F", "mu"))
     # V / F is rounded as the solver rounds it; each pair once, for a grid has far fewer pairs than points.
     speeds, which = np.unique(V, return_inverse=True)
@@ -67,3 +62,7 @@ def scale(points: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """What multiplies a normalised scene's figures at each point; `along` has the sense of x besides."""
     load = np.asarray(points["F"], dtype=float)
     return {"load": load, "along": load * np.sign(points["V"])}
+
+
+# Options of a sweep over V, theta, mu and F: P1's modes and the contact law are made anew for each theta.
+OPTIONS = {"key": key, "scale": scale, "order_by": ("theta",), "batch_multiple": BATCH_MULTIPLE}

@@ -59,25 +59,15 @@ def series(run: Transient, record: Sequence[str]) -> dict[str, Any]:
 def histories(
     points: Mapping[str, Any],
     fixed: Mapping[str, Any],
-    values: Callable[[Transient, np.ndarray, np.ndarray], Mapping[str, Any]],
+    values: Callable[[Transient, np.ndarray, np.ndarray], dict[str, Any]],
     own: Sequence[str],
     record: Sequence[str],
     sample_rate: float,
 ) -> dict[str, Any]:
     """Velocity of B at even times, summary figures and what a study adds, for the points of a batch.
 
-    Parameters
-    ----------
-    points, fixed : mapping
-        Of the study's function.
-    values : callable
-        `values(run, series, times)` returns what the study adds; `series` is the velocity of B at `times`.
-    own : sequence of str
-        Series that the study needs, of `fivcore.simulate`'s record; velocity_B among them.
-    record : sequence of str
-        Series to keep besides, taken from a second run of the scene.
-    sample_rate : float
-        Of what is kept, Hz.
+    `values(run, series, times)` returns what the study adds; `series` is the velocity of B at `times`. Of `own`
+    series, velocity_B among them, it needs every step; those to `record` besides come from a second run.
     """
     times = transients.even_times(fixed["duration"], sample_rate).values
     fine = {"record": tuple(own), "sample_rate": transients.OVERSAMPLING * sample_rate}
@@ -85,13 +75,8 @@ def histories(
 
     def all_values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         velocity = transients.velocity(runs[0], times, sample_rate)
-        study_values = values(runs[0], velocity, times)
-        return {
-            "velocity_B": velocity,
-            **study_values,
-            **series(runs[-1], record),
-            **transients.figures_of(runs[0]),
-        }
+        added = values(runs[0], velocity, times) | series(runs[-1], record)
+        return {"velocity_B": velocity, **added, **transients.figures_of(runs[0])}
 
     every = transients.scenes(points, fixed)
     jobs = [[transients.job(scene, fixed, **each) for each in (fine, *kept)] for scene in every]

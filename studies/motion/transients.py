@@ -109,14 +109,9 @@ def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, *
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Find out, before anything is planned, what a study with one axis cannot run.
+    """Refuse, before anything is planned, what a study with one axis cannot run.
 
     A scene whose contact has no unique solution is not refused: its point fails by itself.
-
-    Raises
-    ------
-    ValueError
-        Naming the axis or setting.
     """
     sample_rate = checks.between("sample_rate", fixed["sample_rate"], 1e3, 1e6, "Hz")
     most = MOST_SAMPLES / sample_rate
@@ -134,10 +129,7 @@ def series_coords(*, duration: float, sample_rate: float, **_: Any) -> dict[str,
 def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
     """The scenes of a grid with the least and with the greatest V / F, which the solver must resolve.
 
-    Raises
-    ------
-    ValueError
-        For a value of an axis that makes no scene, naming it.
+    A value of an axis that makes no scene raises `ValueError`.
     """
     every = {name: axes[name].values for name in SCENE if name in axes}
     first = fixed | {name: float(values[0]) for name, values in every.items()}
@@ -224,13 +216,7 @@ def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def line_near(frequency: Array, power: Array, target: float, within: float = 0.08) -> float:
-    """Frequency of the strongest peak of a spectrum about `target`, Hz; NaN if none stands out there.
-
-    Parameters
-    ----------
-    within : float
-        How far it may be, in units of `target`.
-    """
+    """Frequency of the strongest peak within that share of `target`, Hz; NaN if none stands out."""
     near = np.flatnonzero(np.abs(frequency - target) <= within * target)  # none for a target that is NaN
     near = near[(near > 0) & (near < len(power) - 1)]
     if not len(near) or not np.all(np.isfinite(power[near])):

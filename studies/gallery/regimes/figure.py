@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -42,13 +41,15 @@ ONSET: dict[str, Any] = {
     "linewidth": 1.0,
     "path_effects": [patheffects.withStroke(linewidth=2.0, foreground="white")],
 }
-# What cells are outlined for, in which colour, and in which that is set; and the widths of the two, in points.
-OUTLINES = {
-    "subcritical": ("black", "white", "subcritical: vibrates\nthough stable"),
-    "unstable above the band": ("white", "black", f"stable {BELOW},\nunstable above"),
-    "quiet though unstable": (figures.ORANGE, "black", "steady sliding\nthough unstable"),
+# How cells are marked: those whose motion is not what stability says, of which members differ, and the paper's.
+RIM: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black"}
+VERDICT_MARKS: dict[str, dict[str, Any]] = {
+    "subcritical": {"marker": "s", "color": figures.RED, "label": "subcritical: vibrates\nthough stable"},
+    "unstable above the band": {"marker": "P", "color": "white", "label": f"stable {BELOW},\nunstable above"},
+    "quiet though unstable": {"marker": "X", "color": figures.ORANGE, "label": "steady sliding\nthough unstable"},
 }
-OUTER, INNER = 1.8, 0.8
+DIFFER: dict[str, Any] = RIM | {"marker": "o", "markersize": 2.4, "color": "black"}
+DIFFER |= {"markeredgecolor": "white", "markeredgewidth": 0.4, "label": "members differ"}
 PAPER_MARKS = {"intermittent": "^", "periodic": "D"}
 # A scale leaves out this share of the cells at either end, single ones would take all of it; and it is logarithmic
 # where its ends are so many times apart.
@@ -81,17 +82,14 @@ def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
 
 
 def _undecided(dataset: xr.Dataset) -> str:
-    done = int((dataset["status"] == DONE).sum())
-    count = int(np.count_nonzero(regimes.kinds(dataset) == KINDS.index("undecided")))
-    return f"undecided: {count} of {done}"
+    count = np.count_nonzero(regimes.is_of(regimes.kinds(dataset), "undecided"))
+    return f"undecided: {count} of {int((dataset['status'] == DONE).sum())}"
 
 
 def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
     """A plane of regimes, and below it shades of what the motion is like."""
-    figure, _ = figures.panels(1, 1, 17.0, 15.0)
-    figure.clear()
-    mosaic: Any = [["regime", "regime", "key"], list(QUANTITIES)]
-    panels: Any = figure.subplot_mosaic(mosaic, gridspec_kw={"height_ratios": (1.5, 1.0)})
+    layout = [["regime", "regime", "key"], list(QUANTITIES)]
+    figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.5, 1.0))
     top, key = panels.pop("regime"), panels.pop("key")
     key.axis("off")
     key.text(0.0, 0.0, SAID, fontsize=8.0, linespacing=1.4)
@@ -143,36 +141,23 @@ def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
     planes.classes(axes, x, xs, y, ys, found, COLOURS)
     figures.one_two_five(axes.xaxis, axes.yaxis)
     ends = planes.edges(planes.shown(x, xs)), planes.edges(planes.shown(y, ys))
-    failed = found == KINDS.index("failed")
-    if failed.any():
-        hatched = np.ma.masked_array(np.ones(found.shape), ~failed)
-        axes.pcolor(*ends, hatched, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
+    failed = np.ma.masked_not_equal(found, KINDS.index("failed"))
+    axes.pcolor(*ends, failed, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
     handles: list[Any] = planes.patches(np.unique(found))
     if _draw_onset(axes, at, x, y):
         handles.append(Line2D([], [], **ONSET, label=f"onset of flutter\n{BELOW}"))
-    for name, (colour, around, text) in OUTLINES.items():
-        inside = at["verdict"].values == VERDICTS.index(name)
-        if inside.any():
-            # All of the one below all of the other, or the ends of sides would show.
-            for shade, width in ((around, OUTER), (colour, INNER)):
-                sides = LineCollection(outline(inside, *ends), colors=shade, linewidths=width, zorder=2.5)
-                sides.set_capstyle("projecting")
-                axes.add_collection(sides)
-            halo = [patheffects.withStroke(linewidth=OUTER, foreground=around)]
-            handles.append(Line2D([], [], color=colour, linewidth=INNER, path_effects=halo, label=text))
-    rows, columns = np.nonzero(uncertain(at))
-    if len(rows):
-        look: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": "o",
-            "markersize": 2.4,
-            "color": "black",
-            "markeredgecolor": "white",
-            "markeredgewidth": 0.4,
-        }
-        axes.plot(planes.shown(x, xs)[columns], planes.shown(y, ys)[rows], **look)
-        handles.append(Line2D([], [], **look | {"markersize": 4.0}, label="members differ"))
-    return handles + _draw_paper(axes, at, x, y)
+
+    def mark(chosen: NDArray[np.bool_], **look: Any) -> list[Line2D]:
+        rows, columns = np.nonzero(chosen)
+        places = zip(planes.shown(x, xs)[columns], planes.shown(y, ys)[rows], strict=True)
+        return planes.marks(axes, list(places), **look)
+
+    for name, look in VERDICT_MARKS.items():
+        handles += mark(at["verdict"].values == VERDICTS.index(name), markersize=4.0, **RIM, **look)
+    differ = mark(uncertain(at), **DIFFER)
+    for dot in differ:
+        dot.set_markersize(4.0)
+    return [*handles, *differ, *_draw_paper(axes, at, x, y)]
 
 
 def _draw_onset(axes: Axes, at: xr.Dataset, x: str, y: str) -> bool:
@@ -187,51 +172,31 @@ def _draw_onset(axes: Axes, at: xr.Dataset, x: str, y: str) -> bool:
     return True
 
 
-def outline(inside: NDArray[np.bool_], x: NDArray[Any], y: NDArray[Any]) -> list[Any]:
-    """The sides that separate cells of a plane, (y, x), that are inside from others; `x`, `y`: their edges."""
-    padded = np.pad(inside, 1)
-    across = np.argwhere(padded[1:-1, 1:] != padded[1:-1, :-1])
-    along = np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])
-    return [[(x[k], y[r]), (x[k], y[r + 1])] for r, k in across] + [
-        [(x[k], y[r]), (x[k + 1], y[r])] for r, k in along
-    ]
-
-
 def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
     """The paper's scenes, where they are in the plane, marked by the kind of vibration it says."""
     if (x, y) != ("V", "mu") or not paper.is_rig(at):
         return []
     if not (np.isclose(at["theta"], paper.THETA) and np.isclose(at["F"], paper.LOAD)):
         return []
-    handles: dict[str, Any] = {}
-    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
-    for V, said in paper.VIBRATION.items():
-        speed = float(planes.shown("V", V))
-        if not (left <= speed <= right and low <= paper.MU <= high):
-            continue
-        look: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": PAPER_MARKS[said],
-            "color": "white",
-            "markeredgecolor": "black",
-            "markersize": 6.0,
-        }
-        axes.plot([speed], [paper.MU], **look)
-        handles[said] = Line2D([], [], **look, label=f"paper: {said}")
-    return list(handles.values())
+    handles = []
+    for kind, marker in PAPER_MARKS.items():
+        places = [(float(planes.shown("V", V)), paper.MU) for V, said in paper.VIBRATION.items() if said == kind]
+        look = RIM | {"marker": marker, "color": "white", "markersize": 6.0, "label": f"paper: {kind}"}
+        handles += planes.marks(axes, places, **look)
+    return handles
 
 
 def _draw_shades(axes: Axes, at: xr.Dataset, x: str, y: str, name: str) -> None:
     """One quantity over the plane, with its scale."""
     values = _shown(at, name)
     known = values[np.isfinite(values)]
-    norm: Normalize = Normalize(0.0, 1.0)
-    extend = "neither"
+    norm, extend = Normalize(0.0, 1.0), "neither"
     if name != "stick_fraction" and len(known):
         low, high = np.quantile(known, [RARE, 1.0 - RARE])
         norm = LogNorm(low, high) if 0.0 < WIDE * low < high else Normalize(low, high)
-        beyond = bool(known.min() < low), bool(known.max() > high)
-        extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, extend)
+        extend = {(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(
+            (known.min() < low, known.max() > high), extend
+        )
     mesh = planes.shades(axes, x, at[x].values, y, at[y].values, values, norm)
     bar = axes.figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend=extend)
     bar.outline.set_visible(False)

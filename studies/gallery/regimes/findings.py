@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -36,7 +34,7 @@ MEANINGS = {
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Regimes and how sure they are, the motion against linear stability, the paper's speeds, and the cost."""
+    """Regimes and how sure they are, the motion against linear stability, and the paper's speeds."""
     given = constants(dataset)
     rig = "the paper's rig" if paper.is_rig(dataset) else "another rig than the paper's"
     everywhere = np.ones(dataset["regime"].shape, dtype=bool)
@@ -53,8 +51,6 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "",
         _onsets(dataset),
         *beside(dataset, CLAIMS, cells=True),
-        "",
-        _cost(dataset, given),
     ]
 
 
@@ -78,16 +74,11 @@ def _of_regimes(dataset: xr.Dataset) -> Table:
     rows = []
     for code in np.unique(kinds):
         inside = kinds == code
-        medians = [number(_median(figures[name], inside), form, factor) for name, form, factor in MEDIANS.values()]
+        own = figures.where(xr.DataArray(inside, dims=dataset["regime"].dims))
+        medians = [number(own[name].median(), form, factor) for name, form, factor in MEDIANS.values()]
         share = f"{100.0 * inside.mean():.1f}"
         rows.append([regimes.KINDS[code], f"{inside.sum()}", share, f"{(inside & unsure).sum()}", *medians])
     return Table(["regime", "scenes", "%", "uncertain", *MEDIANS], rows)
-
-
-def _median(values: xr.DataArray, inside: NDArray[np.bool_]) -> float:
-    finite = values.values[inside]
-    finite = finite[np.isfinite(finite)]
-    return float(np.median(finite)) if len(finite) else np.nan
 
 
 def _of_scenes(dataset: xr.Dataset, most: float) -> Table:
@@ -107,27 +98,15 @@ def _of_scenes(dataset: xr.Dataset, most: float) -> Table:
 
 def _onsets(dataset: xr.Dataset) -> str:
     """Where steady sliding loses its stability."""
-    mu, frequency = dataset["onset_mu"].values, dataset["onset_frequency"].values
-    lost = np.isfinite(mu)
-    if not lost.any():
+    mu, frequency = dataset["onset_mu"], dataset["onset_frequency"]
+    lost = int(mu.count())
+    if not lost:
         return f"Steady sliding stays stable, modes {BELOW}."
-    ends = " to ".join(dict.fromkeys(f"{end:.4f}" for end in (mu[lost].min(), mu[lost].max())))
-    hertz = " to ".join(dict.fromkeys(f"{end:.0f}" for end in (frequency[lost].min(), frequency[lost].max())))
-    return (
-        f"Steady sliding loses stability at {lost.sum()} of {len(mu)} inclinations, at mu = {ends} ({hertz} Hz), "
-        f"modes {BELOW}."
+    ends, hertz = (
+        " to ".join(dict.fromkeys(f"{float(end):{form}}" for end in (each.min(), each.max())))
+        for each, form in ((mu, ".4f"), (frequency, ".0f"))
     )
-
-
-def _cost(dataset: xr.Dataset, given: dict[str, Any]) -> str:
-    """What was simulated and how long that took; copies of a scene cost nothing."""
-    spent = dataset["wall_time"].values
-    computed = (dataset["status"].values == DONE) & (spent > 0.0)
-    simulated = float(given["members"] * dataset["duration"].values[computed].sum())
-    if not simulated:
-        return "Nothing has been computed yet."
-    seconds = float(spent[computed].sum())
     return (
-        f"Computed: {computed.sum()} distinct, {simulated:.4g} s of motion in {seconds:.4g} s of computing: "
-        f"{seconds / simulated:.4f} s per simulated second."
+        f"Steady sliding loses stability at {lost} of {mu.size} inclinations, at mu = {ends} ({hertz} Hz), "
+        f"modes {BELOW}."
     )

@@ -16,54 +16,46 @@ from studies import paper
 from studies.gallery.regimes.compare_linear import BELOW, with_verdicts
 from studies.gallery.stability.study import largest_growth
 from studies.motion import ensembles, normalised, transients
-from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.motion.jobs import Job, outcomes
 from studies.rig import rig_of, rig_settings
 from studies.spec import evenly, logarithmically
 from studies.study import Setting, Study, deferred
-from sweeps import Axis, InputError, Variable
+from sweeps import Axis, Variable
 
 MOST_MEMBERS = 100
 # How members make a point's figure: the largest of them; of a line the one in the middle, for where two lines are
 # rivals their mean is neither; otherwise the mean.
 LARGEST = ("max_normal_force", "max_slip_speed")
 MIDDLE = ("dominant_frequency", "stuck_frequency")
+HOW = dict.fromkeys(LARGEST, "largest of the members") | dict.fromkeys(MIDDLE, "of the middle member")
 FIGURES = tuple(name for name in transients.SUMMARY if name != "regime")
 # Of these the spread over members is kept too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
 
 
-def _variable(name: str) -> Variable:
+def _of(name: str, how: str, digits: int) -> Variable:
     own = transients.SUMMARY[name]
-    how = "largest of the members" if name in LARGEST else "mean over members"
-    how = "of the middle member" if name in MIDDLE else how
     scale = "load" if name in normalised.SCALED else ""
-    return replace(own, long_name=f"{own.long_name}, {how}", dtype="float32", digits=5, scale=scale)
+    return replace(own, long_name=f"{own.long_name}, {how}", dtype="float32", digits=digits, scale=scale)
 
 
 def _plain(units: str, long_name: str, *dims: str) -> Variable:
     return Variable(units, long_name, dims, "float32", 6)
 
 
-def _spread(name: str) -> Variable:
-    own = transients.SUMMARY[name]
-    return replace(_variable(name), long_name=f"{own.long_name}, standard deviation over members", digits=4)
-
-
 VARIABLES = (
     {
-        "regime": Variable(
-            "1", "regime that most members are in", (), "int8", flags=dict(enumerate(transients.REGIMES))
-        ),
+        "regime": replace(transients.SUMMARY["regime"], long_name="regime that most members are in"),
         "regime_certainty": _plain(
             "1", "probability that more than half of all runs of the scene are in this regime"
         ),
         "regime_share": _plain("1", "share of the members in a regime", "kind"),
-        "member_regime": Variable(
-            "1", "regime of each member", ("member",), "int8", flags=dict(enumerate(transients.REGIMES))
+        "member_regime": replace(
+            transients.SUMMARY["regime"], long_name="regime of each member", dims=("member",)
         ),
     }
-    | {name: _variable(name) for name in FIGURES}
-    | {f"{name}_std": _spread(name) for name in SPREAD}
+    | {name: _of(name, HOW.get(name, "mean over members"), 5) for name in FIGURES}
+    | {f"{name}_std": _of(name, "standard deviation over members", 4) for name in SPREAD}
     | {
         "growth_rate": _plain("s-1", f"growth rate of steady sliding's least stable mode {BELOW}"),
         "growth_frequency": _plain("Hz", f"frequency of steady sliding's least stable mode {BELOW}"),
@@ -92,26 +84,17 @@ def ensemble(
 
 
 def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:
-    """What the runs of one scene have in common.
+    """What the runs of one scene have in common: `majority`, and the other figures over members that have a value.
 
-    Parameters
-    ----------
-    runs : sequence of Transient
-
-    Returns
-    -------
-    dict
-        `regime` (its place in REGIMES), `regime_certainty` and `regime_share` as `majority` finds them;
-        `member_regime`; every other figure of `motion.transients.SUMMARY` over the members that have a value, NaN
-        where none has: the mean, for LARGEST the largest, for MIDDLE the lower of the middle ones; and of SPREAD,
-        as `*_std`, the standard deviation, NaN for fewer than two.
+    Of these the mean, of LARGEST the largest, of MIDDLE the lower of the middle ones, NaN where no member has one;
+    of SPREAD, as `*_std`, the standard deviation, NaN for fewer than two.
     """
     figures = ensembles.figures_of(runs)
     found: dict[str, Any] = majority(figures["regime"])
     for name in FIGURES:
         known = figures[name][np.isfinite(figures[name])]
-        how = _largest if name in LARGEST else ensembles.middle if name in MIDDLE else _mean
-        found[name] = how(known)
+        how = np.max if name in LARGEST else ensembles.middle if name in MIDDLE else np.mean
+        found[name] = float(how(known)) if len(known) else np.nan
         if name in SPREAD:
             found[f"{name}_std"] = known.std(ddof=1) if len(known) > 1 else np.nan
     return found
@@ -133,14 +116,6 @@ def majority(regimes: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _mean(known: np.ndarray) -> float:
-    return float(known.mean()) if len(known) else np.nan
-
-
-def _largest(known: np.ndarray) -> float:
-    return float(known.max()) if len(known) else np.nan
-
-
 def stability(scene: Scene, cutoff: float) -> dict[str, Any]:
     """What linear stability says of steady sliding: of all modes below the band, and of the model that is run.
 
@@ -158,24 +133,6 @@ def stability(scene: Scene, cutoff: float) -> dict[str, Any]:
         top = steady.eigenvalues[np.argmax(steady.eigenvalues.real)]
         model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
     return found | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
-
-
-def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Find out, before anything is planned, what cannot be run.
-
-    A scene whose contact has no unique solution is not refused: its point fails by itself.
-
-    Raises
-    ------
-    ValueError
-        Naming the axis or setting.
-    """
-    ensembles.check(fixed)
-    slowest = float(axes["V"].values.min())
-    if slowest <= 0.0:
-        raise InputError(f"V = {slowest:g}: it must be above 0; the mirror image has -V and -theta")
-    ends = transients.extremes(axes, fixed["rig"])
-    check_jobs([ensembles.member(scene, fixed["members"], fixed, 1e-6) for scene in ends])
 
 
 def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
@@ -212,15 +169,9 @@ STUDY = Study(
     variables=VARIABLES,
     constants=constants_of,
     coords=coords,
-    check=check,
+    check=ensembles.check_grid,
     derive=with_verdicts,
-    options={
-        "key": normalised.key,
-        "scale": normalised.scale,
-        # P1's modes and the contact law's matrices are made anew for each theta.
-        "order_by": ("theta",),
-        "batch_multiple": BATCH_MULTIPLE,
-    },
+    options=normalised.OPTIONS,
     draw=deferred("studies.gallery.regimes.figure:draw"),
     findings=deferred("studies.gallery.regimes.findings:findings"),
 )

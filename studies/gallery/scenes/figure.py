@@ -1,8 +1,7 @@
-"""How a grid of scenes is drawn: maps of the regime, a row of scenes, or the figures of one."""
+"""How a grid of scenes is drawn: maps of the regime, or a row of scenes."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,39 +10,29 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from studies.motion import regimes, transients
 from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.plotting.planes import COLOURS, DARK, HATCHES, STATE_COLOURS, SYMBOLS, named
+from studies.plotting.planes import COLOURS, DARK, HATCHES, SYMBOLS, named
 from studies.study import constants
 
 # Cells along a side up to which each bears a number, and ticks.
 MOST_WRITTEN, MOST_TICKS = 10, 8
-# What the table of a single scene shows.
-FIGURES = tuple(
-    name
-    for name in transients.SUMMARY
-    if name != "regime" and not name.endswith("_fraction") and name != "energy_residual"
-)
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Maps if two axes or more vary, else shares of time and RMS along one, else the figures of one scene."""
+    """Maps if two axes or more vary, else shares of time and RMS along the one that does, or of one scene."""
     varying = [name for name in transients.SCENE if dataset.sizes[name] > 1]
     varying.sort(key=lambda name: -dataset.sizes[name])
-    given = constants(dataset)
-    held = ", ".join(named(name, dataset[name].values[0]) for name in transients.SCENE if name not in varying)
-    about = f"{held}, {given['duration']:g} s" if held else f"{given['duration']:g} s"
-    if not varying:
-        return _draw_one(dataset.isel(dict.fromkeys(transients.SCENE, 0)), f"One scene: {about}")
-    if len(varying) == 1:
-        along = varying[0]
-        at = dataset.isel({name: 0 for name in transients.SCENE if name != along})
-        return _draw_row(at, along, f"Scenes along {SYMBOLS[along][0]}: {about}")
-    return _draw_maps(dataset, varying, f"Regime of the motion: {about}")
+    held = [named(name, dataset[name].values[0]) for name in transients.SCENE if name not in varying]
+    about = ", ".join([*held, f"{constants(dataset)['duration']:g} s"])
+    if len(varying) > 1:
+        return _draw_maps(dataset, varying, f"Regime of the motion: {about}")
+    along = varying[0] if varying else "V"
+    at = dataset.isel({name: 0 for name in transients.SCENE if name != along})
+    return _draw_row(at, along, f"Scenes along {SYMBOLS[along][0]}: {about}" if varying else f"One scene: {about}")
 
 
 def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figure:
@@ -74,9 +63,9 @@ def _extent(count: int, written: bool) -> float:
 def _draw_map(axes: Axes, at: xr.Dataset, x: str, y: str, written: bool) -> NDArray[np.intp]:
     """One map, its cells of equal size whatever the steps of the axes; the kinds that occur in it."""
     kinds = regimes.kinds(at)
+    ends = [np.arange(count + 1) - 0.5 for count in kinds.shape[::-1]]
     axes.pcolormesh(
-        np.arange(kinds.shape[1] + 1) - 0.5,
-        np.arange(kinds.shape[0] + 1) - 0.5,
+        *ends,
         kinds,
         cmap=ListedColormap(COLOURS),
         vmin=-0.5,
@@ -84,14 +73,9 @@ def _draw_map(axes: Axes, at: xr.Dataset, x: str, y: str, written: bool) -> NDAr
         edgecolors="white",
         linewidth=0.4 if max(kinds.shape) <= 40 else 0.0,
     )
-    for row, column in np.argwhere(kinds == KINDS.index("failed")):
-        square: dict[str, Any] = {
-            "facecolor": "none",
-            "edgecolor": figures.GREY,
-            "linewidth": 0.0,
-            "hatch": HATCHES["failed"],
-        }
-        axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1.0, 1.0, **square))
+    failed = np.ma.masked_not_equal(kinds, KINDS.index("failed"))
+    hatched: dict[str, Any] = {"facecolor": "none", "edgecolor": figures.GREY, "linewidth": 0.0}
+    axes.pcolor(*ends, failed, hatch=HATCHES["failed"], **hatched)
     rms = 1e3 * at["velocity_rms"].values
     if written:
         for row, column in np.argwhere(np.isfinite(rms)):
@@ -129,41 +113,3 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     figures.legend_below(figure, [shares, rms], 5)
     figure.suptitle(title)
     return figure
-
-
-def _draw_one(at: xr.Dataset, title: str) -> Figure:
-    """The shares of time of a single scene as a bar, and its other figures as a table."""
-    kind = KINDS[int(regimes.kinds(at))]
-    figure, (bar, table) = figures.panels(2, 1, 15.0, 12.0, gridspec_kw={"height_ratios": (1.0, 5.0)})
-    begin = 0.0
-    for state in ("stick", "slip", "separation"):
-        share = float(np.nan_to_num(at[f"{state}_fraction"].values))
-        bar.barh(0.0, share, left=begin, color=STATE_COLOURS[state], label=f"{state} {100.0 * share:.1f} %")
-        begin += share
-    bar.set_xlim(0.0, 1.0)
-    bar.set_yticks([])
-    bar.grid(False)
-    bar.set_title(kind, loc="left")
-    bar.set_xlabel("share of the time")
-    table.axis("off")
-    lines = [(v.attrs["long_name"], *_with_unit(v)) for v in (at[name] for name in FIGURES)]
-    if kind == "failed":
-        lines = [(textwrap.fill(str(at["error"].item()), 90), "", "")]
-    for k, (label, number, unit) in enumerate(lines):
-        height = 1.0 - (k + 0.5) / max(len(lines), 8)
-        table.text(0.0, height, label, va="center")
-        table.text(0.86, height, number, va="center", ha="right")
-        table.text(0.88, height, unit, va="center")
-    figures.legend_below(figure, [bar], 3)
-    figure.suptitle(title)
-    return figure
-
-
-def _with_unit(variable: xr.DataArray) -> tuple[str, str]:
-    """A figure in the unit that a reader uses."""
-    unit = variable.attrs.get("units", "1")
-    shown, factor = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "1": ("", 1.0), "s-1": ("1/s", 1.0)}.get(
-        unit, (unit, 1.0)
-    )
-    value = factor * float(variable)
-    return ("-" if np.isnan(value) else f"{value:.4g}"), shown

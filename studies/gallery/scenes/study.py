@@ -12,7 +12,7 @@ import xarray as xr
 from fivcore import Transient, checks
 from studies import paper
 from studies.motion import normalised, recording, regimes, transients
-from studies.motion.jobs import BATCH_MULTIPLE, Job, check_jobs, outcomes
+from studies.motion.jobs import Job, check_jobs, outcomes
 from studies.rig import rig_of, rig_settings
 from studies.study import Setting, Study, constants, deferred
 from studies.tables import Column, Part, Table
@@ -53,15 +53,7 @@ def motions(
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Find out, before anything is planned, what cannot be run.
-
-    A scene whose contact has no unique solution is not refused: its point fails by itself.
-
-    Raises
-    ------
-    ValueError
-        Naming the axis or setting.
-    """
+    """Refuse, before anything is planned, what cannot be run."""
     checks.between("duration", fixed["duration"], 1e-6, 1e6, "s")
     check_jobs([transients.job(scene, fixed, 1e-6) for scene in transients.extremes(axes, fixed["rig"])])
 
@@ -76,17 +68,16 @@ def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Main figures of the scenes, how many move in which way, and what failed."""
     given = constants(dataset)
-    points = points_of(dataset)
+    names = [name for name in (*transients.SUMMARY, "status", "error") if name in dataset]
+    points = dataset[names].stack(point=transients.SCENE, create_index=False)
     computed = points.isel(point=np.isin(points["status"], [DONE, FAILED]))
     distinct = len(np.unique(normalised.key({name: computed[name].values for name in transients.SCENE}), axis=0))
     rig = "the paper's rig" if paper.is_rig(dataset) else "another rig than the paper's"
-    copies = ", of which the others are copies" if distinct < computed.sizes["point"] else ""
-    settle = given["settle"]
+    copies = f"{distinct} computed" + ", of which the others are copies" * (distinct < computed.sizes["point"])
+    settle, count = given["settle"], points.sizes["point"]
     since = f"{transients.SETTLING:g} s after the first slip" if settle is None else f"{settle:g} s"
-    count = points.sizes["point"]
-    counted = f"{count} scene{'s' if count > 1 else ''}"
     lines: list[Part] = [
-        f"{counted} of {given['duration']:g} s on {rig}, {distinct} computed{copies}.",
+        f"{count} scene{'s' if count > 1 else ''} of {given['duration']:g} s on {rig}, {copies}.",
         f"Shares of time, RMS, main line and normal force: from {since} on.",
         "",
         Table.of(points.isel(point=slice(MOST_ROWS)), "point", COLUMNS),
@@ -103,12 +94,6 @@ def findings(dataset: xr.Dataset) -> list[Part]:
             f"{given['sample_rate']:g} Hz."
         )
     return lines
-
-
-def points_of(dataset: xr.Dataset) -> xr.Dataset:
-    """The summary figures of all scenes along one dimension, `point`, in the order of the grid."""
-    names = [name for name in (*transients.SUMMARY, "status", "error") if name in dataset]
-    return dataset[names].stack(point=transients.SCENE, create_index=False)
 
 
 STUDY = Study(
@@ -130,13 +115,7 @@ STUDY = Study(
     variables=VARIABLES,
     constants=constants_of,
     check=check,
-    options={
-        "key": normalised.key,
-        "scale": normalised.scale,
-        # The modes of P1 and the contact law's matrices are made anew for each theta.
-        "order_by": ("theta",),
-        "batch_multiple": BATCH_MULTIPLE,
-    },
+    options=normalised.OPTIONS,
     draw=deferred("studies.gallery.scenes.figure:draw"),
     findings=findings,
     record=recording.whole_runs,

@@ -33,22 +33,9 @@ TRACED = {"theta": "degree", "mu": "1", "frequency": "Hz"}
 
 
 def largest_growth(rig: Rig, theta: Any, mu: Any, fmax: float) -> tuple[Array, Array, Array]:
-    """What grows fastest in steady sliding with V > 0.
+    """Growth rate and frequency of the mode that grows fastest in steady sliding with V > 0, and how many grow.
 
-    Parameters
-    ----------
-    rig : Rig
-    theta, mu : float or array_like
-        Degrees and 1; broadcast.
-    fmax : float
-        Band, Hz.
-
-    Returns
-    -------
-    growth_rate, frequency : ndarray
-        Of the mode with the largest growth rate in the band, 1/s and Hz; NaN where the band holds none.
-    unstable_modes : ndarray of int
-        How many grow; a pair of which one grows and one decays counts once.
+    theta and mu broadcast; NaN where the band holds no mode. A pair of which one grows and one decays counts once.
     """
     modes = sliding_modes(rig, theta, mu, fmax)
     growth = np.where(np.isnan(modes.growth_rate), -np.inf, modes.growth_rate)

@@ -11,13 +11,16 @@ from matplotlib.figure import Figure
 
 from studies import paper
 from studies.gallery.stick_time.findings import reference
-from studies.gallery.stick_time.fit import KINDS, settled
 from studies.motion import transients
 from studies.plotting import figures
 from studies.study import constants
 
-# Colour, marker and name of each kind of stick.
-LOOKS = {"start_up": (figures.ORANGE, "s", "start-up"), "sustained": (figures.BLUE, "o", "sustained")}
+# How each kind of stick is drawn.
+LOOKS: dict[str, dict[str, Any]] = {
+    "start_up": {"color": figures.ORANGE, "marker": "s", "label": "start-up"},
+    "sustained": {"color": figures.BLUE, "marker": "o", "label": "sustained"},
+}
+LINE: dict[str, Any] = {"markersize": 4.0, "linewidth": 0.8}
 # Of the frictions, and of the loads within them.
 COLOURS = (figures.BLUE, figures.BLACK, figures.ORANGE, figures.GREEN, figures.RED)
 MARKERS = "ov^Ds"
@@ -50,35 +53,18 @@ def _means(at: xr.Dataset, kind: str) -> np.ndarray:
 def _draw_times(axes: Axes, at: xr.Dataset) -> None:
     """Mean stick times against speed, both axes logarithmic, with the paper's law."""
     V = at["V"].values
-    for kind in KINDS:
-        colour, marker, name = LOOKS[kind]
+    for kind, look in LOOKS.items():
         mean, low, high = 1e3 * _means(at, kind)
         bars = np.nan_to_num(np.stack([mean - low, high - mean]))
-        axes.errorbar(
-            1e3 * V,
-            mean,
-            bars,
-            color=colour,
-            marker=marker,
-            markersize=4.0,
-            linewidth=0.8,
-            capsize=2.0,
-            label=name,
-        )
-    axes.plot(
-        1e3 * V,
-        1e3 * at["load_up_time"].mean("member").values,
-        ":",
-        color=figures.GREY,
-        label="first stick, μF/(k V)",
-    )
+        axes.errorbar(1e3 * V, mean, bars, capsize=2.0, **LINE, **look)
+    once = 1e3 * at["load_up_time"].mean("member").values
+    axes.plot(1e3 * V, once, ":", color=figures.GREY, label="first stick, μF/(k V)")
     start = float(at["mean_stick_time"].sel(kind="start_up").interp(V=min(paper.SPEEDS)))
     if np.isfinite(start) and V[0] <= min(paper.SPEEDS) <= V[-1]:
         speeds = np.array(sorted(paper.STICK_RATIO_SPEEDS))
         law = 1e3 * start * np.array([1.0, paper.STICK_RATIO])
-        axes.plot(
-            1e3 * speeds, law, "-", color=figures.RED, linewidth=2.2, zorder=3.0, label="paper: half at twice V"
-        )
+        bold: dict[str, Any] = {"color": figures.RED, "linewidth": 2.2, "zorder": 3.0}
+        axes.plot(1e3 * speeds, law, "-", label="paper: half at twice V", **bold)
     axes.set(xscale="log", yscale="log", xlabel="V / (mm/s)", ylabel="mean stick time / ms")
     figures.one_two_five(axes.xaxis, axes.yaxis)
     axes.legend(loc="lower left")
@@ -87,37 +73,33 @@ def _draw_times(axes: Axes, at: xr.Dataset) -> None:
 def _draw_products(axes: Axes, at: xr.Dataset) -> None:
     """Stick time by speed: constant where T ~ 1/V; how many sticks there were, and where intermittence ends."""
     V = at["V"].values
-    for kind in KINDS:
-        colour, marker, name = LOOKS[kind]
+    for kind, look in LOOKS.items():
         mean, low, high = 1e6 * V * _means(at, kind)
-        axes.fill_between(1e3 * V, low, high, color=colour, alpha=0.25, linewidth=0.0)
-        axes.plot(1e3 * V, mean, color=colour, marker=marker, markersize=4.0, linewidth=0.8, label=name)
+        axes.fill_between(1e3 * V, low, high, color=look["color"], alpha=0.25, linewidth=0.0)
+        axes.plot(1e3 * V, mean, **LINE, **look)
     end = 1e3 * float(at["intermittence_end"])
     if np.isfinite(end):
-        axes.axvline(
-            end, color=figures.RED, linestyle="--", linewidth=1.0, label=f"intermittence ends, {end:.2f} mm/s"
-        )
-    _room(axes, 1e3 * V)
-    axes.set(xlabel="V / (mm/s)", ylabel="T V / µm")
-    axes.set_ylim(bottom=0.0)
+        dashed: dict[str, Any] = {"color": figures.RED, "linestyle": "--", "linewidth": 1.0}
+        axes.axvline(end, label=f"intermittence ends, {end:.2f} mm/s", **dashed)
+    _logarithmic(axes, 1e3 * V)
+    axes.set(ylim=(0.0, None), xlabel="V / (mm/s)", ylabel="T V / µm")
     small: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "fontsize": 6.5, "color": figures.BLUE}
     for x, count in zip(1e3 * V, at["sustained_count"].sum("member").values, strict=True):
         if count:
             axes.text(x, 0.02, f"{count:.0f}", rotation=90, ha="center", va="bottom", **small)
     axes.text(1e3 * V[0], 0.13, "number of sustained sticks", **small)
-    figures.one_two_five(axes.xaxis, axes.yaxis)
+    figures.one_two_five(axes.xaxis)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.17))
 
 
 def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
     """Distribution of the sustained sticks at some speeds."""
-    at = at.transpose("V", "member", "stick", ...)
-    late = settled(at)
-    enough = np.flatnonzero(late.sum(axis=(1, 2)) >= LEAST_STICKS)
+    times = at["stick_time"].where(at["stick"] > at["start_up_count"])
+    enough = np.flatnonzero(times.count(("member", "stick")) >= LEAST_STICKS)
     chosen = transients.some(len(enough), MOST_SPEEDS) if len(enough) else []
     for k, colour, style in zip(enough[chosen], COLOURS, STYLES, strict=False):
-        V = float(at["V"][k])
-        x = np.sort(1e6 * V * at["stick_time"].values[k][late[k]])
+        V, every = float(at["V"][k]), times.isel(V=k).values
+        x = np.sort(1e6 * V * every[np.isfinite(every)])
         share = np.arange(1, len(x) + 1) / len(x)
         axes.step(x, share, where="post", color=colour, linestyle=style, label=f"{1e3 * V:g} mm/s ({len(x)})")
     axes.set(xlabel="T V / µm, sustained sticks", ylabel="share of the sticks below", ylim=(0.0, 1.02))
@@ -128,31 +110,25 @@ def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
 
 def _draw_collapse(axes: Axes, dataset: xr.Dataset) -> None:
     """Stick time by speed over mu F against V / (mu F): one curve, if friction and load do no more than scale."""
-    every: list[float] = []
-    for mu, colour in zip(dataset["mu"].values, COLOURS, strict=False):
+    frictions = dataset["mu"].values[dataset["mu"].values > 0.0]
+    for mu, colour in zip(frictions, COLOURS, strict=False):
         for F, marker in zip(dataset["F"].values, MARKERS, strict=False):
-            if not mu > 0.0:
-                continue
             at = dataset.sel(mu=mu, F=F)
             x = 1e3 * at["V"].values / (mu * F)
-            every += x.tolist()
             looks: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 4.0}
             for kind, fill in (("sustained", colour), ("start_up", "none")):
                 y = 1e6 * at["V"].values * _means(at, kind)[0] / (mu * F)
                 label = f"μ = {mu:g}, F = {F:g} N" if kind == "sustained" else None
                 axes.plot(x, y, markerfacecolor=fill, label=label, markeredgewidth=0.7, **looks)
-    _room(axes, every or [1.0])
-    axes.set(xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
-    axes.set_ylim(bottom=0.0)
-    figures.one_two_five(axes.xaxis, axes.yaxis)
-    axes.legend(
-        loc="lower left", fontsize=6.5, ncols=2, title="filled: sustained, open: start-up", title_fontsize=6.5
-    )
+    _logarithmic(axes, [0.1, 10.0])
+    axes.set(ylim=(0.0, None), xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
+    figures.one_two_five(axes.xaxis)
+    title: dict[str, Any] = {"title": "filled: sustained, open: start-up", "title_fontsize": 6.5}
+    axes.legend(loc="lower left", fontsize=6.5, ncols=2, **title)
 
 
-def _room(axes: Axes, x: Any) -> None:
-    """A logarithmic axis for all of `x`, also where nothing is drawn there."""
-    axes.set(xscale="log")
-    drawn = [line.get_ydata() for line in axes.lines if line.get_transform() == axes.transData]
-    if not any(np.isfinite(np.asarray(y, dtype=float)).any() for y in drawn):
+def _logarithmic(axes: Axes, x: Any) -> None:
+    """A logarithmic axis; for all of `x` where nothing is drawn."""
+    axes.set_xscale("log")
+    if not np.isfinite(axes.dataLim.y1):
         axes.set_xlim(0.9 * np.min(x), 1.1 * np.max(x))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from studies import paper
@@ -45,8 +44,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"Intermittence ends at {number(at['intermittence_end'], '.2f', 1e3)} mm/s: above, sustained sticks fill "
         "less than a tenth of the time.",
         "First stick, from the start of the drive: mu F / (k_t V) + ramp / 2 within "
-        f"{number(_largest(early[0]), '.3f', 100.0)} % at the slowest speed, "
-        f"{number(_largest(early), '.2f', 100.0)} % at any.",
+        f"{number(early[0], '.3f', 100.0)} % at the slowest speed, {number(early.max(), '.2f', 100.0)} % at any.",
         *beside(dataset, CLAIMS),
         "",
         *_collapse(dataset),
@@ -79,29 +77,21 @@ SPEEDS: dict[str, Column] = {
 def _laws(at: xr.Dataset) -> Table:
     """The exponents of T ~ V^n."""
     end = float(at["intermittence_end"])
+    speeds = " to ".join(f"{1e3 * V:g}" for V in sorted(paper.STICK_RATIO_SPEEDS))
     over = {
-        "start_up": "start-up, " + " to ".join(f"{1e3 * V:g}" for V in sorted(paper.STICK_RATIO_SPEEDS)) + " mm/s",
-        "sustained_slow": f"sustained, up to {1e3 * SLOW * end:.2f} mm/s"
-        if np.isfinite(end)
-        else "sustained, slowest",
+        "start_up": f"start-up, {speeds} mm/s",
+        "sustained_slow": f"sustained, up to {number(end, '.2f', 1e3 * SLOW)} mm/s",
         "sustained": "sustained, up to the end of intermittence",
     }
-    return Table(
-        ["law T ~ V^n", "n"],
-        [[text, _interval(at.sel(law=law), "exponent", ".3f")] for law, text in over.items()],
-        words=1,
-    )
+    rows = [[text, _interval(at.sel(law=law), "exponent", ".3f")] for law, text in over.items()]
+    return Table(["law T ~ V^n", "n"], rows, words=1)
 
 
-def _first_stick(at: xr.Dataset) -> Any:
-    """By which share the first slip's time departs from the static law, (V, member); NaN where none is known."""
-    half = 0.5 * np.array([ramp_of(member, constants(at)["ramp"]) for member in at["member"].values])
-    late = (at["first_slip_time"] - at["load_up_time"]).transpose("V", "member").values - half
-    return np.abs(late / at["load_up_time"].transpose("V", "member").values)
-
-
-def _largest(values: Any) -> float:
-    return float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
+def _first_stick(at: xr.Dataset) -> xr.DataArray:
+    """By which share at most the first slip's time departs from the static law at each speed."""
+    late = at["first_slip_time"] - 0.5 * ramp_of(at["member"], constants(at)["ramp"]) - at["load_up_time"]
+    share: xr.DataArray = abs(late / at["load_up_time"]).max("member")
+    return share
 
 
 def _collapse(dataset: xr.Dataset) -> list[Part]:

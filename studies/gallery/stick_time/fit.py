@@ -23,10 +23,12 @@ KINDS = ("start_up", "sustained")
 # below the end of intermittence, and over those up to a third of it, where they fill most of the time.
 LAWS = ("start_up", "sustained", "sustained_slow")
 SLOW = 1.0 / 3.0
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 # Drawings, what of them an interval holds, and where they start.
 DRAWINGS, COVERED, SEED = 2000, 0.95, 2010
 
+# What a value and the ends of its interval are called.
+_END = "end of the 95 % interval of the "
+ENDS = {"": "", "_low": f"lower {_END}", "_high": f"upper {_END}"}
 _KIND, _LAW = ("kind", "V"), ("law",)
 # Dimensions beyond mu and F, units and meaning of what is derived; with its interval where that ends in a dash.
 DERIVED = {
@@ -36,32 +38,24 @@ DERIVED = {
     "start_up_ratio -": ((), "1", "mean start-up stick at 2 mm/s over that at 1 mm/s"),
     "sustained_share": (("V",), "1", "share of the time after settling in the long sticks begun after it"),
     "intermittence_end": ((), "m s-1", "speed above which sustained sticks fill less than a tenth of the time"),
-    "stick_time_quantile": (("V", "quantile"), "s", "quantile of the durations of the sustained sticks"),
 }
 
 
 def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
-    """Add means over members, their intervals, the distribution, and the exponents of the laws."""
+    """Add means over members, their intervals, and the exponents of the laws."""
     each = [
         [_laws(dataset.isel(mu=m, F=f)) for f in range(dataset.sizes["F"])] for m in range(dataset.sizes["mu"])
     ]
     found = {}
     for name, (dims, units, text) in DERIVED.items():
         name, _, ends = name.partition(" ")
-        for k, (suffix, whose) in enumerate(
-            (
-                ("", ""),
-                ("_low", "lower end of the 95 % interval of the "),
-                ("_high", "upper end of the 95 % interval of the "),
-            )
-        ):
+        for k, (suffix, whose) in enumerate(ENDS.items()):
             if not k or ends:
                 values = np.array([[one[name][k] if ends else one[name] for one in row] for row in each])
                 found[name + suffix] = (("mu", "F", *dims), values, {"units": units, "long_name": whose + text})
     coords: dict[str, Any] = {
         "kind": ("kind", np.array(KINDS, dtype=object), {"long_name": "begun before or after the motion settled"}),
         "law": ("law", np.array(LAWS, dtype=object), {"long_name": "which sticks, over which speeds"}),
-        "quantile": ("quantile", np.array(QUANTILES), {"units": "1", "long_name": "share of the sticks below"}),
     }
     return dataset.assign_coords(coords).assign(found)
 
@@ -80,43 +74,21 @@ def _laws(at: xr.Dataset) -> dict[str, Any]:
     # Where no end is found, every speed at which sticks fill more than that counts.
     lasting = (share > LONG_SHARE) & ~(end <= V)
     both = (early, late)
+    fitted = (early, _intermittent_in_paper(V)), (late, lasting), (late, lasting & (SLOW * end >= V))
     return {
         "mean_stick_time": np.stack([[of.mean, *of.interval()] for of in both], axis=1),
         "local_exponent": np.stack([of.local_exponents(V) for of in both], axis=1),
-        "exponent": np.stack(
-            [
-                early.exponent(V, _intermittent_in_paper(V)),
-                late.exponent(V, lasting),
-                late.exponent(V, lasting & (SLOW * end >= V)),
-            ],
-            axis=1,
-        ),
+        "exponent": np.stack([of.exponent(V, chosen) for of, chosen in fitted], axis=1),
         "start_up_ratio": early.ratio(V, *paper.STICK_RATIO_SPEEDS),
         "sustained_share": share,
         "intermittence_end": end,
-        "stick_time_quantile": _quantiles(at["stick_time"].values, settled(at)),
     }
-
-
-def settled(at: xr.Dataset) -> NDArray[np.bool_]:
-    """Which of the sticks that are kept one by one, (V, member, stick), began after settling."""
-    begun = at["stick"] > at["start_up_count"]
-    return np.asarray((begun & at["stick_time"].notnull()).transpose("V", "member", "stick").values)
 
 
 def _intermittent_in_paper(V: Array) -> NDArray[np.bool_]:
     """Speeds within those at which the paper sees sticks come and go."""
     ends = [speed for speed, kind in paper.VIBRATION.items() if kind == "intermittent"]
     return np.asarray((min(ends) * (1.0 - 1e-9) <= V) & (max(ends) * (1.0 + 1e-9) >= V))
-
-
-def _quantiles(times: Array, chosen: NDArray[np.bool_]) -> Array:
-    """QUANTILES of the chosen ones of (speeds, members, sticks) at each speed."""
-    found = np.full((len(times), len(QUANTILES)), np.nan)
-    for k, (each, some) in enumerate(zip(times, chosen, strict=True)):
-        if some.any():
-            found[k] = np.quantile(each[some], QUANTILES)
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,27 +125,22 @@ class Means:
         chosen = chosen & np.isfinite(self.mean)
         if chosen.sum() < 2:
             return np.full(3, np.nan)
-        drawn = self.drawn[:, chosen]
-        return np.append(
-            slope(np.log(V[chosen]), np.log(self.mean[chosen])), interval(slope(np.log(V[chosen]), np.log(drawn)))
-        )
+        x, y, drawn = (np.log(each) for each in (V[chosen], self.mean[chosen], self.drawn[:, chosen]))
+        return np.append(slope(x, y), interval(slope(x, drawn)))
 
     def local_exponents(self, V: Array) -> Array:
         """Exponent about each speed, from its neighbours, with the ends of its interval, (3, speeds)."""
-        found = np.full((3, len(V)), np.nan)
-        for k in range(len(V)):
-            near = np.zeros(len(V), dtype=bool)
-            near[max(k - 1, 0) : k + 2] = True
-            if np.isfinite(self.mean[k]):
-                found[:, k] = self.exponent(V, near)
+        place, found = np.arange(len(V)), np.full((3, len(V)), np.nan)
+        for k in np.flatnonzero(np.isfinite(self.mean)):
+            found[:, k] = self.exponent(V, np.abs(place - k) <= 1)
         return found
 
     def ratio(self, V: Array, over: float, under: float) -> Array:
         """Mean at one speed over that at another, and the ends of its interval, (3,); NaN if either is missing."""
-        places = [np.flatnonzero(np.isclose(V, speed, rtol=1e-9, atol=0.0)) for speed in (over, under)]
-        if not all(len(place) for place in places):
+        at = [np.isclose(V, speed, rtol=1e-9, atol=0.0) for speed in (over, under)]
+        if not all(map(np.any, at)):
             return np.full(3, np.nan)
-        a, b = (int(place[0]) for place in places)
+        a, b = map(np.argmax, at)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.append(self.mean[a] / self.mean[b], interval(self.drawn[:, a] / self.drawn[:, b]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,8 @@ VIBRATES: dict[str, Any] = {"facecolor": "white", "edgecolor": figures.GREY, "ha
 SILENT = VIBRATES | {"hatch": ""}
 STEADY_COLOUR = COLOURS[KINDS.index(STEADY)]
 KHZ = 1e-3
+# Of a window: what is written where its pair grows fastest, and where that is.
+PEAK = ("frequency", "theta", "growth_rate")
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -47,12 +50,12 @@ def draw(dataset: xr.Dataset) -> Figure:
     lines = [dataset[name].values.ravel() for name in ("frequency", "member_dominant_frequency")]
     every = np.concatenate([*lines, *(places[:, 1] for places in points.values())])
     tiers = bands(np.sort(every[every > 0.0]))
-    rows = window_rows(dataset)
+    windows = dataset.sizes["window"]
     # Of panels, cm; legends, titles and labels come on top.
     heights = [1.0 + 4.0 * min(high / low - 1.0, 1.0) for low, high in tiers[::-1]]
     tallest = int(np.argmax(heights))
     heights[tallest] = max(heights[tallest], 3.0)
-    heights += [3.6, 2.2, 2.4 + 0.6 * max(rows, default=0)]
+    heights += [3.6, 2.2, 2.4 + 0.6 * max(windows - 1, 0)]
     figure, panels = figures.panels(
         len(heights), 1, 17.0, 6.5 + sum(heights), sharex=True, gridspec_kw={"height_ratios": heights}
     )
@@ -74,16 +77,14 @@ def draw(dataset: xr.Dataset) -> Figure:
     shares.grid(False)
     # Over its panel a legend hides nothing.
     above: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
-    strips.legend(handles=_draw_strips(strips, dataset, edges, rows, of_paper), ncols=5, **above)
+    strips.legend(handles=_draw_strips(strips, dataset, edges, of_paper), ncols=5, **above)
     for axes in (upper[0], growth, shares):
         if axes.get_legend_handles_labels()[0]:
             axes.legend(ncols=3, **above)
     strips.set_xlim(edges[0], edges[-1])
     strips.set_xlabel(planes.label("theta"))
-    figure.suptitle(
-        f"Stability and motion over the inclination, V = {1e3 * given['V']:g} mm/s, μ = {given['mu']:g}, "
-        f"F = {given['F']:g} N"
-    )
+    point = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
+    figure.suptitle(f"Stability and motion over the inclination, {point}")
     return figure
 
 
@@ -156,19 +157,12 @@ def _draw_branches(axes: Axes, theta: Array, frequency: Array, y: Array) -> None
 
 def _draw_growth(axes: Axes, dataset: xr.Dataset) -> None:
     """Growth rates of the unstable pairs; where there is none, of the mode that decays most slowly."""
-    theta, frequency = dataset["theta"].values, dataset["frequency"].values
-    growth, fastest = dataset["growth_rate"].values, dataset["mode_growth_rate"].values
+    theta, fastest = dataset["theta"].values, dataset["mode_growth_rate"].values
     axes.axhline(0.0, color=figures.BLACK, linewidth=0.6)
-    _draw_branches(axes, theta, frequency, growth)
-    for angle, pair in _labelled(theta, frequency, growth):
-        axes.annotate(
-            f"{frequency[angle, pair]:.0f} Hz",
-            (theta[angle], growth[angle, pair]),
-            (0, 4),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8.0,
-        )
+    _draw_branches(axes, theta, dataset["frequency"].values, dataset["growth_rate"].values)
+    text: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 8.0}
+    for hertz, angle, rate in zip(*(dataset[f"window_peak_{name}"].values for name in PEAK), strict=True):
+        axes.annotate(f"{hertz:.0f} Hz", (angle, rate), (0, 4), **text)
     stable = np.where(fastest > 0.0, np.nan, fastest)
     decay = "slowest decay, where none grows"
     axes.plot(theta, stable, ".-", color=figures.GREEN, linewidth=2.0, markersize=5.0, label=decay)
@@ -178,81 +172,49 @@ def _draw_growth(axes: Axes, dataset: xr.Dataset) -> None:
     axes.set_ylabel("growth rate / (1/s)")
 
 
-def _labelled(theta: Array, frequency: Array, growth: Array) -> list[tuple[int, int]]:
-    """Where branches grow fastest, (angle, pair); of those too near to each other to be labelled, the fastest."""
-    tops = [(place[0][k], place[1][k]) for place in branches(frequency) for k in [int(np.argmax(growth[place]))]]
-    tops.sort(key=lambda top: -growth[top])
-    wide, high = LABEL * np.ptp(theta), LABEL * growth[tops[0]] if tops else 0.0
-    kept: list[tuple[int, int]] = []
-    for top in tops:
-        if all(abs(theta[top[0]] - theta[k]) > wide or growth[k, j] - growth[top] > high for k, j in kept):
-            kept.append(top)
-    return kept
-
-
-def window_rows(dataset: xr.Dataset) -> list[int]:
-    """The row in which each window is drawn, so that none covers another or its bounds."""
-    margin = LABEL * np.ptp(dataset["theta"].values)
-    ends: list[float] = []
-    rows = []
-    for low, high in zip(dataset["window_from"].values, dataset["window_to"].values, strict=True):
-        free = [row for row, end in enumerate(ends) if low - margin > end]
-        row = free[0] if free else len(ends)
-        ends[row : row + 1] = [high + margin]
-        rows.append(row)
-    return rows
-
-
-def _draw_strips(axes: Axes, dataset: xr.Dataset, edges: Array, rows: list[int], of_paper: bool) -> list[Patch]:
+def _draw_strips(axes: Axes, dataset: xr.Dataset, edges: Array, of_paper: bool) -> list[Patch]:
     """The paper's text, what the runs do, and windows of instability, upwards; patches for the legend."""
     theta, status, regime = (dataset[name].values for name in ("theta", "status", "member_regime"))
     steady = np.any([(low < theta) & (theta < high) for low, high in paper.STEADY_ANGLES], axis=0)
     vibrates = np.isin(theta, list(paper.ANGLES_MEASURED))
     ticks, kinds, handles = [], set(), []
+    look: dict[str, Any] = {"align": "edge", "edgecolor": figures.GREY, "linewidth": 0.0}
+    strip = partial(axes.bar, edges[:-1], width=np.diff(edges))
     if of_paper and np.any(steady | vibrates):
         ticks.append("paper's text")
-        _strip(axes, edges, 0.0, 0.8 * steady, color=STEADY_COLOUR)
-        _strip(axes, edges, 0.0, 0.8 * vibrates, **VIBRATES)
+        strip(0.8 * steady, **look | {"facecolor": STEADY_COLOUR})
+        strip(0.8 * vibrates, **look | VIBRATES)
         kinds |= {KINDS.index(STEADY)} if steady.any() else set()
         handles = [
-            Patch(linewidth=0.5, label=f"paper: {label}", **look)
-            for label, look in (("vibrates", VIBRATES), ("says nothing", SILENT))
+            Patch(linewidth=0.5, label=f"paper: {label}", **patch)
+            for label, patch in (("vibrates", VIBRATES), ("says nothing", SILENT))
         ]
     below = np.full(len(theta), float(len(ticks)))
     for code, kind in enumerate(KINDS):
         share = (status == FAILED) * 1.0 if kind == "failed" else (regime == code).mean(axis=1) * (status == DONE)
         if share.any():
-            _strip(axes, edges, below, 0.8 * share, facecolor=COLOURS[code], hatch=HATCHES.get(kind, ""))
+            strip(0.8 * share, bottom=below, facecolor=COLOURS[code], hatch=HATCHES.get(kind, ""), **look)
             below += 0.8 * share
             kinds.add(code)
     ticks.append("runs")
-    axes.set_yticks(np.arange(len(ticks)) + 0.4, ticks)
-    if rows:
-        _draw_windows(axes, dataset, rows, len(ticks))
-        middle = len(ticks) + 0.2 + 0.25 * max(rows)
-        axes.set_yticks([*axes.get_yticks(), middle], [*ticks, "unstable"])
-    axes.set_ylim(-0.1, len(ticks) + 0.5 * (1 + max(rows, default=-1)))
+    windows = dataset.sizes["window"]
+    _draw_windows(axes, dataset, len(ticks))
+    heights = [*(np.arange(len(ticks)) + 0.4), *([len(ticks) - 0.05 + 0.25 * windows] if windows else [])]
+    axes.set_ylim(-0.1, len(ticks) + 0.5 * windows)
+    axes.set_yticks(heights, [*ticks, "unstable"][: len(heights)])
     axes.tick_params(axis="y", length=0.0)
     axes.spines["left"].set_visible(False)
     axes.grid(False)
     return planes.patches(kinds) + handles
 
 
-def _strip(axes: Axes, edges: Array, bottom: Array | float, height: Array, **look: Any) -> None:
-    """A cell for each angle, from `bottom` up; of none where the height is 0."""
-    cells = np.flatnonzero(height)
-    whole: dict[str, Any] = {"align": "edge", "edgecolor": figures.GREY, "linewidth": 0.0} | look
-    low = np.broadcast_to(bottom, len(height))[cells]
-    axes.bar(edges[cells], height[cells], np.diff(edges)[cells], low, **whole)
-
-
-def _draw_windows(axes: Axes, dataset: xr.Dataset, rows: list[int], bottom: float) -> None:
+def _draw_windows(axes: Axes, dataset: xr.Dataset, bottom: float) -> None:
     """Each window as a bar between its bounds; a bound that the range cuts off has no number."""
     wide = LABEL * np.ptp(dataset["theta"].values)
     text: dict[str, Any] = {"va": "center", "fontsize": 8.0}
-    for k, row in enumerate(rows):
+    for k in range(dataset.sizes["window"]):
         at = dataset.isel(window=k)
-        low, high, middle = float(at["window_from"]), float(at["window_to"]), bottom + 0.5 * row + 0.2
+        low, high, middle = float(at["window_from"]), float(at["window_to"]), bottom + 0.5 * k + 0.2
         axes.barh(middle, high - low, 0.36, left=low, color=COLOURS[KINDS.index("stuck")], linewidth=0.0)
         if not int(at["window_open_from"]):
             axes.text(low, middle, f"{low:.2f}° ", ha="right", **text)

@@ -15,8 +15,8 @@ from studies.motion import regimes, transients
 from studies.study import constants
 from studies.tables import Column, Part, Table, listed
 
-# Rows of the table of all inclinations, and of that of inclinations at which the runs differ.
-MOST_ROWS, MOST_DIFFERENT = 31, 8
+# Rows of the table of all inclinations.
+MOST_ROWS = 31
 # Members whose main lines lie further apart than this share have two rival lines, not one that scatters.
 RIVAL = 0.05
 AT: dict[str, Any] = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
@@ -37,10 +37,15 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     given, theta = constants(dataset), dataset["theta"].values
     unstable, pairs = dataset["unstable_modes"].values, dataset.sizes["pair"]
     inside = (dataset["window_from"] <= dataset["theta"]) & (dataset["theta"] <= dataset["window_to"])
+    regime, line = dataset["member_regime"], dataset["member_dominant_frequency"]
+    rival = line.max("member") > (1.0 + RIVAL) * line.min("member")
     cases = {
         "A mode is unstable that does not begin to grow by flutter within the band": unstable
         > inside.sum("window").values,
         f"More than {pairs} modes are unstable, and the {pairs} fastest are kept": unstable > pairs,
+        "The runs differ in regime, or their main lines lie far apart": (
+            (regime.max("member") > regime.min("member")) | rival
+        ).values,
         f"The runs were cut short at most = {given['most']:g} s": dataset["duration"].values >= given["most"],
     }
     of_paper = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
@@ -55,7 +60,6 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "",
         *_by_motion(dataset),
         *(f"{case}: theta = {listed(theta[where])} degrees." for case, where in cases.items() if where.any()),
-        *_different(dataset),
         *regimes.failures(dataset),
         *beside(dataset, CLAIMS),
         *(["The body of the paper's Table 6 is not at hand: this is all that its text says."] if of_paper else []),
@@ -111,24 +115,3 @@ def _by_motion(dataset: xr.Dataset) -> list[Part]:
     ]
     heads = ["runs by unstable modes", *(f"{count:.0f}" for count in counts)]
     return [Table(heads, rows, words=1)] if rows else []
-
-
-def _different(dataset: xr.Dataset) -> list[Part]:
-    """Inclinations at which the runs do not agree in regime, or have main lines far apart."""
-    regime, line = dataset["member_regime"], dataset["member_dominant_frequency"]
-    differ = (regime.max("member") > regime.min("member")) | (
-        line.max("member") > (1.0 + RIVAL) * line.min("member")
-    )
-    if not differ.any():
-        return []
-    rows = dataset.isel(theta=np.flatnonzero(differ.values)[:MOST_DIFFERENT])
-    more = int(differ.sum()) - rows.sizes["theta"]
-    columns: dict[str, Column] = {"runs differ at deg": ("theta", "g"), "runs": _members, "main lines Hz": _lines}
-    return ["", Table.of(rows, "theta", columns), *([f"and at {more} more inclinations."] if more else [])]
-
-
-def _members(at: xr.Dataset) -> str:
-    """How many runs are in which regime."""
-    codes = at["member_regime"].values
-    kinds, counts = np.unique(codes[np.isfinite(codes)].astype(int), return_counts=True)
-    return ", ".join(f"{count} {transients.REGIMES[kind]}" for kind, count in zip(kinds, counts, strict=True))

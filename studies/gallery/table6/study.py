@@ -42,7 +42,7 @@ VARIABLES = (
     | fig11.STABILITY
     | {
         "duration": Variable("s", "simulated time of each member"),
-        "regime": Variable("1", "regime of most members", (), "int8", flags=dict(enumerate(transients.REGIMES))),
+        "regime": replace(transients.SUMMARY["regime"], long_name="regime of most members"),
         "regime_share": Variable("1", "share of the members in the regime of most"),
         "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating members", ()),
     }
@@ -85,27 +85,20 @@ def ensemble(runs: Sequence[Transient]) -> dict[str, Any]:
     vibrates = regimes.is_of(each["regime"], *regimes.VIBRATING)
     each["dominant_frequency"] = np.where(vibrates, each["dominant_frequency"], np.nan)
     most, counts = ensembles.majority(each["regime"])
-    return (
-        {f"member_{name}": values for name, values in each.items()}
-        | {name: each[name].mean() for name in AVERAGED}
-        | {
-            "regime": most,
-            "regime_share": counts[most] / len(runs),
-            "dominant_frequency": ensembles.middle(each["dominant_frequency"]),
-        }
-    )
+    together = {name: each[name].mean() for name in AVERAGED} | {
+        "regime": most,
+        "regime_share": counts[most] / len(runs),
+        "dominant_frequency": ensembles.middle(each["dominant_frequency"]),
+    }
+    return together | {f"member_{name}": values for name, values in each.items()}
 
 
 def constants(settings: Mapping[str, float]) -> dict[str, Any]:
     """The rig, the operating point, the ensemble and how long it runs."""
     rig, _ = rig_of({**settings, "theta": paper.THETA})
-    names = ("V", "mu", "F", "ramp", "cutoff", "leap", *ensembles.SETTINGS)
     members = checks.count("members", settings["members"], MOST_MEMBERS)
-    return {name: settings[name] for name in names} | {
-        "rig": rig,
-        "method": transients.METHOD,
-        "members": members,
-    }
+    point = {name: settings[name] for name in ("V", "mu", "F")}
+    return point | ensembles.held(settings) | {"rig": rig, "members": members}
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:

@@ -52,26 +52,10 @@ def with_windows(dataset: xr.Dataset, rig: Rig, mu: float, V: float) -> xr.Datas
 
 
 def windows(rig: Rig, mu: float, V: float, low: float, high: float) -> dict[str, NDArray[Any]]:
-    """Windows of theta in which a pair is unstable.
+    """What WINDOWS describes of each window between two angles; none in a single angle.
 
-    Parameters
-    ----------
-    rig : Rig
-    mu : float
-    V : float
-        Only its sign matters: with V < 0 the windows are those of -theta.
-    low, high : float
-        Range of theta, degrees; there are no windows in a single angle.
-
-    Returns
-    -------
-    dict
-        The arrays that WINDOWS describes, (windows,); `open_` are places in ENDS.
-
-    Raises
-    ------
-    ArithmeticError
-        Where windows cannot be told apart.
+    Of V only the sign matters: with V < 0 the windows are those of -theta. Windows that cannot be told apart raise
+    `ArithmeticError`.
     """
     if low == high:
         return _no_windows()

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from fivcore import ContactError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact import reduced
@@ -19,25 +18,19 @@ RATIO = 10.0 ** (1.0 / 3.0)
 SHORT = {"duration": 0.15, "settle": 0.02}
 
 
-def computed(tmp_path, given, name="scenes", **recorded):
-    """A study's dataset, with a file."""
-    sweep = registry.load(name).sweep(given, **recorded)
-    return sweep.plan(tmp_path / f"{name}.nc").run("sync")
-
-
 def direct(V, theta, mu, F, rig=None, **given):
     """One scene as anyone would simulate it."""
     return simulate(Scene(V, theta, mu, F, rig or Rig()), SHORT["duration"], settle=SHORT["settle"], **given)
 
 
-def test_every_point_has_the_bits_of_its_own_simulation(tmp_path):
+def test_every_point_has_the_bits_of_its_own_simulation(computed):
     axes = {
         "V": np.concatenate([[-7e-3], 4e-3 * RATIO ** np.arange(3)]),
         "theta": [-5.0, 0.0, 5.0],
         "mu": [0.2, 0.3],
         "F": 3.7 * RATIO ** np.arange(3),
     }
-    data = computed(tmp_path, SHORT | axes | {"head_mass": 2.0})
+    data = computed("scenes", **SHORT, **axes, head_mass=2.0)
     assert data["velocity_rms"].dims == ("V", "theta", "mu", "F")
     for place in list(np.ndindex(*data["velocity_rms"].shape))[::5]:
         at = data.isel(dict(zip(data["velocity_rms"].dims, place, strict=True)))
@@ -53,10 +46,10 @@ def test_a_grid_is_planned_as_its_distinct_scenes():
     assert (plan.points, plan.distinct) == (14_300, 19 * 13 * 11)
 
 
-def test_a_basis_is_built_once_for_each_inclination(tmp_path):
+def test_a_basis_is_built_once_for_each_inclination(computed):
     for cached in (reduced.full_model, reduced.reduced_model, reduced.relaxation_time):
         cached.cache_clear()
-    computed(tmp_path, SHORT | {"V": [4e-3, 6e-3, 8e-3], "theta": [2.0, 4.0, 6.0], "mu": [0.2, 0.3], "F": 9.0})
+    computed("scenes", **SHORT, V=[4e-3, 6e-3, 8e-3], theta=[2.0, 4.0, 6.0], mu=[0.2, 0.3], F=9.0)
     # One for the run and one for its onset, where the damping is the published scheme's.
     assert reduced.reduced_model.cache_info().misses == 2 * 3
     # Besides, an upright P1 tells the relaxation time.
@@ -77,42 +70,9 @@ def test_a_mirror_image_is_a_copy_and_another_theta_is_not(tmp_path):
     assert float(data["velocity_rms"].sel(V=-6e-3, theta=5.0).squeeze()) < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"V": [-1e-3, 0.0, 1e-3]}, r"^V = 0\.0: it must be a speed"),
-        ({"theta": [0.0, 95.0]}, r"^theta = 95\.0: it must be"),
-        ({"mu": [0.1, -0.2]}, r"^mu = -0\.2: it must be"),
-        ({"F": [0.0, 9.0]}, r"^F = 0\.0: it must be"),
-        ({"V": [1e-12, 1e-3]}, r"^V / F = 1\.1.*e-13: it must be"),
-        ({"F": [1e-12, 1.0]}, r"^V / F = 8e\+09: it must be"),
-        ({"duration": 0.0}, r"^duration = 0\.0: it must be a number from"),
-        ({"settle": 1e7}, r"^settle = 10000000\.0: it must be"),
-        ({"cutoff": -1.0}, r"^cutoff = -1\.0: it must be"),
-        ({"p1_length": -1.0}, r"^p1_length = -1\.0: it must be"),
-        ({"rho": 1.0}, r"^rho: study scenes has no such axis; "),
-    ],
-)
-def test_what_cannot_be_run_is_refused_before_anything_is_planned(given, message):
-    with pytest.raises(ValueError, match=message) as caught:
-        scenes.STUDY.sweep(given)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
-    ran = []
-    monkeypatch.setattr(runs, "simulate_many", lambda s, *a, **k: ran.extend(s) or simulate_many(s, *a, **k))
+def test_a_scene_without_an_answer_fails_alone(computed):
     given = SHORT | {"theta": 40.0, "mu": [0.1, 0.2, 0.3, 5.0, 6.0], "V": [5e-3, 1e-2], "F": [4.5, 9.0]}
-    sweep = scenes.STUDY.sweep(given)
-    ran.clear()
-    points = {name: np.array([value] * 5) for name, value in (("V", 1e-3), ("theta", 40.0), ("F", 9.0))}
-    found = sweep.function(points | {"mu": np.array([0.1, 5.0, 0.2, 6.0, 0.3])}, **sweep.constants)
-    assert len(ran) == 5
-    assert [isinstance(error, ContactError) for error in found["error"]] == [False, True, False, True, False]
-    assert found["error"][::2] == [None] * 3
-    assert np.all(found["wall_time"] > 0.0)
-
-    data = sweep.plan(tmp_path / "scenes.nc").run("sync")
+    data = computed("scenes", **given)
     np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, :3], 1)
     np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, 3:], 2)
     texts = data["error"].sel(mu=5.0).values.ravel()
@@ -123,29 +83,19 @@ def test_a_scene_without_an_answer_fails_alone(tmp_path, monkeypatch):
     assert "20 scenes of 0.15 s on the paper's rig, 15 computed" in report
     assert report.count("failed: V") == 5
     assert "and 3 more failed." in report
-
-
-def test_the_line_that_reproduces_a_failure_raises_it_again():
-    from sweeps.compute.batch import Task
-
-    sweep = scenes.STUDY.sweep(SHORT | {"mu": [0.2, 5.0], "theta": -40.0, "V": -1e-3, "F": 9.0})
-    task = Task(sweep.name, sweep.function, sweep.constants, sweep.variables, dict.fromkeys(sweep.variables, ()))
-    result = task.compute(sweep.grid.points())
-    assert list(result.failures) == [1]
-    line = result.failures[1].reproduce
+    # The line that reproduces a failure raises it again; of a point that does not fail it gives the figures.
+    line, found = str(data["reproduce"].values[0]), {}
     with pytest.raises(ContactError, match="mu = 5"):
         exec(line, {})
-    # Of a point that does not fail the same line gives the figures.
-    found = {}
     exec(line.replace("motions({", "found = motions({").replace("array([5.0])", "array([0.2])"), found)
-    assert found["found"]["velocity_rms"] == result.values["velocity_rms"][0]
+    assert found["found"]["stick_fraction"][0] == data["stick_fraction"].sel(mu=0.2, theta=40.0)[0, 0]
 
 
 @pytest.mark.parametrize("V", [6e-3, -6e-3])
-def test_what_is_recorded_is_the_motion(V, tmp_path):
+def test_what_is_recorded_is_the_motion(V):
     theta = 5.0 if V > 0 else -5.0
     rate, given = 40e3, SHORT | {"V": [V, 3.1 * V], "theta": [theta, -theta], "mu": 0.2, "F": [3.0, 9.0]}
-    data = computed(tmp_path, given, record=tuple(recording.SERIES), sample_rate=rate)
+    data = scenes.STUDY.sweep(given, record=tuple(recording.SERIES), sample_rate=rate).plan().run("sync")
     times = data["elapsed"].values
     np.testing.assert_array_equal(times, np.arange(6000) / rate)
     assert data["elapsed"].attrs["units"] == "s"
@@ -172,28 +122,22 @@ def test_what_is_recorded_is_the_motion(V, tmp_path):
 def test_nothing_is_recorded_that_was_not_asked_for(monkeypatch):
     told = []
     monkeypatch.setattr(runs, "simulate_many", lambda *a, **k: told.append(k) or simulate_many(*a, **k))
-    one = SHORT | {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0}
-    sweep = scenes.STUDY.sweep(one)
-    assert not sweep.coords
-    assert set(sweep.variables) == set(transients.SUMMARY)
-    assert "record" not in sweep.constants
-    assert "sample_rate" not in sweep.constants
-    found = sweep.function(sweep.grid.points(), **sweep.constants)
-    assert set(found) == {*transients.SUMMARY, "error", "wall_time"}
-    assert not any(each.get("record") for each in told)
-    sweep = scenes.STUDY.sweep(one, record=["state"])
-    found = sweep.function(sweep.grid.points(), **sweep.constants)
-    assert set(found) == {*transients.SUMMARY, "state", "error", "wall_time"}
+    for record in ((), ("state",)):
+        sweep = scenes.STUDY.sweep(SHORT | {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0}, record=record)
+        assert set(sweep.variables) == {*transients.SUMMARY, *record}
+        assert {"record", "sample_rate"} & {*sweep.constants} == ({"record", "sample_rate"} if record else set())
+        found = sweep.function(sweep.grid.points(), **sweep.constants)
+        assert set(found) == {*transients.SUMMARY, *record, "error", "wall_time"}
+        assert (told[-1]["record"] or ()) == record
     assert found["state"].shape == (1, round(SHORT["duration"] * recording.SAMPLE_RATE))
-    assert told[-1]["record"] == ("state",)
-    assert len(told[-1]["sample_times"]) == found["state"].size
 
 
 @pytest.mark.parametrize(("name", "axis"), [("fig7", "V"), ("fig11", "theta")])
-def test_a_study_with_times_of_its_own_records_there(name, axis, tmp_path):
+def test_a_study_with_times_of_its_own_records_there(name, axis):
     study, value = registry.load(name), {"V": 5e-3, "theta": 10.0}[axis]
     given = {"duration": 0.12, axis: value}
-    data = computed(tmp_path, given, name, record=("normal_force", "velocity_B", "state"), sample_rate=20e3)
+    sweep = study.sweep(given, record=("normal_force", "velocity_B", "state"), sample_rate=20e3)
+    data = sweep.plan().run("sync")
     assert data.sizes["elapsed"] == 2400
     plain = study.sweep(given | {"sample_rate": 20e3}).plan().run("sync")
     for variable in plain.data_vars:
@@ -214,81 +158,3 @@ def test_a_study_with_times_of_its_own_records_there(name, axis, tmp_path):
     assert "record" not in alone.constants
     with figures.style():
         study.draw(data)
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "record", "rate", "message"),
-    [
-        ("scenes", {}, ["velocity_b"], None, "^record = 'velocity_b': .* no such series; did you mean velocity_B"),
-        ("fig7", {}, ["force"], None, "^record = 'force': .* no such series; .*the series are velocity_B, normal"),
-        ("fig5", {}, ["velocity_B"], None, "^study fig5 has no motion in time to record"),
-        ("fig6", {}, (), 1e4, "^study fig6 has no motion in time to record"),
-        ("table4", {}, ["state"], 1e4, "^study table4 has no motion in time to record"),
-        ("scenes", {}, (), 1e4, "^sample_rate = 10000.0: it is for what is recorded, and nothing is"),
-        ("fig7", {}, (), 1e4, "^sample_rate = 10000.0: it is for what is recorded"),
-        ("scenes", {}, ["state"], 99.0, "^sample_rate = 99.0: it must be a number from 100 to 1e"),
-        ("scenes", {}, ["state"], 2e6, "^sample_rate = 2000000.0: it must be a number from 100 to 1e"),
-        ("scenes", {}, ["state"], "fast", "^sample_rate = 'fast': it must be a number"),
-        ("scenes", {"duration": 40.0}, ["state"], None, "= 50000: over duration = 40 s it must be at most 25000"),
-        ("scenes", {"duration": 1e-3}, ["state"], 500.0, "= 500: over duration = 0.001 s it must be at least"),
-        ("fig7", {"sample_rate": 1e4}, ["state"], 2e4, "^sample_rate = 20000.0: study fig7 has it as a setting"),
-        ("fig11", {}, ["state"], 200.0, "^sample_rate = 200.0: it must be a number from 1000 to"),
-        ("contact", {}, ["state"], 1e5, "^record = state: study contact keeps its series in a window already"),
-        ("contact", {}, ["stat"], 1e5, "^record = 'stat': there is no such series; did you mean state"),
-    ],
-)
-def test_what_cannot_be_recorded_is_told(name, given, record, rate, message):
-    with pytest.raises(ValueError, match=message) as caught:
-        registry.load(name).sweep(given, record=record, sample_rate=rate)
-    assert "\n" not in str(caught.value)
-
-
-GRIDS = {
-    "one scene": {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0},
-    "one axis": {"V": 5e-3, "theta": [-5.0, 0.0, 5.0], "mu": 0.2, "F": 9.0},
-    "one wide axis": {"V": [1e-4, 1e-3, 1e-2], "theta": 5.0, "mu": 0.2, "F": 9.0},
-    "two axes": {"V": [-5e-3, 5e-3], "theta": [5.0, 40.0], "mu": 5.0, "F": 9.0},
-    "four axes": {"V": [2e-3, 4e-3], "theta": [5.0, 10.0], "mu": [0.2, 0.3], "F": np.arange(1.0, 6.0)},
-    "a row failed": {"V": [2e-3, 4e-3], "theta": 40.0, "mu": 5.0, "F": 9.0},
-}
-
-
-@pytest.mark.parametrize("grid", GRIDS)
-def test_every_grid_has_its_figure_and_report(grid, tmp_path):
-    data = computed(tmp_path, {"duration": 0.05, "settle": 0.0} | GRIDS[grid])
-    with figures.style():
-        figure = scenes.STUDY.draw(data)
-        figure.savefig(tmp_path / "figure.png")
-    if grid in ("two axes", "four axes"):
-        assert len(figure.axes) == {"two axes": 1, "four axes": 4}[grid]
-    lines = scenes.STUDY.report(data).splitlines()
-    count = int(np.prod([data.sizes[name] for name in transients.SCENE]))
-    assert lines[0].startswith(f"{count} scene")
-    assert lines[3].split()[:2] == ["V", "mm/s"]
-    rows = min(count, scenes.MOST_ROWS)
-    assert (f"and {count - rows} more in the file." in lines) == (count > rows)
-    told = next(line for line in lines if line.startswith("Scenes: ")).removeprefix("Scenes: ").rstrip(".")
-    assert sum(int(part.split()[0]) for part in told.split(", ")) == count
-    if "failed" in grid:
-        assert told == f"{count} failed"
-
-
-def test_axes_of_maps_are_named_with_their_units(tmp_path):
-    data = computed(
-        tmp_path, {"duration": 0.02, "settle": 0.0, "F": 9.0, "mu": [0.2, 0.3], "V": [1e-3, 2e-3, 5e-3]}
-    )
-    figure = scenes.STUDY.draw(data)
-    assert {axes.get_xlabel() for axes in figure.axes} == {"θ / °"}
-    assert "V / mm/s" in {axes.get_ylabel() for axes in figure.axes}
-    assert figure.axes[0].get_title(loc="left") == "μ = 0.2"
-    assert "F = 9 N" in figure.get_suptitle()
-
-
-def test_a_file_of_scenes_explains_itself(tmp_path):
-    computed(tmp_path, SHORT | GRIDS["one axis"], record=("normal_force",))
-    with xr.open_dataset(tmp_path / "scenes.nc") as plain:
-        assert plain["normal_force"].attrs["long_name"] == "normal force on P1, sampled"
-        assert plain["regime"].attrs["flag_meanings"].split()[2] == "steady_sliding"
-        for name, variable in transients.SUMMARY.items():
-            if name != "regime":
-                assert plain[name].attrs["units"] == variable.units

@@ -1,12 +1,14 @@
 """The plane of inclination and friction: its numbers, what follows from it, its tables and its figure."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fivcore import Rig, flutter_onsets, onset_curves, sliding_modes
-from studies import paper, runner
+from studies import paper
 from studies.gallery.stability import findings, study
 from studies.gallery.stability.study import STUDY, largest_growth
 from studies.plotting import figures
@@ -16,13 +18,13 @@ from tests.helpers.rigs import frictions, workshop_rig
 SMALL = {"theta": evenly(-4.0, 16.0, 21), "mu": evenly(0.0, 0.5, 26)}
 
 
-def computed(**given_values):
-    """The study's dataset in memory."""
-    return STUDY.sweep(given_values).plan().run("sync")
+@pytest.fixture(scope="module")
+def computed(computed):
+    return partial(computed, "stability")
 
 
 @pytest.fixture(scope="module")
-def plane():
+def plane(computed):
     return computed(**SMALL)
 
 
@@ -41,15 +43,6 @@ def test_the_largest_growth_is_that_of_the_fastest_mode(seed, theta, mu):
     assert count == np.count_nonzero(modes.growth_rate > 0.0)
 
 
-def test_the_largest_growth_broadcasts():
-    theta, mu = np.array([0.0, 5.0, 10.0])[:, None], np.array([0.1, 0.2])
-    every = largest_growth(Rig(), theta, mu, 10e3)
-    assert all(each.shape == (3, 2) for each in every)
-    for k, j in np.ndindex(3, 2):
-        one = largest_growth(Rig(), theta[k, 0], mu[j], 10e3)
-        assert [each[k, j] for each in every] == [float(each) for each in one]
-
-
 def test_a_band_without_modes_has_no_growth():
     growth, frequency, count = largest_growth(Rig(), [5.0, 6.0], 0.2, 1.0)
     assert np.all(np.isnan(growth) & np.isnan(frequency))
@@ -64,13 +57,10 @@ def test_the_papers_onsets_are_where_growth_begins(plane):
     np.testing.assert_array_equal(at["growth_rate"] > 0.0, at["mu"] > at["onset_mu"])
 
 
-def test_growth_and_branches_agree_at_every_point(plane):
+def test_the_plane_holds_what_the_solver_says_and_the_branches_agree(plane):
     np.testing.assert_array_equal(plane["unstable_modes"], findings.expected(plane))
     np.testing.assert_array_equal(plane["growth_rate"] > 0.0, plane["unstable_modes"] > 0)
-
-
-def test_the_plane_holds_what_the_solver_says(plane):
-    theta, mu = np.meshgrid(plane["theta"], plane["mu"], indexing="ij")
+    theta, mu = plane["theta"].values[:, None], plane["mu"].values
     growth, frequency, count = largest_growth(Rig(), theta, mu, 10e3)
     np.testing.assert_allclose(plane["growth_rate"], growth, rtol=1e-3)
     np.testing.assert_allclose(plane["frequency"], frequency, rtol=1e-4)
@@ -96,18 +86,15 @@ def test_branches_are_kept_to_their_ends(plane):
     assert float(lowest["pair_lowest_theta"]) == pytest.approx(2.5935, abs=1e-3)
 
 
-def test_the_windows_at_the_papers_friction(plane):
+def test_the_windows_are_at_the_papers_friction_or_the_nearest_there_is(plane, computed):
     assert float(plane["window_mu"]) == paper.MU
     np.testing.assert_allclose(plane["window_from"], [1.97, 0.62], atol=0.01)
     np.testing.assert_allclose(plane["window_to"], [9.35, 10.68], atol=0.01)
+    for mu, taken in (([0.0, 0.1], 0.1), ([0.3, 0.4], 0.3)):
+        assert float(computed(theta=[0.0, 10.0], mu=mu)["window_mu"]) == taken
 
 
-@pytest.mark.parametrize(("mu", "taken"), [([0.0, 0.1], 0.1), ([0.3, 0.4], 0.3)])
-def test_the_windows_are_at_the_nearest_friction_there_is(mu, taken):
-    assert float(computed(theta=[0.0, 10.0], mu=mu)["window_mu"]) == taken
-
-
-def test_a_rig_whose_pairs_recover():
+def test_a_rig_whose_pairs_recover(computed):
     data = computed(theta=evenly(0.0, 20.0, 11), mu=evenly(0.0, 0.6, 13), p1_length=0.08)
     mu = data["pair_recovery_mu"].values
     assert np.any(np.isfinite(mu))
@@ -136,7 +123,7 @@ def test_the_figures_of_the_plane(plane):
     assert rows["largest growth rate"] == f"{rate} at {place}"
 
 
-def test_growth_without_an_onset_in_the_band_is_counted():
+def test_growth_without_an_onset_in_the_band_is_counted(computed):
     """At theta = 24 and mu = 0.8 a pair of the paper's rig diverges."""
     data = computed(theta=[20.0, 24.0, 28.0], mu=[0.7, 0.8, 0.9])
     diverge = np.count_nonzero(data["frequency"] == 0.0)
@@ -148,7 +135,7 @@ def test_growth_without_an_onset_in_the_band_is_counted():
     assert rows["more or fewer growing modes than by the branches"] == f"{differ}"
 
 
-def test_branches_that_cannot_be_followed_leave_all_else(monkeypatch):
+def test_branches_that_cannot_be_followed_leave_all_else(monkeypatch, computed):
     def fails(*args):
         raise ArithmeticError("onsets near theta = 1 cannot be told apart")
 
@@ -161,7 +148,7 @@ def test_branches_that_cannot_be_followed_leave_all_else(monkeypatch):
     assert "by the branches" not in text
 
 
-def test_the_papers_numbers_stand_beside_the_branches_and_the_plane(plane):
+def test_the_papers_numbers_stand_beside_the_branches_and_the_plane(plane, computed):
     def rows(data):
         return [row[2:5] for row in findings.findings(data)[-1].rows]
 
@@ -179,25 +166,6 @@ def test_the_papers_numbers_stand_beside_the_branches_and_the_plane(plane):
     assert rows(few) == rows(plane)[:2]
 
 
-EDGES = {
-    "one inclination": ({"theta": [5.0], "mu": SMALL["mu"]}, "A single inclination has no window"),
-    "one friction": ({"theta": SMALL["theta"], "mu": [0.2]}, "Windows of instability at mu = 0.2"),
-    "one stable point": ({"theta": [15.0], "mu": [0.2]}, "0 of 1 (0.0 %)"),
-    "no friction": ({"theta": [0.0, 5.0], "mu": [0.0]}, "No pair is unstable at mu = 0"),
-    "two by two, stable": ({"theta": [-5.0, -4.0], "mu": [0.1, 0.3]}, "No flutter onset in this range"),
-    "another rig": ({"theta": [2.0, 8.0, 12.0], "mu": [0.1, 0.3, 0.5], "head_mass": 0.5}, "\nonset "),
-    "steep": ({"theta": [70.0, 80.0], "mu": [0.0, 1.0]}, "0 of 4 (0.0 %)"),
-}
-
-
-@pytest.mark.parametrize("case", EDGES)
-def test_other_grids_have_a_report_and_a_figure(case, tmp_path):
-    given_values, line = EDGES[case]
-    data = computed(**given_values)
-    assert line in STUDY.report(data)
-    assert runner.plot(STUDY, data, tmp_path / "stability.nc").stat().st_size > 5000
-
-
 @pytest.mark.parametrize(("first", "line"), [(10, " of 210 "), (0, "No point has been computed yet.")])
 def test_points_that_are_missing_stay_white(plane, first, line):
     some = plane.copy(deep=True)
@@ -211,34 +179,3 @@ def test_points_that_are_missing_stay_white(plane, first, line):
     meshes = [each for each in figure.axes[0].collections if np.size(each.get_array()) == 26 * 21]
     assert meshes
     assert all(np.ma.getmaskarray(mesh.get_array()).reshape(26, 21)[first:].all() for mesh in meshes)
-
-
-def test_the_legend_names_every_branch(plane):
-    with figures.style():
-        figure = STUDY.draw(plane)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert [f"onset, {f:.0f} Hz" for f in plane["pair_lowest_frequency"].values] == labels[: plane.sizes["pair"]]
-    assert {"tan θ = μ", "paper: vibrates (measured)", "paper: slides steadily (measured)"} <= {*labels}
-
-
-def test_the_default_file_is_small(tmp_path):
-    sweep = STUDY.sweep({})
-    assert sweep.grid.shape == (241, 201)
-    assert list(sweep.grid.axes) == ["theta", "mu"]
-    file = tmp_path / "stability.nc"
-    STUDY.sweep({"theta": evenly(-10.0, 20.0, 61), "mu": evenly(0.0, 0.5, 51)}).plan(file).run("sync")
-    assert file.stat().st_size < 150e3
-
-
-@pytest.mark.parametrize(
-    ("given_values", "message"),
-    [
-        ({"theta": [0.0, 90.0]}, "theta = 90.0: it must be"),
-        ({"mu": [-0.1, 0.2]}, r"mu = -0.1: it must be a number from 0"),
-        ({"V": 1e-3}, "V: study stability has no such axis"),
-        ({"p2_thickness": 0.0}, "p2_thickness = 0.0"),
-    ],
-)
-def test_what_cannot_be_computed_is_refused_before_anything_is_planned(given_values, message):
-    with pytest.raises(ValueError, match=message):
-        STUDY.sweep(given_values)
