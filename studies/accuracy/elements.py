@@ -7,49 +7,30 @@ arithmetic it is `method="paper"`, which does the same in the modes of the separ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import namedtuple
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded
 
-from fivcore import Beam, Rig, Scene
+from fivcore import Beam, Rig, Scene, Transient
 from fivcore.beams.elements import hermite
 from fivcore.beams.modes import rig_bases
 from fivcore.contact.reduced import full_model
 from fivcore.jit import kernel
 from fivcore.transient.published import BETA2, STEP, TAU, published_contact
-from studies.accuracy.trajectory import Track
 
 Array = NDArray[np.float64]
 # Diagonals on either side of the main one.
 BAND = 5
 
 
-@dataclass(frozen=True, eq=False)
-class Assembled:
-    """Both beams of a rig, P1's nodes from C to A (of which only y is free), then P2's without the clamped one.
-
-    Attributes
-    ----------
-    K, M : ndarray, (6, n)
-        Bands of the symmetric matrices: row d holds the d-th diagonal below the main one.
-    normal, tangential, point_b : ndarray, (n,)
-        Rows that read the gap, the shift of the surfaces without the clamp's own, and the displacement of B.
-    weight : ndarray, (n,)
-        Force of a unit load.
-    thrown : ndarray, (n,)
-        Force of a unit acceleration of the clamp, for motion relative to it.
-    """
-
-    K: Array
-    M: Array
-    normal: Array
-    tangential: Array
-    point_b: Array
-    weight: Array
-    thrown: Array
+# Both beams, P1's nodes from C to A (of which only y is free), then P2's without the clamped one. K, M, (6, n):
+# row d of a band is the d-th diagonal below the main one. Rows (n,) that read the gap, the shift of the surfaces
+# without the clamp's own, and the displacement of B; forces (n,) of a unit load, and of a unit acceleration of the
+# clamp for motion relative to it.
+Assembled = namedtuple("Assembled", "K M normal tangential point_b weight inertia")
 
 
 def element_matrices(beam: Beam) -> tuple[Array, Array]:
@@ -93,22 +74,18 @@ def assemble(rig: Rig, theta: float) -> Assembled:
     point_b[3 * node], point_b[3 * node + 3] = 1.0 - (place - node), place - node
     along = np.zeros(n1 + n2)
     along[n1::3] = 1.0
-    thrown = -M @ along
+    inertia = -M @ along
     # At A only y is free; P2's first node is clamped.
     free = np.ones(n1 + n2, dtype=bool)
     free[[n1 - 3, n1 - 1, n1, n1 + 1, n1 + 2]] = False
-    bands = [_banded(part[np.ix_(free, free)]) for part in (K, M)]
-    return Assembled(*bands, *(row[free] for row in (normal, tangential, point_b, weight, thrown)))
+    bands = [
+        np.array([np.pad(np.diag(part[np.ix_(free, free)], -d), (0, d)) for d in range(BAND + 1)])
+        for part in (K, M)
+    ]
+    return Assembled(*bands, *(row[free] for row in (normal, tangential, point_b, weight, inertia)))
 
 
-def _banded(matrix: Array) -> Array:
-    band = np.zeros((BAND + 1, len(matrix)))
-    for d in range(BAND + 1):
-        band[d, : len(matrix) - d] = np.diag(matrix, -d)
-    return band
-
-
-def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Track:
+def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Transient:
     """Run the scheme with the paper's step, beta2 and tau from rest under the load, for V > 0 and a ramp."""
     parts = assemble(scene.rig, scene.theta)
     dt, b, rig = STEP, BETA2, scene.rig
@@ -127,10 +104,11 @@ def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Track
     firsts = np.full(2, np.nan)
     _advance(
         parts.K, parts.M, implicit, parts.normal, parts.tangential, parts.point_b, per[0], per[1],
-        scene.F * parts.weight, scene.V / ramp * parts.thrown, closing, scene.mu,
+        scene.F * parts.weight, scene.V / ramp * parts.inertia, closing, scene.mu,
         (dt, b, dt / TAU, rig.d1, rig.d2), (scene.V, ramp), rest, steps, every, record, firsts,
     )  # fmt: skip
-    return Track(*record.T, *(float(t) for t in firsts))
+    summary = dict(zip(("first_slip_time", "first_separation_time"), firsts.tolist(), strict=True))
+    return Transient(scene, summary, *record.T)
 
 
 def _nodal(rig: Rig, theta: float, modal: Array) -> Array:

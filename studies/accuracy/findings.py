@@ -1,230 +1,135 @@
-"""What is said of costs and errors: tables, what is cheapest, and how things converge."""
+"""Tables of costs and errors, what is cheapest, and how stability converges."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
-from studies.accuracy import settings as asked
-from studies.accuracy.errors import DIMS, ERRORS_ALLOWED, FIGURES, FIRST_SLIP
-from studies.accuracy.rows import Row, cheapest_right, find, front, largest, mean, root_mean_square, rows
-from studies.motion import transients
+from studies.accuracy.errors import BOUNDED, DIMS, ERRORS_ALLOWED, FIGURES, FIRST_SLIP
+from studies.accuracy.rows import cheapest_right, default, front, label, largest, table
+from studies.accuracy.settings import OPTIONS, SCENES
 from studies.study import constants
 from studies.tables import Part, Table, apart
 from sweeps import FAILED
 
-# Errors besides those of the figures: variable, head, factor, and whether a deviation stands beside it.
-OTHERS = (
-    ("stick_time_ks", "KS", 100.0, False),
-    ("stick_time_wasserstein", "W1", 100.0, False),
-    ("spectrum_error", "spectrum", 100.0, True),
+# Columns of tables: head, column of `rows.table`, factor, form.
+COSTS = (
+    ("step us", "step", 1e6, ".3f"),
+    ("modes", "modes", 1.0, ".0f"),
+    ("alone", "alone", 1.0, ".3g"),
+    ("in batch", "batch", 1.0, ".3g"),
+    ("paper / it", "ratio", 1.0, ""),
+    *((name, name, 1.0, ".2f") for name in ("mismatch", "scatter", "worst")),
+    ("right", "right", 1.0, ""),
+    ("undamped", "undamped", 1.0, ".2f"),
 )
-# Errors up to the first separation, in per cent: variable and head.
+ERRORS = (
+    *((each.long_name, f"{each.name}_error", 100.0, "+.1f") for each in FIGURES),
+    ("KS", "stick_time_ks", 100.0, "+.1f"),
+    ("W1", "stick_time_wasserstein", 100.0, "+.1f"),
+    ("spectrum", "spectrum_error", 100.0, "+.1f"),
+)
 BURST = (
-    ("slip_velocity_error", "v_B half-way"),
-    ("slip_force_error", "N half-way"),
-    ("burst_velocity_error", "v_B to the end"),
-    ("burst_delay_error", "delay"),
-    ("first_slip_error", "first slip*"),
-    ("first_delay_error", "delay*"),
+    ("v_B half-way", "slip_velocity_error", 100.0, ".3f"),
+    ("N half-way", "slip_force_error", 100.0, ".3f"),
+    ("v_B to the end", "burst_velocity_error", 100.0, ".3f"),
+    ("delay", "burst_delay_error", 100.0, ".3f"),
+    ("first slip*", "first_slip_error", 100.0, ".3f"),
+    ("delay*", "first_delay_error", 100.0, ".3f"),
+)
+OF_COSTS = (
+    "Cost (s per simulated second) and mismatch: errors in units of their tolerances, root mean square over",
+    "figures and scenes; scatter: what chance alone would make of it; worst: the largest; undamped: mismatch",
+    "against paper with beta2 = 0.5, which has no numerical damping.",
+)
+OF_ERRORS = (
+    "Errors in per cent (shares of time: points), the largest over scenes; in brackets the same in standard",
+    "errors, root mean square over scenes. KS, W1: two-sample distances of the long sticks (Kolmogorov and",
+    "Smirnov's; Wasserstein's over the mean); spectrum: in third-octave bands, what lies elsewhere.",
+)
+OF_BURST = (
+    "The first burst, per cent, the largest over scenes. Half-way: from the start to half-way between first",
+    "slip and first separation; delay: the time between them. fast and solve_ivp against exact on the same",
+    "reduced model; paper against itself with a quarter of the step and without numerical damping.",
+    "*: against paper as it is.",
+)
+OF_STABILITY = (
+    "Sliding stability: error of the lowest onset's mu and of the largest growth rate below 10 kHz, relative,",
+    "the largest over scenes; of a cut-off against all modes, by termination; of a mesh against the finest.",
 )
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Costs, every error, the first burst, what is cheapest, and sliding stability."""
-    every = rows(dataset)
+    data = dataset.transpose(*DIMS, ...)
+    frame = table(data)
+    chosen = pd.concat([default(frame), cheapest_right(frame)])
+    stopped = data["gave_up_time"].to_series().dropna().items()
+    failed = int((data["status"] == FAILED).sum())
+    alone = not frame["mismatch"].notna().any()
     parts: list[Sequence[Part]] = [
-        _head(dataset),
-        _costs(every, dataset),
-        _errors(every, dataset),
-        _bursts(every, dataset),
+        _scenes(data),
+        _part(frame, COSTS, *OF_COSTS),
+        _part(frame, ERRORS, *OF_ERRORS),
+        _part(frame, BURST, *OF_BURST),
+        [f"{', '.join(at)}: gave up at {1e3 * t:.3f} ms, where events do not end." for at, t in stopped],
+        _part(front(frame), COSTS, "What no other is both cheaper and nearer than, from the cheapest on:"),
+        _part(chosen, COSTS, "fast by default, and the cheapest that is right at every scene:"),
+        ["Without paper by default there is nothing to compare figures with."] if alone else [],
+        _stability(data) if "onset_error" in data else [],
+        [f"{failed} points failed and count for nothing."] if failed else [],
     ]
-    parts += [_choice(every), _stability(dataset)]
-    failed = int((dataset["status"] == FAILED).sum())
-    parts += [[f"{failed} points failed and count for nothing."]] if failed else []
     return apart(parts)
 
 
-def _head(dataset: xr.Dataset) -> list[str]:
-    given = constants(dataset)
-    scenes = [
-        f"  {name}: V = {1e3 * V:g} mm/s, theta = {theta:g} degrees, mu = {mu:g}, F = {F:g} N"
-        for name, V, theta, mu, F in (asked.SCENES[int(k)] for k in dataset["scene"].values)
-    ]
-    asked_for = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in FIGURES if each.asked)
+def _part(frame: pd.DataFrame, columns: Sequence[tuple[str, str, float, str]], *heading: str) -> list[Part]:
+    """A line for each method and setting that has any of these columns; deviations in brackets behind errors."""
+    rows = []
+    for _, row in frame.iterrows():
+        cells = []
+        for _, name, factor, form in columns:
+            value, near = row.get(name, np.nan), row.get(name.replace("_error", "_deviation"), np.nan)
+            cell = value if name == "right" else _text(factor * value, form or (".0f" if value >= 10.0 else ".2g"))
+            cells.append(cell + (f" ({near:.1f})" if "_error" in name and not np.isnan(near) else ""))
+        if set(cells) != {"-"}:
+            rows.append([row["method"], row["label"], *cells])
+    heads = ["method", "setting", *(head for head, *_ in columns)]
+    return [*heading, Table(heads, rows, 2)] if rows else []
+
+
+def _text(value: float, form: str) -> str:
+    return "-" if np.isnan(value) else format(value, form)
+
+
+def _scenes(data: xr.Dataset) -> list[Part]:
+    given = constants(data)
+    rows = [[name, *map("{:g}".format, SCENES[name])] for name in data["scene"].values]
+    tolerances = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in BOUNDED)
     return [
-        "Scenes:",
-        *scenes,
+        Table(["scene", "V, m/s", "theta, degrees", "mu", "F, N"], rows, 1),
         f"Reference: paper on all modes, step and beta2 the paper's, {given['reference_members']} runs of "
         f"{given['duration']:g} s a scene; fast: {given['members']} runs.",
-        f"Right: off by at most {asked_for}",
+        f"Right: off by at most {tolerances}",
         f"(shares of time: points) and {ERRORS_ALLOWED:g} standard errors of the difference; first slip by at "
         f"most {100.0 * FIRST_SLIP:g} %.",
-        "Cost: the thread's own processor time per simulated second, mean over scenes; wall time is in the file.",
+        "Cost: the thread's own processor time per simulated second, with nothing else of the run beside it, mean",
+        "over scenes; wall time is in the file.",
     ]
 
 
-def _costs(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
-    """A line for each method and setting."""
-    reference = find(every, asked.PAPER)
-    heads = ["method", "setting", "step us", "modes", "alone", "in batch", "paper / it"]
-    heads += ["mismatch", "scatter", "worst", "right", "undamped"]
-    cells = []
-    for row in every:
-        at = _at(dataset, row)
-        ratio = reference.alone / row.cost if reference else np.nan
-        cells.append(
-            [
-                asked.METHODS[row.method],
-                row.name,
-                transients.text(mean(at["step"].values), 3, 1e6),
-                transients.text(mean(at["modes"].values), 0),
-                _seconds(row.alone),
-                _seconds(row.together),
-                _ratio(ratio),
-                *(transients.text(each, 2) for each in (row.mismatch, row.scatter, row.worst)),
-                f"{row.right}/{row.scenes}" if row.scenes else "-",
-                transients.text(row.undamped, 2),
-            ]
-        )
-    return [
-        "Cost (s per simulated second) and mismatch: errors in units of their tolerances, root mean square over",
-        "figures and scenes; scatter: what chance alone would make of it; worst: the largest; undamped: mismatch",
-        "against paper with beta2 = 0.5, which has no numerical damping.",
-        Table(heads, cells, 2),
-    ]
-
-
-def _errors(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
-    """Of each figure the largest error over scenes, and in brackets the deviations' root mean square."""
-    heads = ["method", "setting", *(each.long_name for each in FIGURES), *(head for _, head, _, _ in OTHERS)]
-    cells = []
-    for row in every:
-        at = _at(dataset, row)
-        parts = [_error(at, f"{each.name}_error", f"{each.name}_deviation") for each in FIGURES]
-        parts += [_error(at, name, "spectrum_deviation" if both else "") for name, _, _, both in OTHERS]
-        if any(part != "-" for part in parts):
-            cells.append([asked.METHODS[row.method], row.name, *parts])
-    if not cells:
-        return []
-    return [
-        "Errors in per cent (shares of time: points), the largest over scenes; in brackets the same in standard",
-        "errors, root mean square over scenes. KS, W1: two-sample distances of the long sticks (Kolmogorov and",
-        "Smirnov's; Wasserstein's over the mean); spectrum: in third-octave bands, what lies elsewhere.",
-        Table(heads, cells, 2),
-    ]
-
-
-def _error(at: xr.Dataset, name: str, deviation: str) -> str:
-    if name not in at:
-        return "-"
-    error = largest(at[name].values)
-    if np.isnan(error):
-        return "-"
-    near = root_mean_square(at[deviation].values) if deviation else np.nan
-    return f"{100.0 * error:+.1f}" + ("" if np.isnan(near) else f" ({near:.1f})")
-
-
-def _bursts(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
-    """Errors up to the first separation, the largest over scenes."""
-    cells = []
-    for row in every:
-        at = _at(dataset, row)
-        values = [largest(at[name].values) if name in at else np.nan for name, _ in BURST]
-        if np.isfinite(values).any():
-            shown = (transients.text(each, 3, 100.0) for each in values)
-            cells.append([asked.METHODS[row.method], row.name, *shown])
-    lines: list[Part] = [
-        "The first burst, per cent, the largest over scenes. Half-way: from the start to half-way between first",
-        "slip and first separation; delay: the time between them. fast and solve_ivp against exact on the same",
-        "reduced model; paper against itself with a quarter of the step and without numerical damping.",
-        "*: against paper as it is.",
-        Table(["method", "setting", *(head for _, head in BURST)], cells, 2),
-    ]
-    stopped = dataset["gave_up_time"].transpose(*DIMS).values
-    for j, k, n in np.argwhere(np.isfinite(stopped)):
-        named = (("method", j), ("setting", k), ("scene", n))
-        where = ", ".join(str(dataset[f"{name}_name"].values[at]) for name, at in named)
-        moment = 1e3 * stopped[j, k, n]
-        lines.append(f"{where}: gave up at {moment:.3f} ms, where events follow each other without end.")
-    return lines
-
-
-def _choice(every: Sequence[Row]) -> list[str]:
-    """The front, the default, and what is the cheapest that is right."""
-    if not any(np.isfinite(row.mismatch) for row in every):
-        return ["Without paper by default there is nothing to hold figures against."]
-    lines = [
-        "What no other is both cheaper and nearer than, from the cheapest on (cost in batch, mismatch, right):"
-    ]
-    for row in front(every):
-        right = f"{row.right}/{row.scenes}"
-        lines.append(f"  {_called(row)}: {_seconds(row.cost)} s per s, {row.mismatch:.2f}, {right}")
-    own, best = find(every, asked.FAST), cheapest_right(every)
-    if own is not None and np.isfinite(own.mismatch):
-        lines.append(
-            f"fast by default: {_seconds(own.cost)} s per s, mismatch {own.mismatch:.2f} (scatter alone "
-            f"{own.scatter:.2f}), right at {own.right} of {own.scenes} scenes."
-        )
-    if best is None:
-        return [*lines, "No setting is right at every scene."]
-    lines.append(f"The cheapest that is right at every scene: {_called(best)}, {_seconds(best.cost)} s per s")
-    if own is not None:
-        lines[-1] += f", {own.cost / best.cost:.2f} times cheaper than fast by default"
-    lines[-1] += "."
-    return lines
-
-
-def _stability(dataset: xr.Dataset) -> list[Part]:
+def _stability(data: xr.Dataset) -> list[Part]:
     """How onset and growth of sliding's flutter converge."""
-    if "onset_error" not in dataset:
-        return []
-    cells = []
-    for k, setting in enumerate(dataset["setting"].values):
-        option = asked.OPTIONS[int(setting)]
-        parts = [
-            dataset[f"{what}_error"].isel(setting=k).transpose("termination", "scene").values for what in STABLE
-        ]
-        if np.isfinite(parts).any():
-            # Of a mesh all modes are kept, and no termination is the same as another.
-            shown = [
-                _largest_of(part[j]) if option.kind == "cut-off" or j == 0 else "-"
-                for part in parts
-                for j in range(len(part))
-            ]
-            cells.append([str(dataset["setting_name"].values[k]), *shown])
-    if not cells:
-        return []
-    names = [f"{what}, {kind}" for what in STABLE for kind in dataset["termination"].values]
-    return [
-        "Sliding stability: error of the lowest onset's mu and of the largest growth rate below 10 kHz, relative,",
-        "the largest over scenes; of a cut-off against all modes, by termination; of a mesh against the finest.",
-        Table(["setting", *names], cells, 1),
-    ]
-
-
-STABLE = ("onset", "growth")
-
-
-def _largest_of(values: Any) -> str:
-    error = largest(values)
-    return "-" if np.isnan(error) else f"{error:.1e}"
-
-
-def _at(dataset: xr.Dataset, row: Row) -> xr.Dataset:
-    return dataset.sel({"method": row.method, "setting": row.setting})
-
-
-def _called(row: Row) -> str:
-    return f"{asked.METHODS[row.method]}, {row.name}"
-
-
-def _seconds(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3g}"
-
-
-def _ratio(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
+    rows = []
+    for setting, cutoff in zip(data["setting"].values.tolist(), data["cutoff"].values, strict=True):
+        errors = [largest(data[f"{what}_error"].sel(setting=setting)) for what in ("onset", "growth")]
+        # Of a mesh all modes are kept, and all terminations are the same.
+        if OPTIONS[setting].kind != "cut-off":
+            errors = [each.where(each["termination"] == each["termination"][0]) for each in errors]
+        cells = [_text(float(value), ".1e") for each in errors for value in each]
+        if set(cells) != {"-"}:
+            rows.append([label(setting, cutoff), *cells])
+    heads = [f"{what}, {kind}" for what in ("onset", "growth") for kind in data["termination"].values]
+    return [*OF_STABILITY, Table(["setting", *heads], rows, 1)] if rows else []

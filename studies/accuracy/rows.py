@@ -1,125 +1,75 @@
-"""The file of `accuracy` as rows, one for each method and setting, over all scenes: cost and errors."""
+"""The file of `accuracy` as a table: a row for each method and setting, over all scenes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from studies.accuracy import settings as asked
-from studies.accuracy.errors import DIMS, UNKNOWN, YES
+from studies.accuracy.errors import DIMS, UNKNOWN, YES, root_mean_square
+from studies.accuracy.settings import DEFAULT, FAST, OPTIONS, PAPER
+
+MEANS = {"alone": "cpu_per_second", "batch": "batch_cpu_per_second", "step": "step", "modes": "modes"}
+MEAN_SQUARES = {"mismatch": "mismatch", "scatter": "mismatch_scatter", "undamped": "mismatch_undamped"}
+MEAN_SQUARES["half_way"] = "slip_velocity_error"
 
 
-@dataclass(frozen=True)
-class Row:
-    """One method with one setting.
+def table(data: xr.Dataset) -> pd.DataFrame:
+    """Methods and settings of which a cost is known, in the file's order.
 
-    Attributes
-    ----------
-    method, setting : int
-    kind, name : str
-        What is set, and the setting for a reader.
-    alone, together : float
-        Processor time per simulated second of a run alone, and of each of an ensemble's; the mean over scenes.
-    mismatch, scatter : float
-        Errors of the figures in units of their tolerances, and what scatter alone would make: root mean square
-        over figures and scenes.
-    worst : float
-        The largest of them.
-    undamped : float
-        Mismatch against the published scheme without its numerical damping.
-    right, scenes : int
-        Scenes at which every figure is within its tolerance and scatter, and those where that is known.
+    Returns
+    -------
+    DataFrame
+        `method`, `setting`, `label` (the setting for a reader), `cutoff` (Hz), `step` (s), `modes`; `alone`,
+        `batch`: processor time per simulated second of a run alone and of each of an ensemble's; `cost`: `batch`,
+        else `alone`; `ratio`: that of `paper` by default over it. `mismatch`, `scatter`, `undamped`: errors of the
+        figures in units of their tolerances, what chance alone would make of it, errors against the scheme without
+        numerical damping; `half_way`: error of the velocity in the first burst. `right_scenes`, of `known_scenes`:
+        where every figure is within its tolerance and scatter; `right`: both as text. Besides every error, the
+        largest over scenes with its sign, and every deviation, root mean square over scenes.
     """
-
-    method: int
-    setting: int
-    kind: str
-    name: str
-    alone: float
-    together: float
-    mismatch: float
-    scatter: float
-    worst: float
-    undamped: float
-    right: int
-    scenes: int
-
-    @property
-    def cost(self) -> float:
-        """What it costs in a sweep, s per simulated second."""
-        return self.alone if np.isnan(self.together) else self.together
+    missing = xr.full_like(data["cpu_per_second"], np.nan)
+    within = data.get("within", xr.full_like(missing, UNKNOWN))
+    columns = {name: largest(data[name]) for name in data if data[name].dims == DIMS and data[name].dtype == float}
+    columns |= {name: root_mean_square(data[name]) for name in columns if str(name).endswith("_deviation")}
+    columns |= {column: data[name].mean("scene") for column, name in MEANS.items()}
+    columns |= {column: root_mean_square(data.get(name, missing)) for column, name in MEAN_SQUARES.items()}
+    columns |= {"worst": data.get("worst_mismatch", missing).max("scene")}
+    columns |= {"right_scenes": (within == YES).sum("scene"), "known_scenes": (within != UNKNOWN).sum("scene")}
+    frame = xr.Dataset(columns).to_dataframe(["method", "setting"]).reset_index()
+    frame["label"] = [label(*each) for each in zip(frame["setting"], frame["cutoff"], strict=True)]
+    frame["cost"] = frame["batch"].fillna(frame["alone"])
+    frame["ratio"] = default(frame, PAPER)["alone"].sum(min_count=1) / frame["cost"]
+    pairs = zip(frame["right_scenes"], frame["known_scenes"], strict=True)
+    frame["right"] = [f"{right}/{known}" if known else "-" for right, known in pairs]
+    return frame[frame["alone"].notna()].reset_index(drop=True)
 
 
-def rows(dataset: xr.Dataset) -> list[Row]:
-    """Every method and setting of which something is known, in the file's order."""
-    data = dataset.transpose(*DIMS, ...)
-    found = []
-    for j, method in enumerate(data["method"].values):
-        for k, setting in enumerate(data["setting"].values):
-            at = data.isel({"method": j, "setting": k})
-            if method == asked.LINEAR or not np.isfinite(at["cpu_per_second"]).any():
-                continue
-            within = at["within"].values if "within" in at else np.full(at.sizes["scene"], UNKNOWN)
-            found.append(
-                Row(
-                    int(method),
-                    int(setting),
-                    asked.OPTIONS[int(setting)].kind,
-                    str(at["setting_name"].item()),
-                    mean(at["cpu_per_second"].values),
-                    mean(at["batch_cpu_per_second"].values),
-                    root_mean_square(_values(at, "mismatch")),
-                    root_mean_square(_values(at, "mismatch_scatter")),
-                    largest(_values(at, "worst_mismatch")),
-                    root_mean_square(_values(at, "mismatch_undamped")),
-                    int(np.count_nonzero(within == YES)),
-                    int(np.count_nonzero(within != UNKNOWN)),
-                )
-            )
-    return found
+def largest(values: xr.DataArray) -> xr.DataArray:
+    """Of the largest magnitude over scenes, with its sign; NaN where there is none."""
+    values = values.drop_vars("scene")
+    return values.isel(scene=abs(values).fillna(-1.0).argmax("scene"))
 
 
-def front(candidates: Sequence[Row]) -> list[Row]:
-    """Those that no other is both cheaper and nearer than, the cheapest first."""
-    known = sorted((row for row in candidates if np.isfinite(row.cost + row.mismatch)), key=lambda row: row.cost)
-    found: list[Row] = []
-    for row in known:
-        if not found or row.mismatch < found[-1].mismatch:
-            found.append(row)
-    return found
+def label(setting: str, cutoff: float) -> str:
+    """A setting for a reader: a cut-off in kHz, and not in units of P1's first axial frequency."""
+    option = OPTIONS[setting]
+    units = f"{option.value:.3g}" if option.kind == "cut-off" else ""
+    return setting.replace(units, f"{1e-3 * cutoff:.3g} kHz", 1) if units else setting
 
 
-def cheapest_right(candidates: Sequence[Row]) -> Row | None:
-    """The cheapest that is right at every scene."""
-    right = [row for row in candidates if row.scenes and row.right == row.scenes and np.isfinite(row.cost)]
-    return min(right, key=lambda row: row.cost, default=None)
+def default(frame: pd.DataFrame, method: str = FAST) -> pd.DataFrame:
+    """The row of a method by default, if there is one."""
+    return frame[(frame["method"] == method) & (frame["setting"] == DEFAULT)]
 
 
-def find(candidates: Sequence[Row], method: int, setting: int = asked.DEFAULT) -> Row | None:
-    """The row of a method with a setting."""
-    return next((row for row in candidates if (row.method, row.setting) == (method, setting)), None)
+def front(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows that no other is both cheaper and nearer than, the cheapest first."""
+    known = frame.dropna(subset=["cost", "mismatch"]).sort_values("cost", kind="stable")
+    return known[known["mismatch"] < known["mismatch"].cummin().shift(fill_value=np.inf)]
 
 
-def mean(values: NDArray[np.float64]) -> float:
-    """Of what there is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else float("nan")
-
-
-def root_mean_square(values: NDArray[np.float64]) -> float:
-    """Of what there is."""
-    return float(np.sqrt(mean(np.square(values))))
-
-
-def largest(values: NDArray[np.float64]) -> float:
-    """In magnitude, of what there is, with its sign."""
-    known = values[np.isfinite(values)]
-    return float(known[np.argmax(np.abs(known))]) if len(known) else float("nan")
-
-
-def _values(at: xr.Dataset, name: str) -> NDArray[np.float64]:
-    return np.asarray(at[name].values if name in at else np.full(1, np.nan), dtype=float)
+def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
+    """The row of the cheapest that is right at every scene, if there is one."""
+    right = (frame["known_scenes"] > 0) & (frame["right_scenes"] == frame["known_scenes"])
+    return frame[right].nsmallest(1, "cost")
