@@ -15,12 +15,12 @@ from fivcore.transient.published import STEP
 from studies.accuracy import runs
 from studies.accuracy import settings as choices
 from studies.accuracy.errors import with_errors
-from studies.accuracy.figure import draw
 from studies.accuracy.findings import findings
 from studies.accuracy.linear import stability
 from studies.motion import ensembles, transients
 from studies.motion.jobs import Job, check_jobs
-from studies.study import Setting, Study, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
+from studies.study import Setting, Study, deferred
 from sweeps import Axis, Grid, Sweep, Variable
 
 MOST_MEMBERS = 100
@@ -166,6 +166,6 @@ STUDY = Study(
     },
     settings=SETTINGS | {name: each for name, each in rig_settings().items() if name != "theta"},
     build=build,
-    draw=draw,
+    draw=deferred("studies.accuracy.figure:draw"),
     findings=findings,
 )
