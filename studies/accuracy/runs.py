@@ -7,9 +7,9 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from filelock import FileLock
@@ -28,10 +28,6 @@ Result = TypeVar("Result")
 
 # Long sticks kept of each member.
 KEPT = 64
-# Third-octave bands by their number n, centred at 10^(n / 10) Hz (IEC 61260): 251 Hz to 7.9 kHz.
-BANDS = np.arange(24, 40)
-# Of the velocity of B whose spectrum is taken, Hz.
-SAMPLE_RATE = 25e3
 # After a run this long, which has a skip, everything is compiled and every basis built, s.
 WARMING = 10e-3
 # `paper` takes equal steps whatever moves, so that a short run tells its cost, s; so often are runs timed, but for
@@ -46,19 +42,10 @@ FIGURES = [
 BURST, VIBRATION = 8e-3, 20e-3
 # The published scheme's own converged motion: its step so many times finer, and no numerical damping.
 FINER, UNDAMPED = 4, 0.5
-# By how much the step of `fast`, of second order, is finer where there is no `exact`.
-FINEST = 16
 # At which first bursts are compared that have no step in common, Hz.
 RATE = 1e6
 # Relative tolerance of solve_ivp by default.
 TOLERANCE = 1e-6
-
-
-class Cost(NamedTuple):
-    """Processor time of the thread that computes, and wall time, s."""
-
-    cpu: float
-    wall: float
 
 
 def turn() -> FileLock:
@@ -71,21 +58,11 @@ def turn() -> FileLock:
     return FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{user}.lock"))
 
 
-def timed(compute: Callable[[], Result]) -> tuple[Result, Cost]:
-    """A result and what it took; other processes on the machine do not count in processor time."""
+def timed(compute: Callable[[], Result]) -> tuple[Result, float, float]:
+    """A result, the thread's own processor time, to which nothing else adds, and the wall time, s."""
     cpu, wall = time.thread_time(), time.perf_counter()
     result = compute()
-    return result, Cost(time.thread_time() - cpu, time.perf_counter() - wall)
-
-
-def together(scene: Scene, ramps: Sequence[float], duration: float, **options: Any) -> list[Transient]:
-    """Simulate members of an ensemble, which differ by the ramp, in one batch; raise the first error."""
-    runs = []
-    for run in simulate_many([scene] * len(ramps), duration, ramp=list(ramps), **options):
-        if not isinstance(run, Transient):
-            raise run
-        runs.append(run)
-    return runs
+    return result, time.thread_time() - cpu, time.perf_counter() - wall
 
 
 def most_members(fixed: Mapping[str, Any]) -> int:
@@ -110,33 +87,34 @@ def ensemble(
     `options` are arguments of `fivcore.simulate`; `fixed` are the study's settings.
     """
     count, duration = extent(method, option, fixed)
-    most = most_members(fixed)
     ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
-    run: Callable[..., list[Transient]] = partial(together, scene, method=method, **options)
 
-    def recorded(ramp: float) -> tuple[dict[str, Any], Array]:
-        """Summary and band powers of a member."""
-        (one,) = run([ramp], duration, record=True, sample_rate=transients.OVERSAMPLING * SAMPLE_RATE)
-        return one.summary, band_powers(one)
+    def run(ramps: Sequence[float], length: float = duration) -> list[Transient]:
+        """Members in one batch; raise the first error."""
+        runs = []
+        for one in simulate_many([scene] * len(ramps), length, method, ramp=list(ramps), **options):
+            if not isinstance(one, Transient):
+                raise one
+            runs.append(one)
+        return runs
 
     run(ramps[:1], WARMING)
     length = min(SHORT, duration) if method == PAPER else duration
-    costs = [timed(lambda: run(ramps[:1], length))[1] for _ in range(1 if method == EXACT else TIMED)]
+    costs = [timed(lambda: run(ramps[:1], length))[1:] for _ in range(1 if method == EXACT else TIMED)]
     cpu, wall = np.median(costs, axis=0) / length
-    # What is not timed has all cores.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = list(pool.map(recorded, ramps[: fixed["recorded"]] if method == FAST else ramps))
-    # Members of `exact` and `paper` are computed one by one: each costs what one alone does.
-    summaries, batch = [summary for summary, _ in found], cpu
     if method == FAST:
-        every, cost = timed(lambda: run(ramps, duration))
-        summaries, batch = [one.summary for one in every], cost.cpu / (count * duration)
-    figures = {name: _padded([each[name] for each in summaries], most) for name in FIGURES}
-    sticks = [_padded(each["stick_times"][:KEPT], KEPT) for each in summaries]
+        members, batch, _ = timed(lambda: run(ramps))
+        batch /= count * duration
+    else:
+        # Members are computed one by one: each costs what one alone does. What is not timed has all cores.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            members, batch = [one for (one,) in pool.map(lambda ramp: run([ramp]), ramps)], cpu
+    most = most_members(fixed)
+    figures = {name: _padded([each.summary[name] for each in members], most) for name in FIGURES}
+    sticks = [_padded(each.summary["stick_times"][:KEPT], KEPT) for each in members]
     return figures | {
         "stick_time": _padded(sticks, most, KEPT),
         "observed_time": np.fmax(duration - figures["first_slip_time"] - transients.SETTLING, 0.0),
-        "band_power": _padded([power for _, power in found], most, len(BANDS)),
         "cpu_per_second": cpu,
         "wall_per_second": wall,
         "batch_cpu_per_second": batch,
@@ -149,58 +127,41 @@ def _padded(parts: Any, *shape: int) -> Array:
     return whole
 
 
-def band_powers(run: Transient) -> Array:
-    """Mean square of the velocity of B in each band after settling, m2/s2; NaN where the run has no spectrum."""
-    times = transients.even_times(float(run.time[-1]), SAMPLE_RATE).values
-    series = transients.velocity(run, times, SAMPLE_RATE)
-    density = transients.spectrum(series, transients.settled(run, times), SAMPLE_RATE)
-    frequency = transients.frequencies(SAMPLE_RATE).values
-    edges = 10.0 ** ((np.append(BANDS, BANDS[-1] + 1) - 0.5) / 10.0)
-    # A band's share of each bin: below 1 kHz bins are not much narrower than bands.
-    half = 0.5 * frequency[1]
-    inside = np.minimum(frequency + half, edges[1:, None]) - np.maximum(frequency - half, edges[:-1, None])
-    return np.asarray(np.maximum(inside, 0.0) @ density)
-
-
 def burst(
-    method: str, option: Option, scene: Scene, options: Mapping[str, Any], ramp: float, members: int
+    method: str, option: Option, scene: Scene, options: Mapping[str, Any], fixed: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Errors up to the first separation; where a method has no ensemble also its cost and its first times.
+    """Error of the first burst; where a method has no ensemble also its cost and its first times.
 
     `fast` and solve_ivp are compared with `exact` on the same reduced model, without the finer model that `fast`
-    takes for the onset by itself; `fast` with another element, which `exact` has not, and the published scheme
-    with themselves, converged.
+    takes for the onset by itself; `exact` has no other element and no moving contact. The published scheme is
+    compared with itself, converged.
     """
+    ramp: float = fixed["ramp"]
     end = 0.5 * ramp + ensembles.load_up(scene) + BURST
     common: dict[str, Any] = {"record": True, "sample_rate": RATE, "ramp": ramp}
     if method == PAPER:
-        return errors(simulate(scene, end, "paper", **common, **options), converged(scene, end, ramp))
+        return slip_error(simulate(scene, end, "paper", **common, **options), converged(scene, end, ramp))
     # With a cut-off that is given there is no other model for the onset.
     common["cutoff"] = default_cutoff(scene.rig)
-    if method == FAST and "contact_motion" not in options:
+    if method == FAST and not options.keys() & {"contact_motion", "termination"}:
         step = options.get("step", model_of(scene, options).default_step)
         common |= {**options, "step": step, "sample_rate": 1.0 / step}
-        fast = simulate(scene, end, "fast", **common)
-        if "termination" not in options:
-            return errors(fast, simulate(scene, end, "exact", **common))
-        return errors(
-            fast, simulate(scene, end, "fast", **common | {"step": step / FINEST, "sample_times": fast.time})
-        )
+        return slip_error(*(simulate(scene, end, each, **common) for each in ("fast", "exact")))
     if method == ELEMENTS:
         elements.run(scene, ramp, ramp, RATE)
-        run, cost = timed(lambda: elements.run(scene, end, ramp, RATE))
-        reached, values = end, errors(run, converged(scene, end, ramp))
+        run, cpu, wall = timed(lambda: elements.run(scene, end, ramp, RATE))
+        reached, values = end, slip_error(run, converged(scene, end, ramp))
     elif method == EVENTS:
         end += VIBRATION - BURST
         exact, model = simulate(scene, end, "exact", **common), model_of(scene, {})
         tolerance = float(option.value) if option.kind == "tolerance" else TOLERANCE
-        (run, reached), cost = timed(lambda: solve_ivp.run(scene, model, end, ramp, tolerance, exact.time))
-        values = errors(run, exact) | {"gave_up_time": reached if reached < end else np.nan}
+        (run, reached), cpu, wall = timed(lambda: solve_ivp.run(scene, model, end, ramp, tolerance, exact.time))
+        values = slip_error(run, exact) | {"gave_up_time": reached if reached < end else np.nan}
     else:
         return {}
     # The run is that of the first member.
-    firsts = {name: _padded([first], members) for name, first in run.summary.items()}
-    return values | firsts | {"cpu_per_second": cost.cpu / reached, "wall_per_second": cost.wall / reached}
+    firsts = {name: _padded([first], most_members(fixed)) for name, first in run.summary.items()}
+    return values | firsts | {"cpu_per_second": cpu / reached, "wall_per_second": wall / reached}
 
 
 @lru_cache(maxsize=8)
@@ -210,27 +171,15 @@ def converged(scene: Scene, end: float, ramp: float) -> Transient:
     return simulate(scene, end, "paper", record=True, sample_rate=RATE, **fine)
 
 
-def errors(run: Transient, reference: Transient) -> dict[str, Any]:
-    """How far a motion is from a reference, up to whichever parts first.
+def slip_error(run: Transient, reference: Transient) -> dict[str, float]:
+    """Largest difference of the velocity of B over its largest value, from the start to half-way through slip.
 
-    What grows until the surfaces part oscillates at up to 100 kHz, and a small error of its phase or of its rate
-    is soon as large as the motion itself. So the largest difference over the largest value is taken over two
-    stretches: to half-way between the reference's first slip and first separation (`slip_...`), and to the
-    separation (`burst_...`); `burst_delay_error` is that of the time from slip to separation, over it.
+    That is half-way between the reference's first slip and first separation: what grows until the surfaces part
+    oscillates at up to 100 kHz, and a small error of its phase or of its rate is soon as large as the motion.
     """
-    slips, partings = (
-        [each.summary[f"first_{event}_time"] for each in (run, reference)] for event in ("slip", "separation")
-    )
-    until = float(np.nanmin([*partings, run.time[-1], reference.time[-1]]))
-    times = run.time[run.time < until]
-    count = len(times)
-    half = int(np.searchsorted(times, min(0.5 * (slips[1] + partings[1]), until)))
-    same = count <= len(reference.time) and np.allclose(times, reference.time[:count], rtol=1e-12)
-    values: dict[str, Any] = {}
-    for name, series in (("velocity", "velocity_B"), ("force", "normal_force")):
-        own, known = getattr(run, series), getattr(reference, series)
-        expected = known[:count] if same else CubicSpline(reference.time, known)(times)
-        wrong = np.abs(own[:count] - expected)
-        for stretch, stop in (("slip", half), ("burst", count)):
-            values[f"{stretch}_{name}_error"] = float(wrong[:stop].max() / np.abs(expected[:stop]).max())
-    return values | {"burst_delay_error": abs((partings[0] - slips[0]) / (partings[1] - slips[1]) - 1.0)}
+    slip, parting = (reference.summary[f"first_{event}_time"] for event in ("slip", "separation"))
+    ends = (0.5 * (slip + parting), run.summary["first_separation_time"], run.time[-1], reference.time[-1])
+    times = run.time[run.time < np.nanmin(ends)]
+    expected = CubicSpline(reference.time, reference.velocity_B)(times)
+    wrong = np.abs(run.velocity_B[: len(times)] - expected)
+    return {"slip_velocity_error": float(wrong.max() / np.abs(expected).max())}

@@ -37,14 +37,12 @@ class Option:
     # "mesh": factor of both numbers of elements. "tau": factor of the derived relaxation time. Otherwise itself.
     value: float | str
     methods: tuple[str, ...]
-    # With a cut-off: the step in units of its largest stable one; 0: its default.
-    share: float = 0.0
 
     @property
     def name(self) -> str:
         """The setting on its axis."""
         value = f"{self.value:.3g}" if isinstance(self.value, float) else self.value
-        return f"{self.kind} {value}".rstrip() + (f" step {self.share:g}" if self.share else "")
+        return f"{self.kind} {value}".rstrip()
 
     @property
     def size(self) -> float | None:
@@ -62,7 +60,6 @@ OPTIONS = {
         # Below, just above, and well above P1's second axial mode, which has 3 of these units.
         *(Option("cut-off", units, (FAST, LINEAR)) for units in (1.05, 1.6, 2.1, 2.5, 3.02, 3.1, 4.1, 6.2, 8.3)),
         *(Option("cut-off", units, (LINEAR,)) for units in (16.0, 32.0, 64.0)),
-        *(Option("cut-off", 3.02, (FAST,), share) for share in (0.75, 0.9)),
         *(Option("termination", kind, (FAST,)) for kind in ("elastic", "none")),
         Option("mesh", 1.0 / 3.0, (LINEAR,)),
         *(Option("mesh", factor, (FAST, LINEAR)) for factor in (0.5, 2.0)),
@@ -110,24 +107,22 @@ def meshed(scene: Scene, option: Option) -> Scene:
 
 def arguments(method: str, option: Option, scene: Scene) -> dict[str, Any]:
     """Arguments of `fivcore.simulate` besides a scene (`meshed`) and a ramp."""
-    values: dict[str, Any] = {}
-    share = option.share
     match option.kind:
         case "step":
-            share = float(option.value)
+            return {"step": float(option.value) * step_limit(method, scene)}
         case "cut-off":
-            values["cutoff"] = cutoff_of(option, scene.rig)
+            return {"cutoff": cutoff_of(option, scene.rig)}
         case "termination" | "beta2":
-            values[option.kind] = option.value
+            return {option.kind: option.value}
         case "tau":
-            values["modify"] = partial(with_dashpot, factor=float(option.value))
+            return {"modify": partial(with_dashpot, factor=float(option.value))}
         case "cross terms":
-            values["modify"] = without_cross_terms
+            return {"modify": without_cross_terms}
         case "leaps":
-            values["leap"] = False
+            return {"leap": False}
         case "contact":
-            values["contact_motion"] = 1
-    return values | ({"step": share * step_limit(method, scene, values)} if share else {})
+            return {"contact_motion": 1}
+    return {}
 
 
 def model_of(scene: Scene, options: Mapping[str, Any]) -> ReducedModel:
@@ -136,11 +131,11 @@ def model_of(scene: Scene, options: Mapping[str, Any]) -> ReducedModel:
     return modified(reduced_model(scene.rig, scene.drive_theta, **chosen), options.get("modify"))
 
 
-def step_limit(method: str, scene: Scene, options: Mapping[str, Any]) -> float:
+def step_limit(method: str, scene: Scene) -> float:
     """The largest step with which a method is stable, s."""
     if method == PAPER:
         model = full_model(scene.rig, scene.theta)
         return published.largest_step(model.stiffness, model.damping, published.BETA2)
-    reduced = model_of(scene, options)
+    reduced = model_of(scene, {})
     most = reduced.largest_step
     return most if stable(reduced, scene.mu, most) else largest_stable_step(reduced, scene.mu, most)

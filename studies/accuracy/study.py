@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from fivcore import checks
 from fivcore.contact.reduced import TERMINATIONS, full_model
 from fivcore.transient.published import STEP
+from studies import paper
 from studies.accuracy import runs
 from studies.accuracy import settings as choices
 from studies.accuracy.errors import with_errors
@@ -21,7 +21,7 @@ from studies.motion import ensembles, transients
 from studies.motion.jobs import Job, check_jobs
 from studies.rig import rig_of, rig_settings
 from studies.study import Setting, Study, deferred
-from sweeps import Axis, Grid, Sweep, Variable
+from sweeps import Axis, Variable
 
 MOST_MEMBERS = 100
 # These alone are not the same whenever they are computed.
@@ -41,13 +41,9 @@ VARIABLES = {
     },
     "observed_time": Variable("s", "time simulated after settling, of each member", ("member",)),
     "stick_time": Variable("s", "duration of each long stick", ("member", "stick"), "float32", digits=5),
-    "band_power": Variable("m2 s-2", "mean square of the velocity of B in a third octave", ("member", "band")),
-    **{
-        f"{stretch}_{name}_error": Variable("1", f"largest error of the {what} {when}, over its largest value")
-        for stretch, when in (("slip", "half-way to the first separation"), ("burst", "to the first separation"))
-        for name, what in (("velocity", "velocity of B"), ("force", "normal force"))
-    },
-    "burst_delay_error": Variable("1", "error of the time from first slip to first separation, over it"),
+    "slip_velocity_error": Variable(
+        "1", "largest error of the velocity of B half-way to the first separation, over its largest value"
+    ),
     "gave_up_time": Variable("s", "when an integrator could not go on"),
     "onset_mu": Variable("1", "lowest coefficient of friction at which sliding flutters", ("termination",)),
     "growth_rate": Variable("s-1", "growth rate of sliding's least stable mode", ("termination",)),
@@ -67,42 +63,45 @@ def points(points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
 
 def point(method: str, setting: str, scene: str, fixed: Mapping[str, Any]) -> dict[str, Any]:
     """Every variable of one point, NaN where it does not belong to the method."""
-    option, sizes = choices.OPTIONS[setting], {dim: len(axis) for dim, axis in coords(fixed).items()}
+    option, sizes = choices.OPTIONS[setting], {dim: len(axis) for dim, axis in coords(**fixed).items()}
     values: dict[str, Any] = {
         name: np.full([sizes[dim] for dim in each.dims], np.nan) for name, each in VARIABLES.items()
     }
     own = choices.meshed(choices.scene_of(scene, fixed["rig"]), option)
     if method == choices.LINEAR:
         return values | stability(own, option)
-    options = choices.arguments(method, option, own)
+    options, full = choices.arguments(method, option, own), method in (choices.PAPER, choices.ELEMENTS)
     if method in choices.SIMULATED:
         values |= runs.ensemble(method, option, own, options, fixed)
-    values |= runs.burst(method, option, own, options, fixed["ramp"], runs.most_members(fixed))
-    if method in (choices.PAPER, choices.ELEMENTS):
-        return values | {"step": options.get("step", STEP), "modes": len(full_model(own.rig, own.theta).stiffness)}
-    model = choices.model_of(own, options)
-    step = options.get("step", model.default_step) if method == choices.FAST else np.nan
-    return values | {"step": step, "modes": len(model.stiffness)}
+    values |= runs.burst(method, option, own, options, fixed)
+    model = full_model(own.rig, own.theta) if full else choices.model_of(own, options)
+    values["modes"] = len(model.stiffness)
+    if full or method == choices.FAST:
+        values["step"] = options.get("step", STEP if full else model.default_step)
+    return values
 
 
-def coords(fixed: Mapping[str, Any]) -> dict[str, Axis]:
+def constants(settings: Mapping[str, float]) -> dict[str, Any]:
+    """The rig, and the settings that do not belong to it.
+
+    Raises
+    ------
+    ValueError
+        Naming the setting.
+    """
+    rig, _ = rig_of({**settings, "theta": paper.THETA})
+    counts = {name: checks.count(name, settings[name], MOST_MEMBERS) for name in SETTINGS if "members" in name}
+    return {name: settings[name] for name in SETTINGS} | counts | {"rig": rig}
+
+
+def coords(**fixed: Any) -> dict[str, Axis]:
     """What the variables of a point run over."""
     members = np.arange(1, runs.most_members(fixed) + 1)
     return {
         "member": Axis(members, "1", "member; members differ by the drive's ramp"),
         "stick": Axis(np.arange(1, runs.KEPT + 1), "1", "long stick, in the order in which they begin"),
-        "band": Axis(10.0 ** (runs.BANDS / 10.0), "Hz", "centre of a third-octave band"),
         "termination": Axis(np.array(TERMINATIONS), long_name="what stands for the modes above the cut-off"),
     }
-
-
-def key(points: Mapping[str, Any]) -> np.ndarray:
-    """Equal rows for points that are one computation: sliding stability knows neither speed nor load."""
-    scenes = [
-        f"theta {choices.SCENES[scene][1]} mu {choices.SCENES[scene][2]}" if method == choices.LINEAR else scene
-        for method, scene in zip(points["method"], points["scene"], strict=True)
-    ]
-    return np.column_stack([points["method"], points["setting"], scenes])
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
@@ -113,8 +112,6 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     ValueError
         Naming the axis or setting.
     """
-    for name in ("members", "reference_members", "variant_members", "recorded"):
-        checks.count(name, fixed[name], MOST_MEMBERS)
     checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for members differ by it")
     scenes = [choices.scene_of(name, fixed["rig"]) for name in axes["scene"].values]
     # What is left of the slowest after settling has as much as there are windows in a spectrum.
@@ -125,29 +122,9 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
         checks.between(name, fixed[name], longest, 1e3, "s, for the slowest scene to have settled")
 
 
-def build(axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-    """The sweep over methods, their settings and the scenes; what does not go together is skipped."""
-    rig, _ = rig_of({**settings, "theta": 0.0})
-    fixed: dict[str, Any] = {name: settings[name] for name in SETTINGS} | {"rig": rig}
-    check(axes, fixed)
-    fixed |= {name: int(fixed[name]) for name in SETTINGS if name.endswith("members") or name == "recorded"}
-    return Sweep(
-        "accuracy",
-        points,
-        Grid(axes, skip=choices.skip),
-        VARIABLES,
-        fixed,
-        key=key,
-        coords=coords(fixed),
-        title="Run time against error, by method and setting",
-        derive=partial(with_errors, rig=rig),
-    )
-
-
 SETTINGS = {
     "duration": Setting(2.0, "s", "simulated time of each run of fast, of exact, and of paper by default"),
     "members": Setting(16.0, "1", "runs of each scene and setting of fast"),
-    "recorded": Setting(4.0, "1", "of those, how many have a spectrum"),
     "reference_members": Setting(4.0, "1", "runs of each scene of paper by default, the reference"),
     "variant_duration": Setting(0.8, "s", "simulated time of each run of paper's other settings"),
     "variant_members": Setting(2.0, "1", "runs of each scene of exact, and of paper's other settings"),
@@ -165,7 +142,13 @@ STUDY = Study(
         "scene": Axis(list(choices.SCENES), long_name="scene, named by its speed or inclination"),
     },
     settings=SETTINGS | {name: each for name, each in rig_settings().items() if name != "theta"},
-    build=build,
+    function=points,
+    variables=VARIABLES,
+    constants=constants,
+    coords=coords,
+    check=check,
+    skip=choices.skip,
+    derive=with_errors,
     draw=deferred("studies.accuracy.figure:draw"),
     findings=findings,
 )
