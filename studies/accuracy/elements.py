@@ -100,7 +100,7 @@ def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Trans
     # Every mode's static displacement, put together at the nodes.
     rest = scene.F * _nodal(rig, scene.theta, full_model(rig, scene.theta).rest)
     steps, every = round(duration / dt), max(round(1.0 / (sample_rate * dt)), 1)
-    record = np.zeros((-(-steps // every), 3))
+    record = np.zeros((-(-steps // every), 2))
     firsts = np.full(2, np.nan)
     _advance(
         parts.K, parts.M, implicit, parts.normal, parts.tangential, parts.point_b, per[0], per[1],
@@ -152,7 +152,7 @@ def _advance(
     push: Any, W: Any, mu: float, scheme: Any, drive: Any, rest: Any, steps: int, every: int, record: Any,
     firsts: Any,
 ) -> None:  # fmt: skip
-    """All steps; `record` gets time, velocity of B and N now and then, `firsts` first slip and separation."""
+    """All steps; `record` gets time and velocity of B now and then, `firsts` first slip and separation."""
     dt, b, r, d1, d2 = scheme
     V, ramp = drive
     WNN, WNT, WTT = W
@@ -191,4 +191,4 @@ def _advance(
             x = 0.0
             for j in range(n):
                 x += point_b[j] * v[j]
-            record[i // every, 0], record[i // every, 1], record[i // every, 2] = t, x, N
+            record[i // every, 0], record[i // every, 1] = t, x

@@ -92,33 +92,25 @@ def with_errors(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
         figure=("figure", [each.name for each in FIGURES], {"long_name": "figure that is compared"}),
     )
     error, standard = _compared(data, REFERENCE)
-    undamped, _ = _compared(data, {"method": PAPER, "setting": UNDAMPED})
+    undamped = _compared(data, {"method": PAPER, "setting": UNDAMPED})[0]
     slip = data["first_slip_time"]
     late = Ensembles.of(slip / _at(slip, **REFERENCE) - 1.0).mean.where(_others(data, REFERENCE))
-    right = (
-        f"whether the first slip and every figure are within tolerance, with {ERRORS_ALLOWED:g} standard errors"
-    )
     added = {
         "error": (error, "error of each figure; but of shares of time, over the reference's"),
         "standard_error": (standard, "standard error of each figure's error"),
-        "mismatch": (
-            root_mean_square(error / TOLERANCES, "figure"),
-            "errors in units of tolerances, root mean square",
-        ),
-        "mismatch_scatter": (root_mean_square(standard / TOLERANCES, "figure"), "mismatch by scatter alone"),
-        "mismatch_undamped": (
-            root_mean_square(undamped / TOLERANCES, "figure"),
-            "mismatch with paper, beta2 = 0.5",
-        ),
+        "mismatch": (_mismatch(error), "errors in units of tolerances, root mean square"),
+        "mismatch_scatter": (_mismatch(standard), "mismatch by scatter alone"),
+        "mismatch_undamped": (_mismatch(undamped), "mismatch with paper, beta2 = 0.5"),
         "first_slip_error": (late, "error of the time of the first slip, over it"),
-        "within": (_within(error, standard, late), right),
+        "within": (
+            _within(error, standard, late),
+            "whether first slip and figures are within tolerance and scatter",
+        ),
         "onset_error": (_stability(data["onset_mu"]), "error of the onset of sliding's flutter, over it"),
         "growth_error": (_stability(data["growth_rate"]), "error of the growth of sliding's flutter, over it"),
     }
-    data = data.assign(
-        {name: part.assign_attrs(units="1", long_name=text) for name, (part, text) in added.items()}
-    )
-    return transients.with_flags(data, within=WITHIN)
+    named = {name: part.assign_attrs(units="1", long_name=text) for name, (part, text) in added.items()}
+    return transients.with_flags(data.assign(named), within=WITHIN)
 
 
 def _at(values: xr.DataArray, **place: str) -> xr.DataArray:
@@ -146,7 +138,11 @@ def _compared(data: xr.Dataset, place: Mapping[str, str]) -> tuple[xr.DataArray,
     error, standard = (
         xr.concat(parts, "figure").where(_others(data, place)) for parts in zip(*pairs, strict=True)
     )
-    return error.transpose(..., "figure"), standard.transpose(..., "figure")
+    return error.transpose(*DIMS, ...), standard.transpose(*DIMS, ...)
+
+
+def _mismatch(errors: xr.DataArray) -> xr.DataArray:
+    return root_mean_square(errors / TOLERANCES, "figure")
 
 
 def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArray) -> xr.DataArray:

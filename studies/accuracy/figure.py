@@ -1,4 +1,4 @@
-"""Figures of costs and errors: work-precision diagrams, what the parts are worth, and how errors converge."""
+"""Figures of costs and errors: work-precision diagrams, every setting by scene, and how stability converges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.accuracy.errors import DIMS, root_mean_square
-from studies.accuracy.rows import default, table
+from studies.accuracy.findings import default, table
 from studies.accuracy.settings import ELEMENTS, EVENTS, EXACT, FAST, OPTIONS, PAPER
 from studies.plotting import figures
 from studies.plotting.figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
@@ -40,21 +40,19 @@ LOOKS: dict[str, Look] = {
 }
 TINY = 6.5
 COST, MISMATCH = "processor s per simulated s", "error / tolerance, rms"
-LAYOUT = (("a", "b"), ("c", "d"), ("e", "f"), ("e", "g"))
+LAYOUT = (("a", "b"), ("c", "d"), ("c", "e"))
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Errors against cost, against cut-off and step, of each part, and of sliding stability."""
+    """Errors against cost, of every setting at each scene, and of sliding stability."""
     data = dataset.transpose(*DIMS, ...)
     frame = table(data)
     frame["group"] = [_group(*pair) for pair in zip(frame["method"], frame["setting"], strict=True)]
-    figure, panels = figures.mosaic(LAYOUT, 17.0, 25.5, height_ratios=(1.3, 1.1, 1.0, 1.0))
+    figure, panels = figures.mosaic(LAYOUT, 17.0, 23.0, height_ratios=(1.1, 1.0, 1.0))
     drawn = {
         "figures after the first burst": _draw_statistics,
         "half-way to the first separation": _draw_bursts,
-        "cut-off of fast": _draw_cutoffs,
-        "step of fast": _draw_steps,
-        "what the parts are worth": _draw_parts,
+        "error of every setting": _draw_settings,
         "sliding stability: cut-off": _draw_modes,
         "sliding stability: mesh": _draw_elements,
     }
@@ -84,21 +82,10 @@ def _plot(axes: Axes, x: Any, y: Any, **look: Any) -> None:
         axes.plot(x[known], y[known], **{"markersize": 4.0, "linewidth": 1.0, **look})
 
 
-def _upright(axes: Axes, x: float, text: str, y: float, rotation: float = 90.0) -> None:
-    """A vertical line with a text along or beside it."""
-    axes.axvline(x, color=GREY, linewidth=0.8, linestyle="--")
-    how: Look = {"va": "bottom" if y < 0.5 else "top", "ha": "right", "rotation": rotation, "fontsize": TINY}
-    axes.text(x, y, text, transform=axes.get_xaxis_transform(), **how)
-
-
-def _order(axes: Axes, x: float, y: float, order: int, beside: float) -> None:
-    """A short line that falls with an order, `beside` times as high as the point (x, y)."""
-    if np.isfinite(x + y) and y > 0.0:
-        ends = np.array([1.0, 3.0])
-        axes.plot(x * ends, beside * y * ends ** -float(order), color=BLACK, linewidth=0.8)
-        middle = (x * ends[1] ** 0.5, beside * y * ends[1] ** (-0.5 * order))
-        side: Look = {"xytext": (3, 2)} if beside > 1.0 else {"xytext": (-3, -2), "ha": "right", "va": "top"}
-        axes.annotate(f"order {order}", middle, textcoords="offset points", fontsize=TINY, **side)
+def _order(axes: Axes, x: float, y: float, order: int) -> None:
+    """A short line below a point, which falls with an order."""
+    axes.plot([x, 3.0 * x], [0.3 * y, 0.3 * y / 3.0**order], color=BLACK, linewidth=0.8)
+    axes.text(3.0 * x, 0.3 * y / 3.0**order, f" order {order}", fontsize=TINY, verticalalignment="center")
 
 
 def _draw_groups(axes: Axes, frame: pd.DataFrame, groups: Iterable[str], cost: str, error: str) -> None:
@@ -115,10 +102,6 @@ def _draw_statistics(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
     for scatter in default(frame)["scatter"].dropna():
         axes.axhspan(0.0, scatter, color=GREY, alpha=0.25, linewidth=0.0, label="scatter alone")
     axes.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
-    # What has a cost and no ensemble.
-    for method, text in ((PAPER, "paper, the reference"), (ELEMENTS, ELEMENTS), (EVENTS, "solve_ivp")):
-        for cost in default(frame, method)["alone"]:
-            _upright(axes, cost, text, 0.97)
     axes.set_ylabel(MISMATCH)
 
 
@@ -127,51 +110,18 @@ def _draw_bursts(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
     ordered = pd.concat([frame[frame["method"] == FAST], frame[frame["method"] != FAST].sort_values("alone")])
     _draw_groups(axes, ordered, [name for name in LOOKS if name != OTHER], "alone", "half_way")
     for own in default(frame).itertuples():
-        _order(axes, own.alone, own.half_way, 2, 2.5)
+        _order(axes, own.alone, own.half_way, 2)
     axes.set_ylabel("largest error of $v_B$")
 
 
-def _draw_scenes(axes: Axes, data: xr.Dataset, rows: pd.DataFrame, x: Any, label: str) -> None:
-    """Mismatch of settings of `fast`, one line a scene."""
-    for scene, look in zip(data["scene"].values, LINES, strict=False):
-        _plot(axes, x, rows[f"mismatch at {scene}"], **look, label=f"{label}{scene}")
-    axes.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
-    axes.set(yscale="log", ylabel=MISMATCH, ylim=(0.05, 5.0))
-
-
-def _draw_cutoffs(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
-    """Mismatch of `fast` at each scene against the cut-off, each at its default step; (d) says the scenes."""
-    rows = frame[frame["group"] == CUTOFF]
-    x = 1e-3 * rows["cutoff"].to_numpy()
-    _draw_scenes(axes, data, rows, x, "_")
-    _plot(axes, x, rows["undamped"], color=BLACK, linewidth=2.2, label="all scenes, against\npaper undamped")
-    axes.set(xscale="log", xlabel="cut-off / kHz")
-    if len(x):
-        _upright(
-            axes, 3.0 * x[0] / float(OPTIONS[rows["setting"].iloc[0]].value), "P1's 2nd axial mode ", 0.05, 0.0
-        )
-        ticks = [tick for tick in (10, 25, 50, 100, 200, 500) if 0.8 * x[0] < tick < 1.3 * x[-1]]
-        axes.set_xticks(ticks, [str(tick) for tick in ticks])
-
-
-def _draw_steps(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
-    """Mismatch of `fast` at each scene against the step."""
-    rows = frame[frame["group"] == STEP]
-    shares = np.array([OPTIONS[setting].value for setting in rows["setting"]])
-    _draw_scenes(axes, data, rows, shares, "")
-    for own in default(frame).itertuples():
-        if len(rows):
-            _upright(axes, own.step * shares[0] / rows["step"].iloc[0], "default", 0.03)
-    axes.set(xlabel="step / largest stable step", xlim=(0.0, 1.05))
-
-
-def _draw_parts(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
-    """Mismatch at each scene of what is no scale: what each part of a method is worth."""
-    rows = frame[frame["mismatch"].notna() & ~frame["group"].isin([STEP, CUTOFF])].reset_index(drop=True)
+def _draw_settings(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
+    """Mismatch of every setting at each scene, and of all scenes against the scheme without numerical damping."""
+    rows = frame[frame["mismatch"].notna()].reset_index(drop=True)
     at = rows[[f"mismatch at {scene}" for scene in data["scene"].values]]
     axes.hlines(rows.index, at.min(axis=1), at.max(axis=1), color=GREY, linewidth=0.5)
-    for scene, look in zip(at, LINES, strict=False):
-        axes.plot(at[scene], rows.index, **look | POINTS, markersize=4.0)
+    for name, look in zip(at, LINES, strict=False):
+        axes.plot(at[name], rows.index, **look | POINTS, markersize=4.0, label=name.removeprefix("mismatch at "))
+    axes.plot(rows["undamped"], rows.index, **POINTS, color=BLACK, marker="|", label="all, paper undamped")
     axes.axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
     axes.set_yticks(rows.index, rows["method"] + ", " + rows["label"], fontsize=TINY)
     axes.set(xscale="log", xlabel=MISMATCH, ylim=(max(len(rows), 1) - 0.5, -0.5))
@@ -186,7 +136,7 @@ def _draw_modes(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
     for kind, look in looks.items():
         _plot(axes, x, errors.sel(termination=kind), **look, label=kind)
     for kind, order in {"none": 1, "elastic": 3}.items() if len(x) else ():
-        _order(axes, x[2 * len(x) // 3], errors.sel(termination=kind).values[2 * len(x) // 3], order, 2.0)
+        _order(axes, x[2 * len(x) // 3], errors.sel(termination=kind).values[2 * len(x) // 3], order)
     axes.set(xscale="log", yscale="log", xlabel="cut-off / kHz", ylabel=r"error of the lowest onset's $\mu$")
 
 
@@ -201,6 +151,6 @@ def _draw_elements(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
     _plot(axes, x, onset, **LINES[0], label=r"lowest onset's $\mu$")
     _plot(axes, x, growth, **LINES[1], label="largest growth rate")
     for point in zip(x[:1], onset[:1], strict=True):
-        _order(axes, *point, 4, 0.3)
+        _order(axes, *point, 4)
     known = x[np.isfinite(onset)]
     axes.set_xticks(known, [f"{count:.0f}" for count in known])

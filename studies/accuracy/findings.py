@@ -8,12 +8,15 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from studies.accuracy.errors import DIMS, ERRORS_ALLOWED, FIGURES, FIRST_SLIP
-from studies.accuracy.rows import cheapest_right, default, label, largest, table
-from studies.accuracy.settings import SCENES
+from studies.accuracy.errors import DIMS, ERRORS_ALLOWED, FIGURES, FIRST_SLIP, WITHIN, root_mean_square
+from studies.accuracy.settings import DEFAULT, FAST, OPTIONS, PAPER, SCENES
 from studies.study import constants
 from studies.tables import Column, Part, Table, apart, number
 from sweeps import FAILED
+
+MEANS = {"alone": "cpu_per_second", "batch": "batch_cpu_per_second", "step": "step", "modes": "modes"}
+MEAN_SQUARES = {"mismatch": "mismatch", "scatter": "mismatch_scatter", "undamped": "mismatch_undamped"}
+LARGEST = {"first_slip": "first_slip_error", "half_way": "slip_velocity_error"}
 
 
 def _error(name: str) -> Callable[[xr.Dataset], str]:
@@ -30,7 +33,7 @@ def _right(row: xr.Dataset) -> str:
     return f"{int(row['right_scenes'])}/{int(row['known_scenes'])}" if row["known_scenes"] else "-"
 
 
-# Columns of `rows.table`.
+# Columns of `table`.
 NAMES: dict[str, Column] = {
     "method": lambda row: str(row["method"].item()),
     "setting": lambda row: str(row["label"].item()),
@@ -50,9 +53,10 @@ ERRORS: dict[str, Column] = {
     "v_B half-way": ("half_way", ".3f", 100.0),
 }
 OF_COSTS = (
-    "Cost (s per simulated second) and mismatch: errors in units of their tolerances, root mean square over",
-    "figures and scenes; scatter: what chance alone would make of it; undamped: mismatch",
-    "against paper with beta2 = 0.5, which has no numerical damping; right: at how many scenes.",
+    "Cost: processor time of the thread, s per simulated second, with nothing else of the run beside it, mean",
+    "over scenes; wall time is in the file. Mismatch: errors in units of their tolerances, root mean square over",
+    "figures and scenes; scatter: what chance alone would make of it; undamped: mismatch with paper with",
+    "beta2 = 0.5, which has no numerical damping; right: at how many scenes.",
 )
 OF_ERRORS = (
     "Errors in per cent (shares of time: points), the largest over scenes; in brackets the same in standard",
@@ -72,13 +76,11 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     frame = table(data)
     chosen = pd.concat([default(frame), cheapest_right(frame)])
     erring = frame.dropna(how="all", subset=[*(each.name for each in FIGURES), "first_slip", "half_way"])
-    stopped = data["gave_up_time"].to_series().dropna().items()
     failed = int((data["status"] == FAILED).sum())
     parts: list[Sequence[Part]] = [
         _scenes(data),
         _part(frame, COSTS, *OF_COSTS),
         _part(erring, ERRORS, *OF_ERRORS),
-        [f"{', '.join(at)}: gave up at {1e3 * t:.3f} ms, where events do not end." for at, t in stopped],
         _part(chosen, COSTS, "fast by default, and the cheapest that is right at every scene:"),
         [] if frame["mismatch"].notna().any() else ["Without paper by default no figures can be compared."],
         _stability(data),
@@ -103,10 +105,7 @@ def _scenes(data: xr.Dataset) -> list[Part]:
         f"Reference: paper on all modes, step and beta2 the paper's, {given['reference_members']} runs of "
         f"{given['duration']:g} s a scene; fast: {given['members']} runs.",
         f"Right: off by at most {tolerances}",
-        f"(shares of time: points) and {ERRORS_ALLOWED:g} standard errors of the difference; first slip by at "
-        f"most {100.0 * FIRST_SLIP:g} %.",
-        "Cost: the thread's own processor time per simulated second, with nothing else of the run beside it, mean",
-        "over scenes; wall time is in the file.",
+        f"(shares of time: points) and {ERRORS_ALLOWED:g} standard errors; first slip {100.0 * FIRST_SLIP:g} %.",
     ]
 
 
@@ -118,3 +117,50 @@ def _stability(data: xr.Dataset) -> list[Part]:
     columns: dict[str, Column] = {"setting": lambda row: label(row["setting"].item(), float(row["cutoff"]))}
     columns |= {head: (head, ".1e") for head in errors}
     return [*OF_STABILITY, Table.of(known, "setting", columns, 1)] if known.sizes["setting"] else []
+
+
+def table(data: xr.Dataset) -> pd.DataFrame:
+    """Methods and settings of which a cost is known, in the file's order.
+
+    Over scenes, as MEANS, MEAN_SQUARES and LARGEST say, the mean, the root mean square, or the largest with its
+    sign; `cost` is that in batch, else alone, `ratio` that of `paper` by default over it. Of each figure, by its
+    name, the largest error, and as `..._deviation` the root mean square in standard errors.
+    """
+    within, deviation = data["within"], data["error"] / data["standard_error"]
+    columns = {column: data[name].mean("scene") for column, name in MEANS.items()}
+    columns |= {column: root_mean_square(data[name]) for column, name in MEAN_SQUARES.items()}
+    columns |= {column: largest(data[name]) for column, name in LARGEST.items()}
+    for scene in data["scene"].values:
+        columns[f"mismatch at {scene}"] = data["mismatch"].sel(scene=scene, drop=True)
+    for k, figure in enumerate(FIGURES):
+        columns[figure.name] = largest(data["error"].isel(figure=k, drop=True))
+        columns[f"{figure.name}_deviation"] = root_mean_square(deviation.isel(figure=k, drop=True))
+    columns["right_scenes"] = (within == WITHIN.index("yes")).sum("scene")
+    columns["known_scenes"] = (within != WITHIN.index("unknown")).sum("scene")
+    frame = xr.Dataset(columns).to_dataframe(["method", "setting"]).reset_index()
+    frame["label"] = [label(*each) for each in zip(frame["setting"], frame["cutoff"], strict=True)]
+    frame["cost"] = frame["batch"].fillna(frame["alone"])
+    frame["ratio"] = default(frame, PAPER)["alone"].sum(min_count=1) / frame["cost"]
+    return frame[frame["alone"].notna()].reset_index(drop=True)
+
+
+def largest(values: xr.DataArray) -> xr.DataArray:
+    """Of the largest magnitude over scenes, with its sign; NaN where there is none."""
+    values = values.drop_vars("scene")
+    return values.isel(scene=abs(values).fillna(-1.0).argmax("scene"))
+
+
+def label(setting: str, cutoff: float) -> str:
+    """A setting for a reader: a cut-off in kHz, and not in units of P1's first axial frequency."""
+    return f"cut-off {1e-3 * cutoff:.3g} kHz" if OPTIONS[setting].kind == "cut-off" else setting
+
+
+def default(frame: pd.DataFrame, method: str = FAST) -> pd.DataFrame:
+    """The row of a method by default, if there is one."""
+    return frame[(frame["method"] == method) & (frame["setting"] == DEFAULT)]
+
+
+def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
+    """The row of the cheapest that is right at every scene, if there is one."""
+    right = (frame["known_scenes"] > 0) & (frame["right_scenes"] == frame["known_scenes"])
+    return frame[right].nsmallest(1, "cost")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from fivcore import Scene, Transient, simulate, simulate_many
 from fivcore.contact.reduced import default_cutoff
 from fivcore.transient.published import STEP
-from studies.accuracy import elements, solve_ivp
+from studies.accuracy import elements, errors, solve_ivp
 from studies.accuracy.settings import ELEMENTS, EVENTS, EXACT, FAST, PAPER, Option, model_of
 from studies.motion import ensembles, transients
 
@@ -33,10 +33,9 @@ WARMING = 10e-3
 # `paper` takes equal steps whatever moves, so that a short run tells its cost, s; so often are runs timed, but for
 # `exact`, whose cost is that of the events of a whole run.
 SHORT, TIMED = 0.1, 3
-# Figures of each member; mean sticks are compared by single sticks.
-FIGURES = [
-    name for name, each in transients.SUMMARY.items() if each.dtype == "float64" and name != "mean_stick_time"
-]
+# What is kept of each member besides its long sticks.
+FIGURES = [each.name for each in errors.FIGURES if each.name != "mean_stick_time"]
+FIGURES += ["first_slip_time", "first_separation_time"]
 # How long after the first slip, by the static law, a run goes on that shall reach its first separation, s; and how
 # long solve_ivp does, so that its cost is that of vibration too.
 BURST, VIBRATION = 8e-3, 20e-3
@@ -46,16 +45,9 @@ FINER, UNDAMPED = 4, 0.5
 RATE = 1e6
 # Relative tolerance of solve_ivp by default.
 TOLERANCE = 1e-6
-
-
-def turn() -> FileLock:
-    """A lock for the computation of one point: on this machine one thread of one process holds it.
-
-    So whatever is timed has no other point beside it, whether points are computed on threads or on processes.
-    """
-    # Windows has no user's number, and a folder for each user.
-    user = getattr(os, "getuid", int)()
-    return FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{user}.lock"))
+# On this machine one thread of one process holds it (a user's number is none on Windows, where the folder is their
+# own): whatever is timed has no other point beside it.
+TURN = FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{getattr(os, 'getuid', int)()}.lock"))
 
 
 def timed(compute: Callable[[], Result]) -> tuple[Result, float, float]:
@@ -73,10 +65,8 @@ def most_members(fixed: Mapping[str, Any]) -> int:
 def extent(method: str, option: Option, fixed: Mapping[str, Any]) -> tuple[int, float]:
     """How many members an ensemble has, and how long each runs, s: what is dear has fewer and shorter ones."""
     variant = method == PAPER and option.kind != "default"
-    # Where the contact moves, its shapes are made anew all the time.
-    dear = method == PAPER or option.kind == "contact"
-    members = "variant_members" if variant or method == EXACT else "reference_members" if dear else "members"
-    return fixed[members], fixed["variant_duration" if variant else "duration"]
+    kind = "variant_" if variant or method == EXACT else "reference_" if method == PAPER else ""
+    return fixed[f"{kind}members"], fixed["variant_duration" if variant else "duration"]
 
 
 def ensemble(
@@ -87,28 +77,25 @@ def ensemble(
     `options` are arguments of `fivcore.simulate`; `fixed` are the study's settings.
     """
     count, duration = extent(method, option, fixed)
+    members: list[Any]
     ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
 
-    def run(ramps: Sequence[float], length: float = duration) -> list[Transient]:
-        """Members in one batch; raise the first error."""
-        runs = []
-        for one in simulate_many([scene] * len(ramps), length, method, ramp=list(ramps), **options):
-            if not isinstance(one, Transient):
-                raise one
-            runs.append(one)
-        return runs
+    def run(ramp: float, length: float = duration) -> Transient:
+        return simulate(scene, length, method, ramp=ramp, **options)
 
-    run(ramps[:1], WARMING)
+    run(ramps[0], WARMING)
     length = min(SHORT, duration) if method == PAPER else duration
-    costs = [timed(lambda: run(ramps[:1], length))[1:] for _ in range(1 if method == EXACT else TIMED)]
+    costs = [timed(lambda: run(ramps[0], length))[1:] for _ in range(1 if method == EXACT else TIMED)]
     cpu, wall = np.median(costs, axis=0) / length
     if method == FAST:
-        members, batch, _ = timed(lambda: run(ramps))
+        members, batch, _ = timed(lambda: simulate_many([scene] * count, duration, method, ramp=ramps, **options))
         batch /= count * duration
     else:
         # Members are computed one by one: each costs what one alone does. What is not timed has all cores.
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            members, batch = [one for (one,) in pool.map(lambda ramp: run([ramp]), ramps)], cpu
+            members, batch = list(pool.map(run, ramps)), cpu
+    if failed := [one for one in members if isinstance(one, Exception)]:
+        raise failed[0]
     most = most_members(fixed)
     figures = {name: _padded([each.summary[name] for each in members], most) for name in FIGURES}
     sticks = [_padded(each.summary["stick_times"][:KEPT], KEPT) for each in members]
@@ -133,8 +120,8 @@ def burst(
     """Error of the first burst; where a method has no ensemble also its cost and its first times.
 
     `fast` and solve_ivp are compared with `exact` on the same reduced model, without the finer model that `fast`
-    takes for the onset by itself; `exact` has no other element and no moving contact. The published scheme is
-    compared with itself, converged.
+    takes for the onset by itself; `exact` has no other element. The published scheme is compared with itself,
+    converged.
     """
     ramp: float = fixed["ramp"]
     end = 0.5 * ramp + ensembles.load_up(scene) + BURST
@@ -143,25 +130,25 @@ def burst(
         return slip_error(simulate(scene, end, "paper", **common, **options), converged(scene, end, ramp))
     # With a cut-off that is given there is no other model for the onset.
     common["cutoff"] = default_cutoff(scene.rig)
-    if method == FAST and not options.keys() & {"contact_motion", "termination"}:
+    if method == FAST and "termination" not in options:
         step = options.get("step", model_of(scene, options).default_step)
         common |= {**options, "step": step, "sample_rate": 1.0 / step}
         return slip_error(*(simulate(scene, end, each, **common) for each in ("fast", "exact")))
     if method == ELEMENTS:
         elements.run(scene, ramp, ramp, RATE)
         run, cpu, wall = timed(lambda: elements.run(scene, end, ramp, RATE))
-        reached, values = end, slip_error(run, converged(scene, end, ramp))
+        reference = converged(scene, end, ramp)
     elif method == EVENTS:
         end += VIBRATION - BURST
-        exact, model = simulate(scene, end, "exact", **common), model_of(scene, {})
+        reference, model = simulate(scene, end, "exact", **common), model_of(scene, {})
         tolerance = float(option.value) if option.kind == "tolerance" else TOLERANCE
-        (run, reached), cpu, wall = timed(lambda: solve_ivp.run(scene, model, end, ramp, tolerance, exact.time))
-        values = slip_error(run, exact) | {"gave_up_time": reached if reached < end else np.nan}
+        run, cpu, wall = timed(lambda: solve_ivp.run(scene, model, end, ramp, tolerance, reference.time))
     else:
         return {}
     # The run is that of the first member.
     firsts = {name: _padded([first], most_members(fixed)) for name, first in run.summary.items()}
-    return values | firsts | {"cpu_per_second": cpu / reached, "wall_per_second": wall / reached}
+    costs = {"cpu_per_second": cpu / end, "wall_per_second": wall / end}
+    return costs | firsts | slip_error(run, reference)
 
 
 @lru_cache(maxsize=8)

@@ -66,7 +66,6 @@ OPTIONS = {
         Option("mesh", 4.0, (LINEAR,)),
         *(Option("tau", factor, (FAST,)) for factor in (0.5, 2.0, 4.0)),
         Option("cross terms", "off", (FAST,)),
-        Option("contact", "moving", (FAST,)),
         Option("leaps", "off", (FAST,)),
         *(Option("beta2", value, (PAPER,)) for value in (0.5, 1.0)),
         *(Option("tolerance", value, (EVENTS,)) for value in (1e-4, 1e-8)),
@@ -120,8 +119,6 @@ def arguments(method: str, option: Option, scene: Scene) -> dict[str, Any]:
             return {"modify": without_cross_terms}
         case "leaps":
             return {"leap": False}
-        case "contact":
-            return {"contact_motion": 1}
     return {}
 
 

@@ -3,8 +3,8 @@
 Each regime is a linear system, written from the contact law alone (`fivcore.contact.law`), and integrated until
 one of its events: the gap closes, the normal force vanishes, the friction cone is reached, slip stops. What comes
 next is decided from the state. Nothing keeps the integrator from stepping over two events that lie within one of
-its steps, and where events follow each other without time going on (chatter on the tip of the cone, an impact that
-does not end) it gives up.
+its steps, or events from following each other without time going on (chatter on the tip of the cone, an impact
+that does not end).
 """
 
 from __future__ import annotations
@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate
 
-from fivcore import Scene, Transient
+from fivcore import DivergenceError, Scene, Transient
 from fivcore.contact.reduced import ReducedModel
 from fivcore.transient.normalised import Normalised
 
 Array = NDArray[np.float64]
 SEPARATION, STICK, SLIP_UP, SLIP_DOWN = range(4)
-# Of the signals.
-NORMAL = 0
 # So many events in a row, each within so short a time of the last one (s), are none that it gets past.
 MOST_EVENTS, NO_TIME = 100, 1e-12
 
@@ -81,11 +79,8 @@ def systems(model: ReducedModel, mu: float) -> list[System]:
 
 def run(
     scene: Scene, model: ReducedModel, duration: float, ramp: float, tolerance: float, times: Array
-) -> tuple[Transient, float]:
-    """Integrate from rest under the load, for V > 0 and a ramp, and read the motion at `times`.
-
-    Also when the run ended, s: it may give up before `duration`, and with it what can be read.
-    """
+) -> Transient:
+    """Integrate from rest under the load, for V > 0 and a ramp, and read the velocity of B at `times`."""
     speed, mu, n = Normalised.of(scene).speed_per_load, scene.mu, len(model.stiffness)
     # A velocity of the drive's size, in every coordinate.
     slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
@@ -94,7 +89,7 @@ def run(
     absolute = tolerance * np.concatenate(scale)
     regimes, regime, y, t, idle = systems(model, mu), STICK, np.zeros(2 * n + 2), 0.0, 0
     firsts = {"first_slip_time": np.nan, "first_separation_time": np.nan}
-    parts: list[tuple[Array, Array, Array]] = [(times[:0],) * 3]
+    velocity = np.full(len(times), np.nan)
     for begin, end in pairwise([0.0, min(ramp, duration), duration]):
 
         def drive(t: Any, ramping: bool = begin < ramp) -> Array:
@@ -103,7 +98,7 @@ def run(
             shape, acceleration = (t / ramp, speed / ramp) if ramping else (one, 0.0)
             return np.stack([one, speed * shape, one * acceleration])
 
-        while t < end and idle < MOST_EVENTS:
+        while t < end:
             system = regimes[regime]
             found = integrate.solve_ivp(
                 lambda t, y, system=system, drive=drive: system.A @ y + system.B @ drive(t),
@@ -114,23 +109,21 @@ def run(
                 dense_output=True,
                 events=_events(regime, system, mu, drive),
             )
-            chosen = times[(times >= t) & (times < found.t[-1])]
-            if len(chosen):
-                z = found.sol(chosen)
-                N = system.signals[NORMAL] @ z + system.drift[NORMAL] @ drive(chosen)
-                parts.append((chosen, model.point_b @ z[n : 2 * n], N))
-            idle = idle + 1 if found.t[-1] - t < NO_TIME and found.status == 1 else 0
+            read = (times >= t) & (times < found.t[-1])
+            if read.any():
+                velocity[read] = scene.F * (model.point_b @ found.sol(times[read])[n : 2 * n])
+            idle = idle + 1 if found.t[-1] - t < NO_TIME else 0
             t, y = float(found.t[-1]), found.y[:, -1]
+            if found.status < 0 or idle == MOST_EVENTS:
+                raise DivergenceError(f"SciPy's solve_ivp cannot go on at {t:g} s: {found.message}", scene)
             if found.status == 1:
                 hit = next(k for k, each in enumerate(found.t_events) if len(each))
                 regime = _after(regime, hit, mu, [each.signals @ y + each.drift @ drive(t) for each in regimes])
                 name = f"first_{'separation' if regime == SEPARATION else 'slip'}_time"
                 if regime != STICK and np.isnan(firsts[name]):
                     firsts[name] = t
-            elif found.status < 0:
-                idle = MOST_EVENTS
-    time, velocity, force = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Transient(scene, firsts, time, scene.F * velocity, scene.F * force), t
+    known = times < duration
+    return Transient(scene, firsts, times[known], velocity[known])
 
 
 def _events(regime: int, system: System, mu: float, drive: Callable[[float], Array]) -> list[Callable[..., float]]:
@@ -159,7 +152,7 @@ def _after(regime: int, hit: int, mu: float, signals: list[Array]) -> int:
         # Stick if it needs no more than the cone has; else slip, the way sticking would have been broken.
         N, T = signals[STICK][:2]
         slip = SLIP_UP if T > 0.0 else SLIP_DOWN
-        return STICK if abs(T) <= mu * N else slip if signals[slip][NORMAL] > 0.0 else SEPARATION
+        return STICK if abs(T) <= mu * N else slip if signals[slip][0] > 0.0 else SEPARATION
     if hit == 0:
         return SEPARATION
     # Forces are continuous where slip ends: there sticking needs just what the cone has.

@@ -18,7 +18,6 @@ from studies.accuracy.errors import with_errors
 from studies.accuracy.findings import findings
 from studies.accuracy.linear import stability
 from studies.motion import ensembles, transients
-from studies.motion.jobs import Job, check_jobs
 from studies.rig import rig_of, rig_settings
 from studies.study import Setting, Study, deferred
 from sweeps import Axis, Variable
@@ -44,7 +43,6 @@ VARIABLES = {
     "slip_velocity_error": Variable(
         "1", "largest error of the velocity of B half-way to the first separation, over its largest value"
     ),
-    "gave_up_time": Variable("s", "when an integrator could not go on"),
     "onset_mu": Variable("1", "lowest coefficient of friction at which sliding flutters", ("termination",)),
     "growth_rate": Variable("s-1", "growth rate of sliding's least stable mode", ("termination",)),
 }
@@ -54,7 +52,7 @@ def points(points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
     """Costs, figures and errors of each method, setting and scene: one point at a time, for they are timed."""
     values = []
     for method, setting, scene in zip(points["method"], points["setting"], points["scene"], strict=True):
-        with runs.turn():
+        with runs.TURN:
             start = time.perf_counter()
             own = point(method, setting, scene, fixed)
             values.append(own | {"wall_time": time.perf_counter() - start})
@@ -82,13 +80,7 @@ def point(method: str, setting: str, scene: str, fixed: Mapping[str, Any]) -> di
 
 
 def constants(settings: Mapping[str, float]) -> dict[str, Any]:
-    """The rig, and the settings that do not belong to it.
-
-    Raises
-    ------
-    ValueError
-        Naming the setting.
-    """
+    """The rig, and the settings that do not belong to it."""
     rig, _ = rig_of({**settings, "theta": paper.THETA})
     counts = {name: checks.count(name, settings[name], MOST_MEMBERS) for name in SETTINGS if "members" in name}
     return {name: settings[name] for name in SETTINGS} | counts | {"rig": rig}
@@ -105,19 +97,11 @@ def coords(**fixed: Any) -> dict[str, Axis]:
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Find out, before anything is planned, what cannot be run.
-
-    Raises
-    ------
-    ValueError
-        Naming the axis or setting.
-    """
+    """Refuse, before anything is planned, runs that are too short or all alike."""
     checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for members differ by it")
-    scenes = [choices.scene_of(name, fixed["rig"]) for name in axes["scene"].values]
-    # What is left of the slowest after settling has as much as there are windows in a spectrum.
-    rest = transients.SETTLING + 4.0 * transients.WINDOW
-    longest = float(max(fixed["ramp"] + ensembles.load_up(scene) + rest for scene in scenes))
-    check_jobs([Job(scene, 1e-6, {"ramp": fixed["ramp"]}) for scene in scenes])
+    loading = max(ensembles.load_up(choices.scene_of(name, fixed["rig"])) for name in axes["scene"].values)
+    # After settling the slowest has some windows of its spectrum.
+    longest = fixed["ramp"] + loading + transients.SETTLING + 4.0 * transients.WINDOW
     for name in ("duration", "variant_duration"):
         checks.between(name, fixed[name], longest, 1e3, "s, for the slowest scene to have settled")
 
