@@ -18,7 +18,6 @@ from fivcore import Rig
 from studies.accuracy.settings import DEFAULT, LINEAR, OPTIONS, PAPER, UNDAMPED, cutoff_of
 from studies.motion import transients
 
-DIMS = ("method", "setting", "scene")
 # Of fewer long sticks there is no mean.
 LEAST_STICKS = 20
 # A figure is right if it is off by no more than its tolerance and so many standard errors.
@@ -54,7 +53,7 @@ TOLERANCES = xr.DataArray([each.tolerance for each in FIGURES], dims="figure")
 
 
 class Ensembles(NamedTuple):
-    """Number, mean and variance of a figure's values, and the time each is taken over, by DIMS."""
+    """Number, mean and variance of a figure's values, and the time each is taken over, at each point."""
 
     number: xr.DataArray
     mean: xr.DataArray
@@ -79,35 +78,31 @@ class Ensembles(NamedTuple):
         one, other = (1.0 / (each.number * each.time).where(each.number > 0.0) for each in (self, reference))
         return self.mean - reference.mean, (per_time * (one + other)) ** 0.5
 
-    def at(self, place: Mapping[str, str]) -> Ensembles:
-        """One method and setting, for comparison with all; NaN where it is not there."""
-        return Ensembles(*(_at(part, **place) for part in self))
-
 
 def with_errors(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
     """Add the cut-off of each setting, and every error; what is not in the file has none."""
     cutoffs = [cutoff_of(OPTIONS[name], rig) for name in dataset["setting"].values]
-    data = dataset.transpose(*DIMS, ...).assign_coords(
+    data = dataset.assign_coords(
         cutoff=("setting", cutoffs, {"units": "Hz", "long_name": "cut-off"}),
         figure=("figure", [each.name for each in FIGURES], {"long_name": "figure that is compared"}),
     )
     error, standard = _compared(data, REFERENCE)
-    undamped = _compared(data, {"method": PAPER, "setting": UNDAMPED})[0]
+    every = (error, standard, _compared(data, {"method": PAPER, "setting": UNDAMPED})[0])
+    mismatch, scatter, undamped = (root_mean_square(each / TOLERANCES, "figure") for each in every)
     slip = data["first_slip_time"]
     late = Ensembles.of(slip / _at(slip, **REFERENCE) - 1.0).mean.where(_others(data, REFERENCE))
     added = {
         "error": (error, "error of each figure; but of shares of time, over the reference's"),
         "standard_error": (standard, "standard error of each figure's error"),
-        "mismatch": (_mismatch(error), "errors in units of tolerances, root mean square"),
-        "mismatch_scatter": (_mismatch(standard), "mismatch by scatter alone"),
-        "mismatch_undamped": (_mismatch(undamped), "mismatch with paper, beta2 = 0.5"),
+        "mismatch": (mismatch, "errors in units of tolerances, root mean square"),
+        "mismatch_scatter": (scatter, "mismatch by scatter alone"),
+        "mismatch_undamped": (undamped, "mismatch with paper, beta2 = 0.5"),
         "first_slip_error": (late, "error of the time of the first slip, over it"),
         "within": (
             _within(error, standard, late),
             "whether first slip and figures are within tolerance and scatter",
         ),
-        "onset_error": (_stability(data["onset_mu"]), "error of the onset of sliding's flutter, over it"),
-        "growth_error": (_stability(data["growth_rate"]), "error of the growth of sliding's flutter, over it"),
+        "onset_error": (_onset_error(data["onset_mu"]), "error of the onset of sliding's flutter, over it"),
     }
     named = {name: part.assign_attrs(units="1", long_name=text) for name, (part, text) in added.items()}
     return transients.with_flags(data.assign(named), within=WITHIN)
@@ -133,16 +128,12 @@ def _compared(data: xr.Dataset, place: Mapping[str, str]) -> tuple[xr.DataArray,
     pairs = []
     for figure in FIGURES:
         own = sticks if figure.name == "mean_stick_time" else Ensembles.of(data[figure.name], time)
-        known = own.at(place)
+        known = Ensembles(*(_at(part, **place) for part in own))
         pairs.append([part / known.mean if figure.relative else part for part in own.minus(known)])
     error, standard = (
         xr.concat(parts, "figure").where(_others(data, place)) for parts in zip(*pairs, strict=True)
     )
-    return error.transpose(*DIMS, ...), standard.transpose(*DIMS, ...)
-
-
-def _mismatch(errors: xr.DataArray) -> xr.DataArray:
-    return root_mean_square(errors / TOLERANCES, "figure")
+    return error.transpose(..., "figure"), standard.transpose(..., "figure")
 
 
 def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArray) -> xr.DataArray:
@@ -154,15 +145,13 @@ def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArra
 
 
 def root_mean_square(values: xr.DataArray, dim: str = "scene") -> xr.DataArray:
-    """Root mean square of the finite values; NaN where there is none."""
-    finite = values.where(np.isfinite(values))
-    number = finite.count(dim)
-    return ((finite**2).sum(dim) / number.where(number > 0)) ** 0.5
+    """Root mean square of what is known; NaN where nothing is."""
+    return (values**2).mean(dim) ** 0.5
 
 
-def _stability(values: xr.DataArray) -> xr.DataArray:
-    """Errors of onset or growth: of a cut-off against all modes, of a mesh against the finest."""
-    at = _at(values, method=LINEAR)
+def _onset_error(onset: xr.DataArray) -> xr.DataArray:
+    """Error of a cut-off against all modes, of a mesh against the finest."""
+    at = _at(onset, method=LINEAR)
     sizes = {name: OPTIONS[name].size or 0.0 for name in at["setting"].values.tolist()}
     finest = max(sizes, key=lambda name: sizes[name])
     # Cut-offs have no size of their own; the finest mesh is compared with nothing.

@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.accuracy.errors import DIMS, root_mean_square
+from studies.accuracy.errors import root_mean_square
 from studies.accuracy.findings import default, table
 from studies.accuracy.settings import ELEMENTS, EVENTS, EXACT, FAST, OPTIONS, PAPER
 from studies.plotting import figures
@@ -39,13 +39,16 @@ LOOKS: dict[str, Look] = {
     STAR: POINTS | {"color": BLACK, "marker": "*", "markersize": 10.0, "zorder": 5},
 }
 TINY = 6.5
-COST, MISMATCH = "processor s per simulated s", "error / tolerance, rms"
+COST, MISMATCH, ONSET = (
+    "processor s per simulated s",
+    "error / tolerance, rms",
+    r"error of the lowest onset's $\mu$",
+)
 LAYOUT = (("a", "b"), ("c", "d"), ("c", "e"))
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(data: xr.Dataset) -> Figure:
     """Errors against cost, of every setting at each scene, and of sliding stability."""
-    data = dataset.transpose(*DIMS, ...)
     frame = table(data)
     frame["group"] = [_group(*pair) for pair in zip(frame["method"], frame["setting"], strict=True)]
     figure, panels = figures.mosaic(LAYOUT, 17.0, 23.0, height_ratios=(1.1, 1.0, 1.0))
@@ -75,9 +78,8 @@ def _group(method: str, setting: str) -> str:
 
 
 def _plot(axes: Axes, x: Any, y: Any, **look: Any) -> None:
-    """Those points of a curve that can be drawn on logarithmic axes."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    known = np.isfinite(x) & np.isfinite(y) & (y > 0.0)
+    """A curve through those of its points that are known."""
+    known = np.isfinite(np.asarray(x) + np.asarray(y))
     if known.any():
         axes.plot(x[known], y[known], **{"markersize": 4.0, "linewidth": 1.0, **look})
 
@@ -137,19 +139,17 @@ def _draw_modes(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
         _plot(axes, x, errors.sel(termination=kind), **look, label=kind)
     for kind, order in {"none": 1, "elastic": 3}.items() if len(x) else ():
         _order(axes, x[2 * len(x) // 3], errors.sel(termination=kind).values[2 * len(x) // 3], order)
-    axes.set(xscale="log", yscale="log", xlabel="cut-off / kHz", ylabel=r"error of the lowest onset's $\mu$")
+    axes.set(xscale="log", yscale="log", xlabel="cut-off / kHz", ylabel=ONSET)
 
 
 def _draw_elements(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
-    """Errors of onset and growth against the number of elements."""
-    axes.set(xscale="log", yscale="log", xlabel="elements of P1", ylabel="relative error")
+    """Error of the lowest onset against the number of elements."""
+    axes.set(xscale="log", yscale="log", xlabel="elements of P1", ylabel=ONSET)
     sizes = {name: size for name in data["setting"].values if (size := OPTIONS[name].size)}
     settings = sorted(sizes, key=lambda name: sizes[name])
-    at = data.isel(termination=0).sel(setting=settings)
+    onset = root_mean_square(data["onset_error"].isel(termination=0)).sel(setting=settings).values
     x = constants(data)["rig"]["p1"]["elements"] * np.array([sizes[name] for name in settings])
-    onset, growth = (root_mean_square(at[f"{what}_error"]).values for what in ("onset", "growth"))
-    _plot(axes, x, onset, **LINES[0], label=r"lowest onset's $\mu$")
-    _plot(axes, x, growth, **LINES[1], label="largest growth rate")
+    _plot(axes, x, onset, **LINES[0])
     for point in zip(x[:1], onset[:1], strict=True):
         _order(axes, *point, 4)
     known = x[np.isfinite(onset)]

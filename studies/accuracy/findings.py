@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from studies.accuracy.errors import DIMS, ERRORS_ALLOWED, FIGURES, FIRST_SLIP, WITHIN, root_mean_square
+from studies.accuracy.errors import ERRORS_ALLOWED, FIGURES, FIRST_SLIP, WITHIN, root_mean_square
 from studies.accuracy.settings import DEFAULT, FAST, OPTIONS, PAPER, SCENES
 from studies.study import constants
-from studies.tables import Column, Part, Table, apart, number
+from studies.tables import Column, Part, Table, apart
 from sweeps import FAILED
 
 MEANS = {"alone": "cpu_per_second", "batch": "batch_cpu_per_second", "step": "step", "modes": "modes"}
 MEAN_SQUARES = {"mismatch": "mismatch", "scatter": "mismatch_scatter", "undamped": "mismatch_undamped"}
 LARGEST = {"first_slip": "first_slip_error", "half_way": "slip_velocity_error"}
-
-
-def _error(name: str) -> Callable[[xr.Dataset], str]:
-    """Column of an error in per cent, in brackets its deviation."""
-
-    def cell(row: xr.Dataset) -> str:
-        near = float(row[f"{name}_deviation"])
-        return number(row[name], ".1f", 100.0) + ("" if np.isnan(near) else f" ({near:.1f})")
-
-    return cell
 
 
 def _right(row: xr.Dataset) -> str:
@@ -48,7 +38,7 @@ COSTS: dict[str, Column] = {
     "right": _right,
 }
 ERRORS: dict[str, Column] = {
-    **{each.long_name: _error(each.name) for each in FIGURES},
+    **{each.long_name: (each.name, ".1f", 100.0) for each in FIGURES},
     "first slip": ("first_slip", ".3f", 100.0),
     "v_B half-way": ("half_way", ".3f", 100.0),
 }
@@ -59,20 +49,18 @@ OF_COSTS = (
     "beta2 = 0.5, which has no numerical damping; right: at how many scenes.",
 )
 OF_ERRORS = (
-    "Errors in per cent (shares of time: points), the largest over scenes; in brackets the same in standard",
-    "errors, root mean square over scenes. Half-way: from the start to half-way between first slip and first",
-    "separation; fast and solve_ivp against exact on the same reduced model, paper against itself with a quarter",
-    "of the step and without numerical damping.",
+    "Errors in per cent (shares of time: points), the largest over scenes; standard errors are in the file.",
+    "Half-way: from the start to half-way between first slip and first separation; fast and solve_ivp against",
+    "exact on the same reduced model, paper against itself with a quarter of the step and undamped.",
 )
 OF_STABILITY = (
-    "Sliding stability: error of the lowest onset's mu and of the largest growth rate below 10 kHz, relative,",
-    "the largest over scenes; of a cut-off against all modes, by termination; of a mesh against the finest.",
+    "Sliding stability: relative error of the lowest onset's mu, the largest over scenes; of a cut-off against",
+    "all modes, by termination; of a mesh, which keeps all modes, against the finest.",
 )
 
 
-def findings(dataset: xr.Dataset) -> list[Part]:
+def findings(data: xr.Dataset) -> list[Part]:
     """Costs, every error, what is cheapest, and sliding stability."""
-    data = dataset.transpose(*DIMS, ...)
     frame = table(data)
     chosen = pd.concat([default(frame), cheapest_right(frame)])
     erring = frame.dropna(how="all", subset=[*(each.name for each in FIGURES), "first_slip", "half_way"])
@@ -82,7 +70,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         _part(frame, COSTS, *OF_COSTS),
         _part(erring, ERRORS, *OF_ERRORS),
         _part(chosen, COSTS, "fast by default, and the cheapest that is right at every scene:"),
-        [] if frame["mismatch"].notna().any() else ["Without paper by default no figures can be compared."],
+        [] if len(default(frame, PAPER)) else ["Without paper by default no figures can be compared."],
         _stability(data),
         [f"{failed} points failed and count for nothing."] if failed else [],
     ]
@@ -110,12 +98,10 @@ def _scenes(data: xr.Dataset) -> list[Part]:
 
 
 def _stability(data: xr.Dataset) -> list[Part]:
-    """How onset and growth of sliding's flutter converge."""
-    errors = {f"{what}, {kind}": data[f"{what}_error"].sel(termination=kind, drop=True)
-              for what in ("onset", "growth") for kind in data["termination"].values}  # fmt: skip
-    known = xr.Dataset({head: largest(each) for head, each in errors.items()}).dropna("setting", how="all")
+    """How the onset of sliding's flutter converges."""
+    known = largest(data["onset_error"]).to_dataset("termination").dropna("setting", how="all")
     columns: dict[str, Column] = {"setting": lambda row: label(row["setting"].item(), float(row["cutoff"]))}
-    columns |= {head: (head, ".1e") for head in errors}
+    columns |= {kind: (kind, ".1e") for kind in data["termination"].values.tolist()}
     return [*OF_STABILITY, Table.of(known, "setting", columns, 1)] if known.sizes["setting"] else []
 
 
@@ -124,9 +110,9 @@ def table(data: xr.Dataset) -> pd.DataFrame:
 
     Over scenes, as MEANS, MEAN_SQUARES and LARGEST say, the mean, the root mean square, or the largest with its
     sign; `cost` is that in batch, else alone, `ratio` that of `paper` by default over it. Of each figure, by its
-    name, the largest error, and as `..._deviation` the root mean square in standard errors.
+    name, the largest error.
     """
-    within, deviation = data["within"], data["error"] / data["standard_error"]
+    within = data["within"]
     columns = {column: data[name].mean("scene") for column, name in MEANS.items()}
     columns |= {column: root_mean_square(data[name]) for column, name in MEAN_SQUARES.items()}
     columns |= {column: largest(data[name]) for column, name in LARGEST.items()}
@@ -134,7 +120,6 @@ def table(data: xr.Dataset) -> pd.DataFrame:
         columns[f"mismatch at {scene}"] = data["mismatch"].sel(scene=scene, drop=True)
     for k, figure in enumerate(FIGURES):
         columns[figure.name] = largest(data["error"].isel(figure=k, drop=True))
-        columns[f"{figure.name}_deviation"] = root_mean_square(deviation.isel(figure=k, drop=True))
     columns["right_scenes"] = (within == WITHIN.index("yes")).sum("scene")
     columns["known_scenes"] = (within != WITHIN.index("unknown")).sum("scene")
     frame = xr.Dataset(columns).to_dataframe(["method", "setting"]).reset_index()

@@ -1,4 +1,4 @@
-"""Onset and growth of sliding's flutter by a reduced model, to be compared with all modes."""
+"""Onset of sliding's flutter by a reduced model, to be compared with all modes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from fivcore import Scene, flutter_onsets, sliding_modes
+from fivcore import Scene, flutter_onsets
 from fivcore.contact.reduced import TERMINATIONS, ReducedModel, full_model, reduced_model
 from studies.accuracy.settings import Option, cutoff_of
 from studies.accuracy.solve_ivp import SLIP_UP, systems
@@ -21,22 +21,13 @@ SLOWEST = 1.0
 
 
 def stability(scene: Scene, option: Option) -> dict[str, Any]:
-    """The lowest onset and the largest growth rate at the scene's friction, by termination of the dropped modes.
-
-    Without a cut-off all modes are kept, and all terminations are the same.
-    """
-    rig, theta, mu = scene.rig, scene.drive_theta, scene.mu
+    """The lowest onset, by termination of the dropped modes: without a cut-off none are, and all are the same."""
+    rig, theta = scene.rig, scene.drive_theta
     onset = float(next(iter(flutter_onsets(rig, theta, fmax=transients.BAND).mu), np.nan))
     if option.kind != "cut-off":
-        growth = float(np.max(sliding_modes(rig, theta, mu, fmax=transients.BAND).growth_rate))
-        alike, modes = np.ones(len(TERMINATIONS)), len(full_model(rig, theta).stiffness)
-        return {"onset_mu": onset * alike, "growth_rate": growth * alike, "modes": modes}
+        return {"onset_mu": np.full(len(TERMINATIONS), onset), "modes": len(full_model(rig, theta).stiffness)}
     models = [reduced_model(rig, theta, cutoff_of(option, rig), kind) for kind in TERMINATIONS]
-    return {
-        "onset_mu": np.array([onset_of(model, onset) for model in models]),
-        "growth_rate": np.array([growth_of(model, mu) for model in models]),
-        "modes": int(models[0].kept.sum()),
-    }
+    return {"onset_mu": np.array([onset_of(each, onset) for each in models]), "modes": int(models[0].kept.sum())}
 
 
 def growth_of(model: ReducedModel, mu: float) -> float:

@@ -44,7 +44,6 @@ VARIABLES = {
         "1", "largest error of the velocity of B half-way to the first separation, over its largest value"
     ),
     "onset_mu": Variable("1", "lowest coefficient of friction at which sliding flutters", ("termination",)),
-    "growth_rate": Variable("s-1", "growth rate of sliding's least stable mode", ("termination",)),
 }
 
 
