@@ -7,7 +7,6 @@ arithmetic it is `method="paper"`, which does the same in the modes of the separ
 
 from __future__ import annotations
 
-from collections import namedtuple
 from typing import Any
 
 import numpy as np
@@ -26,13 +25,6 @@ Array = NDArray[np.float64]
 BAND = 5
 
 
-# Both beams, P1's nodes from C to A (of which only y is free), then P2's without the clamped one. K, M, (6, n):
-# row d of a band is the d-th diagonal below the main one. Rows (n,) that read the gap, the shift of the surfaces
-# without the clamp's own, and the displacement of B; forces (n,) of a unit load, and of a unit acceleration of the
-# clamp for motion relative to it.
-Assembled = namedtuple("Assembled", "K M normal tangential point_b weight inertia")
-
-
 def element_matrices(beam: Beam) -> tuple[Array, Array]:
     """Stiffness and consistent mass of one element, (6, 6), on (u, w, rotation) at either end."""
     h = beam.length / beam.elements
@@ -49,8 +41,13 @@ def element_matrices(beam: Beam) -> tuple[Array, Array]:
     return k, m
 
 
-def assemble(rig: Rig, theta: float) -> Assembled:
-    """Assemble both beams in x and y."""
+def assemble(rig: Rig, theta: float) -> list[Array]:
+    """Both beams in x and y: P1's nodes from C to A, of which only y is free, then P2's without the clamped one.
+
+    K and M as bands (6, n), row d being the d-th diagonal below the main one; rows (n,) that read the gap, the
+    shift of the surfaces without the clamp's own, and the displacement of B; forces (n,) of a unit load, and of a
+    unit acceleration of the clamp for motion relative to it.
+    """
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     n1, n2 = 3 * (rig.p1.elements + 1), 3 * (rig.p2.elements + 1)
     K, M = np.zeros((2, n1 + n2, n1 + n2))
@@ -82,41 +79,36 @@ def assemble(rig: Rig, theta: float) -> Assembled:
         np.array([np.pad(np.diag(part[np.ix_(free, free)], -d), (0, d)) for d in range(BAND + 1)])
         for part in (K, M)
     ]
-    return Assembled(*bands, *(row[free] for row in (normal, tangential, point_b, weight, inertia)))
+    return [*bands, *(row[free] for row in (normal, tangential, point_b, weight, inertia))]
 
 
 def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Transient:
     """Run the scheme with the paper's step, beta2 and tau from rest under the load, for V > 0 and a ramp."""
-    parts = assemble(scene.rig, scene.theta)
     dt, b, rig = STEP, BETA2, scene.rig
-    implicit = cholesky_banded((1.0 + b * dt * rig.d1) * parts.M + b * dt * rig.d2 * parts.K, lower=True)
+    K, M, normal, tangential, point_b, weight, inertia = assemble(rig, scene.theta)
+    implicit = cholesky_banded((1.0 + b * dt * rig.d1) * M + b * dt * rig.d2 * K, lower=True)
     implicit[0] = 1.0 / implicit[0]
-    rows = (parts.normal, parts.tangential)
+    rows = (normal, tangential)
     per = [row.copy() for row in rows]
     for each in per:
         _solve(implicit, each)
     scale = dt**2 * (b + 0.5)
     closing = tuple(scale * float(rows[i] @ per[j]) for i, j in ((0, 0), (0, 1), (1, 1)))
-    # Every mode's static displacement, put together at the nodes.
-    rest = scene.F * _nodal(rig, scene.theta, full_model(rig, scene.theta).rest)
+    # Every mode's static displacement, put together at the free nodes.
+    upper, lower = rig_bases(rig, scene.theta)
+    of_upper, of_lower = np.split(full_model(rig, scene.theta).rest, [len(upper.stiffness)])
+    first, second = upper.shapes @ of_upper, lower.shapes @ of_lower
+    rest = scene.F * np.concatenate([first[:0:-1].ravel(), first[0, 1:2], second[1:].ravel()])
     steps, every = round(duration / dt), max(round(1.0 / (sample_rate * dt)), 1)
     record = np.zeros((-(-steps // every), 2))
     firsts = np.full(2, np.nan)
     _advance(
-        parts.K, parts.M, implicit, parts.normal, parts.tangential, parts.point_b, per[0], per[1],
-        scene.F * parts.weight, scene.V / ramp * parts.inertia, closing, scene.mu,
+        K, M, implicit, normal, tangential, point_b, per[0], per[1],
+        scene.F * weight, scene.V / ramp * inertia, closing, scene.mu,
         (dt, b, dt / TAU, rig.d1, rig.d2), (scene.V, ramp), rest, steps, every, record, firsts,
     )  # fmt: skip
     summary = dict(zip(("first_slip_time", "first_separation_time"), firsts.tolist(), strict=True))
     return Transient(scene, summary, *record.T)
-
-
-def _nodal(rig: Rig, theta: float, modal: Array) -> Array:
-    """Modal coordinates of the separate beams as displacements at the free nodes."""
-    upper, lower = rig_bases(rig, theta)
-    split = len(upper.stiffness)
-    first, second = upper.shapes @ modal[:split], lower.shapes @ modal[split:]
-    return np.concatenate([first[:0:-1].ravel(), first[0, 1:2], second[1:].ravel()])
 
 
 @kernel

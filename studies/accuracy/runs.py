@@ -62,13 +62,6 @@ def most_members(fixed: Mapping[str, Any]) -> int:
     return int(max(fixed["members"], fixed["reference_members"], fixed["variant_members"]))
 
 
-def extent(method: str, option: Option, fixed: Mapping[str, Any]) -> tuple[int, float]:
-    """How many members an ensemble has, and how long each runs, s: what is dear has fewer and shorter ones."""
-    variant = method == PAPER and option.kind != "default"
-    kind = "variant_" if variant or method == EXACT else "reference_" if method == PAPER else ""
-    return fixed[f"{kind}members"], fixed["variant_duration" if variant else "duration"]
-
-
 def ensemble(
     method: str, option: Option, scene: Scene, options: Mapping[str, Any], fixed: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -76,7 +69,10 @@ def ensemble(
 
     `options` are arguments of `fivcore.simulate`; `fixed` are the study's settings.
     """
-    count, duration = extent(method, option, fixed)
+    # What is dear has fewer and shorter runs.
+    variant = method == PAPER and option.kind != "default"
+    kind = "variant_" if variant or method == EXACT else "reference_" if method == PAPER else ""
+    count, duration = fixed[f"{kind}members"], fixed["variant_duration" if variant else "duration"]
     members: list[Any]
     ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
 

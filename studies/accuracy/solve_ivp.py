@@ -42,8 +42,6 @@ class System(NamedTuple):
 
 def systems(model: ReducedModel, mu: float) -> list[System]:
     """Separation, stick, slip with T = mu N and slip with T = -mu N, for a model with an absorbing element."""
-    if not model.C.any():
-        raise ValueError("model: it must have an absorbing element")
     n = len(model.stiffness)
     size = 2 * n + 2
     unit, one = np.eye(size + 3), size
