@@ -92,8 +92,8 @@ def with_errors(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
     slip = data["first_slip_time"]
     late = Ensembles.of(slip / _at(slip, **REFERENCE) - 1.0).mean.where(_others(data, REFERENCE))
     added = {
-        "error": (error, "error of each figure; but of shares of time, over the reference's"),
-        "standard_error": (standard, "standard error of each figure's error"),
+        "figure_error": (error, "error of each figure; but of shares of time, over the reference's"),
+        "figure_standard_error": (standard, "standard error of each figure's error"),
         "mismatch": (mismatch, "errors in units of tolerances, root mean square"),
         "mismatch_scatter": (scatter, "mismatch by scatter alone"),
         "mismatch_undamped": (undamped, "mismatch with paper, beta2 = 0.5"),

@@ -119,7 +119,7 @@ def table(data: xr.Dataset) -> pd.DataFrame:
     for scene in data["scene"].values:
         columns[f"mismatch at {scene}"] = data["mismatch"].sel(scene=scene, drop=True)
     for k, figure in enumerate(FIGURES):
-        columns[figure.name] = largest(data["error"].isel(figure=k, drop=True))
+        columns[figure.name] = largest(data["figure_error"].isel(figure=k, drop=True))
     columns["right_scenes"] = (within == WITHIN.index("yes")).sum("scene")
     columns["known_scenes"] = (within != WITHIN.index("unknown")).sum("scene")
     frame = xr.Dataset(columns).to_dataframe(["method", "setting"]).reset_index()
