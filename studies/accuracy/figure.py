@@ -78,8 +78,8 @@ def _group(method: str, setting: str) -> str:
 
 
 def _plot(axes: Axes, x: Any, y: Any, **look: Any) -> None:
-    """A curve through those of its points that are known."""
-    known = np.isfinite(np.asarray(x) + np.asarray(y))
+    """A curve through those of its points that logarithmic axes can show."""
+    known = np.isfinite(np.asarray(x)) & (np.asarray(y) > 0.0)
     if known.any():
         axes.plot(x[known], y[known], **{"markersize": 4.0, "linewidth": 1.0, **look})
 
@@ -120,10 +120,18 @@ def _draw_settings(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
     """Mismatch of every setting at each scene, and of all scenes against the scheme without numerical damping."""
     rows = frame[frame["mismatch"].notna()].reset_index(drop=True)
     at = rows[[f"mismatch at {scene}" for scene in data["scene"].values]]
+    at = at.where(at > 0.0)
     axes.hlines(rows.index, at.min(axis=1), at.max(axis=1), color=GREY, linewidth=0.5)
     for name, look in zip(at, LINES, strict=False):
         axes.plot(at[name], rows.index, **look | POINTS, markersize=4.0, label=name.removeprefix("mismatch at "))
-    axes.plot(rows["undamped"], rows.index, **POINTS, color=BLACK, marker="|", label="all, paper undamped")
+    axes.plot(
+        rows["undamped"].where(rows["undamped"] > 0.0),
+        rows.index,
+        **POINTS,
+        color=BLACK,
+        marker="|",
+        label="all, paper undamped",
+    )
     axes.axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
     axes.set_yticks(rows.index, rows["method"] + ", " + rows["label"], fontsize=TINY)
     axes.set(xscale="log", xlabel=MISMATCH, ylim=(max(len(rows), 1) - 0.5, -0.5))

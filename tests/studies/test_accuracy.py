@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -254,6 +255,7 @@ def file(monkeypatch):
             return found
 
         monkeypatch.setattr(study, "point", point)
+        monkeypatch.setattr(runs, "TURN", nullcontext())
         given = SMALL | {"members": 4, "method": list(methods), "setting": list(options)}
         return STUDY.sweep(given).plan().run("sync")
 
