@@ -86,8 +86,9 @@ def _plot(axes: Axes, x: Any, y: Any, **look: Any) -> None:
 
 def _order(axes: Axes, x: float, y: float, order: int) -> None:
     """A short line below a point, which falls with an order."""
-    axes.plot([x, 3.0 * x], [0.3 * y, 0.3 * y / 3.0**order], color=BLACK, linewidth=0.8)
-    axes.text(3.0 * x, 0.3 * y / 3.0**order, f" order {order}", fontsize=TINY, verticalalignment="center")
+    if np.isfinite(x) and y > 0.0:
+        axes.plot([x, 3.0 * x], [0.3 * y, 0.3 * y / 3.0**order], color=BLACK, linewidth=0.8)
+        axes.text(3.0 * x, 0.3 * y / 3.0**order, f" order {order}", fontsize=TINY, verticalalignment="center")
 
 
 def _draw_groups(axes: Axes, frame: pd.DataFrame, groups: Iterable[str], cost: str, error: str) -> None:
@@ -119,19 +120,12 @@ def _draw_bursts(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
 def _draw_settings(axes: Axes, data: xr.Dataset, frame: pd.DataFrame) -> None:
     """Mismatch of every setting at each scene, and of all scenes against the scheme without numerical damping."""
     rows = frame[frame["mismatch"].notna()].reset_index(drop=True)
-    at = rows[[f"mismatch at {scene}" for scene in data["scene"].values]]
+    at = rows[["undamped", *(f"mismatch at {scene}" for scene in data["scene"].values)]]
     at = at.where(at > 0.0)
+    axes.plot(at.pop("undamped"), rows.index, **POINTS, color=BLACK, marker="|", label="all, paper undamped")
     axes.hlines(rows.index, at.min(axis=1), at.max(axis=1), color=GREY, linewidth=0.5)
     for name, look in zip(at, LINES, strict=False):
         axes.plot(at[name], rows.index, **look | POINTS, markersize=4.0, label=name.removeprefix("mismatch at "))
-    axes.plot(
-        rows["undamped"].where(rows["undamped"] > 0.0),
-        rows.index,
-        **POINTS,
-        color=BLACK,
-        marker="|",
-        label="all, paper undamped",
-    )
     axes.axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
     axes.set_yticks(rows.index, rows["method"] + ", " + rows["label"], fontsize=TINY)
     axes.set(xscale="log", xlabel=MISMATCH, ylim=(max(len(rows), 1) - 0.5, -0.5))
