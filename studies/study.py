@@ -59,12 +59,14 @@ class Study:
         Axes of the variables' own dimensions; a callable gets the constants: `coords(**constants)`.
     check : callable, optional
         `check(axes, constants)` raises ValueError for what cannot be computed, before anything is planned.
+    skip : callable, optional
+        `skip(points)` says which points of the product are none (`sweeps.Grid`).
     derive : callable, optional
         `derive(dataset, **constants)` returns the dataset with what follows from the whole of it.
     options : mapping
         Further arguments of `sweeps.Sweep`: key, scale, order_by, batch_multiple.
     build : callable, optional
-        `build(axes, settings)` returns the sweep where it is not one function; then the six above are not used.
+        `build(axes, settings)` returns the sweep where it is not one function; then the seven above are not used.
     record : callable, optional
         `record(study, given, names, sample_rate)` returns the sweep that keeps the series called `names` too
         (`motion.recording`); without it the study has no motion in time.
@@ -83,6 +85,7 @@ class Study:
     constants: Callable[[Mapping[str, float]], Mapping[str, Any]] = dict
     coords: Mapping[str, Axis] | Callable[..., Mapping[str, Axis]] = field(default_factory=dict)
     check: Callable[[Mapping[str, Axis], Mapping[str, Any]], None] | None = None
+    skip: Callable[[Mapping[str, Any]], Any] | None = None
     derive: Callable[..., xr.Dataset] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep] | None = None
@@ -157,7 +160,7 @@ class Study:
     def _one_function(self, axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         """The sweep of `function` over the axes."""
         assert self.function is not None
-        grid = Grid(axes)
+        grid, fixed = Grid(axes, skip=self.skip), dict(self.constants(settings))
         check_size(grid)
         try:
             fixed = dict(self.constants(settings))

@@ -7,49 +7,22 @@ arithmetic it is `method="paper"`, which does the same in the modes of the separ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded
 
-from fivcore import Beam, Rig, Scene
+from fivcore import Beam, Rig, Scene, Transient
 from fivcore.beams.elements import hermite
 from fivcore.beams.modes import rig_bases
 from fivcore.contact.reduced import full_model
 from fivcore.jit import kernel
 from fivcore.transient.published import BETA2, STEP, TAU, published_contact
-from studies.accuracy.trajectory import Track
 
 Array = NDArray[np.float64]
 # Diagonals on either side of the main one.
 BAND = 5
-
-
-@dataclass(frozen=True, eq=False)
-class Assembled:
-    """Both beams of a rig, P1's nodes from C to A (of which only y is free), then P2's without the clamped one.
-
-    Attributes
-    ----------
-    K, M : ndarray, (6, n)
-        Bands of the symmetric matrices: row d holds the d-th diagonal below the main one.
-    normal, tangential, point_b : ndarray, (n,)
-        Rows that read the gap, the shift of the surfaces without the clamp's own, and the displacement of B.
-    weight : ndarray, (n,)
-        Force of a unit load.
-    thrown : ndarray, (n,)
-        Force of a unit acceleration of the clamp, for motion relative to it.
-    """
-
-    K: Array
-    M: Array
-    normal: Array
-    tangential: Array
-    point_b: Array
-    weight: Array
-    thrown: Array
 
 
 def element_matrices(beam: Beam) -> tuple[Array, Array]:
@@ -68,8 +41,13 @@ def element_matrices(beam: Beam) -> tuple[Array, Array]:
     return k, m
 
 
-def assemble(rig: Rig, theta: float) -> Assembled:
-    """Assemble both beams in x and y."""
+def assemble(rig: Rig, theta: float) -> list[Array]:
+    """Both beams in x and y: P1's nodes from C to A, of which only y is free, then P2's without the clamped one.
+
+    K and M as bands (6, n), row d being the d-th diagonal below the main one; rows (n,) that read the gap, the
+    shift of the surfaces without the clamp's own, and the displacement of B; forces (n,) of a unit load, and of a
+    unit acceleration of the clamp for motion relative to it.
+    """
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     n1, n2 = 3 * (rig.p1.elements + 1), 3 * (rig.p2.elements + 1)
     K, M = np.zeros((2, n1 + n2, n1 + n2))
@@ -93,52 +71,44 @@ def assemble(rig: Rig, theta: float) -> Assembled:
     point_b[3 * node], point_b[3 * node + 3] = 1.0 - (place - node), place - node
     along = np.zeros(n1 + n2)
     along[n1::3] = 1.0
-    thrown = -M @ along
+    inertia = -M @ along
     # At A only y is free; P2's first node is clamped.
     free = np.ones(n1 + n2, dtype=bool)
     free[[n1 - 3, n1 - 1, n1, n1 + 1, n1 + 2]] = False
-    bands = [_banded(part[np.ix_(free, free)]) for part in (K, M)]
-    return Assembled(*bands, *(row[free] for row in (normal, tangential, point_b, weight, thrown)))
+    bands = [
+        np.array([np.pad(np.diag(part[np.ix_(free, free)], -d), (0, d)) for d in range(BAND + 1)])
+        for part in (K, M)
+    ]
+    return [*bands, *(row[free] for row in (normal, tangential, point_b, weight, inertia))]
 
 
-def _banded(matrix: Array) -> Array:
-    band = np.zeros((BAND + 1, len(matrix)))
-    for d in range(BAND + 1):
-        band[d, : len(matrix) - d] = np.diag(matrix, -d)
-    return band
-
-
-def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Track:
+def run(scene: Scene, duration: float, ramp: float, sample_rate: float) -> Transient:
     """Run the scheme with the paper's step, beta2 and tau from rest under the load, for V > 0 and a ramp."""
-    parts = assemble(scene.rig, scene.theta)
     dt, b, rig = STEP, BETA2, scene.rig
-    implicit = cholesky_banded((1.0 + b * dt * rig.d1) * parts.M + b * dt * rig.d2 * parts.K, lower=True)
+    K, M, normal, tangential, point_b, weight, inertia = assemble(rig, scene.theta)
+    implicit = cholesky_banded((1.0 + b * dt * rig.d1) * M + b * dt * rig.d2 * K, lower=True)
     implicit[0] = 1.0 / implicit[0]
-    rows = (parts.normal, parts.tangential)
+    rows = (normal, tangential)
     per = [row.copy() for row in rows]
     for each in per:
         _solve(implicit, each)
     scale = dt**2 * (b + 0.5)
     closing = tuple(scale * float(rows[i] @ per[j]) for i, j in ((0, 0), (0, 1), (1, 1)))
-    # Every mode's static displacement, put together at the nodes.
-    rest = scene.F * _nodal(rig, scene.theta, full_model(rig, scene.theta).rest)
+    # Every mode's static displacement, put together at the free nodes.
+    upper, lower = rig_bases(rig, scene.theta)
+    of_upper, of_lower = np.split(full_model(rig, scene.theta).rest, [len(upper.stiffness)])
+    first, second = upper.shapes @ of_upper, lower.shapes @ of_lower
+    rest = scene.F * np.concatenate([first[:0:-1].ravel(), first[0, 1:2], second[1:].ravel()])
     steps, every = round(duration / dt), max(round(1.0 / (sample_rate * dt)), 1)
-    record = np.zeros((-(-steps // every), 3))
+    record = np.zeros((-(-steps // every), 2))
     firsts = np.full(2, np.nan)
     _advance(
-        parts.K, parts.M, implicit, parts.normal, parts.tangential, parts.point_b, per[0], per[1],
-        scene.F * parts.weight, scene.V / ramp * parts.thrown, closing, scene.mu,
+        K, M, implicit, normal, tangential, point_b, per[0], per[1],
+        scene.F * weight, scene.V / ramp * inertia, closing, scene.mu,
         (dt, b, dt / TAU, rig.d1, rig.d2), (scene.V, ramp), rest, steps, every, record, firsts,
     )  # fmt: skip
-    return Track(*record.T, *(float(t) for t in firsts))
-
-
-def _nodal(rig: Rig, theta: float, modal: Array) -> Array:
-    """Modal coordinates of the separate beams as displacements at the free nodes."""
-    upper, lower = rig_bases(rig, theta)
-    split = len(upper.stiffness)
-    first, second = upper.shapes @ modal[:split], lower.shapes @ modal[split:]
-    return np.concatenate([first[:0:-1].ravel(), first[0, 1:2], second[1:].ravel()])
+    summary = dict(zip(("first_slip_time", "first_separation_time"), firsts.tolist(), strict=True))
+    return Transient(scene, summary, *record.T)
 
 
 @kernel
@@ -174,7 +144,7 @@ def _advance(
     push: Any, W: Any, mu: float, scheme: Any, drive: Any, rest: Any, steps: int, every: int, record: Any,
     firsts: Any,
 ) -> None:  # fmt: skip
-    """All steps; `record` gets time, velocity of B and N now and then, `firsts` first slip and separation."""
+    """All steps; `record` gets time and velocity of B now and then, `firsts` first slip and separation."""
     dt, b, r, d1, d2 = scheme
     V, ramp = drive
     WNN, WNT, WTT = W
@@ -213,4 +183,4 @@ def _advance(
             x = 0.0
             for j in range(n):
                 x += point_b[j] * v[j]
-            record[i // every, 0], record[i // every, 1], record[i // every, 2] = t, x, N
+            record[i // every, 0], record[i // every, 1] = t, x

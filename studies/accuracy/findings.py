@@ -1,230 +1,151 @@
-"""What is said of costs and errors: tables, what is cheapest, and how things converge."""
+"""Tables of costs and errors, what is cheapest, and how stability converges."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
-from studies.accuracy import settings as asked
-from studies.accuracy.errors import DIMS, ERRORS_ALLOWED, FIGURES, FIRST_SLIP
-from studies.accuracy.rows import Row, cheapest_right, find, front, largest, mean, root_mean_square, rows
-from studies.motion import transients
+from studies.accuracy.errors import ERRORS_ALLOWED, FIGURES, FIRST_SLIP, WITHIN, root_mean_square
+from studies.accuracy.settings import DEFAULT, FAST, OPTIONS, PAPER, SCENES
 from studies.study import constants
-from studies.tables import Part, Table, apart
+from studies.tables import Column, Part, Table, apart
 from sweeps import FAILED
 
-# Errors besides those of the figures: variable, head, factor, and whether a deviation stands beside it.
-OTHERS = (
-    ("stick_time_ks", "KS", 100.0, False),
-    ("stick_time_wasserstein", "W1", 100.0, False),
-    ("spectrum_error", "spectrum", 100.0, True),
+MEANS = {"alone": "cpu_per_second", "batch": "batch_cpu_per_second", "step": "step", "modes": "modes"}
+MEAN_SQUARES = {"mismatch": "mismatch", "scatter": "mismatch_scatter", "undamped": "mismatch_undamped"}
+LARGEST = {"first_slip": "first_slip_error", "half_way": "slip_velocity_error"}
+
+
+def _right(row: xr.Dataset) -> str:
+    return f"{int(row['right_scenes'])}/{int(row['known_scenes'])}" if row["known_scenes"] else "-"
+
+
+# Columns of `table`.
+NAMES: dict[str, Column] = {
+    "method": lambda row: str(row["method"].item()),
+    "setting": lambda row: str(row["label"].item()),
+}
+COSTS: dict[str, Column] = {
+    "step us": ("step", ".3f", 1e6),
+    "modes": ("modes", ".0f"),
+    "alone": ("alone", ".3g"),
+    "in batch": ("batch", ".3g"),
+    "paper / it": ("ratio", ".4g"),
+    **{name: (name, ".2f") for name in ("mismatch", "scatter", "undamped")},
+    "right": _right,
+}
+ERRORS: dict[str, Column] = {
+    **{each.long_name: (each.name, ".1f", 100.0) for each in FIGURES},
+    "first slip": ("first_slip", ".3f", 100.0),
+    "v_B half-way": ("half_way", ".3f", 100.0),
+}
+OF_COSTS = (
+    "Cost: processor time of the thread, s per simulated second, with nothing else of the run beside it, mean",
+    "over scenes; wall time is in the file. Mismatch: errors in units of their tolerances, root mean square over",
+    "figures and scenes; scatter: what chance alone would make of it; undamped: mismatch with paper with",
+    "beta2 = 0.5, which has no numerical damping; right: at how many scenes.",
 )
-# Errors up to the first separation, in per cent: variable and head.
-BURST = (
-    ("slip_velocity_error", "v_B half-way"),
-    ("slip_force_error", "N half-way"),
-    ("burst_velocity_error", "v_B to the end"),
-    ("burst_delay_error", "delay"),
-    ("first_slip_error", "first slip*"),
-    ("first_delay_error", "delay*"),
+OF_ERRORS = (
+    "Errors in per cent (shares of time: points), the largest over scenes; standard errors are in the file.",
+    "Half-way: from the start to half-way between first slip and first separation; fast and solve_ivp against",
+    "exact on the same reduced model, paper against itself with a quarter of the step and undamped.",
+)
+OF_STABILITY = (
+    "Sliding stability: relative error of the lowest onset's mu, the largest over scenes; of a cut-off against",
+    "all modes, by termination; of a mesh, which keeps all modes, against the finest.",
 )
 
 
-def findings(dataset: xr.Dataset) -> list[Part]:
-    """Costs, every error, the first burst, what is cheapest, and sliding stability."""
-    every = rows(dataset)
+def findings(data: xr.Dataset) -> list[Part]:
+    """Costs, every error, what is cheapest, and sliding stability."""
+    frame = table(data)
+    chosen = pd.concat([default(frame), cheapest_right(frame)])
+    erring = frame.dropna(how="all", subset=[*(each.name for each in FIGURES), "first_slip", "half_way"])
+    failed = int((data["status"] == FAILED).sum())
     parts: list[Sequence[Part]] = [
-        _head(dataset),
-        _costs(every, dataset),
-        _errors(every, dataset),
-        _bursts(every, dataset),
+        _scenes(data),
+        _part(frame, COSTS, *OF_COSTS),
+        _part(erring, ERRORS, *OF_ERRORS),
+        _part(chosen, COSTS, "fast by default, and the cheapest that is right at every scene:"),
+        [] if len(default(frame, PAPER)) else ["Without paper by default no figures can be compared."],
+        _stability(data),
+        [f"{failed} points failed and count for nothing."] if failed else [],
     ]
-    parts += [_choice(every), _stability(dataset)]
-    failed = int((dataset["status"] == FAILED).sum())
-    parts += [[f"{failed} points failed and count for nothing."]] if failed else []
     return apart(parts)
 
 
-def _head(dataset: xr.Dataset) -> list[str]:
-    given = constants(dataset)
-    scenes = [
-        f"  {name}: V = {1e3 * V:g} mm/s, theta = {theta:g} degrees, mu = {mu:g}, F = {F:g} N"
-        for name, V, theta, mu, F in (asked.SCENES[int(k)] for k in dataset["scene"].values)
-    ]
-    asked_for = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in FIGURES if each.asked)
+def _part(frame: pd.DataFrame, columns: dict[str, Column], *heading: str) -> list[Part]:
+    """The rows of a frame below a heading, if there are any."""
+    rows = frame.reset_index(drop=True).to_xarray()
+    return [*heading, Table.of(rows, "index", NAMES | columns, 2)] if len(frame) else []
+
+
+def _scenes(data: xr.Dataset) -> list[Part]:
+    given = constants(data)
+    rows = [[name, *map("{:g}".format, SCENES[name])] for name in data["scene"].values]
+    known = [each for each in FIGURES if np.isfinite(each.tolerance)]
+    tolerances = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in known)
     return [
-        "Scenes:",
-        *scenes,
+        Table(["scene", "V, m/s", "theta, degrees", "mu", "F, N"], rows, 1),
         f"Reference: paper on all modes, step and beta2 the paper's, {given['reference_members']} runs of "
         f"{given['duration']:g} s a scene; fast: {given['members']} runs.",
-        f"Right: off by at most {asked_for}",
-        f"(shares of time: points) and {ERRORS_ALLOWED:g} standard errors of the difference; first slip by at "
-        f"most {100.0 * FIRST_SLIP:g} %.",
-        "Cost: the thread's own processor time per simulated second, mean over scenes; wall time is in the file.",
+        f"Right: off by at most {tolerances}",
+        f"(shares of time: points) and {ERRORS_ALLOWED:g} standard errors; first slip {100.0 * FIRST_SLIP:g} %.",
     ]
 
 
-def _costs(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
-    """A line for each method and setting."""
-    reference = find(every, asked.PAPER)
-    heads = ["method", "setting", "step us", "modes", "alone", "in batch", "paper / it"]
-    heads += ["mismatch", "scatter", "worst", "right", "undamped"]
-    cells = []
-    for row in every:
-        at = _at(dataset, row)
-        ratio = reference.alone / row.cost if reference else np.nan
-        cells.append(
-            [
-                asked.METHODS[row.method],
-                row.name,
-                transients.text(mean(at["step"].values), 3, 1e6),
-                transients.text(mean(at["modes"].values), 0),
-                _seconds(row.alone),
-                _seconds(row.together),
-                _ratio(ratio),
-                *(transients.text(each, 2) for each in (row.mismatch, row.scatter, row.worst)),
-                f"{row.right}/{row.scenes}" if row.scenes else "-",
-                transients.text(row.undamped, 2),
-            ]
-        )
-    return [
-        "Cost (s per simulated second) and mismatch: errors in units of their tolerances, root mean square over",
-        "figures and scenes; scatter: what chance alone would make of it; worst: the largest; undamped: mismatch",
-        "against paper with beta2 = 0.5, which has no numerical damping.",
-        Table(heads, cells, 2),
-    ]
+def _stability(data: xr.Dataset) -> list[Part]:
+    """How the onset of sliding's flutter converges."""
+    known = largest(data["onset_error"]).to_dataset("termination").dropna("setting", how="all")
+    columns: dict[str, Column] = {"setting": lambda row: label(row["setting"].item(), float(row["cutoff"]))}
+    columns |= {kind: (kind, ".1e") for kind in data["termination"].values.tolist()}
+    return [*OF_STABILITY, Table.of(known, "setting", columns, 1)] if known.sizes["setting"] else []
 
 
-def _errors(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
-    """Of each figure the largest error over scenes, and in brackets the deviations' root mean square."""
-    heads = ["method", "setting", *(each.long_name for each in FIGURES), *(head for _, head, _, _ in OTHERS)]
-    cells = []
-    for row in every:
-        at = _at(dataset, row)
-        parts = [_error(at, f"{each.name}_error", f"{each.name}_deviation") for each in FIGURES]
-        parts += [_error(at, name, "spectrum_deviation" if both else "") for name, _, _, both in OTHERS]
-        if any(part != "-" for part in parts):
-            cells.append([asked.METHODS[row.method], row.name, *parts])
-    if not cells:
-        return []
-    return [
-        "Errors in per cent (shares of time: points), the largest over scenes; in brackets the same in standard",
-        "errors, root mean square over scenes. KS, W1: two-sample distances of the long sticks (Kolmogorov and",
-        "Smirnov's; Wasserstein's over the mean); spectrum: in third-octave bands, what lies elsewhere.",
-        Table(heads, cells, 2),
-    ]
+def table(data: xr.Dataset) -> pd.DataFrame:
+    """Methods and settings of which a cost is known, in the file's order.
+
+    Over scenes, as MEANS, MEAN_SQUARES and LARGEST say, the mean, the root mean square, or the largest with its
+    sign; `cost` is that in batch, else alone, `ratio` that of `paper` by default over it. Of each figure, by its
+    name, the largest error.
+    """
+    within = data["within"]
+    columns = {column: data[name].mean("scene") for column, name in MEANS.items()}
+    columns |= {column: root_mean_square(data[name]) for column, name in MEAN_SQUARES.items()}
+    columns |= {column: largest(data[name]) for column, name in LARGEST.items()}
+    for scene in data["scene"].values:
+        columns[f"mismatch at {scene}"] = data["mismatch"].sel(scene=scene, drop=True)
+    for k, figure in enumerate(FIGURES):
+        columns[figure.name] = largest(data["figure_error"].isel(figure=k, drop=True))
+    columns["right_scenes"] = (within == WITHIN.index("yes")).sum("scene")
+    columns["known_scenes"] = (within != WITHIN.index("unknown")).sum("scene")
+    frame = xr.Dataset(columns).to_dataframe(["method", "setting"]).reset_index()
+    frame["label"] = [label(*each) for each in zip(frame["setting"], frame["cutoff"], strict=True)]
+    frame["cost"] = frame["batch"].fillna(frame["alone"])
+    frame["ratio"] = default(frame, PAPER)["alone"].sum(min_count=1) / frame["cost"]
+    return frame[frame["alone"].notna()].reset_index(drop=True)
 
 
-def _error(at: xr.Dataset, name: str, deviation: str) -> str:
-    if name not in at:
-        return "-"
-    error = largest(at[name].values)
-    if np.isnan(error):
-        return "-"
-    near = root_mean_square(at[deviation].values) if deviation else np.nan
-    return f"{100.0 * error:+.1f}" + ("" if np.isnan(near) else f" ({near:.1f})")
+def largest(values: xr.DataArray) -> xr.DataArray:
+    """Of the largest magnitude over scenes, with its sign; NaN where there is none."""
+    values = values.drop_vars("scene")
+    return values.isel(scene=abs(values).fillna(-1.0).argmax("scene"))
 
 
-def _bursts(every: Sequence[Row], dataset: xr.Dataset) -> list[Part]:
-    """Errors up to the first separation, the largest over scenes."""
-    cells = []
-    for row in every:
-        at = _at(dataset, row)
-        values = [largest(at[name].values) if name in at else np.nan for name, _ in BURST]
-        if np.isfinite(values).any():
-            shown = (transients.text(each, 3, 100.0) for each in values)
-            cells.append([asked.METHODS[row.method], row.name, *shown])
-    lines: list[Part] = [
-        "The first burst, per cent, the largest over scenes. Half-way: from the start to half-way between first",
-        "slip and first separation; delay: the time between them. fast and solve_ivp against exact on the same",
-        "reduced model; paper against itself with a quarter of the step and without numerical damping.",
-        "*: against paper as it is.",
-        Table(["method", "setting", *(head for _, head in BURST)], cells, 2),
-    ]
-    stopped = dataset["gave_up_time"].transpose(*DIMS).values
-    for j, k, n in np.argwhere(np.isfinite(stopped)):
-        named = (("method", j), ("setting", k), ("scene", n))
-        where = ", ".join(str(dataset[f"{name}_name"].values[at]) for name, at in named)
-        moment = 1e3 * stopped[j, k, n]
-        lines.append(f"{where}: gave up at {moment:.3f} ms, where events follow each other without end.")
-    return lines
+def label(setting: str, cutoff: float) -> str:
+    """A setting for a reader: a cut-off in kHz, and not in units of P1's first axial frequency."""
+    return f"cut-off {1e-3 * cutoff:.3g} kHz" if OPTIONS[setting].kind == "cut-off" else setting
 
 
-def _choice(every: Sequence[Row]) -> list[str]:
-    """The front, the default, and what is the cheapest that is right."""
-    if not any(np.isfinite(row.mismatch) for row in every):
-        return ["Without paper by default there is nothing to hold figures against."]
-    lines = [
-        "What no other is both cheaper and nearer than, from the cheapest on (cost in batch, mismatch, right):"
-    ]
-    for row in front(every):
-        right = f"{row.right}/{row.scenes}"
-        lines.append(f"  {_called(row)}: {_seconds(row.cost)} s per s, {row.mismatch:.2f}, {right}")
-    own, best = find(every, asked.FAST), cheapest_right(every)
-    if own is not None and np.isfinite(own.mismatch):
-        lines.append(
-            f"fast by default: {_seconds(own.cost)} s per s, mismatch {own.mismatch:.2f} (scatter alone "
-            f"{own.scatter:.2f}), right at {own.right} of {own.scenes} scenes."
-        )
-    if best is None:
-        return [*lines, "No setting is right at every scene."]
-    lines.append(f"The cheapest that is right at every scene: {_called(best)}, {_seconds(best.cost)} s per s")
-    if own is not None:
-        lines[-1] += f", {own.cost / best.cost:.2f} times cheaper than fast by default"
-    lines[-1] += "."
-    return lines
+def default(frame: pd.DataFrame, method: str = FAST) -> pd.DataFrame:
+    """The row of a method by default, if there is one."""
+    return frame[(frame["method"] == method) & (frame["setting"] == DEFAULT)]
 
 
-def _stability(dataset: xr.Dataset) -> list[Part]:
-    """How onset and growth of sliding's flutter converge."""
-    if "onset_error" not in dataset:
-        return []
-    cells = []
-    for k, setting in enumerate(dataset["setting"].values):
-        option = asked.OPTIONS[int(setting)]
-        parts = [
-            dataset[f"{what}_error"].isel(setting=k).transpose("termination", "scene").values for what in STABLE
-        ]
-        if np.isfinite(parts).any():
-            # Of a mesh all modes are kept, and no termination is the same as another.
-            shown = [
-                _largest_of(part[j]) if option.kind == "cut-off" or j == 0 else "-"
-                for part in parts
-                for j in range(len(part))
-            ]
-            cells.append([str(dataset["setting_name"].values[k]), *shown])
-    if not cells:
-        return []
-    names = [f"{what}, {kind}" for what in STABLE for kind in dataset["termination"].values]
-    return [
-        "Sliding stability: error of the lowest onset's mu and of the largest growth rate below 10 kHz, relative,",
-        "the largest over scenes; of a cut-off against all modes, by termination; of a mesh against the finest.",
-        Table(["setting", *names], cells, 1),
-    ]
-
-
-STABLE = ("onset", "growth")
-
-
-def _largest_of(values: Any) -> str:
-    error = largest(values)
-    return "-" if np.isnan(error) else f"{error:.1e}"
-
-
-def _at(dataset: xr.Dataset, row: Row) -> xr.Dataset:
-    return dataset.sel({"method": row.method, "setting": row.setting})
-
-
-def _called(row: Row) -> str:
-    return f"{asked.METHODS[row.method]}, {row.name}"
-
-
-def _seconds(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3g}"
-
-
-def _ratio(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
+def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
+    """The row of the cheapest that is right at every scene, if there is one."""
+    right = (frame["known_scenes"] > 0) & (frame["right_scenes"] == frame["known_scenes"])
+    return frame[right].nsmallest(1, "cost")

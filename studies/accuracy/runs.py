@@ -1,75 +1,60 @@
-"""Ensembles of `studies.accuracy.study`: what each costs, and the figures of its members."""
+"""Runs of one method with one setting at one scene: what they cost, their figures, and their first burst."""
 
 from __future__ import annotations
 
+import os
+import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from filelock import FileLock
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from fivcore import Scene, Transient
-from studies.accuracy.settings import EXACT, FAST, SIMULATED, Option
+from fivcore import Scene, Transient, simulate, simulate_many
+from fivcore.contact.reduced import default_cutoff
+from fivcore.transient.published import STEP
+from studies.accuracy import elements, errors, solve_ivp
+from studies.accuracy.settings import ELEMENTS, EVENTS, EXACT, FAST, PAPER, Option, model_of
 from studies.motion import ensembles, transients
-from studies.motion.jobs import Job, run_all
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")
 
 # Long sticks kept of each member.
 KEPT = 64
-# Third-octave bands by their number n, centred at 10^(n / 10) Hz (IEC 61260): 251 Hz to 7.9 kHz.
-BANDS = np.arange(24, 40)
-# Of the velocity of B whose spectrum is taken, Hz.
-SAMPLE_RATE = 25e3
-# After a run this long, which has a skip, everything is compiled and every basis built, s; so often is a short
-# run timed.
-WARMING, TIMED = 10e-3, 3
-# Figures of each member, of `studies.motion.transients.SUMMARY`.
-FIGURES = (
-    "stick_fraction",
-    "slip_fraction",
-    "separation_fraction",
-    "dominant_frequency",
-    "velocity_rms",
-    "mean_normal_force",
-    "normal_force_999",
-    "slip_speed_999",
-    "switches_per_second",
-    "first_slip_time",
-    "first_separation_time",
-    "energy_residual",
-)
+# After a run this long, which has a skip, everything is compiled and every basis built, s.
+WARMING = 10e-3
+# `paper` takes equal steps whatever moves, so that a short run tells its cost, s; so often are runs timed, but for
+# `exact`, whose cost is that of the events of a whole run.
+SHORT, TIMED = 0.1, 3
+# What is kept of each member besides its long sticks.
+FIGURES = [each.name for each in errors.FIGURES if each.name != "mean_stick_time"]
+FIGURES += ["first_slip_time", "first_separation_time"]
+# How long after the first slip, by the static law, a run goes on that shall reach its first separation, s; and how
+# long solve_ivp does, so that its cost is that of vibration too.
+BURST, VIBRATION = 8e-3, 20e-3
+# The published scheme's own converged motion: its step so many times finer, and no numerical damping.
+FINER, UNDAMPED = 4, 0.5
+# At which first bursts are compared that have no step in common, Hz.
+RATE = 1e6
+# Relative tolerance of solve_ivp by default.
+TOLERANCE = 1e-6
+# On this machine one thread of one process holds it (a user's number is none on Windows, where the folder is their
+# own): whatever is timed has no other point beside it.
+TURN = FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{getattr(os, 'getuid', int)()}.lock"))
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Processor time of the thread that computes, and wall time, s."""
-
-    cpu: float
-    wall: float
-
-
-def together(jobs: Sequence[Job]) -> list[Transient]:
-    """Simulate jobs side by side and raise the first error of a scene."""
-    runs = []
-    for run in run_all(jobs):
-        if not isinstance(run, Transient):
-            raise run
-        runs.append(run)
-    return runs
-
-
-def timed(compute: Callable[[], Result]) -> tuple[Result, Cost]:
-    """A result and what it took.
-
-    Processor time is the thread's own: neighbours on the machine, and other threads of the sweep, do not count.
-    """
+def timed(compute: Callable[[], Result]) -> tuple[Result, float, float]:
+    """A result, the thread's own processor time, to which nothing else adds, and the wall time, s."""
     cpu, wall = time.thread_time(), time.perf_counter()
     result = compute()
-    return result, Cost(time.thread_time() - cpu, time.perf_counter() - wall)
+    return result, time.thread_time() - cpu, time.perf_counter() - wall
 
 
 def most_members(fixed: Mapping[str, Any]) -> int:
@@ -77,100 +62,107 @@ def most_members(fixed: Mapping[str, Any]) -> int:
     return int(max(fixed["members"], fixed["reference_members"], fixed["variant_members"]))
 
 
-def extent(method: int, option: Option, fixed: Mapping[str, Any]) -> tuple[int, float]:
-    """How many members an ensemble has, and how long each runs, s: what is dear has fewer and shorter ones."""
-    if method == FAST:
-        # Where the contact moves, its shapes are made anew all the time.
-        return fixed["reference_members" if option.kind == "contact" else "members"], fixed["duration"]
-    if method == EXACT:
-        return fixed["variant_members"], fixed["duration"]
-    if option.kind == "default":
-        return fixed["reference_members"], fixed["duration"]
-    return fixed["variant_members"], fixed["variant_duration"]
-
-
-def shortest(scene: Scene, fixed: Mapping[str, Any]) -> float:
-    """Of what duration a run must be to have as much after settling as there are windows in a spectrum, s."""
-    return float(fixed["ramp"] + ensembles.load_up(scene) + transients.SETTLING + 4.0 * transients.WINDOW)
-
-
 def ensemble(
-    method: int, option: Option, scene: Scene, given: Mapping[str, Any], fixed: Mapping[str, Any]
+    method: str, option: Option, scene: Scene, options: Mapping[str, Any], fixed: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Costs and figures of the ensemble of one scene.
+    """Costs and figures of the ensemble of one scene, by `fast`, `paper` or `exact`.
 
-    Parameters
-    ----------
-    method : int
-        FAST, PAPER or EXACT.
-    given : mapping
-        What the setting asks of `fivcore.simulate`.
-    fixed : mapping
-        `ramp`, `duration`, `members`, `recorded`, `reference_members`, `variant_members`, `variant_duration`.
+    `options` are arguments of `fivcore.simulate`; `fixed` are the study's settings.
     """
-    count, duration = extent(method, option, fixed)
+    # What is dear has fewer and shorter runs.
+    variant = method == PAPER and option.kind != "default"
+    kind = "variant_" if variant or method == EXACT else "reference_" if method == PAPER else ""
+    count, duration = fixed[f"{kind}members"], fixed["variant_duration" if variant else "duration"]
+    members: list[Any]
+    ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
 
-    def jobs(length: float, **more: Any) -> list[Job]:
-        ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
-        options = {"method": SIMULATED[method], **given, **more}
-        return [Job(scene, length, {**options, "ramp": ramp}) for ramp in ramps]
+    def run(ramp: float, length: float = duration) -> Transient:
+        return simulate(scene, length, method, ramp=ramp, **options)
 
-    together(jobs(WARMING)[:1])
-    recorded = jobs(duration, record=True, sample_rate=transients.OVERSAMPLING * SAMPLE_RATE)
+    run(ramps[0], WARMING)
+    length = min(SHORT, duration) if method == PAPER else duration
+    costs = [timed(lambda: run(ramps[0], length))[1:] for _ in range(1 if method == EXACT else TIMED)]
+    cpu, wall = np.median(costs, axis=0) / length
     if method == FAST:
-        runs, batch = timed(lambda: together(jobs(duration)))
-        costs = [timed(lambda: together(jobs(duration)[:1]))[1] for _ in range(TIMED)]
-        summaries = [run.summary for run in runs]
-        powers = [band_powers(*together([job])) for job in recorded[: fixed["recorded"]]]
+        members, batch, _ = timed(lambda: simulate_many([scene] * count, duration, method, ramp=ramps, **options))
+        batch /= count * duration
     else:
-        # A record adds nothing to speak of to what these cost, but too much memory for all at once.
-        found = [timed(lambda job=job: _heard(job)) for job in recorded]  # type: ignore[misc]
-        costs = [cost for _, cost in found]
-        batch = Cost(*np.sum([(cost.cpu, cost.wall) for cost in costs], axis=0))
-        summaries = [summary for (summary, _), _ in found]
-        powers = [power for (_, power), _ in found]
+        # Members are computed one by one: each costs what one alone does. What is not timed has all cores.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            members, batch = list(pool.map(run, ramps)), cpu
+    if failed := [one for one in members if isinstance(one, Exception)]:
+        raise failed[0]
     most = most_members(fixed)
-    return _figures(summaries, most, duration) | {
-        "band_power": _padded(powers, most, (len(BANDS),)),
-        "cpu_per_second": float(np.median([cost.cpu for cost in costs])) / duration,
-        "wall_per_second": float(np.median([cost.wall for cost in costs])) / duration,
-        "batch_cpu_per_second": batch.cpu / (count * duration),
+    figures = {name: _padded([each.summary[name] for each in members], most) for name in FIGURES}
+    sticks = [_padded(each.summary["stick_times"][:KEPT], KEPT) for each in members]
+    return figures | {
+        "stick_time": _padded(sticks, most, KEPT),
+        "observed_time": np.fmax(duration - figures["first_slip_time"] - transients.SETTLING, 0.0),
+        "cpu_per_second": cpu,
+        "wall_per_second": wall,
+        "batch_cpu_per_second": batch,
     }
 
 
-def _heard(job: Job) -> tuple[dict[str, Any], Array]:
-    (run,) = together([job])
-    return run.summary, band_powers(run)
-
-
-def _figures(summaries: Sequence[Mapping[str, Any]], most: int, duration: float) -> dict[str, Any]:
-    """Figures, long sticks and the time observed of each member, padded with NaN."""
-    found: dict[str, Any] = {
-        name: _padded([np.array(each[name], dtype=float) for each in summaries], most, ()) for name in FIGURES
-    }
-    sticks = [np.asarray(each["stick_times"], dtype=float)[:KEPT] for each in summaries]
-    found["stick_time"] = _padded([_padded(list(each), KEPT, ()) for each in sticks], most, (KEPT,))
-    found["observed_time"] = np.fmax(duration - found["first_slip_time"] - transients.SETTLING, 0.0)
-    return found
-
-
-def _padded(parts: Sequence[Any], most: int, shape: tuple[int, ...]) -> Array:
-    whole = np.full((most, *shape), np.nan)
-    for k, part in enumerate(parts):
-        whole[k] = part
+def _padded(parts: Any, *shape: int) -> Array:
+    whole = np.full(shape, np.nan)
+    whole[: len(parts)] = np.reshape(parts, (len(parts), *shape[1:]))
     return whole
 
 
-def band_powers(run: Transient) -> Array:
-    """Mean square of the velocity of B in each band after settling, m2/s2; NaN where the run has no spectrum."""
-    times = transients.even_times(float(run.time[-1]), SAMPLE_RATE).values
-    series = transients.velocity(run, times, SAMPLE_RATE)
-    density = transients.spectrum(series, transients.settled(run, times), SAMPLE_RATE)
-    frequency = transients.frequencies(SAMPLE_RATE).values
-    edges = 10.0 ** ((np.append(BANDS, BANDS[-1] + 1) - 0.5) / 10.0)
-    # A band's share of each bin: below 1 kHz bins are not much narrower than bands.
-    width = frequency[1]
-    inside = np.minimum(frequency + 0.5 * width, edges[1:, None]) - np.maximum(
-        frequency - 0.5 * width, edges[:-1, None]
-    )
-    return np.asarray(np.maximum(inside, 0.0) @ density)
+def burst(
+    method: str, option: Option, scene: Scene, options: Mapping[str, Any], fixed: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Error of the first burst; where a method has no ensemble also its cost and its first times.
+
+    `fast` and solve_ivp are compared with `exact` on the same reduced model, without the finer model that `fast`
+    takes for the onset by itself; `exact` has no other element. The published scheme is compared with itself,
+    converged.
+    """
+    ramp: float = fixed["ramp"]
+    end = 0.5 * ramp + ensembles.load_up(scene) + BURST
+    common: dict[str, Any] = {"record": True, "sample_rate": RATE, "ramp": ramp}
+    if method == PAPER:
+        return slip_error(simulate(scene, end, "paper", **common, **options), converged(scene, end, ramp))
+    # With a cut-off that is given there is no other model for the onset.
+    common["cutoff"] = default_cutoff(scene.rig)
+    if method == FAST and "termination" not in options:
+        step = options.get("step", model_of(scene, options).default_step)
+        common |= {**options, "step": step, "sample_rate": 1.0 / step}
+        return slip_error(*(simulate(scene, end, each, **common) for each in ("fast", "exact")))
+    if method == ELEMENTS:
+        elements.run(scene, ramp, ramp, RATE)
+        run, cpu, wall = timed(lambda: elements.run(scene, end, ramp, RATE))
+        reference = converged(scene, end, ramp)
+    elif method == EVENTS:
+        end += VIBRATION - BURST
+        reference, model = simulate(scene, end, "exact", **common), model_of(scene, {})
+        tolerance = float(option.value) if option.kind == "tolerance" else TOLERANCE
+        run, cpu, wall = timed(lambda: solve_ivp.run(scene, model, end, ramp, tolerance, reference.time))
+    else:
+        return {}
+    # The run is that of the first member.
+    firsts = {name: _padded([first], most_members(fixed)) for name, first in run.summary.items()}
+    costs = {"cpu_per_second": cpu / end, "wall_per_second": wall / end}
+    return costs | firsts | slip_error(run, reference)
+
+
+@lru_cache(maxsize=8)
+def converged(scene: Scene, end: float, ramp: float) -> Transient:
+    """The published scheme with a finer step and without its numerical damping."""
+    fine: dict[str, Any] = {"step": STEP / FINER, "beta2": UNDAMPED, "ramp": ramp}
+    return simulate(scene, end, "paper", record=True, sample_rate=RATE, **fine)
+
+
+def slip_error(run: Transient, reference: Transient) -> dict[str, float]:
+    """Largest difference of the velocity of B over its largest value, from the start to half-way through slip.
+
+    That is half-way between the reference's first slip and first separation: what grows until the surfaces part
+    oscillates at up to 100 kHz, and a small error of its phase or of its rate is soon as large as the motion.
+    """
+    slip, parting = (reference.summary[f"first_{event}_time"] for event in ("slip", "separation"))
+    ends = (0.5 * (slip + parting), run.summary["first_separation_time"], run.time[-1], reference.time[-1])
+    times = run.time[run.time < np.nanmin(ends)]
+    expected = CubicSpline(reference.time, reference.velocity_B)(times)
+    wrong = np.abs(run.velocity_B[: len(times)] - expected)
+    return {"slip_velocity_error": float(wrong.max() / np.abs(expected).max())}

@@ -1,159 +1,157 @@
 """SciPy's solve_ivp with events on the reduced model: the obvious tool, used as its documentation says.
 
-Each regime of `studies.accuracy.odes` is integrated until one of its events: the gap closes, the normal force
-vanishes, the friction cone is reached, slip stops. What comes next is decided from the state. Nothing keeps the
-integrator from stepping over two events that lie within one of its steps, and where events follow each other
-without time going on (chatter on the tip of the cone, an impact that does not end) it gives up.
+Each regime is a linear system, written from the contact law alone (`fivcore.contact.law`), and integrated until
+one of its events: the gap closes, the normal force vanishes, the friction cone is reached, slip stops. What comes
+next is decided from the state. Nothing keeps the integrator from stepping over two events that lie within one of
+its steps, or events from following each other without time going on (chatter on the tip of the cone, an impact
+that does not end).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy import integrate
 
-from fivcore import Scene
+from fivcore import DivergenceError, Scene, Transient
 from fivcore.contact.reduced import ReducedModel
 from fivcore.transient.normalised import Normalised
-from studies.accuracy.odes import SEPARATION, SLIP_DOWN, SLIP_UP, STICK, System, systems
-from studies.accuracy.trajectory import Track
 
 Array = NDArray[np.float64]
-NORMAL, TANGENTIAL, GAP, SLIP = range(4)
+SEPARATION, STICK, SLIP_UP, SLIP_DOWN = range(4)
 # So many events in a row, each within so short a time of the last one (s), are none that it gets past.
 MOST_EVENTS, NO_TIME = 100, 1e-12
 
 
+class System(NamedTuple):
+    """One regime: y' = A y + B (1, X', X''), for y = (q, v, u_N, u_T) from rest under a load of 1 N.
+
+    X is the displacement of P2's clamp. `signals` and `drift`, (4, m) and (4, 3), give N, T, gap and slip rate
+    from y and from (1, X', X'').
+    """
+
+    A: Array
+    B: Array
+    signals: Array
+    drift: Array
+
+
+def systems(model: ReducedModel, mu: float) -> list[System]:
+    """Separation, stick, slip with T = mu N and slip with T = -mu N, for a model with an absorbing element."""
+    n = len(model.stiffness)
+    size = 2 * n + 2
+    unit, one = np.eye(size + 3), size
+    v, u, clamp = unit[n : 2 * n], unit[2 * n : size], unit[size + 1]
+    rate_N, rate_T = model.normal @ v, model.tangential @ v - clamp
+    found = list[System]()
+    for regime, m in ((SEPARATION, 0.0), (STICK, 0.0), (SLIP_UP, mu), (SLIP_DOWN, -mu)):
+        if regime == SEPARATION:
+            load = np.stack([unit[one], 0.0 * unit[one]])
+            rate = -np.linalg.solve(model.C, model.K @ u + load)
+        else:
+            rate = np.stack([-rate_N, -rate_T])
+            if regime != STICK:
+                # T - m N = 0 for the rate of u_T.
+                K, C = model.K[1] - m * model.K[0], model.C[1] - m * model.C[0]
+                rate[1] = -(K @ u + C[0] * rate[0] - m * unit[one]) / C[1]
+        force = model.K @ u + model.C @ rate
+        whole = np.zeros((size, size + 3))
+        whole[:n] = v
+        whole[n : 2 * n] = (
+            -model.stiffness[:, None] * unit[:n]
+            - model.damping[:, None] * v
+            + np.outer(model.normal, force[0])
+            + np.outer(model.tangential, force[1])
+            + np.outer(model.inertia, unit[size + 2])
+        )
+        whole[2 * n :] = rate
+        gap = model.normal @ unit[:n] + u[0]
+        signals = np.stack([force[0] + unit[one], force[1], gap, rate_T + rate[1]])
+        found.append(System(whole[:, :size], whole[:, size:], signals[:, :size], signals[:, size:]))
+    return found
+
+
 def run(
     scene: Scene, model: ReducedModel, duration: float, ramp: float, tolerance: float, times: Array
-) -> tuple[Track, float]:
-    """Integrate from rest under the load, for V > 0 and a ramp, and read the motion at `times`.
+) -> Transient:
+    """Integrate from rest under the load, for V > 0 and a ramp, and read the velocity of B at `times`."""
+    speed, mu, n = Normalised.of(scene).speed_per_load, scene.mu, len(model.stiffness)
+    # A velocity of the drive's size, in every coordinate.
+    slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
+    size, slow = speed / float(np.abs(model.tangential).max()), speed / model.contact_frequency
+    scale = [size / np.maximum(np.sqrt(model.stiffness), slowest), np.full(n, size), np.full(2, slow)]
+    absolute = tolerance * np.concatenate(scale)
+    regimes, regime, y, t, idle = systems(model, mu), STICK, np.zeros(2 * n + 2), 0.0, 0
+    firsts = {"first_slip_time": np.nan, "first_separation_time": np.nan}
+    velocity = np.full(len(times), np.nan)
+    for begin, end in pairwise([0.0, min(ramp, duration), duration]):
 
-    Also when the run ended, s: it may give up before `duration`, and with it what can be read.
-    """
-    return _Run(scene, model, ramp, tolerance).through(duration, times)
+        def drive(t: Any, ramping: bool = begin < ramp) -> Array:
+            """1, X' and X''."""
+            one = np.ones_like(np.asarray(t, dtype=float))
+            shape, acceleration = (t / ramp, speed / ramp) if ramping else (one, 0.0)
+            return np.stack([one, speed * shape, one * acceleration])
+
+        while t < end:
+            system = regimes[regime]
+            found = integrate.solve_ivp(
+                lambda t, y, system=system, drive=drive: system.A @ y + system.B @ drive(t),
+                (t, end),
+                y,
+                rtol=tolerance,
+                atol=absolute,
+                dense_output=True,
+                events=_events(regime, system, mu, drive),
+            )
+            read = (times >= t) & (times < found.t[-1])
+            if read.any():
+                velocity[read] = scene.F * (model.point_b @ found.sol(times[read])[n : 2 * n])
+            idle = idle + 1 if found.t[-1] - t < NO_TIME else 0
+            t, y = float(found.t[-1]), found.y[:, -1]
+            if found.status < 0 or idle == MOST_EVENTS:
+                raise DivergenceError(f"SciPy's solve_ivp cannot go on at {t:g} s: {found.message}", scene)
+            if found.status == 1:
+                hit = next(k for k, each in enumerate(found.t_events) if len(each))
+                regime = _after(regime, hit, mu, [each.signals @ y + each.drift @ drive(t) for each in regimes])
+                name = f"first_{'separation' if regime == SEPARATION else 'slip'}_time"
+                if regime != STICK and np.isnan(firsts[name]):
+                    firsts[name] = t
+    known = times < duration
+    return Transient(scene, firsts, times[known], velocity[known])
 
 
-class _Run:
-    """One run in progress, for a load of 1 N."""
+def _events(regime: int, system: System, mu: float, drive: Callable[[float], Array]) -> list[Callable[..., float]]:
+    """Functions that are positive within the regime."""
 
-    def __init__(self, scene: Scene, model: ReducedModel, ramp: float, tolerance: float) -> None:
-        self.scene = Normalised.of(scene)
-        self.mu, self.ramp, self.tolerance = scene.mu, ramp, tolerance
-        self.model, self.systems = model, systems(model, scene.mu)
-        n = len(model.stiffness)
-        self.y, self.regime = np.zeros(2 * n + 2), STICK
-        # What a velocity of the drive's size is in every coordinate.
-        slowest = np.sqrt(model.stiffness[model.stiffness > 0.0].min())
-        frequency = np.maximum(np.sqrt(model.stiffness), slowest)
-        size = self.scene.speed_per_load / float(np.abs(model.tangential).max())
-        slow = self.scene.speed_per_load / model.contact_frequency
-        self.scale = np.concatenate([size / frequency, np.full(n, size), np.full(2, slow)])
-        self.firsts = np.full(2, np.nan)
-
-    def through(self, duration: float, times: Array) -> tuple[Track, float]:
-        """The whole run."""
-        t, idle = 0.0, 0
-        heard: list[tuple[Array, Array, Array]] = []
-        for begin, end in pairwise([0.0, min(self.ramp, duration), duration]):
-            t = begin
-            while t < end and idle < MOST_EVENTS:
-                system = self.systems[self.regime]
-                found = solve_ivp(
-                    self._rate(system, begin),
-                    (t, end),
-                    self.y,
-                    rtol=self.tolerance,
-                    atol=self.tolerance * self.scale,
-                    dense_output=True,
-                    events=self._events(system, begin),
-                )
-                heard.append(self._read(system, begin, found, times))
-                after = float(found.t[-1])
-                idle = idle + 1 if after - t < NO_TIME and found.status == 1 else 0
-                t, self.y = after, found.y[:, -1]
-                if found.status == 1:
-                    hit = next(k for k, each in enumerate(found.t_events) if len(each))
-                    self._switch(hit, t, begin)
-                elif found.status < 0:
-                    idle = MOST_EVENTS
-            if idle >= MOST_EVENTS:
-                break
-        F = self.scene.load
-        time, velocity, force = (np.concatenate(part) for part in zip(*heard, strict=True))
-        return Track(time, F * velocity, F * force, *(float(first) for first in self.firsts)), t
-
-    def _drive(self, t: Any, begin: float) -> Array:
-        """1, X' and X'' of the stretch that began at `begin`: the ramp's, or after it."""
-        pace, ramping = self.scene.speed_per_load, begin < self.ramp
-        one = np.ones_like(np.asarray(t, dtype=float))
-        return np.stack(
-            [one, pace * (t / self.ramp if ramping else one), one * (pace / self.ramp if ramping else 0.0)]
-        )
-
-    def _rate(self, system: System, begin: float) -> Callable[[float, Array], Array]:
-        return lambda t, y: system.A @ y + system.B @ self._drive(t, begin)
-
-    def _signals(self, system: System, t: float, y: Array, begin: float) -> Array:
-        return np.asarray(system.signals @ y + system.drift @ self._drive(t, begin))
-
-    def _events(self, system: System, begin: float) -> list[Callable[[float, Array], float]]:
-        """Functions that are positive within the regime."""
-
-        def watch(what: Callable[[Array], float]) -> Callable[[float, Array], float]:
-            def event(t: float, y: Array) -> float:
-                return float(what(self._signals(system, t, y, begin)))
-
-            event.terminal = True  # type: ignore[attr-defined]
-            event.direction = -1.0  # type: ignore[attr-defined]
-            return event
-
-        if self.regime == SEPARATION:
-            return [watch(lambda s: s[GAP])]
-        if self.regime == STICK:
-            return [
-                watch(lambda s: s[NORMAL]),
-                watch(lambda s: self.mu * s[NORMAL] - s[TANGENTIAL]),
-                watch(lambda s: self.mu * s[NORMAL] + s[TANGENTIAL]),
-            ]
+    def margins(t: float, y: Array) -> list[float]:
+        N, T, gap, slip = system.signals @ y + system.drift @ drive(t)
+        if regime == SEPARATION:
+            return [gap]
         # T = mu N acts on P1 while it moves backwards over P2.
-        sign = -1.0 if self.regime == SLIP_UP else 1.0
-        return [watch(lambda s: s[NORMAL]), watch(lambda s: sign * s[SLIP])]
+        return [N, mu * N - T, mu * N + T] if regime == STICK else [N, -slip if regime == SLIP_UP else slip]
 
-    def _switch(self, hit: int, t: float, begin: float) -> None:
-        """The regime after an event."""
-        if self.regime != SEPARATION and hit == 0:
-            self.regime = SEPARATION
-        elif self.regime == STICK:
-            self.regime = SLIP_UP if hit == 1 else SLIP_DOWN
-        elif self.regime == SEPARATION:
-            self.regime = self._landed(t, begin)
-        else:
-            # Forces are continuous where slip ends: there sticking needs just what the cone has.
-            self.regime = STICK
-        first = {SLIP_UP: 0, SLIP_DOWN: 0, SEPARATION: 1}.get(self.regime)
-        if first is not None and np.isnan(self.firsts[first]):
-            self.firsts[first] = t
+    def event(k: int) -> Callable[..., float]:
+        def value(t: float, y: Array) -> float:
+            return float(margins(t, y)[k])
 
-    def _landed(self, t: float, begin: float) -> int:
-        """Stick if it needs no more than the cone has; else slip, the way sticking would have been broken."""
-        N, T = self._signals(self.systems[STICK], t, self.y, begin)[:2]
-        if abs(T) <= self.mu * N:
-            return STICK
-        regime = SLIP_UP if T > 0.0 else SLIP_DOWN
-        N = self._signals(self.systems[regime], t, self.y, begin)[NORMAL]
-        return regime if N > 0.0 else SEPARATION
+        value.terminal, value.direction = True, -1.0  # type: ignore[attr-defined]
+        return value
 
-    def _read(self, system: System, begin: float, found: Any, times: Array) -> tuple[Array, Array, Array]:
-        """Times within a stretch, the velocity of B and the normal force there."""
-        chosen = times[(times >= found.t[0]) & (times < found.t[-1])]
-        if not len(chosen):
-            return chosen, chosen, chosen
-        y = found.sol(chosen)
-        n = len(self.model.stiffness)
-        N = system.signals[NORMAL] @ y + system.drift[NORMAL] @ self._drive(chosen, begin)
-        return chosen, self.model.point_b @ y[n : 2 * n], N
+    return [event(k) for k in range({SEPARATION: 1, STICK: 3}.get(regime, 2))]
+
+
+def _after(regime: int, hit: int, mu: float, signals: list[Array]) -> int:
+    """The regime after an event; `signals` are what each regime would have there."""
+    if regime == SEPARATION:
+        # Stick if it needs no more than the cone has; else slip, the way sticking would have been broken.
+        N, T = signals[STICK][:2]
+        slip = SLIP_UP if T > 0.0 else SLIP_DOWN
+        return STICK if abs(T) <= mu * N else slip if signals[slip][0] > 0.0 else SEPARATION
+    if hit == 0:
+        return SEPARATION
+    # Forces are continuous where slip ends: there sticking needs just what the cone has.
+    return STICK if regime != STICK else SLIP_UP if hit == 1 else SLIP_DOWN
