@@ -160,7 +160,7 @@ class Study:
     def _one_function(self, axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
         """The sweep of `function` over the axes."""
         assert self.function is not None
-        grid, fixed = Grid(axes, skip=self.skip), dict(self.constants(settings))
+        grid = Grid(axes, skip=self.skip)
         check_size(grid)
         try:
             fixed = dict(self.constants(settings))
