@@ -11,6 +11,7 @@ import threading
 import time
 import tracemalloc
 
+import dask
 import distributed
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ import xarray as xr
 from threadpoolctl import threadpool_info
 
 from sweeps import (
+    DONE,
+    FAILED,
     Axis,
     Grid,
     Refinement,
@@ -143,6 +146,13 @@ def test_a_limit_of_threads_lasts_until_the_last_has_done():
 
 
 # Processes.
+
+
+def test_a_worker_that_takes_long_to_start_again_is_waited_for(monkeypatch):
+    monkeypatch.setattr(cluster, "BEREFT", 20.0)
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
+        data = make(points=8, parent=os.getpid(), deadly=5.0).plan().run("processes", 1)
+    assert data["status"].values.tolist() == [DONE] * 5 + [FAILED, DONE, FAILED]  # seven is not allowed
 
 
 def test_a_worker_that_is_killed_costs_nothing(temporary):
