@@ -44,7 +44,7 @@ class Result:
     target : str
         What a command calls it: the study's name or file, or the path.
     out : str or Path, optional
-        The results folder that was given.
+        The results folder that was given, unless the target is a path.
     """
 
     study: Study
@@ -73,7 +73,7 @@ class Result:
 
     def command(self, verb: str) -> str:
         """A command with it, in the results folder that was given."""
-        return results.command(verb, self.target, None if results.is_path(self.target) else self.out)
+        return results.command(verb, self.target, self.out)
 
     @property
     def seconds(self) -> float:
@@ -141,7 +141,7 @@ def _look(cells: Sequence[str]) -> str:
 
 def _lines(result: Result, point: str) -> dict[str, str]:
     """What computes a point of a plane of scenes again, and its scene."""
-    out = "" if result.out is None or results.is_path(result.target) else f", {str(result.out)!r}"
+    out = f", {str(result.out)!r}" if result.out else ""
     python = in_python(result.dataset, f"studies.open({result.target!r}{out})")
     return ({"This point again": point} if point else {}) | {"Its scene, in Python": python}
 

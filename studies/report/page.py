@@ -67,7 +67,8 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
         try:
             dataset = results.open_dataset(target, out)
             study = results.study_of(dataset, str(file))
-            found.append(Result(study, dataset, file, sweeps.status(file).state, target, out))
+            own = None if results.is_path(target) else out
+            found.append(Result(study, dataset, file, sweeps.status(file).state, target, own))
         except FileNotFoundError:
             if target not in registry.names():
                 raise

@@ -211,7 +211,7 @@ def test_the_digest_is_of_all_that_a_figure_shows(folder, monkeypatch):
     ):
         assert figures.data_digest(other) != digest
     # Large data is read in parts.
-    monkeypatch.setattr(figures, "READ_BYTES", 100)
+    monkeypatch.setattr(figures, "READ_BYTES", 1)
     assert figures.data_digest(data) == digest
 
 
