@@ -414,14 +414,14 @@ def test_the_mirrored_scene_moves_the_contact_the_same_way():
 
 
 @pytest.mark.parametrize(
-    ("V", "theta", "place", "direction", "duration", "bound"),
+    ("theta", "place", "direction", "duration", "bound"),
     [
-        (1.0, 5.0, 0.14, 1, 0.0035, 0.01),
-        (1.0, -5.0, 0.14, 1, 0.002, 1e-4),
-        (1.0, 5.0, 0.012, -1, 0.0025, 1e-3),
+        (5.0, 0.14, 1, 0.0025, 0.01),
+        (-5.0, 0.14, 1, 0.002, 1e-4),
+        (5.0, 0.012, -1, 0.0025, 1e-3),
     ],
 )
-def test_energy_is_kept_while_the_contact_point_moves(V, theta, place, direction, duration, bound):
-    """Over an element of P2 and more, the first over two, through vibration and through steady sliding."""
-    scene = Scene(V, theta, 0.2, 9.0, Rig(contact_position=place))
+def test_energy_is_kept_while_the_contact_point_moves(theta, place, direction, duration, bound):
+    """Over an element of P2 and more, through vibration and through steady sliding."""
+    scene = Scene(1.0, theta, 0.2, 9.0, Rig(contact_position=place))
     assert simulate(scene, duration, contact_motion=direction).summary["energy_residual"] < bound
