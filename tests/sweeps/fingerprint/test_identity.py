@@ -213,7 +213,7 @@ def test_each_edit_of_what_is_reached_counts(program):
     assert found() == before
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from([*edits()]), st.data())
 def test_one_edit_counts_whatever_else_is_edited_that_does_not(program, edit, data):
     files, found = program

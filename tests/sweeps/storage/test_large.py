@@ -69,8 +69,7 @@ COPIED = {
 }
 PLAIN_COPIES = {"function": unit, "key": COPIED["key"]}
 CASES = {
-    "plain": {},
-    "derived in another order": {
+    "derived, in another order": {
         "order_by": ("c", "b"),
         "derive": lambda data: data.assign(mean=data["series"].mean("step"), top=data["rounded"].max()),
     },
