@@ -76,12 +76,12 @@ class Selection:
                 yield block, places
 
     def _sorted(self, names: Sequence[str], order: Order, limit: int | None) -> Iterator[Rows]:
-        """All rows in order; with a limit at most twice as many are held, and a block."""
+        """All rows in order; with a limit no more than that are held, and a block."""
         wanted = [*names, *(column.name for column, _ in order)]
         parts: list[Rows] = []
         for block, places in self._chosen():
             parts.append(block.take(wanted, places))
-            if limit is not None and count_of(parts) > 2 * limit:
+            if limit is not None:
                 parts = [sorted_rows(joined(parts), order, limit)]
             if count_of(parts) > MOST_HELD:
                 raise InputError(
@@ -148,9 +148,9 @@ def sorted_rows(rows: Rows, order: Order, limit: int | None) -> Rows:
     ranks: list[NDArray[Any]] = []
     for column, descending in order:
         key = rows[column.name]
-        absent = column.missing(key)
-        rank = np.unique(key.astype(str), return_inverse=True)[1] if column.kind == TEXT else key.astype(float)
-        # The last of `lexsort`'s keys is its first.
-        ranks = [np.where(absent, 0.0, -rank if descending else rank), absent, *ranks]
+        values = np.unique(key.astype(str), return_inverse=True)[1] if column.kind == TEXT else key
+        rank = np.where(column.missing(key), np.nan, values.astype(float))
+        # The last of `lexsort`'s keys is its first; NaN comes last in each.
+        ranks = [-rank if descending else rank, *ranks]
     places = np.lexsort(ranks)[:limit]
     return {name: values[places] for name, values in rows.items()}

@@ -40,6 +40,7 @@ WHOLE = "count must be a whole number from 1 to 10000000, not "
         ("0:inf:3", "'inf' must be a finite number"),
         ("nan", "'nan' must be a finite number"),
         ("log:0:1:3", "both ends of a log: range must be above 0"),
+        ("log:1:0:3", "both ends of a log: range must be above 0"),
         ("log:1", "a range must be start:stop:count"),
         ("0:1:2:3", "a range must be start:stop:count"),
         ("0.1,x", "'x' must be a finite number"),
@@ -102,3 +103,6 @@ def test_as_many_values_as_are_allowed_can_be_halved(monkeypatch):
     assert len(spec.parse("0:1:5", "V")) == 5
     with pytest.raises(ValueError, match="count must be a whole number from 1 to 5, not '6'"):
         spec.parse("0:1:6", "V")
+    monkeypatch.setattr(spec, "MOST_VALUES", 4)
+    with pytest.raises(ValueError, match="cannot be halved 1 times"):
+        spec.refined("0:1:3", "V", 1)

@@ -234,9 +234,12 @@ def test_a_number_that_an_axis_has_not_is_a_warning(data):
 
 
 def test_too_many_rows_are_not_sorted(data, monkeypatch):
-    monkeypatch.setattr(rows, "MOST_HELD", 10)
-    with pytest.raises(ValueError, match="sort: more than 10 rows are to be sorted; give a limit"):
+    monkeypatch.setattr(rows, "MOST_HELD", 19)
+    with pytest.raises(ValueError, match="sort: more than 19 rows are to be sorted; give a limit"):
         query(data, sort="size")
+    monkeypatch.setattr(rows, "MOST_HELD", 20)
+    assert len(query(data, sort="size")) == 20
+    monkeypatch.setattr(rows, "MOST_HELD", 10)
     monkeypatch.setattr(rows, "AT_ONCE", 2)
     assert len(query(data, sort="size", limit=3)) == 3
 
