@@ -150,9 +150,7 @@ def _advance(
     WNN, WNT, WTT = W
     n = len(rest)
     q, v, a, star, mixed = rest.copy(), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    last_gT, last_T = 0.0, 0.0
-    for j in range(n):
-        last_gT += tangential[j] * q[j]
+    last_gT, last_T = np.dot(tangential, q), 0.0
     ramp_ends = round(ramp / dt)
     for i in range(steps):
         t = (i + 1.0) * dt
@@ -180,7 +178,4 @@ def _advance(
             v[j] = star[j] + b * dt * a[j]
             q[j] += dt * v[j] + 0.5 * dt * dt * a[j]
         if i % every == 0:
-            x = 0.0
-            for j in range(n):
-                x += point_b[j] * v[j]
-            record[i // every, 0], record[i // every, 1] = t, x
+            record[i // every, 0], record[i // every, 1] = t, np.dot(point_b, v)

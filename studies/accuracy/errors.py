@@ -34,7 +34,7 @@ class Figure(NamedTuple):
     name: str
     # Whether its error is over the reference's value.
     relative: bool
-    # What the project asks of `fast` (`tests/ensembles.py`); NaN: nothing.
+    # What the project asks of `fast` (`tests/benchmarks/ensembles.py`); NaN: nothing.
     tolerance: float
     long_name: str
 
@@ -98,10 +98,7 @@ def with_errors(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
         "mismatch_scatter": (scatter, "mismatch by scatter alone"),
         "mismatch_undamped": (undamped, "mismatch with paper, beta2 = 0.5"),
         "first_slip_error": (late, "error of the time of the first slip, over it"),
-        "within": (
-            _within(error, standard, late),
-            "whether first slip and figures are within tolerance and scatter",
-        ),
+        "within": (_within(error, standard, late), "whether first slip and figures are within tolerance"),
         "onset_error": (_onset_error(data["onset_mu"]), "error of the onset of sliding's flutter, over it"),
     }
     named = {name: part.assign_attrs(units="1", long_name=text) for name, (part, text) in added.items()}

@@ -39,11 +39,8 @@ LOOKS: dict[str, Look] = {
     STAR: POINTS | {"color": BLACK, "marker": "*", "markersize": 10.0, "zorder": 5},
 }
 TINY = 6.5
-COST, MISMATCH, ONSET = (
-    "processor s per simulated s",
-    "error / tolerance, rms",
-    r"error of the lowest onset's $\mu$",
-)
+COST, MISMATCH = "processor s per simulated s", "error / tolerance, rms"
+ONSET = r"error of the lowest onset's $\mu$"
 LAYOUT = (("a", "b"), ("c", "d"), ("c", "e"))
 
 

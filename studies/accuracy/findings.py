@@ -44,9 +44,9 @@ ERRORS: dict[str, Column] = {
 }
 OF_COSTS = (
     "Cost: processor time of the thread, s per simulated second, with nothing else of the run beside it, mean",
-    "over scenes; wall time is in the file. Mismatch: errors in units of their tolerances, root mean square over",
-    "figures and scenes; scatter: what chance alone would make of it; undamped: mismatch with paper with",
-    "beta2 = 0.5, which has no numerical damping; right: at how many scenes.",
+    "over scenes. Mismatch: errors in units of their tolerances, root mean square over figures and scenes;",
+    "scatter: by chance alone; undamped: with paper with beta2 = 0.5, which has no numerical damping;",
+    "right: at how many scenes.",
 )
 OF_ERRORS = (
     "Errors in per cent (shares of time: points), the largest over scenes; standard errors are in the file.",

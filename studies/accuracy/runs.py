@@ -50,11 +50,10 @@ TOLERANCE = 1e-6
 TURN = FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{getattr(os, 'getuid', int)()}.lock"))
 
 
-def timed(compute: Callable[[], Result]) -> tuple[Result, float, float]:
-    """A result, the thread's own processor time, to which nothing else adds, and the wall time, s."""
-    cpu, wall = time.thread_time(), time.perf_counter()
-    result = compute()
-    return result, time.thread_time() - cpu, time.perf_counter() - wall
+def timed(compute: Callable[[], Result]) -> tuple[Result, float]:
+    """A result and the thread's own processor time, s, to which nothing else adds."""
+    start = time.thread_time()
+    return compute(), time.thread_time() - start
 
 
 def most_members(fixed: Mapping[str, Any]) -> int:
@@ -81,10 +80,10 @@ def ensemble(
 
     run(ramps[0], WARMING)
     length = min(SHORT, duration) if method == PAPER else duration
-    costs = [timed(lambda: run(ramps[0], length))[1:] for _ in range(1 if method == EXACT else TIMED)]
-    cpu, wall = np.median(costs, axis=0) / length
+    costs = [timed(lambda: run(ramps[0], length))[1] for _ in range(1 if method == EXACT else TIMED)]
+    cpu = np.median(costs) / length
     if method == FAST:
-        members, batch, _ = timed(lambda: simulate_many([scene] * count, duration, method, ramp=ramps, **options))
+        members, batch = timed(lambda: simulate_many([scene] * count, duration, method, ramp=ramps, **options))
         batch /= count * duration
     else:
         # Members are computed one by one: each costs what one alone does. What is not timed has all cores.
@@ -99,7 +98,6 @@ def ensemble(
         "stick_time": _padded(sticks, most, KEPT),
         "observed_time": np.fmax(duration - figures["first_slip_time"] - transients.SETTLING, 0.0),
         "cpu_per_second": cpu,
-        "wall_per_second": wall,
         "batch_cpu_per_second": batch,
     }
 
@@ -132,19 +130,18 @@ def burst(
         return slip_error(*(simulate(scene, end, each, **common) for each in ("fast", "exact")))
     if method == ELEMENTS:
         elements.run(scene, ramp, ramp, RATE)
-        run, cpu, wall = timed(lambda: elements.run(scene, end, ramp, RATE))
+        run, cpu = timed(lambda: elements.run(scene, end, ramp, RATE))
         reference = converged(scene, end, ramp)
     elif method == EVENTS:
         end += VIBRATION - BURST
         reference, model = simulate(scene, end, "exact", **common), model_of(scene, {})
         tolerance = float(option.value) if option.kind == "tolerance" else TOLERANCE
-        run, cpu, wall = timed(lambda: solve_ivp.run(scene, model, end, ramp, tolerance, reference.time))
+        run, cpu = timed(lambda: solve_ivp.run(scene, model, end, ramp, tolerance, reference.time))
     else:
         return {}
     # The run is that of the first member.
     firsts = {name: _padded([first], most_members(fixed)) for name, first in run.summary.items()}
-    costs = {"cpu_per_second": cpu / end, "wall_per_second": wall / end}
-    return costs | firsts | slip_error(run, reference)
+    return {"cpu_per_second": cpu / end} | firsts | slip_error(run, reference)
 
 
 @lru_cache(maxsize=8)

@@ -82,11 +82,6 @@ def skip(points: Mapping[str, Any]) -> NDArray[np.bool_]:
     return np.array([method not in OPTIONS[setting].methods for method, setting in pairs], dtype=bool)
 
 
-def scene_of(name: str, rig: Rig) -> Scene:
-    """The scene of this name, on this rig."""
-    return Scene(*SCENES[name], rig)
-
-
 def cutoff_of(option: Option, rig: Rig) -> float:
     """The cut-off that an option sets, or the method's own, Hz."""
     if option.kind != "cut-off":

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import checks
+from fivcore import Scene, checks
 from fivcore.contact.reduced import TERMINATIONS, full_model
 from fivcore.transient.published import STEP
 from studies import paper
@@ -26,7 +26,6 @@ MOST_MEMBERS = 100
 # These alone are not the same whenever they are computed.
 COSTS = {
     "cpu_per_second": "processor time of one run alone",
-    "wall_per_second": "wall time of one run alone",
     "batch_cpu_per_second": "processor time of each run of an ensemble computed together",
 }
 VARIABLES = {
@@ -64,7 +63,7 @@ def point(method: str, setting: str, scene: str, fixed: Mapping[str, Any]) -> di
     values: dict[str, Any] = {
         name: np.full([sizes[dim] for dim in each.dims], np.nan) for name, each in VARIABLES.items()
     }
-    own = choices.meshed(choices.scene_of(scene, fixed["rig"]), option)
+    own = choices.meshed(Scene(*choices.SCENES[scene], fixed["rig"]), option)
     if method == choices.LINEAR:
         return values | stability(own, option)
     options, full = choices.arguments(method, option, own), method in (choices.PAPER, choices.ELEMENTS)
@@ -98,7 +97,7 @@ def coords(**fixed: Any) -> dict[str, Axis]:
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     """Refuse, before anything is planned, runs that are too short or all alike."""
     checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for members differ by it")
-    loading = max(ensembles.load_up(choices.scene_of(name, fixed["rig"])) for name in axes["scene"].values)
+    loading = max(ensembles.load_up(Scene(*choices.SCENES[name], fixed["rig"])) for name in axes["scene"].values)
     # After settling the slowest has some windows of its spectrum.
     longest = fixed["ramp"] + loading + transients.SETTLING + 4.0 * transients.WINDOW
     for name in ("duration", "variant_duration"):

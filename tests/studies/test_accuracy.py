@@ -123,13 +123,13 @@ def test_errors_of_meshes_fall_with_the_fourth_order():
 @pytest.mark.parametrize(("method", "name"), [pair for pair in PAIRS if pair[0] in choices.SIMULATED])
 def test_every_setting_is_one_that_its_method_takes(method, name):
     for scene in [*SCENES][-2:]:  # the paper's three speeds are one rig with one limit
-        own = choices.meshed(choices.scene_of(scene, Rig()), OPTIONS[name])
+        own = choices.meshed(Scene(*choices.SCENES[scene], Rig()), OPTIONS[name])
         simulate(own, 1e-5, method, ramp=RAMP, **choices.arguments(method, OPTIONS[name], own))
 
 
 @pytest.mark.parametrize("method", [FAST, PAPER])
 def test_steps_are_shares_of_the_largest(method):
-    scene = choices.scene_of("5 mm/s", Rig())
+    scene = Scene(*choices.SCENES["5 mm/s"], Rig())
     limit = choices.step_limit(method, scene)
     simulate(scene, 1e-5, method, step=0.9999 * limit)
     with pytest.raises(ValueError, match="at most"):
