@@ -14,12 +14,7 @@ class UnsolvedError(ArithmeticError):
 
 
 class SceneError(RuntimeError):
-    """A transient without an answer.
-
-    Attributes
-    ----------
-    scene : Scene
-    """
+    """A transient without an answer; `scene` is the `Scene` of it."""
 
     def __init__(self, message: str, scene: Any = None) -> None:
         super().__init__(message)

@@ -275,9 +275,7 @@ def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
             kinds = [[point for point in ended if (point.rises == p.rises) is same] for same in (True, False)]
             q = _counterpart(p, *kinds)
             if q is None:
-                raise UnsolvedError(
-                    f"theta = {theta:.9g}: onsets near it cannot be told apart with this rig; leave it out"
-                )
+                raise UnsolvedError(f"theta = {theta:.9g}: onsets near it cannot be told apart; leave it out")
             mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
             fold = p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
             pairs.append((p, fold) if ended is before else (fold, p))

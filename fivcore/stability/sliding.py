@@ -116,9 +116,7 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     try:
         angles, frictions = np.broadcast_arrays(angles, frictions)
     except ValueError:
-        raise InputError(
-            f"mu of shape {frictions.shape}: it must broadcast with theta of shape {angles.shape}"
-        ) from None
+        raise InputError(f"mu of shape {frictions.shape}: it must broadcast with theta, {angles.shape}") from None
     angles, frictions = angles.copy(), frictions.copy()
     problems = {angle: sliding_problem(rig, angle, band) for angle in np.unique(angles).tolist()}
     points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))

@@ -47,17 +47,14 @@ class ContactMotion:
         room = start - beam.length / beam.elements if self.direction < 0 else beam.length - start
         if room <= 0.0:
             raise InputError(
-                f"contact_motion = {self.direction}: it must be 0, for at {start:g} m the contact is at P2's end"
+                f"contact_motion = {self.direction}: it must be 0 for a contact at P2's end, {start:g} m"
             )
         # D moves by speed t^2 / (2 ramp) within the ramp and by speed (t - ramp / 2) after it.
         half, longest = 0.5 * self.ramp, room / abs(self.speed)
         longest = longest + half if longest > half else 2.0 * float(np.sqrt(half * longest))
         if duration > longest:
             end = "P2's clamp" if self.direction < 0 else "P2's free end"
-            raise InputError(
-                f"duration = {duration:g}: it must be at most {longest:.6g} s, when contact_motion ="
-                f" {self.direction} reaches {end}"
-            )
+            raise InputError(f"duration = {duration:g}: it must be at most {longest:.6g} s, when D reaches {end}")
 
 
 def moved_model(model: ReducedModel, scene: Normalised, position: float) -> ReducedModel:

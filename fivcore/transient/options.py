@@ -73,10 +73,7 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
         checks.instance(name, given[name], bool)
     if record and times is None and duration * rate > 1e8:
         raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
-    if not 1e-12 <= normalised.speed_per_load <= 1e8:
-        raise InputError(
-            f"V / F = {normalised.speed_per_load:g}: it must be from 1e-12 to 1e+08 m/s per N to be resolved"
-        )
+    checks.between("V / F", normalised.speed_per_load, 1e-12, 1e8, "m/s per N")
     given |= {"ramp": ramp, "contact_motion": motion, "record": record, "skip": given.pop("leap")}
     if given["initial"] is not None:
         given["initial"] = _state(given["initial"], scene, normalised)
@@ -101,9 +98,7 @@ def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[
         if method == "paper":
             raise InputError("modify: method 'paper' keeps all modes; leave it out")
     if method == "exact" and termination != "absorbing":
-        raise InputError(
-            f"termination = {termination!r}: method 'exact' needs the absorbing element; use method 'fast'"
-        )
+        raise InputError(f"termination = {termination!r}: it must be 'absorbing' for method 'exact'; use 'fast'")
     if beta2 is not None:
         if method != "paper":
             raise InputError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")

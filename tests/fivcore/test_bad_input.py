@@ -78,7 +78,10 @@ CASES = [
     (partial(sliding_modes, RIG, 5.0, np.ma.masked_array([0.1, 0.2], [False, True])), "mu = masked_array"),
     (partial(sliding_modes, RIG, 5.0, [0.1, [0.2]]), "mu = [0.1, [0.2]]"),
     (partial(sliding_modes, RIG, 5.0, 10**400), "mu = 1000"),
-    (partial(sliding_modes, RIG, np.zeros(3), np.zeros(2)), "mu of shape (2,): it must broadcast with theta of"),
+    (
+        partial(sliding_modes, RIG, np.zeros(3), np.zeros(2)),
+        "mu of shape (2,): it must broadcast with theta, (3,)",
+    ),
     # Rigs, bands and ranges of the linear half.
     (partial(sliding_modes, 3, 5.0, 0.2), "rig = 3: it must be a Rig"),
     (partial(flutter_onsets, None, 5.0), "rig = None: it must be a Rig"),
@@ -136,13 +139,19 @@ CASES = [
         partial(run, initial=(ZEROS, ZEROS, 1), scene=SCENE.mirrored()),
         "initial: with V < 0 give the mirrored scene",
     ),
-    (partial(run, scene=Scene(1e-30, 5.0, 0.2, 9.0)), "V / F = 1.11111e-31: it must be from 1e-12"),
+    (
+        partial(run, scene=Scene(1e-30, 5.0, 0.2, 9.0)),
+        "V / F = 1.11111111111e-31: it must be a number from",
+    ),
     (partial(run, scene="fig5"), "scene = 'fig5': it must be a Scene"),
     (partial(simulate_many, [SCENE, SCENE], 0.01, ramp=[1e-3]), "ramp: a list of 1: it must have one entry for"),
     (partial(simulate_many, [SCENE], -1.0), "duration = -1.0: it must be"),
     # The law of the contact.
     (partial(law, termination="soft"), "termination = 'soft': it must be one of absorbing, elastic, none"),
-    (partial(law, termination="elastic", method="exact"), "termination = 'elastic': method 'exact' needs the abs"),
+    (
+        partial(law, termination="elastic", method="exact"),
+        "termination = 'elastic': it must be 'absorbing' for method",
+    ),
     (partial(law, modify=partial(with_relaxation_time, tau=-1e-9)), "tau = -1e-09: it must be a number from 0 to"),
     (partial(law, modify=SHORT, termination="none"), "modify: with termination 'none', or every mode kept, there"),
     (partial(law, modify=without_cross_terms, cutoff=1e9), "modify: with termination 'none', or every mode kept"),
