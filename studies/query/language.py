@@ -88,9 +88,9 @@ class Expression:
         """What was written for a node."""
         return self.text[slice(*self.span(node))]
 
-    def wrong(self, node: ast.expr, why: str) -> ValueError:
+    def wrong(self, node: ast.expr, why: str) -> InputError:
         """An error of what a node means."""
-        return ValueError(f"{self.argument} = {shortened(self.part(node))!r}: {why}")
+        return InputError(f"{self.argument} = {shortened(self.part(node))!r}: {why}")
 
     def names(self, node: ast.expr | None = None) -> list[str]:
         """Every name in it, or in a part of it, once."""
@@ -210,7 +210,7 @@ def _spot(expression: Expression, node: ast.expr) -> tuple[int, int]:
     return (behind, end) if behind < end else (start, end)
 
 
-def _misplaced(text: str, argument: str, start: int, end: int, hint: str = "") -> ValueError:
+def _misplaced(text: str, argument: str, start: int, end: int, hint: str = "") -> InputError:
     """An error of what stands from one letter to another."""
     part = text[start : max(end, start + 1)]
     if part:
@@ -220,8 +220,8 @@ def _misplaced(text: str, argument: str, start: int, end: int, hint: str = "") -
         what = "something is missing at its end" if text else "it is empty"
     begin = max(min(start - SHOWN // 2, len(text) - SHOWN), 0)
     shown = f"{'...' if begin else ''}{text[begin : begin + SHOWN]!r}{'...' if begin + SHOWN < len(text) else ''}"
-    return ValueError(f"{argument} = {shown}: {what}; {hint}{'; ' if hint else ''}{GRAMMAR}")
+    return InputError(f"{argument} = {shown}: {what}; {hint}{'; ' if hint else ''}{GRAMMAR}")
 
 
-def _too_deep(text: str, argument: str) -> ValueError:
-    return ValueError(f"{argument} = {shortened(text)!r}: more than {DEEPEST} levels are within each other")
+def _too_deep(text: str, argument: str) -> InputError:
+    return InputError(f"{argument} = {shortened(text)!r}: more than {DEEPEST} levels are within each other")

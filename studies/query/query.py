@@ -224,13 +224,13 @@ def _dims(every: Columns, columns: Sequence[Column], points: bool) -> tuple[str,
     return (*(dim for dim in every.point_dims if points or dim in along), *widest)
 
 
-def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> ValueError:
+def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> InputError:
     """What cannot stand in one row."""
     parts = []
     for own in dims:
         along = sorted((column for column in columns if set(own) <= set(column.dims)), key=lambda each: each.axis)
         parts.append(f"{along[0].name} runs along {', '.join(own)}")
-    return ValueError(f"{' and '.join(parts)}: they have no rows in common; query them one after the other")
+    return InputError(f"{' and '.join(parts)}: they have no rows in common; query them one after the other")
 
 
 def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...], list[Column]]:

@@ -109,6 +109,18 @@ def test_the_core_is_small_and_needs_nothing_within_numba():
     assert not any(re.search(r"numba\.(core|extending|types|np)\b", text) for text in files)
 
 
+def test_wrong_input_is_an_error_of_its_own():
+    """A plain ValueError is a fault here, but what a function gives the engine, which is kept with its points."""
+    folders = [HOME / package for package in ("fivcore", "sweeps", "studies")]
+    plain = {
+        file
+        for folder in folders
+        for file in folder.rglob("*.py")
+        if re.search(r"\bValueError\(", file.read_text())
+    }
+    assert {file.name for file in plain} == {"batch.py", "packed.py"}
+
+
 def test_the_top_level_is_as_agreed():
     if not (HOME / ".git").exists():
         pytest.skip("git alone knows which files belong to the project")
