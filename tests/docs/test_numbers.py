@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from studies.accuracy.findings import table
 from tests import HOME
 
 README = " ".join((HOME / "README.md").read_text().split())
@@ -72,7 +73,23 @@ def stress():
     yield f"tries to break each method {kept('stress').sizes['case']} times"
 
 
-@pytest.mark.parametrize("sentences", [table4, fig5, fig7, table6, stability, stick_time, stress])
+def accuracy():
+    rows = table(kept("accuracy")).set_index(["method", "label"])
+    for name in (
+        "default", "step 0.15", "step 0.98", "cut-off 60.5 kHz", "cut-off 73.1 kHz", "cut-off 99.2 kHz",
+        "cut-off 201 kHz", "termination elastic", "termination none",
+    ):  # fmt: skip
+        row = rows.loc["fast", name]
+        yield f"| {row['cost']:.3g} | {row['ratio']:.0f} | {row['mismatch']:.2f} | {row['right_scenes']} of 4 |"
+    for name in (("exact", "default"), ("paper", "beta2 0.5")):
+        row = rows.loc[name]
+        yield f"| {row['cost']:.3g} | {row['ratio']:.2g} | {row['mismatch']:.2f} | {row['right_scenes']} of 4 |"
+    for name in ("paper in finite elements", "SciPy solve_ivp"):
+        row = rows.loc[name, "default"]
+        yield f"| {row['cost']:.3g} | {row['ratio']:.2g} | - | - |"
+
+
+@pytest.mark.parametrize("sentences", [table4, fig5, fig7, table6, stability, stick_time, accuracy, stress])
 def test_the_readme_says_what_the_reference_holds(sentences):
     missing = [sentence for sentence in sentences() if sentence not in README]
     assert not missing
