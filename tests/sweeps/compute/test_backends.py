@@ -241,7 +241,8 @@ sys.stdin.read()
 """
 
 
-def test_workers_that_lack_the_engine_and_a_scheduler_that_goes_away(path, capfd):
+def test_workers_that_lack_the_engine_and_a_scheduler_that_goes_away(path, monkeypatch, capfd):
+    monkeypatch.setattr(cluster, "PATIENCE", 3.0)
     process = subprocess.Popen(
         [sys.executable, "-c", ELSEWHERE],
         cwd=HOME,
