@@ -223,7 +223,7 @@ def test_windows_end_where_a_mode_ceases_to_grow_and_peak_where_it_grows_fastest
         assert max(mode.real for mode in beside) < at.real + tolerance * abs(expected)
 
 
-SEEDS = [range(5), *(pytest.param(range(k, k + 10), marks=pytest.mark.slow) for k in range(5, 895, 10))]
+SEEDS = [range(5), *(pytest.param(range(k, k + 10), marks=pytest.mark.slow) for k in range(0, 900, 10))]
 
 
 @pytest.mark.parametrize("seeds", SEEDS)
