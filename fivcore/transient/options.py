@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.record import SERIES
 
-NUMERICAL_DAMPING = ("published", "none")
 BOUNDS = {
     "duration": (1e-9, 1e6, "s"),
     "settle": (0.0, 1e6, "s"),
@@ -67,8 +67,7 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     duration, rate, times = given["duration"], given["sample_rate"], given["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
     ramp = checks.number("ramp", given["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
-    law = ("method", "termination", "modify", "numerical_damping", "beta2")
-    given |= law_options(*(given[name] for name in law))
+    given |= law_options(**{name: given[name] for name in signature(law_options).parameters})
     allowed = "0, -1 (towards P2's clamp) or 1 (away)"
     motion = int(checks.number("contact_motion", given["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
     record = _names(given["record"])
@@ -92,10 +91,7 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
 
 
 def law_options(method: Any, termination: Any, modify: Any, numerical_damping: Any, beta2: Any) -> dict[str, Any]:
-    """Check the options that choose a method and its contact law; `fivcore.critical_mu` has them too.
-
-    None as numerical damping becomes the method's own; "none" with "paper" becomes beta2 = 0.5.
-    """
+    """Check the options that choose a method and its contact law; return the two that follow from others."""
     checks.choice("method", method, ("fast", "exact", "paper"))
     checks.choice("termination", termination, TERMINATIONS)
     if modify is not None:
@@ -117,12 +113,9 @@ def law_options(method: Any, termination: Any, modify: Any, numerical_damping: A
             f"beta2 = {beta2:g} with numerical_damping = {numerical_damping!r}: each sets the other; leave one out"
         )
     else:
-        checks.choice("numerical_damping", numerical_damping, NUMERICAL_DAMPING)
+        checks.choice("numerical_damping", numerical_damping, ("published", "none"))
         beta2 = 0.5 if method == "paper" and numerical_damping == "none" else None
-    return {
-        "method": method, "termination": termination, "modify": modify, "numerical_damping": numerical_damping,
-        "beta2": beta2,
-    }  # fmt: skip
+    return {"numerical_damping": numerical_damping, "beta2": beta2}
 
 
 def _names(record: Any) -> tuple[str, ...]:

@@ -16,9 +16,6 @@ from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import options_for
 from fivcore.transient.published import with_numerical_damping
 
-# Arguments that a list gives each scene its own of.
-OWN = ("duration", "ramp", "settle", "initial", "numerical_damping")
-
 
 def simulate(
     scene: Scene,
@@ -144,7 +141,8 @@ def simulate_many(
     bound.apply_defaults()
     arguments, requests = dict(bound.arguments), []
     del arguments["scene"]
-    own = [name for name in OWN if isinstance(arguments[name], list)]
+    own = ("duration", "ramp", "settle", "initial", "numerical_damping")
+    own = tuple(name for name in own if isinstance(arguments[name], list))
     for name in own:
         if (given := len(arguments[name])) != len(scenes):
             raise InputError(f"{name}: a list of {given}: it must have one entry for each of {len(scenes)} scenes")
