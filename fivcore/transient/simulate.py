@@ -141,8 +141,8 @@ def simulate_many(
     bound.apply_defaults()
     arguments, requests = dict(bound.arguments), []
     del arguments["scene"]
-    own = ("duration", "ramp", "settle", "initial", "numerical_damping")
-    own = tuple(name for name in own if isinstance(arguments[name], list))
+    listed = ("duration", "ramp", "settle", "initial", "numerical_damping")
+    own = [name for name in listed if isinstance(arguments[name], list)]
     for name in own:
         if (given := len(arguments[name])) != len(scenes):
             raise InputError(f"{name}: a list of {given}: it must have one entry for each of {len(scenes)} scenes")
