@@ -17,6 +17,8 @@ from sweeps import DONE, FAILED
 OUTCOMES = (*EXPECTED, "fails", "not asked", "too dear", "pending")
 PASSES, FAILS, NOT_ASKED, DEAR, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
 
+DAMPING = "fast and exact without numerical damping, paper with its own"
+
 
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
     """Of each case and method the place of its outcome in OUTCOMES, (case, method)."""
@@ -55,7 +57,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     so_far = " so far" if np.any(outcome == PENDING) else ""
     lines.append(f"{len(failed)} failed{so_far}:" if len(failed) else f"Nothing failed{so_far}.")
     lines += [_failure(dataset.isel(case=k, method=m)) for k, m in failed]
-    return [Table(["", *methods], rows, words=1 + len(methods)), *lines]
+    return [Table(["", *methods], rows, words=1 + len(methods)), *lines, f"Runs: {DAMPING}."]
 
 
 def _failure(point: xr.Dataset) -> str:

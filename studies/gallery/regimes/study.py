@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.special import betaincc
 
-from fivcore import Scene, Transient, checks
+from fivcore import Rig, Scene, Transient, checks
 from fivcore.contact.reduced import reduced_model
+from fivcore.transient.published import with_numerical_damping
 from fivcore.transient.steady import steady_sliding
 from studies import paper
 from studies.gallery.regimes.compare_linear import BELOW, with_verdicts
@@ -76,7 +77,8 @@ def ensemble(
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         scene = jobs[0].scene
         times = {"duration": jobs[0].duration, "load_up_time": ensembles.load_up(scene)}
-        return ensemble_figures(runs) | stability(scene, fixed["cutoff"]) | times
+        damped = with_numerical_damping(scene.rig, fixed["method"], fixed["numerical_damping"])
+        return ensemble_figures(runs) | stability(scene, fixed["cutoff"], damped) | times
 
     scenes = normalised.scenes(points, fixed["rig"])
     jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in scenes]
@@ -116,8 +118,10 @@ def majority(regimes: np.ndarray) -> dict[str, Any]:
     }
 
 
-def stability(scene: Scene, cutoff: float) -> dict[str, Any]:
+def stability(scene: Scene, cutoff: float, damped: Rig) -> dict[str, Any]:
     """What linear stability says of steady sliding: of all modes below the band, and of the model that is run.
+
+    That model is of the rig `damped`, which has the numerical damping of the run.
 
     The model that is run has modes up to its cut-off, far above the band. Which of those grow depends on the
     cut-off; but where none does and a scene vibrates all the same, the vibration is subcritical.
@@ -125,7 +129,7 @@ def stability(scene: Scene, cutoff: float) -> dict[str, Any]:
     theta, mu = scene.drive_theta, scene.mu
     rate, frequency, unstable = largest_growth(scene.rig, theta, mu, transients.BAND)
     found = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
-    model = reduced_model(scene.rig, theta, cutoff or None, "absorbing")
+    model = reduced_model(damped, theta, cutoff or None, "absorbing")
     # Without an element only rounding holds the gap of a lasting contact: there is no such map.
     steady = steady_sliding(model, mu, model.default_step) if model.K.any() else None
     model_rate = model_frequency = np.nan
