@@ -190,6 +190,8 @@ GLUED = {
 }
 MOTION = {name: regimes.VARIABLES[name] for name in ("regime", "regime_certainty", *regimes.FIGURES)}
 RUN = {name: each for name, each in regimes.STUDY.settings.items() if name not in AXES}
+# A map is of any rig.
+RUN["numerical_damping"] = transients.run_settings(1.0)["numerical_damping"]
 
 QUANTITIES: dict[str, Quantity] = (
     {name: Quantity(stability.VARIABLES[name], growth, same_sliding, ("theta", "mu")) for name in GROWTH}
