@@ -120,9 +120,8 @@ def majority(regimes: np.ndarray) -> dict[str, Any]:
 def stability(scene: Scene, cutoff: float, numerical_damping: str) -> dict[str, Any]:
     """What linear stability says of steady sliding: of all modes below the band, and of the model that is run.
 
-    The model that is run has the run's numerical damping, and modes up to its cut-off, far above the band. Which of
-    those grow depends on the cut-off; but where none does and a scene vibrates all the same, the vibration is
-    subcritical.
+    The model that is run has numerical damping, or none, and modes up to its cut-off, far above the band. Which of
+    those grow depends on both; but where none does and a scene vibrates all the same, it is subcritical.
     """
     theta, mu = scene.drive_theta, scene.mu
     rate, frequency, unstable = largest_growth(scene.rig, theta, mu, transients.BAND)
@@ -167,7 +166,7 @@ STUDY = Study(
         "F": Axis(np.array([paper.LOAD]), "N", "load on A"),
     },
     settings={"members": Setting(4.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
-    # It stands beside the paper's regimes, and stability below 10 kHz: without that damping modes above grow first.
+    # Beside the paper's regimes, and stability below 10 kHz: without that damping modes above it grow first.
     | ensembles.settings(2.0, 10.0, 8.0, transients.PUBLISHED)
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     function=ensemble,
