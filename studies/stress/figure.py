@@ -36,8 +36,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     _strips(lower, {name: np.minimum(each, FAILED) for name, each in every if not np.isnan(each).all()}, methods)
     lower.set_ylabel("margin of each check")
     failed = np.count_nonzero(outcome == FAILS)
-    title = f"{count} case{'s' * (count > 1)} under stress: {failed or 'none'} failed"
-    figure.suptitle(f"{title}\n{DAMPING}")
+    figure.suptitle(f"{count} case{'s' * (count > 1)} under stress,\n{DAMPING}: {failed or 'none'} failed")
     figures.legend_below(figure, [upper])
     return figure
 

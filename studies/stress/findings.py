@@ -48,7 +48,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
                 words[0] += f" ({check[k, m]} {margin[k, m]:.2g})"
             cells.append(", ".join(words))
         rows.append([str(group), *cells])
-    lines = ["", "In brackets: the check that came nearest to failing, cost apart, in units of its bound. Cases:"]
+    lines = ["", f"Runs: {DAMPING}."]
+    lines.append("In brackets: the check that came nearest to failing, cost apart, in units of its bound. Cases:")
     lines.append('fiv query stress --where "margin > 0.5" --show case,method,check,margin,asked')
     reasons = {CASES[str(dataset["case"].values[k])].not_asked[methods[m]]: methods[m]
                for k, m in np.argwhere(outcome == NOT_ASKED)}  # fmt: skip
@@ -57,7 +58,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     so_far = " so far" if np.any(outcome == PENDING) else ""
     lines.append(f"{len(failed)} failed{so_far}:" if len(failed) else f"Nothing failed{so_far}.")
     lines += [_failure(dataset.isel(case=k, method=m)) for k, m in failed]
-    return [Table(["", *methods], rows, words=1 + len(methods)), *lines, f"Runs: {DAMPING}."]
+    return [Table(["", *methods], rows, words=1 + len(methods)), *lines]
 
 
 def _failure(point: xr.Dataset) -> str:

@@ -9,6 +9,8 @@ from studies import config, registry, runner, spec
 from studies.maps.maps import fixed_of, plane_of, sweep_of
 from studies.motion import transients
 from studies.plotting import figures
+from studies.query.query import query
+from studies.query.scene_at import run_options
 
 POINT = {"V": [2e-3], "theta": [5.0], "mu": [0.2], "F": [9.0], "duration": 0.1}
 SAID = {"published": "with the published scheme's numerical damping", "none": "without numerical damping"}
@@ -30,17 +32,16 @@ def test_a_result_says_which_it_has(word, tmp_path):
     study = registry.load("scenes")
     name, asked = spec.assignment(f"numerical_damping={word}", study.texts)
     given = POINT | {name: asked}
-
     data = runner.run("scenes", given, tmp_path).dataset
     assert json.loads(data.attrs["configuration"])["constants"]["numerical_damping"] == word
-    assert data.fiv.run_options()["numerical_damping"] == word
+    assert run_options(data)["numerical_damping"] == word
     assert SAID[word] in study.report(data)
     with figures.style():
         assert SAID[word] in study.draw(data).get_suptitle()
     (tmp_path / "again.toml").write_text(config.toml(config.of_result(data)))
     again = study.sweep(config.read(tmp_path / "again.toml").given(study))
     assert again.constants == study.sweep(given).constants
-    assert len(data.fiv.query(f"numerical_damping == '{word}'")) == 1
+    assert len(query(data, f"numerical_damping == '{word}'")) == 1
 
 
 @pytest.mark.parametrize("value", ["newmark", ["none", "published"], 1.0])
