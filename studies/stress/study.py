@@ -14,7 +14,7 @@ from studies.motion import transients
 from studies.stress.ask import not_stated, question_of
 from studies.stress.cases import CASES, EXPECTED, METHODS, PASSES, TOO_DEAR, Case
 from studies.stress.checks import CHECKS, judged
-from studies.stress.findings import DEAR, FAILS, NOT_ASKED, OUTCOMES, findings
+from studies.stress.findings import DAMPING, DEAR, FAILS, NOT_ASKED, OUTCOMES, findings
 from studies.stress.runs import gathered
 from studies.study import Study, deferred
 from sweeps import Axis, Variable
@@ -85,7 +85,7 @@ STUDY = Study(
     question="Does each method do what it should at and past the edges of sense, and refuse what it cannot do?",
     paper="Section 3.3 gives the step and the constants of the published scheme, from which its limits follow; no "
     "such test is in the paper.",
-    axes={"case": Axis(list(CASES), long_name="case"), "method": Axis(METHODS, long_name="method")},
+    axes={"case": Axis(list(CASES), long_name="case"), "method": Axis(METHODS, long_name=f"method: {DAMPING}")},
     settings={},
     function=battery,
     variables=VARIABLES,
