@@ -33,10 +33,10 @@ TERMINATIONS = ("absorbing", "elastic", "none")
 # Default step of `fast` in units of the contact's own time 1 / omega; with an undamped element, which dissipates
 # no energy error of the step; without an element, in units of the fastest mode's time; and the largest step, below
 # the 2.389 at which the paper's rig loses its stability in stick (`step_map`), for any mu.
-STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 2.1, 0.3, 0.5, 2.35
+STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.85, 0.3, 0.5, 2.35
 # Share of critical damping of the element: with it the shares of time on random rigs do not depend on the cut-off.
 # Three times as much raises stick by 0.02 to 0.03 at a cut-off of 75 kHz; a third as much lets contact ring.
-DAMPING = 0.045
+DAMPING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
