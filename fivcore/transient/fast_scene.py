@@ -11,7 +11,7 @@ from fivcore.transient.statistics import COUNTED, FIELDS, SEPARATION, SLIP, STIC
 
 # Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and
 # velocity, shape at B, damping, change of the gap shapes in a step.
-BLOCK = 32
+BLOCK = 48
 (A, B, C, D, NORMAL, TANGENTIAL, Q, V, POINT_B, DAMPING, SLIDE_N, SLIDE_T) = range(12)
 BLOCK_ROWS = 12
 BLOCK_SIZE = BLOCK * BLOCK_ROWS

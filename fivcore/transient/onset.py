@@ -23,7 +23,7 @@ from fivcore.transient.fast_solver import Solver, frozen_solver
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 
-FINER, HIGHER = 5, 5.0
+FINER, HIGHER = 4, 3.2
 # Before the first slip, until what the change of model excites is gone; longest to separation; after it, s.
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 

@@ -47,7 +47,7 @@ def test_a_grid_is_planned_as_its_distinct_scenes():
 
 
 def test_a_basis_is_built_once_for_each_inclination(computed):
-    for cached in (reduced.full_model, reduced.reduced_model, reduced.relaxation_time):
+    for cached in (reduced.full_model, reduced.reduced_model):
         cached.cache_clear()
     computed("scenes", **SHORT, V=[4e-3, 6e-3, 8e-3], theta=[2.0, 4.0, 6.0], mu=[0.2, 0.3], F=9.0)
     # One for the run and one for its onset.

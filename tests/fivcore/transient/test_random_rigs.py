@@ -1,0 +1,106 @@
+"""`fast` on rigs drawn at random: against itself with finer settings, and against the other two methods.
+
+Motion is chaotic, so statistics are compared, each with the scatter of some runs that differ by their ramp. Where
+two kinds of motion last long beside each other, runs of one scene differ by more than their length explains.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fivcore import Scene, simulate_many
+from fivcore.contact.reduced import default_cutoff, reduced_model
+from tests.helpers.rigs import drawn_scene
+
+SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
+# What is drawn as in the ranges of `drawn_scene`; statistics start this long after the drive, s.
+SEED, SETTLE = 2010, 0.8
+
+
+@dataclass
+class Statistics:
+    """Means over some runs of a scene with their standard errors; main lines, Hz, and regimes of each."""
+
+    shares: np.ndarray
+    shares_se: np.ndarray
+    rms: float
+    rms_se: float
+    lines: np.ndarray
+    regimes: set[str]
+
+    def misses(self, other, most):
+        """By how much the share that differs most is further away than `most` and two standard errors."""
+        se = np.hypot(self.shares_se, other.shares_se)
+        return float(np.max(np.abs(self.shares - other.shares) - most - 2.0 * se))
+
+    def wrong_rms(self, other):
+        """Whether the RMS differs by more than 10 % and two standard errors."""
+        return abs(self.rms - other.rms) > 0.1 * other.rms + 2.0 * np.hypot(self.rms_se, other.rms_se)
+
+    def wrong_line(self, other):
+        """Whether no main line of a run is within 1.5 % of one of the other's: such are rival peaks."""
+        return np.min(np.abs(self.lines[:, None] / other.lines - 1.0)) > 0.015
+
+
+def statistics(scene: Scene, duration: float, members: int = 4, **options) -> Statistics:
+    ramps = [1e-3 * (1.0 + 0.37 * k) for k in range(members)]
+    runs = simulate_many([scene] * members, duration, ramp=ramps, settle=SETTLE, **options)
+    figures = np.array([[run.summary[name] for name in (*SHARES, "velocity_rms")] for run in runs])
+    mean, se = figures.mean(axis=0), figures.std(axis=0, ddof=1) / np.sqrt(members)
+    lines = np.array([run.summary["dominant_frequency"] for run in runs])
+    return Statistics(mean[:3], se[:3], mean[3], se[3], lines, {run.summary["regime"] for run in runs})
+
+
+@cache
+def converged(number: int) -> tuple[Statistics, Statistics]:
+    """By default, and with three times the cut-off in steps half as long as such a model's own."""
+    scene = drawn_scene(SEED, number)
+    cutoff = 3.0 * default_cutoff(scene.rig)
+    step = 0.5 * reduced_model(scene.rig, scene.theta, cutoff).default_step
+    return statistics(scene, 4.0), statistics(scene, 4.0, cutoff=cutoff, step=step)
+
+
+@pytest.mark.slow
+def test_the_default_has_converged_on_random_rigs():
+    pairs = [converged(number) for number in range(60)]
+    misses = np.array([one.misses(other, 0.02) for one, other in pairs])
+    assert np.count_nonzero(misses <= 0.0) >= 57, misses
+    # None is further off than 0.04.
+    assert misses.max() <= 0.02, misses
+    assert np.count_nonzero([one.wrong_rms(other) for one, other in pairs]) <= 3
+    assert np.count_nonzero([one.wrong_line(other) for one, other in pairs]) <= 3
+    assert np.count_nonzero([not one.regimes & other.regimes for one, other in pairs]) <= 3
+
+
+def test_the_default_has_converged_on_a_random_rig():
+    one, other = converged(1)
+    assert one.misses(other, 0.02) <= 0.0
+    assert not one.wrong_rms(other)
+    assert not one.wrong_line(other)
+    assert one.regimes == other.regimes
+
+
+# Runs of the published scheme on all modes are dear: fewer and shorter ones.
+@cache
+def published(number: int, numerical_damping: str) -> Statistics:
+    """By the published scheme; without its numerical damping in steps a half as long."""
+    step = {"published": 2e-8, "none": 1e-8}[numerical_damping]
+    scene = drawn_scene(SEED, number)
+    return statistics(scene, 2.5, 3, method="paper", numerical_damping=numerical_damping, step=step)
+
+
+def same_motion(number: int, numerical_damping: str, other: Statistics) -> bool:
+    scene = drawn_scene(SEED, number)
+    converged_fast = statistics(
+        scene, 4.0, cutoff=3.0 * default_cutoff(scene.rig), numerical_damping=numerical_damping
+    )
+    return converged_fast.misses(other, 0.01) <= 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("numerical_damping", ["published", "none"])
+@pytest.mark.parametrize("number", range(12))
+def test_fast_agrees_with_the_published_scheme_on_random_rigs(number, numerical_damping):
+    assert same_motion(number, numerical_damping, published(number, numerical_damping))
