@@ -16,7 +16,7 @@ import numpy as np
 
 from fivcore.beams.free_motion import propagator
 from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import ReducedModel, reduced_model
+from fivcore.contact.reduced import INTERVAL, ReducedModel, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array
@@ -27,13 +27,11 @@ from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
-from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.record import Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
 
-# Samples are taken every so many steps, or at multiples of that.
-SAMPLED = 10
 # Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
 MOST_STEPS = 1_000_000
@@ -68,7 +66,7 @@ class FastRun:
         self._fine = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
-        self._sample_every = max(round(INTERVAL / (self.step * SAMPLED)), 1) * SAMPLED
+        self._sample_every = max(round(INTERVAL / self.step), 1)
         rate = options.sampling_rate
         self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
         self.rate = 1.0 / (self._sample_every * self.step)

@@ -1,6 +1,6 @@
 """A finer model for the onset of vibration, and the transfer of a run's state to it and back.
 
-The first separation follows a growth that lives partly above the cut-off (with the paper's rig at 54 and 96 kHz),
+The first separation follows a growth that lives partly above the cut-off (with the paper's rig at 54 to 145 kHz),
 and the first burst begins with what has grown there. Unless a cut-off is given, the run therefore uses a finer
 model from `LEAD` before the first slip to `AFTER` after the first separation: `HIGHER` times the cut-off and
 1 / `FINER` of the step.

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
 
-# Target time between two samples, s.
-INTERVAL = 20e-6
 # Series and their columns in the rows, whose first column is the time.
 SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from fivcore.contact.reduced import INTERVAL
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.record import Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import SETTLING, begin
 
 

@@ -6,13 +6,16 @@ from fivcore.beams.free_motion import propagator
 from fivcore.contact.reduced import ReducedModel
 from fivcore.transient import fast_kernel, published
 from fivcore.transient import fast_scene as at
-from fivcore.transient.fast import SAMPLED, aligned
+from fivcore.transient.fast import aligned
 from fivcore.transient.fast_scene import lanes_for
 from fivcore.transient.fast_solver import Solver, put, take
 from fivcore.transient.published import BETA2, TAU
 from fivcore.transient.record import count_in
 from fivcore.transient.statistics import ENERGIES, begin
 from tests.helpers.transient_reference import SEPARATION, SLIP
+
+# Steps between two samples.
+SAMPLED = 10
 
 
 class Small:
