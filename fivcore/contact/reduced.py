@@ -167,8 +167,8 @@ def default_cutoff(rig: Rig) -> float:
     """Cut-off of a reduced model, Hz: just below an axial mode of P1, as each that is kept shortens the step.
 
     It is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L): the echo of a blow in P1 is kept.
-    Of large beams less is enough: for `LEAST_CUTOFF` then stands the frequency at which the bending waves of one of
-    them are four thicknesses long, where Euler-Bernoulli theory has ended. With the paper's rig it is 117 kHz.
+    Of large beams less is enough: for `LEAST_CUTOFF` then stands the frequency at which the bending waves of one
+    of them are four thicknesses long, where Euler-Bernoulli theory has ended. For the paper's rig: 117 kHz.
     """
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)
