@@ -27,7 +27,7 @@ from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
-from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.record import INTERVAL, SAMPLE, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
@@ -183,7 +183,7 @@ class FastRun:
         modes[:] = np.concatenate([run.blocks.ravel() for run in runs])
         samples, rows = (
             np.empty((_reserve(scenes, name, every), width))
-            for name, every, width in (("samples", "sample_every", 3), ("rows", "row_every", 6))
+            for name, every, width in (("samples", "sample_every", SAMPLE), ("rows", "row_every", 6))
         )
         scenes["sticks_at"] = np.cumsum(scenes["stick_room"]) - scenes["stick_room"]
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))

@@ -14,6 +14,9 @@ from fivcore.transient.normalised import Normalised
 
 # Target time between two samples, s.
 INTERVAL = 20e-6
+# Columns of a sample: velocity of B, slip rate, N, and the counters after that step: time in stick and in
+# separation, integral of N, changes of state.
+SAMPLE = 7
 # Series and their columns in the rows, whose first column is the time.
 SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
 

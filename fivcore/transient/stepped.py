@@ -9,7 +9,7 @@ import numpy as np
 
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.record import INTERVAL, Segment, count_in, room_for_sticks
+from fivcore.transient.record import INTERVAL, SAMPLE, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import SETTLING, begin
 
 
@@ -52,7 +52,7 @@ class SteppedRun:
             record, step, now = run.record, run.step, int(run.record["now"][0])
             last = min(now + run._length, run.steps, run._cut if now < run._cut else run.steps)
             every = int(record["sample_every"][0])
-            samples = np.empty((count_in(now, last, every), 3))
+            samples = np.empty((count_in(now, last, every), SAMPLE))
             rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
             # A step of "exact" may hold more than one event.
             room = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
