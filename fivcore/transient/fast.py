@@ -27,7 +27,7 @@ from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
-from fivcore.transient.record import INTERVAL, SAMPLE, Segment, count_in, room_for_sticks
+from fivcore.transient.record import INTERVAL, SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
@@ -353,6 +353,7 @@ class FastRun:
         self._place(q, v)
         record["u_N"], record["u_T"] = u
         velocity, N, T, slip_rate, _ = row = steady.row(speed)
+        sample = [velocity, slip_rate, N, *(float(record[name][0]) for name in SAMPLED_COUNTERS)]
         settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
         if settled > first:
             for name in SETTLED:
@@ -375,10 +376,10 @@ class FastRun:
             written = np.empty((count_in(start, end, rows), 6))
             written[:, 0] = (np.arange(-(-start // rows), -(-end // rows)) * rows + 0.5) * step
             written[:, 1:] = row
-            yield Segment(np.zeros(0), np.empty((0, 3)), rows=written)
+            yield Segment(np.zeros(0), np.empty((0, SAMPLE)), rows=written)
         if count > 0:
             t = np.array([(begin * every + 0.5) * step])
-            yield Segment(t, np.array([[velocity, slip_rate, N]]), further=count - 1)
+            yield Segment(t, np.array([sample]), further=count - 1)
 
     # A contact point that moves.
 

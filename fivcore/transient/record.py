@@ -14,9 +14,9 @@ from fivcore.transient.normalised import Normalised
 
 # Target time between two samples, s.
 INTERVAL = 20e-6
-# Columns of a sample: velocity of B, slip rate, N, and the counters after that step: time in stick and in
-# separation, integral of N, changes of state.
-SAMPLE = 7
+# Columns of a sample: velocity of B, slip rate, N, and these counters after that step.
+SAMPLED_COUNTERS = ("stick_time", "separation_time", "sum_N", "switches")
+SAMPLE = 3 + len(SAMPLED_COUNTERS)
 # Series and their columns in the rows, whose first column is the time.
 SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
 
@@ -25,8 +25,7 @@ SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_veloc
 class Segment:
     """Results of a segment, normalised (F = 1).
 
-    `samples` (n, 3) are velocity of B, slip rate and N at the times `t` (n,), followed by `further` samples like
-    the last; `sticks` (k, 2) start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time,
+    `samples` (n, SAMPLE) were taken at the times `t` (n,), followed by `further` samples like the last; `sticks` (k, 2) start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time,
     velocity of B, N, T, slip rate and contact state.
     """
 

@@ -31,6 +31,8 @@ from fivcore.transient.statistics import SETTLING
 
 # Samples in a block, some 1.3 ms.
 BLOCK = 64
+# Share of a normal distribution within two standard deviations.
+HELD = 2.0 * float(ndtr(2.0)) - 1.0
 # Fewest cosines, and their number per (T / load_up)^(2/3); load-ups below which a run is too short to say.
 FEWEST, GROWTH, LOAD_UPS = 6, 0.8, 10.0
 # Columns of the blocks: start; share of stick and of separation, mean N, changes of state per second, mean velocity
@@ -50,7 +52,7 @@ def errors_of_means(values: Array, cosines: int) -> Array:
     y = dct(values - values[0], axis=0)[1 : cosines + 1]
     # SciPy's transform is twice the sum.
     density = np.sum(y**2, axis=0) / (2.0 * n * cosines)
-    return np.asarray(0.5 * stdtrit(cosines, ndtr(2.0)) * np.sqrt(density / n))
+    return np.asarray(0.5 * stdtrit(cosines, 0.5 * (1.0 + HELD)) * np.sqrt(density / n))
 
 
 def cosines_for(time: float, load_up: float) -> int:
@@ -63,10 +65,10 @@ def cosines_for(time: float, load_up: float) -> int:
 def standard_errors(blocks: Blocks, cosines: int, monitor: Monitor, sticks: Array) -> dict[str, float]:
     """Standard errors of the statistics of a vibration, normalised; NaN where there is no value.
 
-    That of the RMS is that of a mean to first order. The mean of N - 1 is the change of a momentum over the time T,
-    which is stationary, so that its variance is twice the momentum's over T^2. A quantile's is half the
-    distance between those at its share plus and minus the share's own (R. S. Woodruff, J. American Statistical
-    Association 47, 1952). Durations of long `sticks` (k,) need twice the FEWEST cosines.
+    That of the RMS is that of a mean to first order. The mean of N - 1 is the change of a momentum, which is
+    stationary, over the time: twice its standard error is what 95.4 % of the changes within half a run stay below.
+    A quantile's is half the distance between those at its share plus and minus the share's own (R. S. Woodruff,
+    J. American Statistical Association 47, 1952). Durations of long `sticks` (k,) need twice the FEWEST cosines.
     """
     x, rms = blocks.values, monitor.rms
     mean = x[:, VELOCITY].mean() if len(x) else 0.0
@@ -74,8 +76,10 @@ def standard_errors(blocks: Blocks, cosines: int, monitor: Monitor, sticks: Arra
     names = ("stick_fraction", "slip_fraction", "separation_fraction", "switches_per_second", "velocity_rms")
     errors = errors_of_means(np.column_stack([blocks.shares(), x[:, SWITCHES], deviation]), cosines)
     found = dict(zip(names, errors.tolist(), strict=True))
-    momentum = np.cumsum(x[:, FORCE] - 1.0)
-    found["mean_normal_force"] = float(np.sqrt(2.0) * momentum.std() / len(x)) if cosines else np.nan
+    momentum, half = np.cumsum(x[:, FORCE] - 1.0), len(x) // 2
+    changes = np.abs(momentum[half:] - momentum[: len(x) - half])
+    within = np.quantile(changes, HELD) if cosines and half else np.nan
+    found["mean_normal_force"] = 0.5 * float(within) / max(len(x), 1)
     for name, histogram, largest in (
         ("normal_force_999", monitor.forces, blocks.forces),
         ("slip_speed_999", monitor.speeds, blocks.speeds),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,15 @@ SUMMARY = {
     "long_sticks": Variable("1", "number of long sticks after the first slip", (), "int32"),
     "mean_stick_time": Variable("s", "mean duration of the long sticks"),
     "energy_residual": Variable("1", "energy unaccounted for"),
+}
+# Statistics of a run that have a standard error, X_se.
+ESTIMATED = (
+    *(f"{state}_fraction" for state in STATES),
+    "velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999", "switches_per_second", "mean_stick_time",
+)  # fmt: skip
+SUMMARY |= {
+    f"{name}_se": replace(SUMMARY[name], long_name=f"standard error: {SUMMARY[name].long_name}")
+    for name in ESTIMATED
 }
 
 
@@ -143,12 +153,10 @@ def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
 
 def figures_of(run: Transient) -> dict[str, Any]:
     """The summary figures of a run; `SUMMARY` describes those of every study."""
-    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early")
-    sticks = run.summary["stick_times"]
+    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early", "simulated_time")
     return {name: value for name, value in run.summary.items() if name not in left_out} | {
         "regime": REGIMES.index(run.summary["regime"]),
-        "long_sticks": len(sticks),
-        "mean_stick_time": np.mean(sticks) if len(sticks) else np.nan,
+        "long_sticks": len(run.summary["stick_times"]),
     }
 
 

@@ -27,7 +27,8 @@ MOST_MEMBERS = 100
 # rivals their mean is neither; otherwise the mean.
 LARGEST = ("max_normal_force", "max_slip_speed")
 MIDDLE = ("dominant_frequency", "stuck_frequency")
-HOW = dict.fromkeys(LARGEST, "largest of the members") | dict.fromkeys(MIDDLE, "of the middle member")
+HOW = dict.fromkeys((f"{name}_se" for name in transients.ESTIMATED), "of the mean over members")
+HOW |= dict.fromkeys(LARGEST, "largest of the members") | dict.fromkeys(MIDDLE, "of the middle member")
 FIGURES = tuple(name for name in transients.SUMMARY if name != "regime")
 # Of these the spread over members is kept too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
@@ -87,17 +88,24 @@ def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:
     """What the runs of one scene have in common: `majority`, and the other figures over members that have a value.
 
     Of these the mean, of LARGEST the largest, of MIDDLE the lower of the middle ones, NaN where no member has one;
-    of SPREAD, as `*_std`, the standard deviation, NaN for fewer than two.
+    of standard errors, that of the mean; of SPREAD, as `*_std`, the standard deviation, NaN for fewer than two.
     """
     figures = ensembles.figures_of(runs)
     found: dict[str, Any] = majority(figures["regime"])
     for name in FIGURES:
         known = figures[name][np.isfinite(figures[name])]
         how = np.max if name in LARGEST else ensembles.middle if name in MIDDLE else np.mean
+        if name.endswith("_se"):
+            how = of_mean
         found[name] = float(how(known)) if len(known) else np.nan
         if name in SPREAD:
             found[f"{name}_std"] = known.std(ddof=1) if len(known) > 1 else np.nan
     return found
+
+
+def of_mean(errors: np.ndarray) -> float:
+    """Standard error of the mean of members, from that of each."""
+    return float(np.sqrt(np.sum(errors**2)) / len(errors))
 
 
 def majority(regimes: np.ndarray) -> dict[str, Any]:

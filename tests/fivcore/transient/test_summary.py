@@ -11,6 +11,7 @@ from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import BLOCK, Correlation, Histogram, Monitor, Welch
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
 from fivcore.transient.summary import regime_of, summarise
+from fivcore.transient.uncertainty import Blocks
 
 RATE = 50e3
 SCENE = Normalised.of(Scene(2e-3, 5.0, 0.2, 9.0))
@@ -44,7 +45,9 @@ def figures_of(counted, monitor, duration, sticks=None, steadiness=0.0, released
     """Summary of a made run."""
     made = SimpleNamespace(scene=SCENE, options=SimpleNamespace(ramp=1e-3), steps=1, step=duration)
     made.record, made.released_energy = np.array([counted]), lambda: released
-    return summarise(made, monitor, NONE if sticks is None else sticks, steadiness * SCENE.speed_per_load)
+    blocks = Blocks()
+    blocks.spread = lambda start: steadiness * SCENE.speed_per_load
+    return summarise(made, monitor, blocks, NONE if sticks is None else sticks, 0)
 
 
 NONE = np.zeros((0, 2))
