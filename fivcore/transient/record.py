@@ -25,8 +25,9 @@ SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_veloc
 class Segment:
     """Results of a segment, normalised (F = 1).
 
-    `samples` (n, SAMPLE) were taken at the times `t` (n,), followed by `further` samples like the last; `sticks` (k, 2) start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time,
-    velocity of B, N, T, slip rate and contact state.
+    `samples` (n, SAMPLE) were taken at the times `t` (n,), followed by `further` samples like the last; `sticks`
+    (k, 2) are start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time, velocity of B, N,
+    T, slip rate and contact state.
     """
 
     t: Array

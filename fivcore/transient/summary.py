@@ -36,10 +36,10 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
       at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
-    - `simulated_time`: s; `settled_early`: whether the rest of the run was filled in, being proved steady sliding.
-    - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`transient.uncertainty`). 0 for
-      shares in "stuck" and "steady sliding", which are constant; NaN for all else there, for a decay has no
-      long-run value, and where statistics last for less than ten times the time in which the drive loads a stuck
+    - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
+    - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`transient.uncertainty`). In
+      "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
+      long-run value. NaN where statistics last for less than ten times the time in which the drive loads a stuck
       contact until it slips; for `mean_stick_time` with fewer than 12 sticks.
     """
     scene, F, duration = run.scene, run.scene.load, run.steps * run.step
@@ -58,10 +58,11 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     coherence = monitor.correlation.near(20.0 * period, 0.5 * period)
     long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)))
-    driven, distance = displacement(np.array(duration), scene.speed_per_load, run.options.ramp), slip_distance(scene)
+    driven = float(displacement(np.array(duration), scene.speed_per_load, run.options.ramp))
+    distance = slip_distance(scene)
     regime = regime_of(
         slipped=not np.isnan(counted["first_slip"]),
-        drive=float(driven) / max(distance, 1e-300),
+        drive=driven / max(distance, 1e-300),
         slip_share=share["slip"],
         steadiness=0.0 if further and np.isnan(spread) else spread / scene.speed_per_load,
         stick_share=filled / max(duration - start, 1e-300),

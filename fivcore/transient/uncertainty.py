@@ -29,14 +29,14 @@ from fivcore.jit import Array, kernel
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import SETTLING
 
-# Samples in a block, some 1.3 ms.
-BLOCK = 64
+# Samples in a block, some 2.6 ms.
+BLOCK = 128
 # Share of a normal distribution within two standard deviations.
 HELD = 2.0 * float(ndtr(2.0)) - 1.0
 # Fewest cosines, and their number per (T / load_up)^(2/3); load-ups below which a run is too short to say.
 FEWEST, GROWTH, LOAD_UPS = 6, 0.8, 10.0
-# Columns of the blocks: start; share of stick and of separation, mean N, changes of state per second, mean velocity
-# of B and mean of its square; the slip rate's least and largest value, infinite unless the whole block slips.
+# Columns of the blocks: start; share of stick and of separation, mean N, changes of state per second, mean of the
+# velocity of B and of its square; the slip rate's least and largest value, infinite unless the whole block slips.
 START, STICK, SEPARATION, FORCE, SWITCHES, VELOCITY, SQUARE, LEAST, MOST = range(9)
 # Number of samples of the block that is not complete; its other numbers are sums in place of means.
 COUNT = 9
@@ -49,9 +49,9 @@ def errors_of_means(values: Array, cosines: int) -> Array:
     n = len(values)
     if not 0 < 2 * cosines <= n:
         return np.full(values.shape[1], np.nan)
-    y = dct(values - values[0], axis=0)[1 : cosines + 1]
+    y = dct(np.ascontiguousarray((values - values[0]).T))[:, 1 : cosines + 1]
     # SciPy's transform is twice the sum.
-    density = np.sum(y**2, axis=0) / (2.0 * n * cosines)
+    density = np.sum(y**2, axis=1) / (2.0 * n * cosines)
     return np.asarray(0.5 * stdtrit(cosines, 0.5 * (1.0 + HELD)) * np.sqrt(density / n))
 
 
@@ -85,8 +85,11 @@ def standard_errors(blocks: Blocks, cosines: int, monitor: Monitor, sticks: Arra
         ("slip_speed_999", monitor.speeds, blocks.speeds),
     ):
         (error,) = errors_of_means(largest.above(histogram.quantile(0.999), len(x)), cosines)
-        beside = (histogram.quantile(0.999 + sign * min(error, 0.001)) for sign in (1.0, -1.0))
-        found[name] = np.nan if np.isnan(error) else 0.5 * float(np.subtract(*beside))
+        if np.isnan(error):
+            found[name] = np.nan
+            continue
+        error = min(float(error), 0.001)
+        found[name] = 0.5 * (histogram.quantile(0.999 + error) - histogram.quantile(0.999 - error))
     found["mean_stick_time"] = float(errors_of_means(sticks[:, None], FEWEST)[0])
     return found
 
@@ -101,9 +104,7 @@ class Largest:
     def add(self, samples: Array) -> None:
         """Take the next samples, (n,)."""
         while True:
-            taken, self._count = _keep(
-                samples, self._seen, self._limit, self._values, self._numbers, self._count
-            )
+            taken, self._count = _keep(samples, self._seen, self._limit, self._values, self._numbers, self._count)
             self._seen += taken
             samples = samples[taken:]
             if not len(samples):
@@ -171,37 +172,39 @@ class Blocks:
         return np.stack([stick, 1.0 - stick - separation, separation], axis=1)
 
     def spread(self, start: float) -> float:
-        """Half the range of the slip rate since `start`, s; infinite where the contact did not slip all the time."""
+        """Half the range of the slip rate since `start`, s; infinite where the contact did not always slip."""
         late = np.vstack([self.values, self._open[None, :COUNT]])
         late = late[late[:, START] >= start]
         return 0.5 * float(late[:, MOST].max() - late[:, LEAST].min()) if len(late) else float("nan")
 
 
 @kernel
-def _gather(t: Array, samples: Array, open_block: Array, blocks: Array) -> int:
-    """Add samples to the open block (COUNT + 1,), and write those that are complete; return their number."""
-    done = 0
-    for i in range(len(t)):
-        if open_block[COUNT] % BLOCK == 0.0:
+def _gather(t: Array, samples: Array, part: Array, blocks: Array) -> int:
+    """Add samples to the open block `part` (COUNT + 1,), write those that are complete; return their number."""
+    done, i = 0, 0
+    while i < len(t):
+        if part[COUNT] % BLOCK == 0.0:
             # The first sample of the next block completes a block.
-            if open_block[COUNT] > 0.0:
-                block, time = blocks[done], t[i] - open_block[START]
-                block[:] = open_block[:COUNT]
+            if part[COUNT] > 0.0:
+                block, time = blocks[done], t[i] - part[START]
+                block[:] = part[:COUNT]
                 for k in range(4):
-                    block[STICK + k] = (samples[i, 3 + k] - open_block[STICK + k]) / time
+                    block[STICK + k] = (samples[i, 3 + k] - part[STICK + k]) / time
                 block[VELOCITY] /= BLOCK
                 block[SQUARE] /= BLOCK
                 if block[STICK] != 0.0 or block[SEPARATION] != 0.0:
                     block[LEAST], block[MOST] = -np.inf, np.inf
                 done += 1
-            open_block[START] = t[i]
-            open_block[STICK : STICK + 4] = samples[i, 3:]
-            open_block[VELOCITY], open_block[SQUARE], open_block[COUNT] = 0.0, 0.0, 0.0
-            open_block[LEAST], open_block[MOST] = np.inf, -np.inf
-        velocity, slip_rate = samples[i, 0], samples[i, 1]
-        open_block[VELOCITY] += velocity
-        open_block[SQUARE] += velocity * velocity
-        open_block[LEAST] = min(open_block[LEAST], slip_rate)
-        open_block[MOST] = max(open_block[MOST], slip_rate)
-        open_block[COUNT] += 1.0
+            part[START] = t[i]
+            part[STICK : STICK + 4] = samples[i, 3:]
+            part[VELOCITY], part[SQUARE], part[LEAST], part[MOST], part[COUNT] = 0.0, 0.0, np.inf, -np.inf, 0.0
+        end = min(i + BLOCK - int(part[COUNT]), len(t))
+        part[COUNT] += end - i
+        sums, squares, least, most = part[VELOCITY], part[SQUARE], part[LEAST], part[MOST]
+        for j in range(i, end):
+            velocity, slip_rate = samples[j, 0], samples[j, 1]
+            sums += velocity
+            squares += velocity * velocity
+            least, most = min(least, slip_rate), max(most, slip_rate)
+        part[VELOCITY], part[SQUARE], part[LEAST], part[MOST], i = sums, squares, least, most, end
     return done

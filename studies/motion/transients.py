@@ -63,7 +63,8 @@ SUMMARY = {
 # Statistics of a run that have a standard error, X_se.
 ESTIMATED = (
     *(f"{state}_fraction" for state in STATES),
-    "velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999", "switches_per_second", "mean_stick_time",
+    "velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999", "switches_per_second",
+    "mean_stick_time",
 )  # fmt: skip
 SUMMARY |= {
     f"{name}_se": replace(SUMMARY[name], long_name=f"standard error: {SUMMARY[name].long_name}")

@@ -94,9 +94,8 @@ def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:
     found: dict[str, Any] = majority(figures["regime"])
     for name in FIGURES:
         known = figures[name][np.isfinite(figures[name])]
-        how = np.max if name in LARGEST else ensembles.middle if name in MIDDLE else np.mean
-        if name.endswith("_se"):
-            how = of_mean
+        how: Any = np.max if name in LARGEST else ensembles.middle if name in MIDDLE else np.mean
+        how = of_mean if name.endswith("_se") else how
         found[name] = float(how(known)) if len(known) else np.nan
         if name in SPREAD:
             found[f"{name}_std"] = known.std(ddof=1) if len(known) > 1 else np.nan

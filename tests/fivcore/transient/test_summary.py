@@ -86,6 +86,10 @@ def test_a_run_that_never_slips_counts_from_its_start():
     assert np.isnan(figures["first_separation_time"])
     assert figures["mean_normal_force"] == pytest.approx(9.0)
     assert len(figures["stick_times"]) == 0
+    counted, _ = run([STICK] * 100)
+    figures = figures_of(counted, silent(), 10.0)
+    assert (figures["regime"], figures["stick_fraction_se"], figures["slip_fraction_se"]) == ("stuck", 0.0, 0.0)
+    assert np.isnan(figures["mean_normal_force_se"])
 
 
 def test_long_sticks_are_a_fifth_of_the_first_and_the_last_may_be_censored():

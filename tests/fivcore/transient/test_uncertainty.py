@@ -24,7 +24,7 @@ SCENES = {f"{V} mm/s": (Scene(V * 1e-3, 5.0, 0.2, 9.0), None) for V in (0.8, 1.1
     "other rig": (Scene(2e-3, 5.0, 0.2, 9.0, OTHER), 2.0)
 }
 # Runs of each scene, and for how long their statistics last, s.
-RUNS, TIME = 200, 3.2
+RUNS, TIME = 200, 3.6
 
 
 def runs_of(name, time=TIME, count=RUNS):
@@ -33,7 +33,9 @@ def runs_of(name, time=TIME, count=RUNS):
     duration = (0.1 + 0.1435e-3 / scene.V if settle is None else settle) + time
     for first in range(0, count, 40):
         ramps = [1e-3 * (1.0 + 0.013 * k) for k in range(first, min(first + 40, count))]
-        yield from (run.summary for run in simulate_many([scene] * len(ramps), duration, ramp=ramps, settle=settle))
+        yield from (
+            run.summary for run in simulate_many([scene] * len(ramps), duration, ramp=ramps, settle=settle)
+        )
 
 
 def held(summaries, name):
@@ -47,7 +49,7 @@ def held(summaries, name):
 
 @pytest.mark.slow
 def test_the_long_run_value_lies_within_two_standard_errors():
-    """In 92 to 98 % of all runs; of one scene 200 runs tell it to 3 %, and some rare figures are too sure."""
+    """In 92 to 98 % of all runs; of one scene 200 runs tell that to 4 % (two standard deviations of their count)."""
     found = {scene: list(runs_of(scene)) for scene in SCENES}
     print("\nstatistic", *(f"{scene:>10s}" for scene in SCENES), "all", sep=" | ")
     for name in STATISTICS:
@@ -55,7 +57,7 @@ def test_the_long_run_value_lies_within_two_standard_errors():
         shares, whole = [part.mean() if len(part) > RUNS / 2 else np.nan for part in each], np.concatenate(each)
         print(f"{name:20s}", *(f"{100 * share:10.1f}" for share in shares), f"{100 * whole.mean():.1f}", sep=" | ")
         assert 0.92 <= whole.mean() <= 0.98, name
-        assert np.nanmin(shares) >= 0.89, name
+        assert np.nanmin(shares) >= 0.92 - 0.04, name
 
 
 @pytest.mark.parametrize(("memory", "count"), [(0.0, 400), (0.9, 2000)])
@@ -108,8 +110,13 @@ def test_blocks_are_means_between_samples_and_begin_anew_when_settled():
 
 @pytest.mark.parametrize(
     ("method", "V", "duration", "given"),
-    [("fast", 1e-3, 2.0, {}), ("fast", 5e-3, 0.6, {"contact_motion": 1}), ("exact", 2e-2, 0.1, {}), ("paper", 2e-2, 0.06, {})],
-)  # fmt: skip
+    [
+        ("fast", 1e-3, 2.0, {}),
+        ("fast", 5e-3, 0.6, {"contact_motion": 1}),
+        ("exact", 2e-2, 0.1, {}),
+        ("paper", 2e-2, 0.06, {}),
+    ],
+)
 def test_blocks_hold_what_the_counters_do(method, V, duration, given, monkeypatch):
     """By every method, in skipped sticks and with a contact point that moves."""
     kept = []
