@@ -25,6 +25,7 @@ from fivcore.transient.record import Record
 from fivcore.transient.spectra import BLOCK, Monitor
 from fivcore.transient.summary import summarise
 from fivcore.transient.uncertainty import Blocks
+from fivcore.transient.until import Watch
 
 # Runs under way at once: their segments and records are in memory together.
 AT_ONCE = 32
@@ -39,7 +40,8 @@ class Transient:
     ----------
     scene : Scene
     summary : dict
-        The figures listed in `fivcore.transient.summary.summarise`.
+        The figures listed in `fivcore.transient.summary.summarise`, and where `duration` is an `Until`,
+        `standard_error_reached`: False where `most` ended the run.
     time : ndarray, (n,)
         s since the drive started; this and the following are empty unless recorded.
     velocity_B : ndarray, (n,)
@@ -71,6 +73,7 @@ class Job:
         self._series = Record(normalised, options.record, options.sample_times)
         # Samples that were filled in.
         self._blocks, self._sticks, self._further = Blocks(), np.empty((0, 2)), 0
+        self._watch = None if options.until is None else Watch(self.run, options.until)
         model, speed = self.run.model, normalised.speed_per_load
         self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
         self._given += speed**2 * float(np.sum(model.inertia**2))
@@ -90,6 +93,8 @@ class Job:
             if segment.further:
                 self._further = segment.further
                 monitor.repeat(segment.t[-1], velocity[-1], force[-1], slip_rate[-1], segment.further)
+        if self._watch is not None:
+            self._watch.look(self._blocks, self._further > 0)
         # The bound of the energy is a thousand times what has been put in.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
         if not run.calm(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
@@ -110,6 +115,8 @@ class Job:
         """The motion, in the scene's own units."""
         self._monitor.close(self._long_sticks()[0])
         summary = summarise(self.run, self._monitor, self._blocks, self._sticks, self._further)
+        if self._watch is not None:
+            summary["standard_error_reached"] = self._watch.known
         return Transient(self._scene, summary, **self._series.whole())
 
 

@@ -57,7 +57,8 @@ class FastRun:
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
-        self.steps = max(round(options.duration / self.step), 1)
+        # The run goes no further than to step `pause`, which may move.
+        self.pause = self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
         self._ramp = options.ramp if options.ramp >= self.step else 0.0
         self._ramp_ends = int(self._ramp / self.step)
@@ -72,7 +73,7 @@ class FastRun:
         rate = options.sampling_rate
         self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
         self.rate = 1.0 / (self._sample_every * self.step)
-        self._may_settle = options.end_early and self._motion is None and bool(model.K.any())
+        self.may_settle = options.end_early and self._motion is None and bool(model.K.any())
         self._length = SHORT_SEGMENT
         # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
         self._onset_ends, self._opened = 0, False
@@ -236,6 +237,7 @@ class FastRun:
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
+        last = min(last, self.pause * finer)
         record["last"], record["threshold"] = last, threshold
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
@@ -338,16 +340,19 @@ class FastRun:
     def _settled(self, segment: Segment) -> SteadySliding | None:
         """Steady sliding, if nothing else can follow a segment; a proof is tried only where it looks so."""
         speed = self.scene.speed_per_load
-        if not (self._may_settle and self._slip_variation(segment) <= NEAR * speed):
+        if not (self.may_settle and self._slip_variation(segment) <= NEAR * speed):
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
-        self._may_settle = steady is not None and steady.decays
+        self.may_settle = steady is not None and steady.decays
         state = self._row(at.Q), self._row(at.V), self._element
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
         """Fill in steady sliding to the end of the run: all its steps count the same."""
         speed, record, every, step = self.scene.speed_per_load, self.record, self._sample_every, self.step
+        if self.options.until is not None:
+            least = (float(record["settled_from"][0]) + self.options.until.least) / step
+            self.pause = self.steps = min(max(int(np.ceil(least)), self.pause), self.steps)
         first, last = int(record["now"][0]), self.steps
         q, v, u = steady.start(speed)
         self._place(q, v)

@@ -49,7 +49,7 @@ def held(summaries, name):
 
 @pytest.mark.slow
 def test_the_long_run_value_lies_within_two_standard_errors():
-    """In 92 to 98 % of all runs; of one scene 200 runs tell that to 4 % (two standard deviations of their count)."""
+    """In 92 to 98 % of all runs; of one scene 200 runs tell that to 4 % (two standard deviations)."""
     found = {scene: list(runs_of(scene)) for scene in SCENES}
     print("\nstatistic", *(f"{scene:>10s}" for scene in SCENES), "all", sep=" | ")
     for name in STATISTICS:
