@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fivcore import Beam, Rig, Scene, simulate, simulate_many
+from fivcore import Beam, InputError, Rig, Scene, Until, simulate, simulate_many
 from fivcore.transient import driver
 from fivcore.transient.record import SAMPLE
 from fivcore.transient.uncertainty import BLOCK, FEWEST, ROOM, Blocks, Largest, cosines_for, errors_of_means
+from tests.helpers.runs import assert_same_summary
 
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
 STATISTICS = (
@@ -27,10 +28,11 @@ SCENES = {f"{V} mm/s": (Scene(V * 1e-3, 5.0, 0.2, 9.0), None) for V in (0.8, 1.1
 RUNS, TIME = 200, 3.6
 
 
-def runs_of(name, time=TIME, count=RUNS):
+def runs_of(name, duration=None, count=RUNS):
     """Summaries of runs that differ by their ramp."""
     scene, settle = SCENES[name]
-    duration = (0.1 + 0.1435e-3 / scene.V if settle is None else settle) + time
+    if duration is None:
+        duration = (0.1 + 0.1435e-3 / scene.V if settle is None else settle) + TIME
     for first in range(0, count, 40):
         ramps = [1e-3 * (1.0 + 0.013 * k) for k in range(first, min(first + 40, count))]
         yield from (
@@ -50,9 +52,23 @@ def held(summaries, name):
 @pytest.mark.slow
 def test_the_long_run_value_lies_within_two_standard_errors():
     """In 92 to 98 % of all runs; of one scene 200 runs tell that to 4 % (two standard deviations)."""
-    found = {scene: list(runs_of(scene)) for scene in SCENES}
+    check({scene: list(runs_of(scene)) for scene in SCENES}, STATISTICS)
+
+
+@pytest.mark.slow
+def test_it_does_so_where_a_run_ends_because_its_shares_are_known():
+    found = {scene: list(runs_of(scene, Until(0.005))) for scene in SCENES}
+    for scene, summaries in found.items():
+        times = [each["simulated_time"] for each in summaries]
+        print(f"\n{scene}: {np.mean(times):.2f} s, from {min(times):.2f} to {max(times):.2f} s", end="")
+        assert all(each["standard_error_reached"] for each in summaries)
+    check(found, SHARES)
+
+
+def check(found, names):
+    """Print how often the figures called `names` held, in percent, and assert that it is often enough."""
     print("\nstatistic", *(f"{scene:>10s}" for scene in SCENES), "all", sep=" | ")
-    for name in STATISTICS:
+    for name in names:
         each = [held(summaries, name) for summaries in found.values()]
         shares, whole = [part.mean() if len(part) > RUNS / 2 else np.nan for part in each], np.concatenate(each)
         print(f"{name:20s}", *(f"{100 * share:10.1f}" for share in shares), f"{100 * whole.mean():.1f}", sep=" | ")
@@ -147,3 +163,63 @@ def test_standard_errors_have_the_units_of_what_they_are_of():
     one, other = (simulate(Scene(k * 5e-3, 5.0, 0.2, k * 9.0), 0.7).summary for k in (1.0, 4.0))
     for name in STATISTICS[:-1]:
         assert other[f"{name}_se"] / one[f"{name}_se"] == other[name] / one[name] > 0.0
+
+
+def test_a_run_until_it_is_known_is_a_run_of_that_length():
+    """To the last bit: it does not depend on the looks, on company or on a record."""
+    scenes = [Scene(5e-3, 5.0, 0.2, 9.0), Scene(5e-3, -5.0, 0.2, 9.0), Scene(2e-3, 5.0, 0.2, 9.0)]
+    until = Until(0.007, least=0.35, most=4.0)
+    runs = simulate_many(scenes, [until, until, 0.2])
+    for scene, run in zip(scenes[:2], runs, strict=False):
+        reached = run.summary.pop("standard_error_reached")
+        assert reached
+        recorded = simulate(scene, until, record=True, sample_rate=3e3)
+        assert recorded.time[-1] == pytest.approx(run.summary["simulated_time"], abs=1e-3)
+        assert recorded.summary.pop("standard_error_reached")
+        assert_same_summary(recorded, run)
+        if not run.summary["settled_early"]:
+            assert_same_summary(simulate(scene, run.summary["simulated_time"]), run)
+            assert max(run.summary[f"{name}_se"] for name in SHARES) <= 0.007
+    assert runs[2].summary["simulated_time"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("scene", "until", "regime", "time", "reached"),
+    [
+        # Steady sliding is proved after 0.9 s; what comes later changes nothing.
+        (Scene(5e-3, -5.0, 0.2, 9.0), Until(), "steady sliding", (0.43, 1.1), True),
+        (Scene(5e-3, -5.0, 0.2, 9.0), Until(least=2.0), "steady sliding", (2.12, 2.14), True),
+        # The drive has not come to what slips, or not long ago.
+        (Scene(1e-4, 5.0, 0.2, 9.0), Until(most=1.0), "undecided", (1.0, 1.0), False),
+        (Scene(2e-4, 5.0, 0.2, 9.0), Until(most=1.2), "intermittent", (1.2, 1.2), False),
+    ],
+)
+def test_how_a_run_ends(scene, until, regime, time, reached):
+    summary = simulate(scene, until).summary
+    assert summary["standard_error_reached"] is reached
+    assert summary["regime"] == regime
+    assert time[0] - 1e-5 <= summary["simulated_time"] <= time[1] + 1e-5
+
+
+@pytest.mark.parametrize(("method", "most"), [("exact", 0.3), ("paper", 0.2)])
+def test_other_methods_stop_too(method, most):
+    """Where 20 load-ups have passed, at the second look in a row that finds all known."""
+    scene, until = Scene(4e-2, 5.0, 0.2, 9.0), Until(0.1, least=0.02, most=most)
+    summary = simulate(scene, until, method, settle=0.01).summary
+    assert summary["standard_error_reached"]
+    assert 0.01 + 20.0 * 0.1435e-3 / 4e-2 <= summary["simulated_time"] < most
+    plain = simulate(scene, summary["simulated_time"], method, settle=0.01).summary
+    assert plain["stick_fraction"] == pytest.approx(summary["stick_fraction"], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"standard_error": 0.0}, "standard_error = 0.0: it must be a number from 1e-06 to 1"),
+        ({"least": 2.0, "most": 1.0}, "least = 2.0: it must be a number from 0 to 1"),
+        ({"most": np.nan}, "most = nan: it must be a number from 1e-09 to"),
+    ],
+)
+def test_what_until_cannot_be(given, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        Until(**given)
