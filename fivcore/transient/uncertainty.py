@@ -72,7 +72,7 @@ def standard_errors(blocks: Blocks, cosines: int, monitor: Monitor, sticks: Arra
     """
     x, rms = blocks.values, monitor.rms
     mean = x[:, VELOCITY].mean() if len(x) else 0.0
-    deviation = (x[:, SQUARE] - 2.0 * mean * x[:, VELOCITY]) / (2.0 * rms)
+    deviation = (x[:, SQUARE] - 2.0 * mean * x[:, VELOCITY]) / (2.0 * (rms or np.nan))
     names = ("stick_fraction", "slip_fraction", "separation_fraction", "switches_per_second", "velocity_rms")
     errors = errors_of_means(np.column_stack([blocks.shares(), x[:, SWITCHES], deviation]), cosines)
     found = dict(zip(names, errors.tolist(), strict=True))

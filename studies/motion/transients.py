@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
-from fivcore import Rig, Scene, Transient, checks
+from fivcore import Rig, Scene, Transient, Until, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.motion.jobs import Job, check_jobs
@@ -107,7 +107,7 @@ def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
     return [Scene(**{name: float(every[name][k]) for name in SCENE}, rig=fixed["rig"]) for k in range(count)]
 
 
-def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, **recording: Any) -> Job:
+def job(scene: Scene, fixed: Mapping[str, Any], duration: float | Until | None = None, **recording: Any) -> Job:
     """The run of one scene that the sweep's constants ask for."""
     options = {
         "method": fixed["method"],

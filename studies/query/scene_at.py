@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fivcore import Scene
+from fivcore import Scene, Until
 from studies.maps.quantities import AXES
 from studies.motion import ensembles, normalised, recording, transients
 from studies.query.columns import Columns, hint
@@ -143,12 +143,9 @@ def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]
     return float(member)
 
 
-def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float:
-    """How long a member ran, s: as its study decided for the normalised scene."""
-    rule = {name: given[name] for name in ensembles.SETTINGS}
-    if dataset.attrs["sweep"] == "table6":
-        return ensembles.own_duration(own, given["ramp"], **rule)
+def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float | Until:
+    """How long a member ran, s, or what ended it: as its study decided for the normalised scene."""
+    if dataset.attrs["sweep"] != "stick_time":
+        return ensembles.own_duration(own, given["ramp"], given)
     (scene,) = normalised.scenes({name: np.array([getattr(own, name)]) for name in transients.SCENE}, own.rig)
-    # Only where members are points of their own has each its own length.
-    ramp = ensembles.ramp_of(member, given["ramp"]) if "members" not in given else given["ramp"]
-    return ensembles.own_duration(scene, ramp, **rule)
+    return ensembles.own_duration(scene, ensembles.ramp_of(member, given["ramp"]), given)

@@ -63,24 +63,23 @@ VARIABLES = (
         "unstable_modes": Variable("1", f"number of growing modes of steady sliding {BELOW}", (), "int16"),
         "model_growth_rate": _plain("s-1", "growth rate of the least stable mode of all that are simulated"),
         "model_growth_frequency": _plain("Hz", "frequency of the least stable mode of all that are simulated"),
-        "duration": _plain("s", "simulated time of each member"),
+        "duration": _plain("s", "simulated time, mean over members"),
         "load_up_time": _plain("s", "time in which the drive loads a stuck contact from rest until it slips"),
     }
 )
 
 
-def ensemble(
-    points: Mapping[str, Any], *, members: int, least: float, load_ups: float, most: float, **fixed: Any
-) -> dict[str, Any]:
+def ensemble(points: Mapping[str, Any], *, members: int, **fixed: Any) -> dict[str, Any]:
     """Regime, figures and stability of each point's normalised scene."""
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         scene = jobs[0].scene
-        times = {"duration": jobs[0].duration, "load_up_time": ensembles.load_up(scene)}
+        duration = np.mean([run.summary["simulated_time"] for run in runs])
+        times = {"duration": duration, "load_up_time": ensembles.load_up(scene)}
         return ensemble_figures(runs) | stability(scene, fixed["cutoff"]) | times
 
     scenes = normalised.scenes(points, fixed["rig"])
-    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in scenes]
+    jobs = [ensembles.ensemble(scene, members, fixed) for scene in scenes]
     return outcomes(jobs, values, copies=True)
 
 
@@ -169,8 +168,8 @@ STUDY = Study(
         "theta": Axis(np.array([paper.THETA]), "degree", "inclination of P1"),
         "F": Axis(np.array([paper.LOAD]), "N", "load on A"),
     },
-    settings={"members": Setting(4.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
-    | ensembles.settings(least=2.0, load_ups=10.0, most=8.0)
+    settings={"members": Setting(1.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
+    | ensembles.settings(least=0.3, most=12.0, standard_error=ensembles.KNOWN)
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     function=ensemble,
     variables=VARIABLES,

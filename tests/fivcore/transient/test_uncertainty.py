@@ -216,7 +216,7 @@ def test_other_methods_stop_too(method, most):
     ("given", "message"),
     [
         ({"standard_error": 0.0}, "standard_error = 0.0: it must be a number from 1e-06 to 1"),
-        ({"least": 2.0, "most": 1.0}, "least = 2.0: it must be a number from 0 to 1"),
+        ({"least": -1.0}, "least = -1.0: it must be a number from 0 to"),
         ({"most": np.nan}, "most = nan: it must be a number from 1e-09 to"),
     ],
 )

@@ -38,7 +38,8 @@ REFUSED = [
     ("regimes", {"members": 2.5}, r"^members = 2\.5: it must be a whole number"),
     ("regimes", {"members": 101.0}, r"^members = 101\.0: it must be a whole number"),
     ("regimes", {"least": -1.0}, r"^least = -1\.0: it must be a number from"),
-    ("regimes", {"load_ups": -1.0}, "^load_ups = -1.0: it must be a number from"),
+    ("regimes", {"standard_error": -1.0}, "^standard_error = -1.0: it must be a number from"),
+    ("stick_time", {"load_ups": -1.0}, "^load_ups = -1.0: it must be a number from"),
     ("regimes", {"most": 0.0}, r"^most = 0\.0: it must be a number from"),
     ("regimes", {"cutoff": -1.0}, r"^cutoff = -1\.0: it must be"),
     (
