@@ -13,7 +13,7 @@ from fivcore.transient.critical import critical_mu
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
 from fivcore.transient.simulate import simulate, simulate_many
-from fivcore.transient.until import Until
+from fivcore.transient.uncertainty.until import Until
 
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "OnsetCurve", "OnsetCurves", "Rig",

@@ -24,8 +24,8 @@ from fivcore.transient.published import PaperRun
 from fivcore.transient.record import Record
 from fivcore.transient.spectra import BLOCK, Monitor
 from fivcore.transient.summary import summarise
-from fivcore.transient.uncertainty import Blocks
-from fivcore.transient.until import Watch
+from fivcore.transient.uncertainty.blocks import Blocks
+from fivcore.transient.uncertainty.until import Watch
 
 # Runs under way at once: their segments and records are in memory together.
 AT_ONCE = 32

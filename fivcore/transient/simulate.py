@@ -13,7 +13,7 @@ from fivcore.rig import Scene
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import options_for
-from fivcore.transient.until import Until
+from fivcore.transient.uncertainty.until import Until
 
 
 def simulate(

@@ -10,7 +10,8 @@ from fivcore.jit import Array
 from fivcore.transient.normalised import displacement, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
-from fivcore.transient.uncertainty import Blocks, cosines_for, standard_errors
+from fivcore.transient.uncertainty.blocks import Blocks
+from fivcore.transient.uncertainty.errors import cosines_for, standard_errors
 
 
 def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further: int) -> dict[str, object]:
@@ -37,7 +38,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
-    - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`transient.uncertainty`). In
+    - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`uncertainty.errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
       long-run value. NaN where statistics last for less than ten times the time in which the drive loads a stuck
       contact until it slips; for `mean_stick_time` with fewer than 12 sticks.

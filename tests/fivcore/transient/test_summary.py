@@ -11,7 +11,7 @@ from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import BLOCK, Correlation, Histogram, Monitor, Welch
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
 from fivcore.transient.summary import regime_of, summarise
-from fivcore.transient.uncertainty import Blocks
+from fivcore.transient.uncertainty.blocks import Blocks
 
 RATE = 50e3
 SCENE = Normalised.of(Scene(2e-3, 5.0, 0.2, 9.0))

@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 from fivcore import Beam, InputError, Rig, Scene, Until, simulate, simulate_many
 from fivcore.transient import driver
 from fivcore.transient.record import SAMPLE
-from fivcore.transient.uncertainty import BLOCK, FEWEST, ROOM, Blocks, Largest, cosines_for, errors_of_means
+from fivcore.transient.uncertainty.blocks import BLOCK, ROOM, Blocks, Largest
+from fivcore.transient.uncertainty.errors import FEWEST, cosines_for, errors_of_means
 from tests.helpers.runs import assert_same_summary
 
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")

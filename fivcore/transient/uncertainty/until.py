@@ -12,7 +12,8 @@ from fivcore.transient.fast_scene import MAX_SKIP
 from fivcore.transient.normalised import slip_distance
 from fivcore.transient.steady import NEAR
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
-from fivcore.transient.uncertainty import Blocks, cosines_for, errors_of_means
+from fivcore.transient.uncertainty.blocks import Blocks
+from fivcore.transient.uncertainty.errors import cosines_for, errors_of_means
 
 # Each look is later than the last by this factor of the time since settling; the first that may end a run comes
 # after so many load-ups.
@@ -24,9 +25,9 @@ class Until:
     """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
 
     The run is looked at after times that grow by a quarter, and ends where at two looks in a row no share has a
-    larger standard error (`fivcore.transient.uncertainty`): one too small by chance does not end it. Statistics
-    last for at least 20 times the time in which the drive loads a stuck contact until it slips. A run ends at
-    `least` where steady sliding is proved, and where the drive has moved 1.3 times what slips without slip.
+    larger standard error (`uncertainty.errors`): one that is too small by chance does not end it. Statistics last
+    for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady sliding is
+    proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
 
     Parameters
     ----------
