@@ -50,7 +50,7 @@ def check(fixed: Mapping[str, Any]) -> None:
     if "load_ups" in fixed:
         checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
     checks.between("most", fixed["most"], 1e-3, 1e6, "s")
-    Until(fixed.get("standard_error", 1.0), fixed["least"], fixed["most"])
+    until({"standard_error": 1.0, **fixed})
 
 
 def check_grid(axes: Mapping[str, Axis], fixed: Mapping[str, Any], **more: float) -> None:
@@ -77,6 +77,11 @@ def load_up(scene: Scene) -> float:
     return slip_distance(normalised) / normalised.speed_per_load
 
 
+def until(fixed: Mapping[str, Any]) -> Until:
+    """What ends a run whose length is not given."""
+    return Until(fixed["standard_error"], fixed["least"], fixed["most"])
+
+
 def own_duration(scene: Scene, ramp: float, fixed: Mapping[str, Any]) -> float | Until:
     """How long a scene must run for its statistics: until they are known, or for a time, s.
 
@@ -85,7 +90,7 @@ def own_duration(scene: Scene, ramp: float, fixed: Mapping[str, Any]) -> float |
     """
     least, most = fixed["least"], fixed["most"]
     if "load_ups" not in fixed:
-        return Until(fixed["standard_error"], least, most)
+        return until(fixed)
     once = load_up(scene)
     settled = 0.5 * ramp + once + transients.SETTLING
     return float(min(settled + max(least, fixed["load_ups"] * once), most))

@@ -85,7 +85,7 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
     if "duration" in given:
         if "member" in point:
             raise InputError(f"member = {point['member']}: each point of this study is one run")
-        duration, member = given["duration"], 1.0
+        duration, member = given["duration"] or ensembles.until(given), 1.0
     else:
         member = _member(Columns(dataset), given, point)
         duration = _own_duration(dataset, own, given, member)
@@ -101,7 +101,7 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
     if dataset.attrs["sweep"] in RECORDED:
         options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
     elif "record" in given:
-        times = transients.even_times(duration, given["sample_rate"]).values
+        times = transients.even_times(given["duration"], given["sample_rate"]).values
         options |= recording.options(given["record"], times)
     return options
 

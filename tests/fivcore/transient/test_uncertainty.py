@@ -52,7 +52,7 @@ def held(summaries, name):
 
 @pytest.mark.slow
 def test_the_long_run_value_lies_within_two_standard_errors():
-    """In 92 to 98 % of all runs; of one scene 200 runs tell that to 4 % (two standard deviations)."""
+    """In 92 to 98 % of all runs; of one scene 200 runs tell that to 6 % (three standard deviations)."""
     check({scene: list(runs_of(scene)) for scene in SCENES}, STATISTICS)
 
 
@@ -74,7 +74,7 @@ def check(found, names):
         shares, whole = [part.mean() if len(part) > RUNS / 2 else np.nan for part in each], np.concatenate(each)
         print(f"{name:20s}", *(f"{100 * share:10.1f}" for share in shares), f"{100 * whole.mean():.1f}", sep=" | ")
         assert 0.92 <= whole.mean() <= 0.98, name
-        assert np.nanmin(shares) >= 0.92 - 0.04, name
+        assert np.nanmin(shares) >= 0.92 - 0.06, name
 
 
 @pytest.mark.parametrize(("memory", "count"), [(0.0, 400), (0.9, 2000)])
