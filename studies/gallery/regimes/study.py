@@ -169,7 +169,7 @@ STUDY = Study(
         "F": Axis(np.array([paper.LOAD]), "N", "load on A"),
     },
     settings={"members": Setting(1.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
-    | ensembles.settings(least=0.3, most=12.0, standard_error=ensembles.KNOWN)
+    | ensembles.settings(least=0.3, most=16.0, standard_error=ensembles.KNOWN)
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     function=ensemble,
     variables=VARIABLES,

@@ -120,7 +120,7 @@ STUDY = Study(
             0.0, "s", f"simulated time; 0: until shares are known, or {recording.DURATION:g} s if recorded"
         )
     }
-    | ensembles.settings(least=0.3, most=12.0, standard_error=ensembles.KNOWN)
+    | ensembles.settings(least=0.3, most=16.0, standard_error=ensembles.KNOWN)
     | {"settle": Setting(-1.0, "s", "when statistics start; below 0: 0.1 s after the first slip")}
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     function=motions,

@@ -298,3 +298,8 @@ def test_a_file_explains_itself_and_grows(tmp_path):
             if name != "regime":
                 assert plain[name].attrs["units"] == variable.units
                 assert plain[name].dtype == np.float32
+
+
+def test_the_standard_error_of_a_mean_over_members():
+    assert regimes.of_mean(np.array([3.0, 4.0])) == pytest.approx(2.5)
+    assert regimes.VARIABLES["velocity_rms_se"].scale == regimes.VARIABLES["velocity_rms"].scale == "load"
