@@ -13,10 +13,11 @@ from fivcore.transient.critical import critical_mu
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
 from fivcore.transient.simulate import simulate, simulate_many
+from fivcore.transient.uncertainty.until import Until
 
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "OnsetCurve", "OnsetCurves", "Rig",
-    "Scene", "SlidingModes", "State", "Transient", "UnsolvedError", "UnstableWindows", "critical_mu",
+    "Scene", "SlidingModes", "State", "Transient", "UnsolvedError", "UnstableWindows", "Until", "critical_mu",
     "flutter_onsets", "glued_frequencies", "node_positions", "onset_curves", "simulate", "simulate_many",
     "sliding_modes", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

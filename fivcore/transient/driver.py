@@ -24,6 +24,8 @@ from fivcore.transient.published import PaperRun
 from fivcore.transient.record import Record
 from fivcore.transient.spectra import BLOCK, Monitor
 from fivcore.transient.summary import summarise
+from fivcore.transient.uncertainty.blocks import Blocks
+from fivcore.transient.uncertainty.until import Watch
 
 # Runs under way at once: their segments and records are in memory together.
 AT_ONCE = 32
@@ -38,8 +40,8 @@ class Transient:
     ----------
     scene : Scene
     summary : dict
-        The figures listed in `fivcore.transient.summary.summarise`, and `settled_early`: whether the rest of the
-        run was filled in, being proved steady sliding.
+        The figures listed in `fivcore.transient.summary.summarise`, and where `duration` is an `Until`,
+        `standard_error_reached`: False where `most` ended the run.
     time : ndarray, (n,)
         s since the drive started; this and the following are empty unless recorded.
     velocity_B : ndarray, (n,)
@@ -69,9 +71,9 @@ class Job:
         self._scene, self.run = scene, METHODS[options.method](normalised, options)
         self._monitor = Monitor(self.run.rate)
         self._series = Record(normalised, options.record, options.sample_times)
-        self._sticks, self._settled_early = np.empty((0, 2)), False
-        # Extremes of the slip rate in the last quarter of the run.
-        self._late: list[float] = []
+        # Samples that were filled in.
+        self._blocks, self._sticks, self._further = Blocks(), np.empty((0, 2)), 0
+        self._watch = None if options.until is None else Watch(self.run, options.until)
         model, speed = self.run.model, normalised.speed_per_load
         self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
         self._given += speed**2 * float(np.sum(model.inertia**2))
@@ -82,16 +84,17 @@ class Job:
         for segment in run.segments:
             self._series.add(segment.rows)
             self._sticks = np.concatenate([self._sticks, segment.sticks])
-            velocity, slip_rate, force = segment.samples.T
-            monitor.add(segment.t, velocity, force, slip_rate, float(run.record["settled_from"][0]))
+            velocity, slip_rate, force = segment.samples[:, :3].T
+            settled_from = float(run.record["settled_from"][0])
+            monitor.add(segment.t, velocity, force, slip_rate, settled_from)
+            self._blocks.add(segment.t, segment.samples, settled_from)
             if monitor.waiting >= BLOCK:
                 monitor.process(*self._long_sticks())
             if segment.further:
-                self._settled_early = True
+                self._further = segment.further
                 monitor.repeat(segment.t[-1], velocity[-1], force[-1], slip_rate[-1], segment.further)
-            start = 0.75 * run.options.duration - segment.further / run.rate
-            late = slip_rate[np.searchsorted(segment.t, start) :]
-            self._late += [late.min(), late.max()] if len(late) else []
+        if self._watch is not None:
+            self._watch.look(self._blocks, self._further > 0)
         # The bound of the energy is a thousand times what has been put in.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
         if not run.calm(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
@@ -111,9 +114,9 @@ class Job:
     def result(self) -> Transient:
         """The motion, in the scene's own units."""
         self._monitor.close(self._long_sticks()[0])
-        spread = 0.5 * float(np.ptp(self._late)) if self._late else float("nan")
-        summary = summarise(self.run, self._monitor, self._sticks, spread)
-        summary["settled_early"] = self._settled_early
+        summary = summarise(self.run, self._monitor, self._blocks, self._sticks, self._further)
+        if self._watch is not None:
+            summary["standard_error_reached"] = self._watch.known
         return Transient(self._scene, summary, **self._series.whole())
 
 

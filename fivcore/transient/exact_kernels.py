@@ -172,7 +172,9 @@ def observe(
         if settled:
             count_step(scene, contact, N, abs(speed), step)
         if sampled:
-            samples[scene.samples] = (velocity, speed, N)
+            samples[scene.samples] = (
+                velocity, speed, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
+            )  # fmt: skip
             scene.samples += 1
         if written:
             rows[scene.rows] = (t, velocity, N, T, speed, float(contact))

@@ -27,7 +27,7 @@ from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
-from fivcore.transient.record import Segment, count_in, room_for_sticks
+from fivcore.transient.record import SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
@@ -55,7 +55,8 @@ class FastRun:
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
-        self.steps = max(round(options.duration / self.step), 1)
+        # The run goes no further than to step `pause`, which may move.
+        self.pause = self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
         self._ramp = options.ramp if options.ramp >= self.step else 0.0
         self._ramp_ends = int(self._ramp / self.step)
@@ -70,7 +71,7 @@ class FastRun:
         rate = options.sampling_rate
         self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
         self.rate = 1.0 / (self._sample_every * self.step)
-        self._may_settle = options.end_early and self._motion is None and bool(model.K.any())
+        self.may_settle = options.end_early and self._motion is None and bool(model.K.any())
         self._length = SHORT_SEGMENT
         # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
         self._onset_ends, self._opened = 0, False
@@ -181,7 +182,7 @@ class FastRun:
         modes[:] = np.concatenate([run.blocks.ravel() for run in runs])
         samples, rows = (
             np.empty((_reserve(scenes, name, every), width))
-            for name, every, width in (("samples", "sample_every", 3), ("rows", "row_every", 6))
+            for name, every, width in (("samples", "sample_every", SAMPLE), ("rows", "row_every", 6))
         )
         scenes["sticks_at"] = np.cumsum(scenes["stick_room"]) - scenes["stick_room"]
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))
@@ -234,6 +235,7 @@ class FastRun:
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
+        last = min(last, self.pause * finer)
         record["last"], record["threshold"] = last, threshold
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
@@ -336,21 +338,25 @@ class FastRun:
     def _settled(self, segment: Segment) -> SteadySliding | None:
         """Steady sliding, if nothing else can follow a segment; a proof is tried only where it looks so."""
         speed = self.scene.speed_per_load
-        if not (self._may_settle and self._slip_variation(segment) <= NEAR * speed):
+        if not (self.may_settle and self._slip_variation(segment) <= NEAR * speed):
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
-        self._may_settle = steady is not None and steady.decays
+        self.may_settle = steady is not None and steady.decays
         state = self._row(at.Q), self._row(at.V), self._element
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
         """Fill in steady sliding to the end of the run: all its steps count the same."""
         speed, record, every, step = self.scene.speed_per_load, self.record, self._sample_every, self.step
+        if self.options.until is not None:
+            least = (float(record["settled_from"][0]) + self.options.until.least) / step
+            self.pause = self.steps = min(max(int(np.ceil(least)), self.pause), self.steps)
         first, last = int(record["now"][0]), self.steps
         q, v, u = steady.start(speed)
         self._place(q, v)
         record["u_N"], record["u_T"] = u
         velocity, N, T, slip_rate, _ = row = steady.row(speed)
+        sample = [velocity, slip_rate, N, *(float(record[name][0]) for name in SAMPLED_COUNTERS)]
         settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
         if settled > first:
             for name in SETTLED:
@@ -373,10 +379,10 @@ class FastRun:
             written = np.empty((count_in(start, end, rows), 6))
             written[:, 0] = (np.arange(-(-start // rows), -(-end // rows)) * rows + 0.5) * step
             written[:, 1:] = row
-            yield Segment(np.zeros(0), np.empty((0, 3)), rows=written)
+            yield Segment(np.zeros(0), np.empty((0, SAMPLE)), rows=written)
         if count > 0:
             t = np.array([(begin * every + 0.5) * step])
-            yield Segment(t, np.array([[velocity, slip_rate, N]]), further=count - 1)
+            yield Segment(t, np.array([sample]), further=count - 1)
 
     # A contact point that moves.
 

@@ -273,6 +273,8 @@ def advance(
                     if scene.next_sample == scene.now:
                         place = scene.samples_at + scene.samples
                         samples[place, 0], samples[place, 1], samples[place, 2] = speed, slip_rate, N
+                        samples[place, 3], samples[place, 4] = x.stick_time[g], x.separation_time[g]
+                        samples[place, 5], samples[place, 6] = x.sum_N[g], scene.switches
                         scene.samples += 1
                         scene.next_sample += scene.sample_every
                         scene.damped += scene.sample_every * scene.step * power

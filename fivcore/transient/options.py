@@ -17,6 +17,7 @@ from fivcore.rig import Scene
 from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.record import SERIES
+from fivcore.transient.uncertainty.until import Until
 
 BOUNDS = {
     "duration": (1e-9, 1e6, "s"),
@@ -30,7 +31,10 @@ BOUNDS = {
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """Options of a run as in `fivcore.simulate`; `skip` is its `leap`, and `initial` is normalised (F = 1)."""
+    """Options of a run as in `fivcore.simulate`; `skip` is its `leap`, and `initial` is normalised (F = 1).
+
+    Where the run ends when its shares are known, `duration` is the longest.
+    """
 
     duration: float
     method: str = "fast"
@@ -50,6 +54,7 @@ class Options:
     skip: bool = True
     modify: Modify | None = None
     beta2: float | None = None
+    until: Until | None = None
 
     @property
     def sampling_rate(self) -> float | None:
@@ -61,6 +66,8 @@ class Options:
 def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any]) -> Options:
     """Check the arguments of `fivcore.simulate`, by name; a `ValueError` names the first that is wrong."""
     given = dict(arguments)
+    if isinstance(given["duration"], Until):
+        given |= {"until": given["duration"], "duration": given["duration"].most}
     for name, limits in BOUNDS.items():
         if name in ("duration", "sample_rate") or given[name] is not None:
             given[name] = checks.between(name, given[name], *limits)

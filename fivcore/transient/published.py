@@ -277,7 +277,9 @@ def advance(
             for j in range(n):
                 x += point_b[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
             if sampled:
-                samples[scene.samples] = (x, slip_rate, N)
+                samples[scene.samples] = (
+                    x, slip_rate, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
+                )  # fmt: skip
                 scene.samples += 1
             if written:
                 rows[scene.rows] = (t, x, N, T, slip_rate, float(contact))

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
 
+# Columns of a sample: velocity of B, slip rate, N, and these counters after that step.
+SAMPLED_COUNTERS = ("stick_time", "separation_time", "sum_N", "switches")
+SAMPLE = 3 + len(SAMPLED_COUNTERS)
 # Series and their columns in the rows, whose first column is the time.
 SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
 
@@ -20,9 +23,9 @@ SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_veloc
 class Segment:
     """Results of a segment, normalised (F = 1).
 
-    `samples` (n, 3) are velocity of B, slip rate and N at the times `t` (n,), followed by `further` samples like
-    the last; `sticks` (k, 2) start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time,
-    velocity of B, N, T, slip rate and contact state.
+    `samples` (n, SAMPLE) were taken at the times `t` (n,), followed by `further` samples like the last; `sticks`
+    (k, 2) are start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time, velocity of B, N,
+    T, slip rate and contact state.
     """
 
     t: Array

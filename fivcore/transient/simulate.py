@@ -15,11 +15,12 @@ from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import options_for
 from fivcore.transient.published import with_numerical_damping
+from fivcore.transient.uncertainty.until import Until
 
 
 def simulate(
     scene: Scene,
-    duration: float,
+    duration: float | Until,
     method: str = "fast",
     *,
     numerical_damping: str | None = None,
@@ -44,8 +45,8 @@ def simulate(
     Parameters
     ----------
     scene : Scene
-    duration : float
-        Simulated time, s.
+    duration : float or Until
+        Simulated time, s, or what ends the run.
     method : {"fast", "exact", "paper"}
         Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
         times slower; the published scheme on all modes.
@@ -120,7 +121,7 @@ def simulate_many(
     Parameters
     ----------
     scenes : sequence of Scene
-    duration : float or list of float
+    duration : float or Until, or list of them
     method : {"fast", "exact", "paper"}
         "fast" takes less time for many scenes together.
     **options

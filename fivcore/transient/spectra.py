@@ -124,15 +124,17 @@ class Histogram:
 
     def __init__(self) -> None:
         self.counts = np.zeros(BINS)
+        self._sums = np.zeros(0)
 
     def add(self, values: Array, weight: float = 1.0) -> None:
         """Count values, each with a weight."""
         # Always of these types, for which the kernel is compiled once.
         _count(np.abs(values).view(np.int64), float(weight), self.counts)
+        self._sums = np.zeros(0)
 
     def quantile(self, share: float) -> float:
         """Value below which a share of all lies, linear within a bin; NaN where nothing was counted."""
-        sums = np.cumsum(self.counts)
+        sums = self._sums = self._sums if len(self._sums) else np.cumsum(self.counts)
         index = int(np.searchsorted(sums, share * sums[-1]))
         if index == 0:
             # This bin holds zero and all that is below 2^-120.

@@ -10,7 +10,7 @@ import numpy as np
 from fivcore.contact.reduced import INTERVAL
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.record import Segment, count_in, room_for_sticks
+from fivcore.transient.record import SAMPLE, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import SETTLING, begin
 
 
@@ -22,13 +22,16 @@ class SteppedRun:
     """
 
     READ_AT = 1.0
+    may_settle = False
     _cut, _first_energy = -1, 0.0
     _take: Any
     stored_energy: Any
 
     def __init__(self, scene: Normalised, options: Options, step: float, length: float, fields: Any) -> None:
         self.scene, self.options, self.step = scene, options, step
-        self.steps, self._length = max(round(options.duration / step), 1), max(int(length), 1)
+        # The run goes no further than to step `pause`, which may move.
+        self.pause = self.steps = max(round(options.duration / step), 1)
+        self._length = max(int(length), 1)
         every, rate = max(round(INTERVAL / step), 1), options.sampling_rate
         self.rate = 1.0 / (every * step)
         self.segments: list[Segment] = []
@@ -51,9 +54,9 @@ class SteppedRun:
         """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
         for run in runs:
             record, step, now = run.record, run.step, int(run.record["now"][0])
-            last = min(now + run._length, run.steps, run._cut if now < run._cut else run.steps)
+            last = min(now + run._length, run.pause, run._cut if now < run._cut else run.steps)
             every = int(record["sample_every"][0])
-            samples = np.empty((count_in(now, last, every), 3))
+            samples = np.empty((count_in(now, last, every), SAMPLE))
             rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
             # A step of "exact" may hold more than one event.
             room = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))

@@ -258,7 +258,7 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
             work[x + half + j] = modes[k + at.V * at.BLOCK] - work[x + half + j]
         multiply(tables, into, twice, size, work, x, initial)
         rotate(tables, powers, ROUND, work, initial, y, count)
-        goal, far, largest = now, ROUND - 1, 0.0
+        goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
         while far == ROUND - 1:
             # Amplitudes only shrink: what bounds them here does so at all samples to come.
             for k in range(count):
@@ -289,6 +289,11 @@ def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: A
             for m in range(far):
                 N, place = work[sampled + m], scene.samples_at + scene.samples + m
                 samples[place, 0], samples[place, 1], samples[place, 2] = work[sampled + ROUND + m], 0.0, N
+                # The integral of N up to here by the rectangle rule; at the end of the skip it is exact.
+                taken = step * ((goal - now) + m * every + 1)
+                samples[place, 3], samples[place, 4] = scene.stick_time + taken, scene.separation_time
+                samples[place, 5], samples[place, 6] = scene.sum_N + step * total, scene.switches
+                total += every * N
                 largest = max(largest, N)
             scene.samples += far
             goal += far * every

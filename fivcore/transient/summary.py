@@ -10,14 +10,16 @@ from fivcore.jit import Array
 from fivcore.transient.normalised import displacement, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
+from fivcore.transient.uncertainty.blocks import Blocks
+from fivcore.transient.uncertainty.errors import cosines_for, standard_errors
 
 
-def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[str, object]:
+def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further: int) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
-    `sticks` (k, 2) are the long sticks that have ended, and `spread` half the range of the slip rate in the last
-    quarter of the run, both normalised. A figure with a unit of speed or force is F times its normalised value,
-    one multiplication: a copy of a scene has the same bits whether computed or scaled.
+    `sticks` (k, 2) are the long sticks that have ended, `further` the number of samples that were filled in. A
+    figure with a unit of speed or force is F times its normalised value, one multiplication: a copy of a scene has
+    the same bits whether computed or scaled.
 
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
     - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to 10 kHz
@@ -31,9 +33,15 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
     - `switches_per_second`: changes of contact state.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
     - `stick_times`, `stick_starts`: s, duration and start of the sticks of at least `min_stick` begun after first
-      slip and ended within the run; `censored_sticks`: number of those that go on at its end.
+      slip and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
+      at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
+    - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
+    - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`uncertainty.errors`). In
+      "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
+      long-run value. NaN where statistics last for less than ten times the time in which the drive loads a stuck
+      contact until it slips; for `mean_stick_time` with fewer than 12 sticks.
     """
     scene, F, duration = run.scene, run.scene.load, run.steps * run.step
     counted = {name: float(run.record[name][0]) for name, _ in FIELDS}
@@ -44,7 +52,7 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
     share = {state: counted[f"{state}_time"] / total for state in states}
     open_stick = float(np.fmax(duration - counted["stick_start"], 0.0))
     censored = int(open_stick >= counted["least_stick"])
-    rms = monitor.rms
+    rms, spread = monitor.rms, blocks.spread(0.75 * duration)
     quiet = not rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else monitor.moving.peak()
     period = monitor.rate / dominant
@@ -52,11 +60,12 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
     long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)))
     driven = float(displacement(np.array(duration), scene.speed_per_load, run.options.ramp))
+    distance = slip_distance(scene)
     regime = regime_of(
         slipped=not np.isnan(counted["first_slip"]),
-        drive=driven / max(slip_distance(scene), 1e-300),
+        drive=driven / max(distance, 1e-300),
         slip_share=share["slip"],
-        steadiness=spread / scene.speed_per_load,
+        steadiness=0.0 if further and np.isnan(spread) else spread / scene.speed_per_load,
         stick_share=filled / max(duration - start, 1e-300),
         last_stick=float(long[-1, 0]) / duration if len(long) else 0.0,
         coherence=coherence,
@@ -64,9 +73,14 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
     if regime == "steady sliding":
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = coherence = float("nan")
+    lengths, known = sticks[:, 1] - sticks[:, 0], cosines_for(duration - start, distance / scene.speed_per_load)
+    decided = not (regime in ("undecided", "stuck", "steady sliding") or further)
+    errors = standard_errors(blocks, known if decided else 0, monitor, lengths)
+    if further or regime in ("stuck", "steady sliding"):
+        errors |= {f"{state}_fraction": 0.0 for state in states}
     released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
     exchanged = float(np.abs([work, released, *lost]).sum())
-    return {
+    figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,
         "stuck_frequency": float("nan") if quiet else monitor.stuck.peak(),
@@ -80,12 +94,17 @@ def summarise(run: Any, monitor: Monitor, sticks: Array, spread: float) -> dict[
         "switches_per_second": counted["switches"] / total,
         "first_slip_time": counted["first_slip"],
         "first_separation_time": counted["first_separation"],
-        "stick_times": sticks[:, 1] - sticks[:, 0],
+        "mean_stick_time": float(lengths.mean()) if len(lengths) else float("nan"),
+        "stick_times": lengths,
         "stick_starts": sticks[:, 0].copy(),
         "censored_sticks": censored,
         "energy_residual": abs(work + released - sum(lost)) / max(exchanged, 1e-300),
         "regime": regime,
+        "simulated_time": duration,
+        "settled_early": further > 0,
     }
+    scaled = ("velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999")
+    return figures | {f"{name}_se": F * error if name in scaled else error for name, error in errors.items()}
 
 
 # Thresholds of the regimes, as `regime_of` states them.

@@ -61,6 +61,7 @@ def draw_map(
     quantity: str,
     halvings: int,
     tolerance: float | None,
+    standard_error: float | None,
     out: str | None,
     fresh: bool,
     retry_failed: bool,
@@ -80,6 +81,8 @@ def draw_map(
     from sweeps import check_free
 
     tell_compiling()
+    if standard_error is not None:
+        fixed = (*fixed, f"standard_error={standard_error!r}")
     plane, held = maps.plane_of(x, y, halvings), maps.fixed_of(fixed)
     sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance)
     file = maps.file_of(plane, quantity, out, held)
@@ -94,6 +97,7 @@ def _planned(
     out: str | None,
     record: str | None,
     sample_rate: float | None,
+    standard_error: float | None,
     fresh: bool,
     retry_failed: bool,
     scheduler: str | None = None,
@@ -119,6 +123,8 @@ def _planned(
     if asked.study not in ("", one.name, study):
         raise InputError(f"--config {config_file}: study = {asked.study!r}: STUDY is {one.name}; leave one out")
     options: dict[str, Any] = {}
+    if standard_error is not None:
+        assignments = (*assignments, f"standard_error={standard_error!r}")
     for text in assignments:
         axis, values = spec.assignment(text, one.texts)
         if axis in options:

@@ -14,8 +14,12 @@ TARGET = click.argument("target", metavar="STUDY|PATH", shell_complete=completio
 OUT = click.option("--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results.")
 RETRY = click.option("--retry-failed", is_flag=True, help="Compute again the points that failed.")
 FRESH = click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it.")
+ERROR = click.option(
+    "--standard-error", type=float, metavar="X", help="Runs go on until their shares of time are known so well."
+)
 # Of `plan` and `run`: what there is to do.
 WHAT = (
+    ERROR,
     click.option(
         "--set",
         "assignments",
@@ -95,6 +99,7 @@ MAP = (
         help="With --refine: largest error to expect of interpolation, as a share of the range of the values; "
         "default: 0.02.",
     ),
+    ERROR,
     OUT,
     FRESH,
     RETRY,

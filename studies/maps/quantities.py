@@ -110,9 +110,7 @@ def contact_limit(
     return {quantity: _each(limit, points, fixed)}
 
 
-def motion(
-    points: Points, *, quantity: str, members: int, least: float, load_ups: float, most: float, **fixed: Any
-) -> dict[str, Any]:
+def motion(points: Points, *, quantity: str, members: int, **fixed: Any) -> dict[str, Any]:
     """What an ensemble of runs of each point's normalised scene says; in units of F where F is an axis."""
     every = _complete(points, fixed)
     normal = zip(*normalised.coordinates(every), _rig_of_each(every), strict=True)
@@ -121,7 +119,7 @@ def motion(
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         return {quantity: regimes.ensemble_figures(runs)[quantity]}
 
-    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in scenes]
+    jobs = [ensembles.ensemble(scene, members, fixed) for scene in scenes]
     columns = outcomes(jobs, values, copies=True)
     if quantity in normalised.SCALED and "F" not in points:
         columns[quantity] = columns[quantity] * fixed["F"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Scene, Transient, checks
+from fivcore import Scene, Transient, Until, checks
 from fivcore.transient.normalised import Normalised, slip_distance
 from studies.motion import transients
 from studies.motion.jobs import Job, check_jobs
@@ -18,37 +18,43 @@ from sweeps import Axis, InputError
 # Members differ by the ramp of the drive: each is longer than the one before by this share of the first. Motion
 # forgets it within milliseconds of the first separation, but no two members then move alike.
 STRETCH = 0.013
-# What says how long a member runs.
-SETTINGS = ("least", "load_ups", "most")
+# What says how long a member runs: until its shares of time are known, or for so many load-ups.
+KNOWN = Setting(0.005, "1", "largest standard error of a share of time at which a run ends")
+LOAD_UPS = "least time after settling, in times that a stuck contact takes to slip"
+SETTINGS = ("standard_error", "load_ups", "least", "most")
 # What else is asked of it.
 RUN = ("ramp", "cutoff", "leap", "numerical_damping")
 
 
 def settings(
-    least: float, load_ups: float, most: float, numerical_damping: str = transients.NONE
+    least: float, most: float, numerical_damping: str = transients.NONE, **rule: Setting
 ) -> dict[str, Setting]:
-    """Settings of runs as long as their own time scale asks (`own_duration`)."""
+    """Settings of runs whose length is decided by a `rule`: `standard_error` or `load_ups`."""
     run = transients.run_settings(most, numerical_damping)
-    slip = "least time after settling, in times that a stuck contact takes to slip"
-    return {
-        "least": Setting(least, "s", "least time simulated after settling"),
-        "load_ups": Setting(load_ups, "1", slip),
-        "most": Setting(most, "s", "longest simulated time"),
-    } | {name: run[name] for name in RUN}
+    return (
+        rule
+        | {
+            "least": Setting(least, "s", "least time simulated after settling"),
+            "most": Setting(most, "s", "longest simulated time"),
+        }
+        | {name: run[name] for name in RUN}
+    )
 
 
 def held(settings: Mapping[str, float]) -> dict[str, Any]:
     """What every run of an ensemble has in common."""
-    return {name: settings[name] for name in (*RUN, *SETTINGS)} | {"method": transients.METHOD}
+    names = (*RUN, *(name for name in SETTINGS if name in settings))
+    return {name: settings[name] for name in names} | {"method": transients.METHOD}
 
 
 def check(fixed: Mapping[str, Any]) -> None:
     """Refuse settings that say nothing of how long a run is to be."""
     # Without a ramp all members would be one run.
     checks.between("ramp", fixed["ramp"], 1e-9, 1e3, "s, for members differ by it")
-    checks.between("least", fixed["least"], 0.0, 1e6, "s")
-    checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
+    if "load_ups" in fixed:
+        checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
     checks.between("most", fixed["most"], 1e-3, 1e6, "s")
+    until({"standard_error": 1.0, **fixed})
 
 
 def check_grid(axes: Mapping[str, Axis], fixed: Mapping[str, Any], **more: float) -> None:
@@ -75,25 +81,44 @@ def load_up(scene: Scene) -> float:
     return slip_distance(normalised) / normalised.speed_per_load
 
 
-def own_duration(scene: Scene, ramp: float, least: float, load_ups: float, most: float) -> float:
-    """How long a scene must run for its statistics, s.
+def until(fixed: Mapping[str, Any]) -> Until:
+    """What ends a run whose length is not given."""
+    return Until(fixed["standard_error"], fixed["least"], fixed["most"])
 
-    To the first slip, then until it has settled, then at least the time `least` and at least so many load-ups,
-    during which a scene that sticks and slips does so as many times; but no longer than `most`.
+
+def own_duration(scene: Scene, ramp: float, fixed: Mapping[str, Any]) -> float | Until:
+    """How long a scene must run for its statistics: until they are known, or for a time, s.
+
+    The time is that to the first slip, then until it has settled, then at least `least` and at least so many
+    load-ups, during which a scene that sticks and slips does so as many times; but no longer than `most`.
     """
+    least, most = fixed["least"], fixed["most"]
+    if "load_ups" not in fixed:
+        return until(fixed)
     once = load_up(scene)
-    return min(0.5 * ramp + once + transients.SETTLING + max(least, load_ups * once), most)
+    settled = 0.5 * ramp + once + transients.SETTLING
+    return float(min(settled + max(least, fixed["load_ups"] * once), most))
 
 
-def member(scene: Scene, number: float, fixed: Mapping[str, Any], duration: float) -> Job:
+def told(fixed: Mapping[str, Any]) -> str:
+    """How long runs last, in words."""
+    rule = (
+        f"at least {fixed['load_ups']:g} load-ups"
+        if "load_ups" in fixed
+        else (f"until the shares of time are known to {fixed['standard_error']:g}")
+    )
+    return f"{rule}, at least {fixed['least']:g} s, {fixed['most']:g} s in all at most"
+
+
+def member(scene: Scene, number: float, fixed: Mapping[str, Any], duration: float | Until | None = None) -> Job:
     """The run of one member of a scene's ensemble, by its number from 1 on."""
-    return transients.job(scene, {**fixed, "ramp": ramp_of(number, fixed["ramp"])}, duration)
+    own = {**fixed, "ramp": ramp_of(number, fixed["ramp"])}
+    return transients.job(scene, own, own_duration(scene, own["ramp"], fixed) if duration is None else duration)
 
 
-def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any], *rule: float) -> list[Job]:
-    """The runs of the first members of a scene's ensemble; `rule` says how long they are (`own_duration`)."""
-    duration = own_duration(scene, fixed["ramp"], *rule)
-    return [member(scene, number, fixed, duration) for number in range(1, members + 1)]
+def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any]) -> list[Job]:
+    """The runs of the first members of a scene's ensemble."""
+    return [member(scene, number, fixed) for number in range(1, members + 1)]
 
 
 def figures_of(runs: Sequence[Transient]) -> dict[str, NDArray[Any]]:

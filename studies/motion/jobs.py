@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Scene, Transient, simulate_many
+from fivcore import Scene, Transient, Until, simulate_many
 from fivcore.errors import SceneError
 
 # "fast" advances two vector registers of eight scenes together: a batch of a multiple of 16 leaves no place empty.
@@ -20,14 +20,14 @@ PER_SCENE = ("ramp", "settle", "initial", "numerical_damping")
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One run to be simulated, for `duration` seconds.
+    """One run to be simulated, for `duration` seconds or until it is known well enough.
 
     `options` are further arguments of `fivcore.simulate`, `method` among them; values are hashable or arrays, or
     PER_SCENE.
     """
 
     scene: Scene
-    duration: float
+    duration: float | Until
     options: Mapping[str, Any]
 
 
@@ -99,7 +99,10 @@ def outcomes(
     # A failed point has values too, those of another point: the sweep drops them.
     some = next(each for each in found if each is not None)
     whole = {name: np.stack([(each or some)[name] for each in found]) for name in some}
-    simulated = np.array([sum(job.duration for job in jobs) for jobs in points])
+    # A run that ends with an error takes no time that counts.
+    simulated = np.array(
+        [sum(run.summary["simulated_time"] for run in own if isinstance(run, Transient)) for own in runs]
+    )
     per_second = (time.perf_counter() - start) / simulated.sum()
     return whole | {"error": errors, "wall_time": per_second * simulated}
 

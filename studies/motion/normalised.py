@@ -24,6 +24,7 @@ SCALED = (
     "normal_force_999",
     "max_slip_speed",
     "slip_speed_999",
+    *(f"{name}_se" for name in ("velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999")),
 )
 
 

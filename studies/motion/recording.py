@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 # Hz, by default.
 SAMPLE_RATE = 50e3
+# Of runs that are recorded where none is asked for, s.
+DURATION = 1.0
 # Of one series of one scene.
 MOST_SAMPLES = 1_000_000
 # Series make most of a large sweep's file, and rounded ones can be compressed.
@@ -88,7 +90,7 @@ def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sam
     names = _checked(names, sample_rate)
     rate = checks.between("sample_rate", SAMPLE_RATE if sample_rate is None else sample_rate, 100.0, 1e6, "Hz")
     sweep = study.sweep(given)
-    duration = float(sweep.constants["duration"])
+    duration = float(sweep.constants["duration"]) or DURATION
     if duration * rate > MOST_SAMPLES * (1.0 + 1e-9):
         raise InputError(
             f"sample_rate = {rate:g}: over duration = {duration:g} s it must be at most "
@@ -100,7 +102,7 @@ def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sam
         )
     timed = replace(
         sweep,
-        constants={**sweep.constants, "sample_rate": rate},
+        constants={**sweep.constants, "sample_rate": rate, "duration": duration},
         coords={**sweep.coords, "elapsed": transients.even_times(duration, rate)},
     )
     return _added(timed, names)

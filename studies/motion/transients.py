@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
-from fivcore import Rig, Scene, Transient, checks
+from fivcore import Rig, Scene, Transient, Until, checks
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies import paper
 from studies.motion.jobs import Job, check_jobs
@@ -62,6 +63,16 @@ SUMMARY = {
     "mean_stick_time": Variable("s", "mean duration of the long sticks"),
     "energy_residual": Variable("1", "energy unaccounted for"),
 }
+# Statistics of a run that have a standard error, X_se.
+ESTIMATED = (
+    *(f"{state}_fraction" for state in STATES),
+    "velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999", "switches_per_second",
+    "mean_stick_time",
+)  # fmt: skip
+SUMMARY |= {
+    f"{name}_se": replace(SUMMARY[name], long_name=f"standard error: {SUMMARY[name].long_name}")
+    for name in ESTIMATED
+}
 
 
 def run_settings(duration: float, numerical_damping: str = NONE) -> dict[str, Setting]:
@@ -107,7 +118,7 @@ def scenes(points: Mapping[str, Any], fixed: Mapping[str, Any]) -> list[Scene]:
     return [Scene(**{name: float(every[name][k]) for name in SCENE}, rig=fixed["rig"]) for k in range(count)]
 
 
-def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, **recording: Any) -> Job:
+def job(scene: Scene, fixed: Mapping[str, Any], duration: float | Until | None = None, **recording: Any) -> Job:
     """The run of one scene that the sweep's constants ask for."""
     options = {
         "method": fixed["method"],
@@ -155,12 +166,10 @@ def extremes(axes: Mapping[str, Axis], rig: Rig, **fixed: float) -> list[Scene]:
 
 def figures_of(run: Transient) -> dict[str, Any]:
     """The summary figures of a run; `SUMMARY` describes those of every study."""
-    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early")
-    sticks = run.summary["stick_times"]
+    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early", "simulated_time")
     return {name: value for name, value in run.summary.items() if name not in left_out} | {
         "regime": REGIMES.index(run.summary["regime"]),
-        "long_sticks": len(sticks),
-        "mean_stick_time": np.mean(sticks) if len(sticks) else np.nan,
+        "long_sticks": len(run.summary["stick_times"]),
     }
 
 

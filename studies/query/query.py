@@ -238,7 +238,10 @@ def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...
     # Those that have a place in a table.
     names = [str(name) for name, each in every.dataset.variables.items() if each.dtype.kind in "OUiufb"]
     variables = [every.find(name, "show") for name in names]
-    results = [column for column in variables if column.name not in (*every.axes, *every.dataset.sizes, *MAKING)]
+    # A standard error is shown where it is asked for.
+    errors = [f"{name}_se" for name in names]
+    aside = (*every.axes, *every.dataset.sizes, *MAKING, *errors)
+    results = [column for column in variables if column.name not in aside]
     points = set(every.point_dims)
     entries = [column for column in named if every.beside(column)]
     status = [column for column in variables if column.name == "status"]

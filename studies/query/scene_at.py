@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fivcore import Scene
+from fivcore import Scene, Until
 from studies.maps.quantities import AXES
 from studies.motion import ensembles, normalised, recording, transients
 from studies.query.columns import Columns, hint
@@ -85,7 +85,7 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
     if "duration" in given:
         if "member" in point:
             raise InputError(f"member = {point['member']}: each point of this study is one run")
-        duration, member = given["duration"], 1.0
+        duration, member = given["duration"] or ensembles.until(given), 1.0
     else:
         member = _member(Columns(dataset), given, point)
         duration = _own_duration(dataset, own, given, member)
@@ -100,7 +100,7 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
     if dataset.attrs["sweep"] in RECORDED:
         options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
     elif "record" in given:
-        times = transients.even_times(duration, given["sample_rate"]).values
+        times = transients.even_times(given["duration"], given["sample_rate"]).values
         options |= recording.options(given["record"], times)
     return options
 
@@ -142,12 +142,9 @@ def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]
     return float(member)
 
 
-def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float:
-    """How long a member ran, s: as its study decided for the normalised scene."""
-    rule = {name: given[name] for name in ensembles.SETTINGS}
-    if dataset.attrs["sweep"] == "table6":
-        return ensembles.own_duration(own, given["ramp"], **rule)
+def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float | Until:
+    """How long a member ran, s, or what ended it: as its study decided for the normalised scene."""
+    if dataset.attrs["sweep"] != "stick_time":
+        return ensembles.own_duration(own, given["ramp"], given)
     (scene,) = normalised.scenes({name: np.array([getattr(own, name)]) for name in transients.SCENE}, own.rig)
-    # Only where members are points of their own has each its own length.
-    ramp = ensembles.ramp_of(member, given["ramp"]) if "members" not in given else given["ramp"]
-    return ensembles.own_duration(scene, ramp, **rule)
+    return ensembles.own_duration(scene, ensembles.ramp_of(member, given["ramp"]), given)

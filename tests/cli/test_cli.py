@@ -206,3 +206,20 @@ def test_a_run_says_once_that_it_compiles(here, instead):
     instead(compiling)
     assert here(*THREE).stderr.count("fiv: compiling once, about 8 s\n") == 1
     assert "compiling" not in here(*THREE, "--fresh").stderr
+
+
+def test_the_standard_error_asked_for_is_a_setting_of_studies_that_run_until_it_is_reached(tmp_path, here):
+    place = ["--set", "V=2e-2", "--set", "theta=5", "--set", "mu=0.2", "--set", "F=9"]
+    done = here("run", "scenes", *place, "--standard-error", "0.05", "-q")
+    assert done.returncode == 0
+    assert "until the shares of time are known to 0.05" in done.stdout
+    found = here("query", "scenes", "--show", "stick_fraction_se,standard_error", "--format", "json")
+    (row,) = json.loads(found.stdout)
+    assert 0.0 < row["stick_fraction_se"] <= 0.05 == row["standard_error"]
+    done = here("plan", "fig5", "--standard-error", "0.01")
+    assert done.returncode == 2
+    assert "standard_error" in done.stderr
+    done = here(
+        "map", "--x", "V=1e-3,2e-3", "--y", "mu=0.1,0.2", "--quantity", "growth_rate", "--standard-error", "1"
+    )
+    assert (done.returncode, "growth_rate does not depend on it" in done.stderr) == (2, True)

@@ -10,7 +10,7 @@ from fivcore.transient.fast import aligned
 from fivcore.transient.fast_scene import lanes_for
 from fivcore.transient.fast_solver import Solver, put, take
 from fivcore.transient.published import BETA2, TAU
-from fivcore.transient.record import count_in
+from fivcore.transient.record import SAMPLE, count_in
 from fivcore.transient.statistics import ENERGIES, begin
 from tests.helpers.transient_reference import SEPARATION, SLIP
 
@@ -68,7 +68,7 @@ class Small:
         record["sample_every"], record["next_sample"] = SAMPLED, -(-now // SAMPLED) * SAMPLED
         record["samples"] = record["rows"] = record["sticks"] = 0
         record["stick_room"] = steps
-        rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), 3))
+        rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), SAMPLE))
         order = np.zeros(1, dtype=np.int64)
         fast_kernel.advance(order, record, *lanes_for(record), self.modes, samples, rows, np.empty((steps, 2)))
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
@@ -142,7 +142,7 @@ def stepped(
     record["gap_N"], record["gap_T"] = normal @ reach, tangential @ reach
     record["last_gT"], record["last_T"], record["contact"] = tangential @ q, last_T, SLIP
     record["sample_every"], record["row_every"], record["stick_room"] = steps, 1, steps
-    rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), 3))
+    rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), SAMPLE))
     modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
     published.advance(
         record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, np.empty((steps, 2))

@@ -20,7 +20,7 @@ from tests.helpers.boundaries import distances, refine
 from tests.helpers.commands import written
 
 MOTION = ("regime_certainty", *transients.SUMMARY)
-SHORT = {"members": 2, "least": 0.05, "load_ups": 1.0, "most": 0.2}
+SHORT = {"members": 2, "least": 0.05, "standard_error": 0.5, "most": 0.2}
 
 
 def mapped(folder, x, y, quantity, fixed=None, halvings=0, **how):
@@ -80,13 +80,12 @@ def test_what_does_not_move_is_what_the_core_says(quantity, tmp_path):
 
 
 def test_a_motion_is_an_ensemble_of_its_scene(tmp_path):
-    fixed = {name: RUN[name].value for name in ensembles.RUN} | {"method": "fast"}
+    fixed = {name: RUN[name].value for name in ensembles.RUN} | {"method": "fast"} | SHORT
     rig, load = Rig(point_b=0.4), 4.5
     for quantity in ("velocity_rms", "regime", "stick_fraction"):
         data = mapped(tmp_path, "V=5e-3", "point_b=0.4", quantity, SHORT | {"F": load})
         scene = Scene(5e-3, 5.0, 0.2, load, rig)
-        rule = (SHORT[name] for name in ensembles.SETTINGS)
-        members = run_all(ensembles.ensemble(scene, SHORT["members"], fixed, *rule))
+        members = run_all(ensembles.ensemble(scene, SHORT["members"], fixed))
         found = regimes.ensemble_figures(members)[quantity]
         np.testing.assert_allclose(data[quantity].item(), found, rtol=1e-4)
 

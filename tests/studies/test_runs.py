@@ -74,6 +74,7 @@ def test_a_point_fails_with_the_first_error_of_its_runs():
     assert whole["error"][0] is None
     assert str(whole["error"][1]).endswith("which this is a copy of")
     assert "fivcore" in extract_tb(whole["error"][1].__traceback__)[-1].filename
-    assert whole["wall_time"][0] == pytest.approx(2.0 * whole["wall_time"][1])
+    # The time that all took is shared by what was simulated; a scene that is refused takes none.
+    assert whole["wall_time"][0] == pytest.approx(0.11 / 0.05 * whole["wall_time"][1])
     with pytest.raises(ContactError, match="mu = 5"):
         outcomes([[UNSOLVABLE]], values)

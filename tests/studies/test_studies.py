@@ -31,7 +31,7 @@ def _elsewhere(tmp_path, monkeypatch, undrawn):
 
 
 # Those that take long as they are.
-ENSEMBLE = {"members": 2, "least": 0.3, "load_ups": 1.0}
+ENSEMBLE = {"members": 2, "most": 0.6}
 SCENE = {"mu": 0.2, "F": 9.0}
 SMALLER = {
     "fig7": {"duration": 0.3},

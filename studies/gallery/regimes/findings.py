@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from studies import paper
 from studies.claims import Claim, beside
 from studies.gallery.regimes.compare_linear import BELOW, CERTAIN, VERDICTS, uncertain
-from studies.motion import regimes, transients
+from studies.motion import ensembles, regimes, transients
 from studies.plotting import planes
 from studies.study import constants
 from studies.tables import Part, Table, number
@@ -41,9 +41,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     return [
         f"{everywhere.size} scene{'s' if everywhere.size > 1 else ''} on {rig}: "
         f"{where(dataset, everywhere, everything=True)}.",
-        f"{given['members']} runs of each, {transients.damping(given)}, "
-        f"from the first slip and {transients.SETTLING:g} s on for at least "
-        f"{given['least']:g} s and {given['load_ups']:g} load-ups, {given['most']:g} s at most.",
+        f"Runs of each: {given['members']}, {transients.damping(given)}, from the first slip and "
+        f"{transients.SETTLING:g} s on {ensembles.told(given)}.",
         "",
         _of_regimes(dataset),
         "Of a regime's figures the medians over its scenes.",

@@ -28,7 +28,8 @@ MOST_MEMBERS = 100
 # rivals their mean is neither; otherwise the mean.
 LARGEST = ("max_normal_force", "max_slip_speed")
 MIDDLE = ("dominant_frequency", "stuck_frequency")
-HOW = dict.fromkeys(LARGEST, "largest of the members") | dict.fromkeys(MIDDLE, "of the middle member")
+HOW = dict.fromkeys((f"{name}_se" for name in transients.ESTIMATED), "of the mean over members")
+HOW |= dict.fromkeys(LARGEST, "largest of the members") | dict.fromkeys(MIDDLE, "of the middle member")
 FIGURES = tuple(name for name in transients.SUMMARY if name != "regime")
 # Of these the spread over members is kept too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
@@ -63,24 +64,23 @@ VARIABLES = (
         "unstable_modes": Variable("1", f"number of growing modes of steady sliding {BELOW}", (), "int16"),
         "model_growth_rate": _plain("s-1", "growth rate of the least stable mode of all that are simulated"),
         "model_growth_frequency": _plain("Hz", "frequency of the least stable mode of all that are simulated"),
-        "duration": _plain("s", "simulated time of each member"),
+        "duration": _plain("s", "simulated time, mean over members"),
         "load_up_time": _plain("s", "time in which the drive loads a stuck contact from rest until it slips"),
     }
 )
 
 
-def ensemble(
-    points: Mapping[str, Any], *, members: int, least: float, load_ups: float, most: float, **fixed: Any
-) -> dict[str, Any]:
+def ensemble(points: Mapping[str, Any], *, members: int, **fixed: Any) -> dict[str, Any]:
     """Regime, figures and stability of each point's normalised scene."""
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         scene = jobs[0].scene
-        times = {"duration": jobs[0].duration, "load_up_time": ensembles.load_up(scene)}
+        duration = np.mean([run.summary["simulated_time"] for run in runs])
+        times = {"duration": duration, "load_up_time": ensembles.load_up(scene)}
         return ensemble_figures(runs) | stability(scene, fixed["cutoff"], fixed["numerical_damping"]) | times
 
     scenes = normalised.scenes(points, fixed["rig"])
-    jobs = [ensembles.ensemble(scene, members, fixed, least, load_ups, most) for scene in scenes]
+    jobs = [ensembles.ensemble(scene, members, fixed) for scene in scenes]
     return outcomes(jobs, values, copies=True)
 
 
@@ -88,17 +88,23 @@ def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:
     """What the runs of one scene have in common: `majority`, and the other figures over members that have a value.
 
     Of these the mean, of LARGEST the largest, of MIDDLE the lower of the middle ones, NaN where no member has one;
-    of SPREAD, as `*_std`, the standard deviation, NaN for fewer than two.
+    of standard errors, that of the mean; of SPREAD, as `*_std`, the standard deviation, NaN for fewer than two.
     """
     figures = ensembles.figures_of(runs)
     found: dict[str, Any] = majority(figures["regime"])
     for name in FIGURES:
         known = figures[name][np.isfinite(figures[name])]
-        how = np.max if name in LARGEST else ensembles.middle if name in MIDDLE else np.mean
+        how: Any = np.max if name in LARGEST else ensembles.middle if name in MIDDLE else np.mean
+        how = of_mean if name.endswith("_se") else how
         found[name] = float(how(known)) if len(known) else np.nan
         if name in SPREAD:
             found[f"{name}_std"] = known.std(ddof=1) if len(known) > 1 else np.nan
     return found
+
+
+def of_mean(errors: np.ndarray) -> float:
+    """Standard error of the mean of members, from that of each."""
+    return float(np.sqrt(np.sum(errors**2)) / len(errors))
 
 
 def majority(regimes: np.ndarray) -> dict[str, Any]:
@@ -165,9 +171,9 @@ STUDY = Study(
         "theta": Axis(np.array([paper.THETA]), "degree", "inclination of P1"),
         "F": Axis(np.array([paper.LOAD]), "N", "load on A"),
     },
-    settings={"members": Setting(4.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
+    settings={"members": Setting(1.0, "1", "number of runs of each scene; they differ by the drive's ramp")}
     # Beside the paper's regimes, and stability below 10 kHz: without that damping modes above it grow first.
-    | ensembles.settings(2.0, 10.0, 8.0, transients.PUBLISHED)
+    | ensembles.settings(0.3, 16.0, transients.PUBLISHED, standard_error=ensembles.KNOWN)
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     function=ensemble,
     variables=VARIABLES,

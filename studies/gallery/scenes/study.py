@@ -11,7 +11,7 @@ import xarray as xr
 
 from fivcore import Transient, checks
 from studies import paper
-from studies.motion import normalised, recording, regimes, transients
+from studies.motion import ensembles, normalised, recording, regimes, transients
 from studies.motion.jobs import Job, check_jobs, outcomes
 from studies.rig import rig_of, rig_settings
 from studies.study import Setting, Study, constants, deferred
@@ -21,7 +21,7 @@ from sweeps import DONE, FAILED, Axis, Variable
 VARIABLES: dict[str, Variable] = {
     name: replace(variable, scale="load") if name in normalised.SCALED else variable
     for name, variable in transients.SUMMARY.items()
-}
+} | {"simulated_time": Variable("s", "simulated time")}
 # Rows of the report's table.
 MOST_ROWS = 40
 COLUMNS: dict[str, Column] = {
@@ -45,16 +45,19 @@ def motions(
     times = transients.even_times(fixed["duration"], sample_rate).values if record else np.zeros(0)
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
-        return recording.series(runs[0], record) | transients.figures_of(runs[0])
+        time = {"simulated_time": runs[0].summary["simulated_time"]}
+        return recording.series(runs[0], record) | transients.figures_of(runs[0]) | time
 
-    series = recording.options(record, times)
-    jobs = [[transients.job(scene, fixed, **series)] for scene in normalised.scenes(points, fixed["rig"])]
+    series, until = recording.options(record, times), fixed["duration"] or ensembles.until(fixed)
+    jobs = [[transients.job(scene, fixed, until, **series)] for scene in normalised.scenes(points, fixed["rig"])]
     return outcomes(jobs, values, copies=True)
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     """Refuse, before anything is planned, what cannot be run."""
-    checks.between("duration", fixed["duration"], 1e-6, 1e6, "s")
+    if fixed["duration"] != 0.0:
+        checks.between("duration", fixed["duration"], 1e-6, 1e6, "s; 0 where runs end by themselves")
+    ensembles.until(fixed)
     check_jobs([transients.job(scene, fixed, 1e-6) for scene in transients.extremes(axes, fixed["rig"])])
 
 
@@ -62,7 +65,8 @@ def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
     """The rig and the run of each scene."""
     rig, _ = rig_of({**settings, "theta": 0.0})
     settle = settings["settle"]
-    return transients.held(settings, rig) | {"settle": None if settle < 0.0 else settle}
+    rule = {name: settings[name] for name in ("standard_error", "least", "most")}
+    return transients.held(settings, rig) | rule | {"settle": None if settle < 0.0 else settle}
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
@@ -76,9 +80,10 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     copies = f"{distinct} computed" + ", of which the others are copies" * (distinct < computed.sizes["point"])
     settle, count = given["settle"], points.sizes["point"]
     since = f"{transients.SETTLING:g} s after the first slip" if settle is None else f"{settle:g} s"
+    length = f" of {given['duration']:g} s" if given["duration"] else ""
     lines: list[Part] = [
-        f"{count} scene{'s' if count > 1 else ''} of {given['duration']:g} s on {rig}, "
-        f"{transients.damping(given)}, {copies}.",
+        f"{count} scene{'s' if count > 1 else ''}{length} on {rig}, {transients.damping(given)}, {copies}.",
+        *([] if length else [f"Each runs {ensembles.told(given)}."]),
         f"Shares of time, RMS, main line and normal force: from {since} on.",
         "",
         Table.of(points.isel(point=slice(MOST_ROWS)), "point", COLUMNS),
@@ -109,7 +114,13 @@ STUDY = Study(
         "mu": Axis(np.array([0.1, paper.MU, 0.3]), "1", "coefficient of friction"),
         "F": Axis(np.array([0.5 * paper.LOAD, paper.LOAD]), "N", "load on A"),
     },
-    settings={name: each for name, each in transients.run_settings(1.0).items() if name not in transients.SCENE}
+    settings={name: each for name, each in transients.run_settings(0.0).items() if name not in transients.SCENE}
+    | {
+        "duration": Setting(
+            0.0, "s", f"simulated time; 0: until shares are known, or {recording.DURATION:g} s if recorded"
+        )
+    }
+    | ensembles.settings(least=0.3, most=16.0, standard_error=ensembles.KNOWN)
     | {"settle": Setting(-1.0, "s", "when statistics start; below 0: 0.1 s after the first slip")}
     | {name: each for name, each in rig_settings().items() if name != "theta"},
     function=motions,

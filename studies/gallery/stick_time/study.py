@@ -14,7 +14,7 @@ from studies.motion import ensembles, normalised, transients
 from studies.motion.jobs import BATCH_MULTIPLE, Job, outcomes
 from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
-from studies.study import Study, deferred
+from studies.study import Setting, Study, deferred
 from sweeps import Axis, Variable
 
 # Of one member so many sticks are kept one by one; its counts and totals are of all.
@@ -38,19 +38,16 @@ VARIABLES = {
 }
 
 
-def sticks(
-    points: Mapping[str, Any], *, least: float, load_ups: float, most: float, **fixed: Any
-) -> dict[str, Any]:
+def sticks(points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
     """The long sticks of each point's normalised scene."""
     speed_per_load, mu = _speed_per_load(points), np.asarray(points["mu"], dtype=float)
 
     def job_of(k: int, number: float) -> Job:
         scene = Scene(float(speed_per_load[k]), fixed["theta"], float(mu[k]), 1.0, fixed["rig"])
-        duration = ensembles.own_duration(scene, ensembles.ramp_of(number, fixed["ramp"]), least, load_ups, most)
-        return ensembles.member(scene, number, fixed, duration)
+        return ensembles.member(scene, number, fixed)
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
-        return of_sticks(jobs[0].scene, runs[0].summary, jobs[0].duration)
+        return of_sticks(jobs[0].scene, runs[0].summary, runs[0].summary["simulated_time"])
 
     return outcomes([[job_of(k, float(number))] for k, number in enumerate(points["member"])], values)
 
@@ -112,7 +109,8 @@ STUDY = Study(
         "mu": Axis(evenly(0.75 * paper.MU, 1.25 * paper.MU, 3), "1", "coefficient of friction"),
         "F": Axis(np.array([0.5, 1.0, 2.0]) * paper.LOAD, "N", "load on A"),
     },
-    settings=ensembles.settings(1.0, 3.0, 30.0, transients.PUBLISHED) | rig_settings(),
+    settings=ensembles.settings(1.0, 30.0, transients.PUBLISHED, load_ups=Setting(3.0, "1", ensembles.LOAD_UPS))
+    | rig_settings(),
     function=sticks,
     variables=VARIABLES,
     constants=constants_of,

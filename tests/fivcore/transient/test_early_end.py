@@ -67,7 +67,9 @@ def stretched(summary, other, V):
         "slip_fraction": (1e-8, 0.0),
     }
     assert other["regime"] == summary["regime"]
-    for key in summary.keys() - {"regime", "settled_early"}:
+    # What is filled in is known; where not all that counts is steady sliding, a full run's errors do not say so.
+    errors = {key for key in summary if key.endswith("_se") and summary["regime"] != "steady sliding"}
+    for key in summary.keys() - {"regime", "settled_early"} - errors:
         rel, least = allowed.get(key, (1e-7, 0.0))
         assert other[key] == pytest.approx(summary[key], rel=rel, abs=least, nan_ok=True), key
 

@@ -11,6 +11,7 @@ from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import BLOCK, Correlation, Histogram, Monitor, Welch
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
 from fivcore.transient.summary import regime_of, summarise
+from fivcore.transient.uncertainty.blocks import Blocks
 
 RATE = 50e3
 SCENE = Normalised.of(Scene(2e-3, 5.0, 0.2, 9.0))
@@ -44,7 +45,9 @@ def figures_of(counted, monitor, duration, sticks=None, steadiness=0.0, released
     """Summary of a made run."""
     made = SimpleNamespace(scene=SCENE, options=SimpleNamespace(ramp=1e-3), steps=1, step=duration)
     made.record, made.released_energy = np.array([counted]), lambda: released
-    return summarise(made, monitor, NONE if sticks is None else sticks, steadiness * SCENE.speed_per_load)
+    blocks = Blocks()
+    blocks.spread = lambda start: steadiness * SCENE.speed_per_load
+    return summarise(made, monitor, blocks, NONE if sticks is None else sticks, 0)
 
 
 NONE = np.zeros((0, 2))
@@ -83,6 +86,10 @@ def test_a_run_that_never_slips_counts_from_its_start():
     assert np.isnan(figures["first_separation_time"])
     assert figures["mean_normal_force"] == pytest.approx(9.0)
     assert len(figures["stick_times"]) == 0
+    counted, _ = run([STICK] * 100)
+    figures = figures_of(counted, silent(), 10.0)
+    assert (figures["regime"], figures["stick_fraction_se"], figures["slip_fraction_se"]) == ("stuck", 0.0, 0.0)
+    assert np.isnan(figures["mean_normal_force_se"])
 
 
 def test_long_sticks_are_a_fifth_of_the_first_and_the_last_may_be_censored():

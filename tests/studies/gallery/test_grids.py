@@ -15,7 +15,7 @@ INCLINATIONS, FRICTIONS = evenly(-4.0, 16.0, 21), evenly(0.0, 0.5, 26)
 # What is given besides; without a solution from mu = 5 on at 40 degrees.
 SHORT = {
     "scenes": {"duration": 0.05, "settle": 0.0} | SCENE,
-    "regimes": {"least": 0.0, "load_ups": 0.0, "most": 0.12, "members": 2.0} | SCENE,
+    "regimes": {"least": 0.0, "most": 0.12, "members": 2.0} | SCENE,
     **{name: {"duration": 0.1} for name in ("fig7", "contact", "fig11")},
 }
 FAIL = {"theta": 40.0, "mu": 5.0}

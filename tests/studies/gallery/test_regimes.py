@@ -22,8 +22,9 @@ from studies.motion.transients import REGIMES
 from studies.plotting import figures
 
 # Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
-SHORT = {"least": 0.6, "load_ups": 1.0, "members": 2.0}
+SHORT = {"least": 0.6, "most": 0.85, "members": 2.0}
 FIXED = {"method": "fast", "ramp": 1e-3, "cutoff": 0.0, "numerical_damping": "published"}
+FIXED |= {"standard_error": 0.01, "least": 1.0, "most": 8.0}
 STUDY = registry.load("regimes")
 QUIET, INTERMITTENT, PERIODIC, IRREGULAR = (
     REGIMES.index(name) for name in ("steady sliding", "intermittent", "periodic", "irregular")
@@ -48,7 +49,7 @@ def computed(computed):
 def test_all_members_of_a_scene_far_from_a_border_are_in_its_regime(V, mu, regime):
     """At mu = 0.2 sustained intermittence ends between 1.3 and 1.6 mm/s."""
     scene = Scene(V, 5.0, mu, 9.0)
-    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 8.0, 8.0)))
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED)))
     assert REGIMES[found["regime"]] == regime
     np.testing.assert_array_equal(found["member_regime"], found["regime"])
     np.testing.assert_allclose(found["mean_normal_force"], 9.0, rtol=0.02)
@@ -66,7 +67,7 @@ def test_the_motion_is_what_stability_of_all_simulated_modes_says(theta):
         found = regimes.stability(scene, 0.0, "published")
         assert (found["growth_rate"] > 0.0) == (mu > onset)
         assert (found["unstable_modes"] > 0) == (mu > onset)
-        (run,) = run_all(ensembles.ensemble(scene, 1, FIXED, 2.0, 0.0, 8.0))
+        (run,) = run_all(ensembles.ensemble(scene, 1, FIXED | {"least": 2.0}))
         quiet = run.summary["regime"] == "steady sliding"
         assert quiet == (found["model_growth_rate"] < 0.0)
 
@@ -124,7 +125,7 @@ def test_copies_have_the_bits_of_one_scene_and_its_size(tmp_path):
 
 def test_the_figures_of_an_ensemble_are_those_of_its_members():
     scene, duration = Scene(5e-3, 5.0, 0.2, 9.0), 0.4
-    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED, 1.0, 0.0, duration)))
+    found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED | {"most": duration})))
     alone = [run_all([ensembles.member(scene, k, FIXED, duration)]) for k in (1, 2, 3)]
     runs = [transients.figures_of(run) for (run,) in alone]
     assert set(found) >= {"regime", "regime_certainty", *transients.SUMMARY}
@@ -299,3 +300,8 @@ def test_a_file_explains_itself_and_grows(tmp_path):
             if name != "regime":
                 assert plain[name].attrs["units"] == variable.units
                 assert plain[name].dtype == np.float32
+
+
+def test_the_standard_error_of_a_mean_over_members():
+    assert regimes.of_mean(np.array([3.0, 4.0])) == pytest.approx(2.5)
+    assert regimes.VARIABLES["velocity_rms_se"].scale == regimes.VARIABLES["velocity_rms"].scale == "load"

@@ -124,10 +124,10 @@ def test_nothing_is_recorded_that_was_not_asked_for(monkeypatch):
     monkeypatch.setattr(runs, "simulate_many", lambda *a, **k: told.append(k) or simulate_many(*a, **k))
     for record in ((), ("state",)):
         sweep = scenes.STUDY.sweep(SHORT | {"V": 5e-3, "theta": 5.0, "mu": 0.2, "F": 9.0}, record=record)
-        assert set(sweep.variables) == {*transients.SUMMARY, *record}
+        assert set(sweep.variables) == {*transients.SUMMARY, "simulated_time", *record}
         assert {"record", "sample_rate"} & {*sweep.constants} == ({"record", "sample_rate"} if record else set())
         found = sweep.function(sweep.grid.points(), **sweep.constants)
-        assert set(found) == {*transients.SUMMARY, *record, "error", "wall_time"}
+        assert set(found) == {*transients.SUMMARY, "simulated_time", *record, "error", "wall_time"}
         assert (told[-1]["record"] or ()) == record
     assert found["state"].shape == (1, round(SHORT["duration"] * recording.SAMPLE_RATE))
 
@@ -158,3 +158,15 @@ def test_a_study_with_times_of_its_own_records_there(name, axis):
     assert "record" not in alone.constants
     with figures.style():
         study.draw(data)
+
+
+def test_scenes_run_until_their_shares_are_known(computed):
+    """Each as long as it needs, unless all have one duration or their series are recorded."""
+    given = {"V": [5e-3, 2e-2], "theta": 5.0, "mu": 0.2, "F": 9.0, "standard_error": 0.02, "least": 0.1}
+    data = computed("scenes", **given)
+    times = data["simulated_time"].values.ravel()
+    assert times[0] > times[1] > 0.2
+    assert (data["stick_fraction_se"] <= 0.02).all()
+    assert "Each runs until the shares of time are known to 0.02" in scenes.STUDY.report(data)
+    recorded = scenes.STUDY.sweep(given, record=["velocity_B"])
+    assert recorded.constants["duration"] == recording.DURATION

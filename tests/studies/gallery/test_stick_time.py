@@ -109,12 +109,13 @@ def test_the_static_law_of_the_first_stick():
 def test_a_run_is_as_long_as_its_own_time_scale_asks(V, mu, F):
     scene = Scene(V, 5.0, mu, F)
     once = ensembles.load_up(scene)
-    long = ensembles.own_duration(scene, 1e-3, 2.0, 10.0, 1e6)
+    rule = {"least": 2.0, "load_ups": 10.0}
+    long = ensembles.own_duration(scene, 1e-3, rule | {"most": 1e6})
     assert long >= once + 0.1 + 10.0 * once
     assert long >= once + 0.1 + 2.0
-    assert ensembles.own_duration(scene, 1e-3, 2.0, 10.0, 3.0) == min(long, 3.0)
+    assert ensembles.own_duration(scene, 1e-3, rule | {"most": 3.0}) == min(long, 3.0)
     # A copy of the scene runs as long, bit for bit.
-    assert ensembles.own_duration(Scene(2.0 * V, 5.0, mu, 2.0 * F), 1e-3, 2.0, 10.0, 1e6) == long
+    assert ensembles.own_duration(Scene(2.0 * V, 5.0, mu, 2.0 * F), 1e-3, rule | {"most": 1e6}) == long
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from studies.plotting import figures
 
 # Angles on either side of every bound, and all of which the paper's text gives a number.
 ANGLES = [-5.0, 0.0, 0.5, 1.0, 2.5, 5.0, 10.0, 10.5, 11.0, 12.0, 12.5, 15.0]
-SHORT = {"members": 2, "least": 0.4, "load_ups": 2.0}
+SHORT = {"members": 2, "least": 0.4, "most": 0.65}
 STUDY = registry.load("table6")
 STEADY, INTERMITTENT, IRREGULAR = map(transients.REGIMES.index, ("steady sliding", "intermittent", "irregular"))
 

@@ -391,3 +391,10 @@ def test_too_many_rows_are_not_grouped(data, monkeypatch):
 def test_groups_read_only_what_they_need(data, read):
     query(data, "b == 0.1", by="a", show="mean:size*2,share:kind")
     assert sorted(read) == ["a", "b", "kind", "size"]
+
+
+def test_a_standard_error_is_shown_where_it_is_asked_for(data):
+    known = data.assign(size_se=0.1 * data["size"].astype(float))
+    assert list(query(known)) == list(query(data))
+    assert list(query(known, show="size,size_se")) == ["size", "size_se"]
+    assert "size_se" in query(known, where="size_se > 0")

@@ -6,7 +6,7 @@ from studies import runner
 from studies.maps import maps
 from studies.spec import evenly
 
-SHORT = {"members": 2.0, "least": 0.2, "load_ups": 1.0, "most": 0.4}
+SHORT = {"members": 2.0, "least": 0.2, "standard_error": 0.5, "most": 0.4}
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -1,0 +1,97 @@
+"""Runs that end when their shares of time are known well enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fivcore import checks
+from fivcore.transient.fast_scene import MAX_SKIP
+from fivcore.transient.normalised import slip_distance
+from fivcore.transient.steady import NEAR
+from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
+from fivcore.transient.uncertainty.blocks import Blocks
+from fivcore.transient.uncertainty.errors import cosines_for, errors_of_means
+
+# Each look is later than the last by this factor of the time since settling; the first that may end a run comes
+# after so many load-ups.
+LATER, LOAD_UPS = 1.25, 20.0
+
+
+@dataclass(frozen=True)
+class Until:
+    """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
+
+    The run is looked at after times that grow by a quarter, and ends where at two looks in a row no share has a
+    larger standard error (`uncertainty.errors`): one that is too small by chance does not end it. Statistics last
+    for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady sliding is
+    proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
+
+    Parameters
+    ----------
+    standard_error : float
+        Largest standard error of a share.
+    least, most : float
+        Shortest time that statistics last, s; longest simulated time, s, whatever else is asked.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value and what is allowed.
+    """
+
+    standard_error: float = 0.005
+    least: float = 0.3
+    most: float = 60.0
+
+    def __post_init__(self) -> None:
+        checks.between("standard_error", self.standard_error, 1e-6, 1.0, "1")
+        checks.between("most", self.most, 1e-9, 1e6, "s")
+        checks.between("least", self.least, 0.0, 1e6, "s")
+
+
+class Watch:
+    """Ends a run in time: `known` says whether its shares were known well enough at the last look."""
+
+    def __init__(self, run: Any, until: Until) -> None:
+        self._run, self._until, self.known = run, until, False
+        self._load_up = slip_distance(run.scene) / run.scene.speed_per_load
+        self._stuck = SLIP_DRIVE * self._load_up + 0.5 * run.options.ramp
+        self._plan()
+
+    def _plan(self) -> None:
+        """Let the run go on to the next look, where samples and segments end together."""
+        run, record, grid = self._run, self._run.record, MAX_SKIP / self._run.rate
+        start, time = 0.0, max(self._until.least, self._stuck)
+        if not np.isnan(record["first_slip"][0]):
+            start = float(record["settled_from"][0])
+            time = max(self._until.least, LOAD_UPS * self._load_up, grid) / LATER
+        while start + time <= run.time + 0.5 * grid:
+            time *= LATER
+        run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)
+
+    def look(self, blocks: Blocks, filled: bool) -> None:
+        """Where the run pauses, end it or let it go on."""
+        run = self._run
+        if run.time < (run.pause - 0.5) * run.step:
+            return
+        before, self.known = self.known, filled or self._is_known(blocks)
+        moves = not np.isnan(run.record["first_slip"][0])
+        if self.known and (before or not moves):
+            run.steps = run.pause
+        elif run.pause < run.steps:
+            self._plan()
+
+    def _is_known(self, blocks: Blocks) -> bool:
+        run = self._run
+        if np.isnan(run.record["first_slip"][0]):
+            return bool(run.time >= self._stuck)
+        observed = run.time - float(run.record["settled_from"][0])
+        errors = errors_of_means(blocks.shares(), cosines_for(observed, self._load_up))
+        if errors.any():
+            return bool(np.all(errors <= self._until.standard_error))
+        # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.
+        spread = blocks.spread(0.75 * run.time) / run.scene.speed_per_load
+        return bool(spread < (NEAR if run.may_settle else STEADY_SPREAD))
