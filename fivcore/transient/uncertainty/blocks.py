@@ -15,11 +15,11 @@ START, STICK, SEPARATION, FORCE, SWITCHES, VELOCITY, SQUARE, LEAST, MOST = range
 # Number of samples of the block that is not complete; its other numbers are sums in place of means.
 COUNT = 9
 # Room for the largest samples at first, and what part of all there is room for at least.
-ROOM, PART = 4096, 0.004
+ROOM, PART = 4096, 0.016
 
 
 class Largest:
-    """The largest magnitudes of many samples, and the numbers of the samples: at least half a PART of all."""
+    """The largest magnitudes of many samples, with the samples' numbers: at least an eighth of PART of them."""
 
     def __init__(self) -> None:
         self._limit, self._count, self._seen = 0.0, 0, 0
@@ -33,11 +33,11 @@ class Largest:
             samples = samples[taken:]
             if not len(samples):
                 return
-            half, room = self._count // 2, len(self._values)
+            room = len(self._values)
             if PART * self._seen > room:
                 self._values, self._numbers = np.resize(self._values, 2 * room), np.resize(self._numbers, 2 * room)
                 continue
-            self._limit = float(np.partition(self._values, half)[half])
+            self._limit = float(np.partition(self._values, 7 * room // 8)[7 * room // 8])
             kept = np.flatnonzero(self._values > self._limit)
             self._count = len(kept)
             self._values[: len(kept)], self._numbers[: len(kept)] = self._values[kept], self._numbers[kept]
