@@ -39,7 +39,7 @@ class Config:
     study : str
         Its name or file; "" if it is not said.
     axes, settings : mapping
-        SPEC, a number, or a list of numbers or texts; of a setting a number or SPEC.
+        SPEC, a number, or a list of numbers or texts; of a setting a number, a word or SPEC.
     record : tuple of str
     sample_rate : float, optional
     scheduler : str, optional

@@ -17,7 +17,7 @@ MOST_LISTED = 60
 
 
 def assignment(text: str, texts: Mapping[str, Sequence[str]]) -> tuple[str, Any]:
-    """Read AXIS=SPEC; `texts` are the values of the axes that are of texts."""
+    """Read AXIS=SPEC; `texts` are the values of axes and settings that are of texts."""
     name, spec = split(text)
     return name, listed(spec, texts[name]) if name in texts else parse(spec, name)
 
@@ -114,9 +114,9 @@ def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
     return _written(np.geomspace(start, stop, count))
 
 
-def typed(value: float) -> str:
-    """A number as one types it, all its digits kept."""
-    return repr(float(value)).removesuffix(".0")
+def typed(value: float | str) -> str:
+    """A number as one types it, all its digits kept; a word as it is."""
+    return value if isinstance(value, str) else repr(float(value)).removesuffix(".0")
 
 
 def written(values: Any, halvings: int = 0) -> str:

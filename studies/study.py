@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Setting:
-    """A number that a study holds fixed unless asked otherwise."""
+    """A number, or one of some `words`, that a study holds fixed unless asked otherwise."""
 
-    value: float
+    value: Any
     units: str
     long_name: str
+    words: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +112,15 @@ class Study:
             lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}")
         for name, setting in self.settings.items():
             units = "" if setting.units == "1" else f" {setting.units}"
-            lines.append(f"setting  {name:<17} {f'{setting.value:g}{units}':<22} {setting.long_name}")
+            value = setting.value if setting.words else f"{setting.value:g}{units}"
+            lines.append(f"setting  {name:<17} {value:<22} {setting.long_name}")
         return "\n".join(lines)
 
     @property
     def texts(self) -> dict[str, list[str]]:
-        """The values of the axes that are of texts; a run may ask for some of them, and for no others."""
-        return {name: axis.values.tolist() for name, axis in self.axes.items() if axis.values.dtype.kind == "U"}
+        """The values of axes of texts, and the words of settings; a run may ask for these and no others."""
+        axes = {name: axis.values.tolist() for name, axis in self.axes.items() if axis.values.dtype.kind == "U"}
+        return axes | {name: list(each.words) for name, each in self.settings.items() if each.words}
 
     def sweep(
         self, given: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
@@ -148,7 +151,8 @@ class Study:
             if name in axes:
                 axes[name] = _axis(name, value, axes[name])
             elif name in settings:
-                settings[name] = _one_number(self.name, name, value)
+                words = self.settings[name].words
+                settings[name] = one_word(name, value, words) if words else _one_number(self.name, name, value)
             else:
                 known = [*axes, *settings]
                 raise InputError(
@@ -232,6 +236,14 @@ def _numbers(name: str, value: Any, allowed: str) -> np.ndarray:
     if not np.all(np.isfinite(values)):
         raise InputError(f"{name} = {values[~np.isfinite(values)][0]}: it must be finite")
     return values.astype(float)
+
+
+def one_word(name: str, value: Any, words: Sequence[str]) -> str:
+    """The one of the words that is asked for, alone or as a list of one."""
+    given = np.atleast_1d(np.asarray(value, dtype=object)).ravel().tolist()
+    if len(given) != 1 or given[0] not in words:
+        raise InputError(f"{name} = {', '.join(map(repr, given))}: it must be one of {', '.join(words)}")
+    return str(given[0])
 
 
 def _one_number(study: str, name: str, value: Any) -> float:

@@ -20,6 +20,7 @@ def critical_mu(
     theta: Any,
     method: str = "fast",
     *,
+    numerical_damping: str | None = None,
     cutoff: float | None = None,
     termination: str = "absorbing",
     step: float | None = None,
@@ -33,7 +34,7 @@ def critical_mu(
     rig : Rig
     theta : float
         Degrees; its sign does not matter, for both directions of slip are looked at.
-    method, cutoff, termination, step, modify, beta2
+    method, numerical_damping, cutoff, termination, step, modify, beta2
         As in `fivcore.simulate`.
 
     Returns
@@ -48,7 +49,8 @@ def critical_mu(
     """
     checks.instance("rig", rig, Rig)
     theta = checks.theta_degrees(theta)
-    beta2 = law_options(method, termination, modify, beta2)["beta2"]
+    law = law_options(method, termination, modify, numerical_damping, beta2)
+    rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
         return published.critical_friction(

@@ -2,8 +2,8 @@
 
 The first separation follows a growth that lives partly above the cut-off (with the paper's rig at 54 and 96 kHz),
 and the first burst begins with what has grown there. Unless a cut-off is given, the run therefore uses a finer
-model from `LEAD` before the first slip to `AFTER` after the first separation: `HIGHER` times the cut-off,
-1 / `FINER` of the step and the damping that the published scheme adds of itself.
+model from `LEAD` before the first slip to `AFTER` after the first separation: `HIGHER` times the cut-off and
+1 / `FINER` of the step.
 
 A state is that at the start of a step, midway between two impulses, where a lasting force deflects the modes
 further than without impulses. Coordinates are deviations from the equilibrium under the unit load.
@@ -12,7 +12,6 @@ further than without impulses. Coordinates are deviations from the equilibrium u
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from fivcore.jit import Array
 from fivcore.transient.fast_solver import Solver, frozen_solver
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.published import ADDED_DAMPING
 
 FINER, HIGHER = 4, 3.2
 # Before the first slip, until what the change of model excites is gone; longest to separation; after it, s.
@@ -35,8 +33,8 @@ def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | N
     # With more material damping, s, nothing grows above the cut-off.
     if scene.rig.d2 > 1e-7:
         return None
-    rig = replace(scene.rig, d2=scene.rig.d2 + ADDED_DAMPING)
-    model = reduced_model(rig, scene.theta, HIGHER * default_cutoff(rig), options.termination)
+    cutoff = HIGHER * default_cutoff(scene.rig)
+    model = reduced_model(scene.rig, scene.theta, cutoff, options.termination)
     # With every mode kept there is no element whose state `prolong` could find.
     if model.K.any() and step / FINER <= modified(model, options.modify).largest_step:
         with suppress(ContactError):

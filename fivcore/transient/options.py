@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ class Options:
 
     duration: float
     method: str = "fast"
+    numerical_damping: str = "none"
     ramp: float = 1e-3
     settle: float | None = None
     initial: State | None = None
@@ -65,7 +67,7 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     duration, rate, times = given["duration"], given["sample_rate"], given["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
     ramp = checks.number("ramp", given["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
-    given |= law_options(*(given[name] for name in ("method", "termination", "modify", "beta2")))
+    given |= law_options(**{name: given[name] for name in signature(law_options).parameters})
     allowed = "0, -1 (towards P2's clamp) or 1 (away)"
     motion = int(checks.number("contact_motion", given["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
     record = _names(given["record"])
@@ -88,8 +90,8 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     return Options(**given)
 
 
-def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[str, Any]:
-    """Check the options that choose a method and its contact law; `fivcore.critical_mu` has them too."""
+def law_options(method: Any, termination: Any, modify: Any, numerical_damping: Any, beta2: Any) -> dict[str, Any]:
+    """Check the options that choose a method and its contact law; return the two that follow from others."""
     checks.choice("method", method, ("fast", "exact", "paper"))
     checks.choice("termination", termination, TERMINATIONS)
     if modify is not None:
@@ -104,7 +106,16 @@ def law_options(method: Any, termination: Any, modify: Any, beta2: Any) -> dict[
             raise InputError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")
         # Below 0.5 every mode grows.
         beta2 = checks.number("beta2", beta2, "a number from 0.5 to 1", lambda x: 0.5 <= x <= 1.0)
-    return {"method": method, "termination": termination, "modify": modify, "beta2": beta2}
+    if numerical_damping is None:
+        numerical_damping = "published" if method == "paper" else "none"
+    elif beta2 is not None:
+        raise InputError(
+            f"beta2 = {beta2:g} with numerical_damping = {numerical_damping!r}: each sets the other; leave one out"
+        )
+    else:
+        checks.choice("numerical_damping", numerical_damping, ("published", "none"))
+        beta2 = 0.5 if method == "paper" and numerical_damping == "none" else None
+    return {"numerical_damping": numerical_damping, "beta2": beta2}
 
 
 def _names(record: Any) -> tuple[str, ...]:

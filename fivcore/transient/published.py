@@ -16,6 +16,7 @@ The kernel adds its sums in a fixed order, with the same bits on every machine: 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array, inlined, kernel
+from fivcore.rig import Rig
 from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
@@ -46,6 +48,13 @@ SAMPLED = 64
 _NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
 _WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
 SCENE = np.dtype([*FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE)])
+
+
+def with_numerical_damping(rig: Rig, method: str, numerical_damping: str) -> Rig:
+    """Return the rig of a method's model: "fast" and "exact" add to d2 what the scheme adds of itself."""
+    if method == "paper" or numerical_damping == "none":
+        return rig
+    return replace(rig, d2=rig.d2 + ADDED_DAMPING)
 
 
 def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:

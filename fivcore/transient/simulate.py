@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from inspect import signature
 from typing import Any
 
@@ -13,6 +14,7 @@ from fivcore.rig import Scene
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import options_for
+from fivcore.transient.published import with_numerical_damping
 
 
 def simulate(
@@ -20,6 +22,7 @@ def simulate(
     duration: float,
     method: str = "fast",
     *,
+    numerical_damping: str | None = None,
     ramp: float = 1e-3,
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
@@ -46,6 +49,10 @@ def simulate(
     method : {"fast", "exact", "paper"}
         Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
         times slower; the published scheme on all modes.
+    numerical_damping : {"published", "none"}, optional
+        "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
+        step of 2e-8 s: "fast" and "exact" add it to the rig's d2. "none": the model as given; for "paper" beta2 =
+        0.5. Default: "published" for "paper", "none" for the others.
     ramp : float
         Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
         a step as none; the path of a moving contact point and the drive that decides on "undecided" include it.
@@ -83,7 +90,7 @@ def simulate(
     modify : callable, optional
         For "fast" and "exact": a function that returns a changed reduced model (`fivcore.contact.ablation`).
     beta2 : float, optional
-        For "paper" only, from 0.5 to 1. Default: 0.8, the paper's.
+        For "paper" only, from 0.5 to 1, in place of `numerical_damping`. Default: 0.8, the paper's.
 
     Returns
     -------
@@ -117,8 +124,8 @@ def simulate_many(
     method : {"fast", "exact", "paper"}
         "fast" takes less time for many scenes together.
     **options
-        As for `simulate`. A list, as long as `scenes`, gives each scene its own `duration`, `ramp`, `settle` or
-        `initial`; other lists belong to all scenes.
+        As for `simulate`. A list, as long as `scenes`, gives each scene its own `duration`, `ramp`, `settle`,
+        `initial` or `numerical_damping`; other lists belong to all scenes.
 
     Returns
     -------
@@ -134,7 +141,8 @@ def simulate_many(
     bound.apply_defaults()
     arguments, requests = dict(bound.arguments), []
     del arguments["scene"]
-    own = [name for name in ("duration", "ramp", "settle", "initial") if isinstance(arguments[name], list)]
+    listed = ("duration", "ramp", "settle", "initial", "numerical_damping")
+    own = [name for name in listed if isinstance(arguments[name], list)]
     for name in own:
         if (given := len(arguments[name])) != len(scenes):
             raise InputError(f"{name}: a list of {given}: it must have one entry for each of {len(scenes)} scenes")
@@ -142,5 +150,7 @@ def simulate_many(
         checks.instance("scene", scene, Scene)
         options = arguments | {name: arguments[name][k] for name in own}
         normalised = Normalised.of(scene)
-        requests.append((scene, normalised, options_for(scene, normalised, options)))
+        checked = options_for(scene, normalised, options)
+        rig = with_numerical_damping(scene.rig, checked.method, checked.numerical_damping)
+        requests.append((scene, replace(normalised, rig=rig), checked))
     return drive(requests)

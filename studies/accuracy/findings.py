@@ -90,6 +90,7 @@ def _scenes(data: xr.Dataset) -> list[Part]:
     tolerances = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in known)
     return [
         Table(["scene", "V, m/s", "theta, degrees", "mu", "F, N"], rows, 1),
+        "Shares of time and other figures of fast and exact: with the published scheme's numerical damping.",
         f"Reference: paper on all modes, step and beta2 the paper's, {given['reference_members']} runs of "
         f"{given['duration']:g} s a scene; fast: {given['members']} runs.",
         f"Right: off by at most {tolerances}",

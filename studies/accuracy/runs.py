@@ -71,6 +71,8 @@ def ensemble(
     # What is dear has fewer and shorter runs.
     variant = method == PAPER and option.kind != "default"
     kind = "variant_" if variant or method == EXACT else "reference_" if method == PAPER else ""
+    # The figures are compared with those of the published scheme.
+    options = dict(options) if method == PAPER else {**options, "numerical_damping": "published"}
     count, duration = fixed[f"{kind}members"], fixed["variant_duration" if variant else "duration"]
     members: list[Any]
     ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]

@@ -59,12 +59,13 @@ def _found(quantity: str, values: NDArray[Any]) -> list[str]:
 def held(dataset: xr.Dataset) -> list[str]:
     """What was the same at all points and matters, for a reader; of the rig what is not the paper's."""
     given = constants(dataset)
-    matter = QUANTITIES[given["quantity"]].matter
+    matter, settings = QUANTITIES[given["quantity"]].matter, QUANTITIES[given["quantity"]].settings
     rig = [name for name in RIG if given.get(name, AXES[name].value) != AXES[name].value]
     sign = ["V < 0"] if "V" not in matter and given.get("V", 1.0) < 0.0 else []
     runs = [f"{given['members']} run{'s' if given['members'] > 1 else ''} a point"] if "members" in given else []
     scene, others = ([planes.named(n, given[n]) for n in names if n in given] for names in (matter, rig))
-    return [*scene, *sign, *others, *runs]
+    damped = [transients.damping(given)] if "numerical_damping" in settings else []
+    return [*scene, *sign, *others, *runs, *damped]
 
 
 def readable(quantity: str) -> tuple[str, float]:

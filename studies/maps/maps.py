@@ -19,7 +19,7 @@ from studies.maps.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, check_jobs
 from studies.rig import rig_of
-from studies.study import Study, deferred, suggest
+from studies.study import Study, deferred, one_word, suggest
 from sweeps import Axis, Grid, InputError, Refinement, Sweep, refined
 
 NAME = "map"
@@ -106,21 +106,22 @@ def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
     return Plane(across[0], up[0], xs, ys)
 
 
-def fixed_of(texts: Sequence[str]) -> dict[str, float]:
+def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
     """What texts AXIS=VALUE fix.
 
     Raises
     ------
     ValueError
-        If one is not of the form, gives more than one number, or names what another has.
+        If one is not of the form, gives more than one value, or names what another has.
     """
-    fixed: dict[str, float] = {}
+    fixed: dict[str, Any] = {}
+    words = regimes.STUDY.texts
     for text in texts:
         name, written = spec.split(text, "--fix")
-        values = spec.parse(written, name)
+        values = [written] if name in words else spec.parse(written, name).tolist()
         if len(values) > 1 or name in fixed:
             raise InputError(f"--fix {text!r}: {name} must have one value; what is to vary is --x or --y")
-        fixed[name] = float(values[0])
+        fixed[name] = values[0]
     return fixed
 
 
@@ -138,7 +139,7 @@ def file_of(
     return results.results_folder(out) / NAME / f"{name}.nc"
 
 
-def defaults(quantity: str) -> dict[str, float]:
+def defaults(quantity: str) -> dict[str, Any]:
     """What can be fixed in a map of this quantity, by name, with the values that they have otherwise."""
     return {name: each.value for name, each in (AXES | dict(_definition(quantity).settings)).items()}
 
@@ -197,6 +198,9 @@ def _check(plane: Plane, definition: Quantity, constants: Mapping[str, Any]) -> 
     """
     for x, y in [*product(plane.xs, plane.ys[:1]), *product(plane.xs[:1], plane.ys)]:
         _scene(plane, constants, x, y)
+    for name, setting in definition.settings.items():
+        if setting.words:
+            one_word(name, constants[name], setting.words)
     if "cutoff" in definition.settings:
         checks.between("cutoff", constants["cutoff"], 0.0, 1e12, "Hz")
     if "members" in definition.settings:

@@ -98,11 +98,13 @@ def glued(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
     return {quantity: _each(lambda rig, theta: float(glued_frequencies(rig, theta, number)[-1]), points, fixed)}
 
 
-def contact_limit(points: Points, *, quantity: str, cutoff: float, **fixed: Any) -> dict[str, Any]:
+def contact_limit(
+    points: Points, *, quantity: str, cutoff: float, numerical_damping: str, **fixed: Any
+) -> dict[str, Any]:
     """Friction from which on the contact force is not unique; NaN where it always is."""
 
     def limit(rig: Rig, theta: float) -> float:
-        mu = critical_mu(rig, theta, transients.METHOD, cutoff=cutoff or None)
+        mu = critical_mu(rig, theta, transients.METHOD, numerical_damping=numerical_damping, cutoff=cutoff or None)
         return mu if np.isfinite(mu) else np.nan
 
     return {quantity: _each(limit, points, fixed)}
@@ -188,6 +190,8 @@ GLUED = {
 }
 MOTION = {name: regimes.VARIABLES[name] for name in ("regime", "regime_certainty", *regimes.FIGURES)}
 RUN = {name: each for name, each in regimes.STUDY.settings.items() if name not in AXES}
+# A map is of any rig.
+RUN["numerical_damping"] = transients.run_settings(1.0)["numerical_damping"]
 
 QUANTITIES: dict[str, Quantity] = (
     {name: Quantity(stability.VARIABLES[name], growth, same_sliding, ("theta", "mu")) for name in GROWTH}
@@ -198,7 +202,7 @@ QUANTITIES: dict[str, Quantity] = (
             contact_limit,
             same_drive,
             ("theta",),
-            settings={"cutoff": RUN["cutoff"]},
+            settings={name: RUN[name] for name in ("cutoff", "numerical_damping")},
         )
     }
     | {name: Quantity(variable, glued, same_drive, ("theta",)) for name, variable in GLUED.items()}

@@ -20,23 +20,26 @@ from sweeps import Axis, InputError
 STRETCH = 0.013
 # What says how long a member runs.
 SETTINGS = ("least", "load_ups", "most")
+# What else is asked of it.
+RUN = ("ramp", "cutoff", "leap", "numerical_damping")
 
 
-def settings(least: float, load_ups: float, most: float) -> dict[str, Setting]:
+def settings(
+    least: float, load_ups: float, most: float, numerical_damping: str = transients.NONE
+) -> dict[str, Setting]:
     """Settings of runs as long as their own time scale asks (`own_duration`)."""
-    run = transients.run_settings(most)
+    run = transients.run_settings(most, numerical_damping)
     slip = "least time after settling, in times that a stuck contact takes to slip"
     return {
         "least": Setting(least, "s", "least time simulated after settling"),
         "load_ups": Setting(load_ups, "1", slip),
         "most": Setting(most, "s", "longest simulated time"),
-    } | {name: run[name] for name in ("ramp", "cutoff", "leap")}
+    } | {name: run[name] for name in RUN}
 
 
 def held(settings: Mapping[str, float]) -> dict[str, Any]:
     """What every run of an ensemble has in common."""
-    names = ("ramp", "cutoff", "leap", *SETTINGS)
-    return {name: settings[name] for name in names} | {"method": transients.METHOD}
+    return {name: settings[name] for name in (*RUN, *SETTINGS)} | {"method": transients.METHOD}
 
 
 def check(fixed: Mapping[str, Any]) -> None:

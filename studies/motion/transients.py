@@ -34,6 +34,9 @@ LONG_STICK = 0.2
 # Statistics start this long after the first slip, s.
 SETTLING = SETTLING_TIME
 
+# With the published scheme's numerical damping, as the paper's figures are, or the model as given.
+PUBLISHED, NONE = DAMPINGS = ("published", "none")
+
 SCENE = ("V", "theta", "mu", "F")
 STATES = ("separation", "stick", "slip")
 REGIMES = ("undecided", "stuck", "steady sliding", "intermittent", "periodic", "irregular")
@@ -61,8 +64,9 @@ SUMMARY = {
 }
 
 
-def run_settings(duration: float) -> dict[str, Setting]:
+def run_settings(duration: float, numerical_damping: str = NONE) -> dict[str, Setting]:
     """Settings of a run besides its rig, with the paper's operating point."""
+    damping = "published: the published scheme's own damping is added; none: the model as given"
     return {
         "mu": Setting(paper.MU, "1", "coefficient of friction"),
         "F": Setting(paper.LOAD, "N", "load on A"),
@@ -70,12 +74,19 @@ def run_settings(duration: float) -> dict[str, Setting]:
         "ramp": Setting(1e-3, "s", "time in which P2's clamp reaches its velocity"),
         "cutoff": Setting(0.0, "Hz", "modes above are left to the termination; 0: the method's own"),
         "leap": Setting(1.0, "1", "leap over the quiet part of long sticks; 0: take every step"),
+        "numerical_damping": Setting(numerical_damping, "1", damping, DAMPINGS),
     }
+
+
+def damping(given: Mapping[str, Any]) -> str:
+    """Which of the two a result has, for a reader; files that do not say are older than the choice."""
+    said = {PUBLISHED: "with the published scheme's numerical damping", NONE: "without numerical damping"}
+    return said.get(given.get("numerical_damping", ""), "numerical damping of an older version")
 
 
 def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:
     """What every scene of a sweep has in common: the rig, the run, and the settings called `names`."""
-    chosen = ("duration", "ramp", "cutoff", "leap", *names)
+    chosen = ("duration", "ramp", "cutoff", "leap", "numerical_damping", *names)
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
 
 
@@ -104,6 +115,7 @@ def job(scene: Scene, fixed: Mapping[str, Any], duration: float | None = None, *
         "cutoff": fixed["cutoff"] or None,
         "settle": fixed.get("settle"),
         "leap": bool(fixed.get("leap", True)),
+        "numerical_damping": fixed["numerical_damping"],
     }
     return Job(scene, fixed["duration"] if duration is None else duration, options | recording)
 

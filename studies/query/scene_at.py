@@ -96,8 +96,7 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
         "cutoff": given["cutoff"] or None,
         "leap": bool(given.get("leap", True)),
     }
-    if given.get("settle") is not None:
-        options["settle"] = given["settle"]
+    options |= {name: given[name] for name in ("settle", "numerical_damping") if given.get(name) is not None}
     if dataset.attrs["sweep"] in RECORDED:
         options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
     elif "record" in given:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.plotting import figures
-from studies.stress.findings import FAILS, PASSES, outcomes, worst
+from studies.stress.findings import DAMPING, FAILS, PASSES, outcomes, worst
 
 # Marker, colour and place beside the middle of each method.
 LOOKS = {"fast": ("o", figures.BLUE, -0.25), "exact": ("^", figures.ORANGE, 0.0), "paper": ("s", "black", 0.25)}
@@ -36,7 +36,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     _strips(lower, {name: np.minimum(each, FAILED) for name, each in every if not np.isnan(each).all()}, methods)
     lower.set_ylabel("margin of each check")
     failed = np.count_nonzero(outcome == FAILS)
-    figure.suptitle(f"{count} case{'s' * (count > 1)} under stress: {failed or 'none'} failed")
+    figure.suptitle(f"{count} case{'s' * (count > 1)} under stress,\n{DAMPING}: {failed or 'none'} failed")
     figures.legend_below(figure, [upper])
     return figure
 

@@ -17,6 +17,8 @@ from sweeps import DONE, FAILED
 OUTCOMES = (*EXPECTED, "fails", "not asked", "too dear", "pending")
 PASSES, FAILS, NOT_ASKED, DEAR, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
 
+DAMPING = "fast and exact without numerical damping, paper with its own"
+
 
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
     """Of each case and method the place of its outcome in OUTCOMES, (case, method)."""
@@ -46,7 +48,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
                 words[0] += f" ({check[k, m]} {margin[k, m]:.2g})"
             cells.append(", ".join(words))
         rows.append([str(group), *cells])
-    lines = ["", "In brackets: the check that came nearest to failing, cost apart, in units of its bound. Cases:"]
+    lines = ["", f"Runs: {DAMPING}."]
+    lines.append("In brackets: the check that came nearest to failing, cost apart, in units of its bound. Cases:")
     lines.append('fiv query stress --where "margin > 0.5" --show case,method,check,margin,asked')
     reasons = {CASES[str(dataset["case"].values[k])].not_asked[methods[m]]: methods[m]
                for k, m in np.argwhere(outcome == NOT_ASKED)}  # fmt: skip

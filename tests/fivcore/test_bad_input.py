@@ -159,6 +159,18 @@ CASES = [
     (partial(law, modify=0), "modify = 0: it must be a function of a reduced model, or None"),
     (partial(law, beta2=0.8), "beta2 = 0.8: method 'fast' has none, only 'paper'; leave it out"),
     (partial(law, beta2=0.49, method="paper"), "beta2 = 0.49: it must be a number from 0.5 to 1"),
+    (
+        partial(law, numerical_damping="newmark"),
+        "numerical_damping = 'newmark': it must be one of published, none",
+    ),
+    (
+        partial(law, beta2=0.6, numerical_damping="none", method="paper"),
+        "beta2 = 0.6 with numerical_damping = 'none': each sets the other; leave one out",
+    ),
+    (
+        partial(simulate_many, [SCENE], 0.01, numerical_damping=["none", "published"]),
+        "numerical_damping: a list of 2: it must have one entry for each of 1 scenes",
+    ),
     (partial(with_dashpot, reduced_model(RIG, 5.0, 75e3), -1.0), "factor = -1"),
 ]
 

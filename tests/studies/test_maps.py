@@ -80,7 +80,7 @@ def test_what_does_not_move_is_what_the_core_says(quantity, tmp_path):
 
 
 def test_a_motion_is_an_ensemble_of_its_scene(tmp_path):
-    fixed = {name: RUN[name].value for name in ("ramp", "cutoff")} | {"method": "fast"}
+    fixed = {name: RUN[name].value for name in ensembles.RUN} | {"method": "fast"}
     rig, load = Rig(point_b=0.4), 4.5
     for quantity in ("velocity_rms", "regime", "stick_fraction"):
         data = mapped(tmp_path, "V=5e-3", "point_b=0.4", quantity, SHORT | {"F": load})

@@ -19,6 +19,7 @@ from studies import paper
 from studies.gallery.regimes.compare_linear import BELOW, VERDICTS, uncertain
 from studies.motion import regimes
 from studies.motion.regimes import KINDS
+from studies.motion.transients import damping
 from studies.plotting import figures, planes
 from studies.plotting.planes import COLOURS, named
 from studies.study import constants
@@ -63,7 +64,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     single = [name for name in (*others, x, y) if dataset.sizes[name] == 1]
     held = ", ".join(named(name, dataset[name].values[0]) for name in single)
     runs = f"{given['members']} run{'s' if given['members'] > 1 else ''} of each scene"
-    about = ", ".join(part for part in (held, runs, _undecided(dataset)) if part)
+    about = ", ".join(part for part in (held, runs, damping(given), _undecided(dataset)) if part)
     if dataset.sizes[y] == 1:
         return _draw_along(dataset.isel({name: 0 for name in (y, *others)}), x, about)
     varying = [name for name in others if dataset.sizes[name] > 1]

@@ -41,7 +41,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     return [
         f"{everywhere.size} scene{'s' if everywhere.size > 1 else ''} on {rig}: "
         f"{where(dataset, everywhere, everything=True)}.",
-        f"{given['members']} runs of each, from the first slip and {transients.SETTLING:g} s on for at least "
+        f"{given['members']} runs of each, {transients.damping(given)}, "
+        f"from the first slip and {transients.SETTLING:g} s on for at least "
         f"{given['least']:g} s and {given['load_ups']:g} load-ups, {given['most']:g} s at most.",
         "",
         _of_regimes(dataset),

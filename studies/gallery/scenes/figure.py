@@ -27,7 +27,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     varying = [name for name in transients.SCENE if dataset.sizes[name] > 1]
     varying.sort(key=lambda name: -dataset.sizes[name])
     held = [named(name, dataset[name].values[0]) for name in transients.SCENE if name not in varying]
-    about = ", ".join([*held, f"{constants(dataset)['duration']:g} s"])
+    given = constants(dataset)
+    about = ", ".join([*held, f"{given['duration']:g} s", transients.damping(given)])
     if len(varying) > 1:
         return _draw_maps(dataset, varying, f"Regime of the motion: {about}")
     along = varying[0] if varying else "V"

@@ -77,7 +77,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     settle, count = given["settle"], points.sizes["point"]
     since = f"{transients.SETTLING:g} s after the first slip" if settle is None else f"{settle:g} s"
     lines: list[Part] = [
-        f"{count} scene{'s' if count > 1 else ''} of {given['duration']:g} s on {rig}, {copies}.",
+        f"{count} scene{'s' if count > 1 else ''} of {given['duration']:g} s on {rig}, "
+        f"{transients.damping(given)}, {copies}.",
         f"Shares of time, RMS, main line and normal force: from {since} on.",
         "",
         Table.of(points.isel(point=slice(MOST_ROWS)), "point", COLUMNS),

@@ -40,7 +40,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     for letter, axes in zip("abcd", (times, products, spread, collapse), strict=True):
         axes.set_title(f"({letter})", loc="left", fontsize=9.0)
     held = f"μ = {float(at['mu']):g}, F = {float(at['F']):g} N"
-    figure.suptitle(f"Duration of long sticks, θ = {given['theta']:g}°; (a) to (c) {held}")
+    title = f"Duration of long sticks, θ = {given['theta']:g}°; (a) to (c) {held}"
+    figure.suptitle(f"{title}\n{transients.damping(given)}")
     return figure
 
 

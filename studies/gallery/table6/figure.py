@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from studies import paper
 from studies.motion.regimes import KINDS, STEADY
+from studies.motion.transients import damping
 from studies.plotting import figures, planes
 from studies.plotting.planes import COLOURS, HATCHES
 from studies.study import constants
@@ -84,7 +85,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     strips.set_xlim(edges[0], edges[-1])
     strips.set_xlabel(planes.label("theta"))
     point = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
-    figure.suptitle(f"Stability and motion over the inclination, {point}")
+    figure.suptitle(f"Stability and motion over the inclination, {point}\n{damping(given)}")
     return figure
 
 

@@ -52,7 +52,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     return [
         f"Steady sliding and motion by inclination ({len(theta)}), V = {1e3 * given['V']:g} mm/s, "
         f"mu = {given['mu']:g}, F = {given['F']:g} N; modes below {transients.BAND / 1e3:g} kHz; "
-        f"{given['members']} runs at each, their figures from {transients.SETTLING:g} s after first slip on.",
+        f"{given['members']} runs at each, {transients.damping(given)}, "
+        f"their figures from {transients.SETTLING:g} s after first slip on.",
         "",
         *_by_inclination(dataset),
         "",

@@ -105,9 +105,11 @@ def test_a_contact_that_moves_takes_every_step():
 def test_a_scene_that_settles_slowly_is_not_ended_before_it_has():
     """The slowest mode decays by 25 1/s."""
     scene = Scene(5e-3, 5.0, 0.1105, 9.0)
-    model = reduced_model(Rig(), 5.0)
+    model = reduced_model(Rig(d2=1.6e-8), 5.0)
     rate = -steady_sliding(model, scene.mu, model.default_step).eigenvalues.real.max()
-    full, ended = both(scene, 0.9 + 25.0 / rate, record=True, sample_rate=5e3)
+    # As the model is given a mode at 96 kHz grows here.
+    given = {"numerical_damping": "published", "record": True, "sample_rate": 5e3}
+    full, ended = both(scene, 0.9 + 25.0 / rate, **given)
     assert ended.summary["settled_early"]
     stretched(full.summary, ended.summary, scene.V)
     same = np.flatnonzero(full.slip_velocity != ended.slip_velocity)[0]

@@ -162,28 +162,6 @@ def test_a_contact_that_moves_to_where_it_is_not_unique_is_an_error():
     assert critical_mu(Rig(contact_position=place + SEGMENT_LENGTH), 5.0, "paper") > scene.mu
 
 
-@pytest.mark.parametrize("b", [0.5, 0.8])
-@pytest.mark.parametrize("z", [0.01, 0.02, 0.04])
-def test_a_free_mode_decays_as_if_d2_were_larger_by_beta2_minus_a_half_steps(b, z):
-    """Rate (d1 + (d2 + (b - 1/2) dt) omega^2) / 2, the error of second order in omega dt."""
-    omega, d1, d2 = 2.0e4, 50.0, 1e-8
-    dt = z / omega
-    c = d1 + d2 * omega**2
-    # The second mode is P1 out of reach: a gap that stays open.
-    rows, _ = stepped(
-        [omega**2, 0.0], [c, 0.0], [0.0, 1.0], [1.0, 0.0], [0.0, 0.0],
-        mu=0.0, dt=dt, steps=int(60.0 / z), q=[1.0, 1.0], v=[0.0, 0.0], b=b,
-    )  # fmt: skip
-    t, speed = rows[:, 0], rows[:, 1]
-    # Peaks of the velocity, each by a parabola.
-    peak = np.flatnonzero((speed[1:-1] > speed[:-2]) & (speed[1:-1] >= speed[2:])) + 1
-    below, at, above = speed[peak - 1], speed[peak], speed[peak + 1]
-    height = at + (above - below) ** 2 / (8.0 * (2.0 * at - above - below))
-    rate = -np.polyfit(t[peak], np.log(height), 1)[0]
-    expected = 0.5 * (d1 + (d2 + (b - 0.5) * dt) * omega**2)
-    assert rate == pytest.approx(expected, rel=z**2)
-
-
 @pytest.mark.parametrize("r", [0.2, 0.02, 0.002])
 def test_after_a_step_in_N_friction_relaxes_to_mu_N(r):
     """Prakash-Clifton, simplified: by 1 / (1 + r) a step, exp(-t / tau) to r / 2 of the exponent."""

@@ -18,11 +18,13 @@ SCALED = {
 CASES = [
     (Scene(5e-3, 5.0, 0.2, 9.0), 0.25, {}),
     (Scene(-3.7e-3, 5.0, 0.2, 7.3), 0.25, {"settle": 0.0}),
+    (Scene(-3.7e-3, 5.0, 0.2, 7.3), 0.25, {"numerical_damping": "published"}),
     (Scene(0.013, -5.0, 0.2, 0.037), 0.25, {"settle": 0.0}),
     (Scene(-2.1e-2, -5.0, 0.2, 113.0), 0.25, {}),
     # Ended early, and by the other methods.
     (Scene(-2e-2, 5.0, 0.2, 3.3, Rig(d1=200.0)), 0.3, {}),
     (Scene(-0.03, -5.0, 0.2, 7.3), 0.01, {"method": "paper", "settle": 0.0}),
+    (Scene(-0.03, -5.0, 0.2, 7.3), 0.01, {"method": "paper", "numerical_damping": "none", "settle": 0.0}),
     (Scene(-0.03, -5.0, 0.2, 7.3), 0.012, {"method": "exact", "settle": 0.0}),
 ]
 

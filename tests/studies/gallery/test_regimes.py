@@ -23,7 +23,7 @@ from studies.plotting import figures
 
 # Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
 SHORT = {"least": 0.6, "load_ups": 1.0, "members": 2.0}
-FIXED = {"method": "fast", "ramp": 1e-3, "cutoff": 0.0}
+FIXED = {"method": "fast", "ramp": 1e-3, "cutoff": 0.0, "numerical_damping": "published"}
 STUDY = registry.load("regimes")
 QUIET, INTERMITTENT, PERIODIC, IRREGULAR = (
     REGIMES.index(name) for name in ("steady sliding", "intermittent", "periodic", "irregular")
@@ -63,7 +63,7 @@ def test_the_motion_is_what_stability_of_all_simulated_modes_says(theta):
     onset = flutter_onsets(Rig(), theta, 10e3).mu[0]
     for mu in onset * np.array([0.9, 0.95, 1.05, 1.2]):
         scene = Scene(5e-3, theta, float(mu), 9.0)
-        found = regimes.stability(scene, 0.0)
+        found = regimes.stability(scene, 0.0, "published")
         assert (found["growth_rate"] > 0.0) == (mu > onset)
         assert (found["unstable_modes"] > 0) == (mu > onset)
         (run,) = run_all(ensembles.ensemble(scene, 1, FIXED, 2.0, 0.0, 8.0))
@@ -83,7 +83,8 @@ def test_next_to_the_onset_motion_and_stability_agree(computed):
 
 def test_what_only_modes_above_the_band_explain_is_named_so(computed):
     """With modes up to 375 kHz, undamped by the published scheme, one at 95.6 kHz grows first."""
-    data = computed(V=[5e-3], mu=[0.11], theta=[5.0], cutoff=375e3, members=1.0)
+    given = {"cutoff": 375e3, "members": 1.0, "numerical_damping": "none"}
+    data = computed(V=[5e-3], mu=[0.11], theta=[5.0], **given)
     assert VERDICTS[int(data["verdict"].squeeze())] == "unstable above the band"
     np.testing.assert_allclose(data["model_growth_frequency"], 95.6e3, rtol=0.01)
     assert re.search(
@@ -93,7 +94,7 @@ def test_what_only_modes_above_the_band_explain_is_named_so(computed):
 
 def test_a_stable_scene_loses_its_slowest_mode_at_half_of_d1():
     """Damping on the mass alone leaves the lowest modes -d1 / 2."""
-    found = regimes.stability(Scene(5e-3, 5.0, 0.05, 9.0), 0.0)
+    found = regimes.stability(Scene(5e-3, 5.0, 0.05, 9.0), 0.0, "published")
     np.testing.assert_allclose([found["growth_rate"], found["model_growth_rate"]], -0.5 * Rig().d1, rtol=1e-3)
 
 

@@ -111,7 +111,8 @@ def test_members_are_runs_of_their_own_and_make_the_figures_of_their_angle(angle
     duration = float(at["duration"])
     for number, member in enumerate(angles["member"].values, 1):
         scene = Scene(paper.ANGLES_SPEED, 5.0, paper.MU, paper.LOAD)
-        run = simulate(scene, duration, ramp=ensembles.ramp_of(number, 1e-3)).summary
+        given = {"numerical_damping": "published", "ramp": ensembles.ramp_of(number, 1e-3)}
+        run = simulate(scene, duration, **given).summary
         assert run["velocity_rms"] == float(at["member_velocity_rms"].sel(member=member))
         assert run["dominant_frequency"] == float(at["member_dominant_frequency"].sel(member=member))
     assert float(at["velocity_rms"]) == pytest.approx(float(at["member_velocity_rms"].mean()))
@@ -256,6 +257,9 @@ def test_windows_that_cannot_be_found_are_told_and_all_else_is_kept(monkeypatch,
 
 
 def test_what_a_user_may_act_on_is_told(angles):
+    angles = angles.copy(deep=True)
+    # Runs as short as these may have another line.
+    angles["member_dominant_frequency"].loc[{"theta": 2.5}] = 2650.0
     text = shown(angles.isel(window=[0]))
     assert "not begin to grow by flutter within the band: theta = 1, 2.5, 5, 10, 10.5 degrees." in text
     assert "The runs differ" not in text
