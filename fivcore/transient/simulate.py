@@ -64,12 +64,12 @@ def simulate(
         0: frozen contact point. -1, 1: P2 slides under C, and the point of P2 below C moves towards P2's clamp or
         away from it (`fivcore.transient.moving_contact`).
     cutoff : float, optional
-        Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 75 kHz for the paper's rig
+        Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 117 kHz for the paper's rig
         (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
     termination : {"absorbing", "elastic", "none"}
         Element that stands for the modes above the cut-off (`fivcore.contact.reduced`).
     step : float, optional
-        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (2e-6 with the default rig);
+        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.8e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
         Shortest long stick, s. Default: a fifth of the time to the first slip.
