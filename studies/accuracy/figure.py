@@ -30,9 +30,12 @@ from studies.plotting.figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
 Look = dict[str, Any]
 
 # What is drawn as one curve or as points: a method, or a kind of setting of `fast`.
-STAR, STEP, CUTOFF, DAMPING, TRUNCATION, PSEUDO, OTHER = (
-    "fast: default", "fast: step", "fast: cut-off", "fast: damping of the element", "fast: truncation",
-    "fast: pseudo-modes", "fast: other settings",
+STAR, STEP, CUTOFF, DAMPING, TRUNCATION, PSEUDO, SCHEME, OTHER = (
+    f"fast: {name}"
+    for name in (
+        "default", "step", "cut-off", "damping of the element", "truncation", "pseudo-modes", "published damping",
+        "other settings",
+    )
 )  # fmt: skip
 KINDS = {
     "default": STAR,
@@ -41,6 +44,7 @@ KINDS = {
     "damping": DAMPING,
     "truncation": TRUNCATION,
     "pseudo-modes": PSEUDO,
+    "numerical damping": SCHEME,
 }
 POINTS: Look = {"linestyle": "none"}
 LOOKS: dict[str, Look] = {
@@ -49,12 +53,15 @@ LOOKS: dict[str, Look] = {
     DAMPING: POINTS | {"color": GREEN, "marker": "D"},
     TRUNCATION: {"color": GREY, "marker": "v", "linestyle": ":"},
     PSEUDO: POINTS | {"color": RED, "marker": "^"},
+    SCHEME: POINTS | {"color": BLACK, "marker": "*", "markersize": 10.0, "markerfacecolor": "none"},
     OTHER: POINTS | {"color": GREY, "marker": "x"},
     EXACT: POINTS | {"color": GREEN, "marker": "P"},
     PAPER: POINTS | {"color": RED, "marker": "p", "markerfacecolor": "none"},
     STAR: POINTS | {"color": BLACK, "marker": "*", "markersize": 10.0, "zorder": 5},
 }
 TINY = 6.5
+# Errors that are smaller are drawn as this.
+LEAST = 0.05
 COST, MISMATCH = "processor s per simulated s", "error / tolerance, rms"
 # Whose time to a standard error is drawn.
 TIMED = (
@@ -73,7 +80,7 @@ def draw(data: xr.Dataset) -> Figure:
     for letter, group in zip("ab", GROUPS, strict=True):
         _draw_costs(panels[letter], frame, group)
         panels[letter].set_title(f"({letter}) {group}", loc="left", fontsize=9.0)
-    _draw_scenes(panels["c"], data["mismatch"], frame[["method", "setting"]])
+    _draw_scenes(panels["c"], data["mismatch"].clip(min=LEAST), frame[["method", "setting"]])
     panels["c"].axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
     panels["c"].set(xlabel=MISMATCH, title="(c) every setting at each scene")
     chosen = [pair for pair in zip(frame["method"], frame["setting"], strict=True) if pair in TIMED]
