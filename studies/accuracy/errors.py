@@ -154,7 +154,8 @@ def _line_error(data: xr.Dataset, place: tuple[str, str]) -> xr.DataArray:
     """Smallest error of a member's main line over one of the reference's members' or a rival peak."""
     lines = data["dominant_frequency"]
     known = _at(lines, *place).rename(member="line")
-    known = xr.concat([known, _at(data["rival_lines"], *GIVEN).rename(rival="line")], "line")
+    rivals = _at(data["rival_lines"], *GIVEN).rename(rival="line").where(known.notnull().any("line"))
+    known = xr.concat([known, rivals], "line")
     return abs(lines / known - 1.0).min(("member", "line"))
 
 

@@ -401,6 +401,9 @@ def test_a_main_line_is_right_if_it_is_that_of_a_member_of_the_reference_or_a_ri
     data = file(values, tuple(lines), (FAST,)).isel(method=0, scene=0).sel(figure="dominant_frequency")
     found = [float(data["figure_error"].sel(setting=name)) for name in lines]
     np.testing.assert_allclose(found, [np.nan, 0.01, 0.05, 0.01])
+    # A rival peak is none of a reference that is not there.
+    lines[PUBLISHED] = 3000.0
+    assert file(values, (CONVERGED, PUBLISHED), (FAST,))["figure_error"].isnull().all()
 
 
 def test_rival_peaks_are_those_at_least_half_as_strong(monkeypatch):
