@@ -1,4 +1,4 @@
-"""Scenes of rigs drawn at random, by which no part of a method was chosen."""
+"""Scenes of rigs drawn at random: what is right on the paper's rig may be so for a reason of its own."""
 
 from __future__ import annotations
 
