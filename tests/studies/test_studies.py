@@ -42,8 +42,8 @@ SMALLER = {
     "stability": {"theta": [-5.0, 5.0, 15.0], "mu": [0.0, 0.2, 0.4]},
     "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2]} | ENSEMBLE,
     "scenes": {"V": [2e-3, 5e-3], "duration": 0.1} | SCENE,
-    "accuracy": {"method": "fast", "setting": ["default", "cut-off 1.05"], "scene": "5 mm/s", "members": 2}
-    | dict.fromkeys(("duration", "variant_duration"), 0.25),
+    "accuracy": {"method": "fast", "setting": ["default", "cut-off 0.4"], "scene": "5 mm/s", "members": 2}
+    | {"duration": 0.25},
     "stress": {"case": ["theta = 90°", "3 and 3 elements"]},
 }
 

@@ -13,7 +13,7 @@ from scipy.signal import find_peaks, welch
 
 from fivcore import Scene, simulate_many
 from fivcore.contact.reduced import default_cutoff, reduced_model
-from tests.helpers.rigs import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
 # What is drawn as in the ranges of `drawn_scene`; statistics start this long after the drive, s, and
