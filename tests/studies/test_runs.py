@@ -12,6 +12,7 @@ from studies.motion.jobs import Job, outcomes, run_all
 
 SCENE, SLOW = Scene(5e-3, 5.0, 0.2, 9.0), Scene(1e-3, 12.0, 0.35, 9.0)
 TIMES = np.linspace(0.0, 5e-3, 7)
+COARSE = Rig(replace(Rig().p1, elements=1), replace(Rig().p2, elements=1))
 UNSOLVABLE = Job(Scene(5e-3, 40.0, 5.0, 9.0), 5e-3, {"method": "fast", "ramp": 1e-3})
 JOBS = [
     Job(SCENE, 0.05, {"method": "fast", "ramp": 1e-3}),
@@ -49,7 +50,7 @@ def test_a_bad_argument_is_raised():
     [
         (Rig(p1=replace(Rig().p1, elements=60)), {"method": "paper", "step": 2e-8}, "step = 2e-08: with this rig"),
         (Rig(p2=replace(Rig().p2, thickness=0.1)), {"method": "exact", "cutoff": 2e3}, "cutoff = 2000: it must"),
-        (Rig(d2=0.0), {"method": "exact", "cutoff": 20e3}, "cutoff = 20000: the relaxation time"),
+        (COARSE, {"method": "exact", "cutoff": 75e3}, "cutoff = 75000: it keeps every mode"),
     ],
 )
 def test_an_option_that_does_not_suit_one_scene_fails_that_scene_alone(rig, options, text):

@@ -205,7 +205,9 @@ def test_the_mean_of_the_normal_force_is_the_load():
 @pytest.mark.parametrize("V", [20e-3, 1.0])
 def test_an_elastic_contact_gives_way_exactly_as_its_forces_say(V):
     """The impulses of `fast` are the replay's own and u = K^-1 (N, T): rounding is left, and what skips leave."""
-    question = Question("fast", {**POINT, "V": V}, Rig(), 20e-3, {"termination": "elastic", "cutoff": 75e3})
+    question = Question(
+        "fast", {**POINT, "V": V}, Rig(), 20e-3, {"termination": "elastic", "cutoff": 75e3, "step": 3.3e-7}
+    )
     run = question.ask(sample_rate=1.0 / question.step, **EVERY)
     replay = runs.replayed(question, run.time, run.normal_force / 9.0, run.tangential_force / 9.0)
     unit = np.linalg.inv(question.model.K)[0, 0] * run.normal_force.max() / 9.0

@@ -23,8 +23,8 @@ from fivcore.contact.reduced import DAMPING, default_cutoff, full_model, reduced
 from fivcore.rig import P1, P2
 from fivcore.transient import fast
 from fivcore.transient.published import STEP, TAU
+from studies.accuracy.rigs import drawn_scene
 from tests.benchmarks.ensembles import FRACTIONS, compare, members
-from tests.helpers.rigs import drawn_scene
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
 
