@@ -192,7 +192,7 @@ def test_a_run_until_it_is_known_is_a_run_of_that_length():
         (Scene(5e-3, -5.0, 0.2, 9.0), Until(least=2.0), "steady sliding", (2.12, 2.14), True),
         # The drive has not come to what slips, or not long ago.
         (Scene(1e-4, 5.0, 0.2, 9.0), Until(most=1.0), "undecided", (1.0, 1.0), False),
-        (Scene(2e-4, 5.0, 0.2, 9.0), Until(most=1.2), "intermittent", (1.2, 1.2), False),
+        (Scene(2e-4, 5.0, 0.2, 9.0), Until(most=1.6), "intermittent", (1.6, 1.6), False),
     ],
 )
 def test_how_a_run_ends(scene, until, regime, time, reached):

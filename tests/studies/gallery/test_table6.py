@@ -224,10 +224,10 @@ def test_a_file_is_completed_and_its_windows_found_again(tmp_path):
 
 
 def test_a_point_without_a_solution_keeps_its_error(tmp_path):
-    finished = runner.run("table6", SHORT | {"theta": [10.0, 40.0], "mu": 1.8, "most": 0.5}, tmp_path)
+    finished = runner.run("table6", SHORT | {"theta": [10.0, 40.0], "mu": 2.2, "most": 0.5}, tmp_path)
     np.testing.assert_array_equal(finished.dataset["status"], [1, 2])
     text = finished.study.report(finished.dataset)
-    assert "failed: theta = 40: ContactError: mu = 1.8" in text
+    assert "failed: theta = 40: ContactError: mu = 2.2" in text
     assert "The runs were cut short at most = 0.5 s: theta = 10 degrees." in text
     assert finished.figure.is_file()
 
