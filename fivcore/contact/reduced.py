@@ -39,8 +39,8 @@ INTERVAL = 20e-6
 # Below it the shares of time on random rigs like the paper's are off by up to 0.1, in Hz.
 LEAST_CUTOFF = 115e3
 # Share of critical damping of the element. With 0.045 the mean error of a share of time over random rigs with one
-# kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick by
-# 0.003. At 75 kHz two and a half times as much raises stick by 0.02 to 0.03; a quarter lets contact ring.
+# kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick
+# by 0.003. At 75 kHz two and a half times as much raises stick by 0.02 to 0.03; a quarter lets contact ring.
 DAMPING = 0.06
 
 
