@@ -30,7 +30,7 @@ from fivcore.transient.options import Options
 from fivcore.transient.record import SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
-from fivcore.transient.stick_skip import SkipTables, skip, skip_tables, workspace_for
+from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
 
 # Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
@@ -187,11 +187,7 @@ class FastRun:
         scenes["sticks_at"] = np.cumsum(scenes["stick_room"]) - scenes["stick_room"]
         sticks = np.empty((int(scenes["stick_room"].sum()), 2))
         workspace = workspace_for([run._tables for run in runs if run._tables is not None])
-        order = np.arange(len(runs))
-        lanes = at.lanes_for(scenes)
-        while skips := advance(order, scenes, *lanes, modes, samples, rows, sticks):
-            order = order[:skips]
-            skip(order, scenes, modes, samples, rows, packed, workspace)
+        advance(scenes, *at.lanes_for(scenes), modes, samples, rows, sticks, packed, workspace)
         for k, run in enumerate(runs):
             scene, own_modes = scenes[k], int(scenes["modes_at"][k])
             run.blocks = modes[own_modes : own_modes + run.blocks.size].reshape(run.blocks.shape).copy()

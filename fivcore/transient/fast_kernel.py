@@ -8,7 +8,9 @@ static equilibrium under the unit load, so the impulse carries N - 1.
 `advance` takes many scenes, each with numbers of its own: a record (`transient.fast_scene`) and blocks of modes.
 Up to LANES of them go through a step together. First the contact law of all is solved at once: it has no branches,
 so the compiler takes as many scenes as fit into a vector register; of a few scenes it takes one by one. Then each
-scene moves its modes, several to a register. No number of a scene depends on another scene.
+scene moves its modes, several to a register. No number of a scene depends on another scene. A change of the
+contact state comes at no regular time, and a branch that is not foreseen costs as much as a step: what
+follows from every change is chosen and counted without one.
 
 Rows of a block of modes have a fixed distance, so the compiler knows that they do not overlap. Sums over modes may
 be reordered (`fivcore.jit.reordered`).
@@ -23,8 +25,9 @@ import numpy as np
 from fivcore.jit import contracted, inlined, kernel, reordered
 from fivcore.transient import fast_scene as at
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
+from fivcore.transient.stick_skip import skip
 
-_IN_STEP, _LAW = len(at.IN_STEP), len(at.STICK_LAW)
+_IN_STEP = len(at.IN_STEP)
 # Fewer scenes than this are not worth a vector.
 FEW = 4
 _STICK, _SLIP, _SEPARATION = float(STICK), float(SLIP), float(SEPARATION)
@@ -94,6 +97,25 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         relax_NN, relax_NT, relax_TN, relax_TT = x.relax_NN[g], x.relax_NT[g], x.relax_TN[g], x.relax_TT[g]
         was, u_N, u_T, ramp, moving_rate = x.contact[g], x.u_N[g], x.u_T[g], x.ramp[g], x.moving_rate[g]
         stuck, apart = was == _STICK, was == _SEPARATION
+        # The law of stick after this state.
+        Np_0, Nu_0, Nn_0, Nt_0 = x.Np_0[g], x.Nu_0[g], x.Nn_0[g], x.Nt_0[g]
+        Np_1, Nu_1, Nn_1, Nt_1 = x.Np_1[g], x.Nu_1[g], x.Nn_1[g], x.Nt_1[g]
+        Np_2, Nu_2, Nn_2, Nt_2 = x.Np_2[g], x.Nu_2[g], x.Nn_2[g], x.Nt_2[g]
+        Tp_0, Tu_0, Tn_0, Tt_0 = x.Tp_0[g], x.Tu_0[g], x.Tn_0[g], x.Tt_0[g]
+        Tp_1, Tu_1, Tn_1, Tt_1 = x.Tp_1[g], x.Tu_1[g], x.Tn_1[g], x.Tt_1[g]
+        Tp_2, Tu_2, Tn_2, Tt_2 = x.Tp_2[g], x.Tu_2[g], x.Tn_2[g], x.Tt_2[g]
+        offset_0, offset_1, offset_2 = x.offset_0[g], x.offset_1[g], x.offset_2[g]
+        share_0, share_1, share_2 = x.share_0[g], x.share_1[g], x.share_2[g]
+        Np = Np_1 if stuck else Np_0 if apart else Np_2
+        Nu = Nu_1 if stuck else Nu_0 if apart else Nu_2
+        Nn = Nn_1 if stuck else Nn_0 if apart else Nn_2
+        Nt = Nt_1 if stuck else Nt_0 if apart else Nt_2
+        Tp = Tp_1 if stuck else Tp_0 if apart else Tp_2
+        Tu = Tu_1 if stuck else Tu_0 if apart else Tu_2
+        Tn = Tn_1 if stuck else Tn_0 if apart else Tn_2
+        Tt = Tt_1 if stuck else Tt_0 if apart else Tt_2
+        offset = offset_1 if stuck else offset_0 if apart else offset_2
+        share = share_1 if stuck else share_0 if apart else share_2
         # The clamp.
         t = (x.now[g] + 0.5) * step
         started = x.acceleration[g] * t
@@ -109,10 +131,10 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         # Stick.
         anchor = x.anchor[g]
         u = anchor - gT if stuck else u_T
-        N = (x.Np[g] * p + x.Nn[g] * vN) + (x.Nt[g] * vT + x.Nu[g] * u)
-        T = (x.Tp[g] * p + x.Tn[g] * vN) + (x.Tt[g] * vT + x.Tu[g] * u)
+        N = (Np * p + Nn * vN) + (Nt * vT + Nu * u)
+        T = (Tp * p + Tn * vN) + (Tt * vT + Tu * u)
         # Between the middle of the step, where stick holds u_T, and its start, where slip begins.
-        shift = x.offset[g] * (vT + M_NT * N + M_TT * T)
+        shift = offset * (vT + M_NT * N + M_TT * T)
         sticks = (N > 0.0) & (abs(T) <= mu * N)
         # Slip.
         start = u + shift if stuck else u
@@ -125,7 +147,6 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         slip_T = mu * slip_N if ahead else -mu * slip_N
         closed = (sticks | (slip_N > 0.0)) & (not open_already)
         sticks = sticks & closed
-        share = x.share[g]
         N = share * (N if sticks else slip_N) if closed else 0.0
         T = share * (T if sticks else slip_T) if closed else 0.0
         # The element after the step; in separation it relaxes.
@@ -147,7 +168,16 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         slip_rate = mean_T + rate_T if closed & (not rigid) else mean_T
         # Nothing moves in a rigid contact, so what work it takes is the landing's loss.
         landing = step * (N * mean_N + (T * mean_T if sticks else 0.0)) if closed & rigid else 0.0
-        x.was[g], x.contact[g] = was, (_STICK if sticks else _SLIP) if closed else _SEPARATION
+        contact = (_STICK if sticks else _SLIP) if closed else _SEPARATION
+        now, begun, changed_in, least_stick = x.now[g], x.stick_start[g], x.changed_in[g], x.least_stick[g]
+        changed, slipped, awaits_open = contact != was, x.slipped[g] != 0.0, x.awaits_open[g] != 0.0
+        ends = stuck & (t - begun >= least_stick)
+        first = (closed & (not sticks) & (not slipped)) | ((not closed) & awaits_open)
+        x.notable[g] = 1.0 if changed & (ends | first) else 0.0
+        x.was[g], x.begun[g], x.contact[g] = was, begun, contact
+        x.changed_in[g] = now if changed else changed_in
+        x.switches[g] += 1.0 if changed else 0.0
+        x.stick_start[g] = (t if sticks & slipped else np.nan) if changed else begun
         x.N[g], x.T[g], x.slip_rate[g] = N, T, slip_rate
         x.u_N[g], x.u_T[g] = end_N, end_T
         x.anchor[g] = gT + end_T if sticks & (not stuck) else anchor
@@ -163,18 +193,35 @@ def solve_contacts(x: Any, lanes: Any) -> None:
 
 
 @inlined
-def switch(scene: Any, was: int) -> bool:
-    """Count a change of the contact state, and what follows from it for the steps to come; see `enter`."""
-    contact = scene.contact
+def note(x: Any, g: int, scene: Any) -> bool:
+    """Note what follows from the change of state in lane g; return whether it has ended a long stick to list."""
+    was, contact = int(x.was[g]), int(x.contact[g])
+    scene.stick_start = x.begun[g]
     listed = enter(scene, was, contact, (scene.now + 0.5) * scene.step)
-    scene.next_skip = at.NEVER
-    if contact == STICK and scene.skip_at >= 0:
-        scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every
-    elif contact == SEPARATION and scene.until_open != 0:
+    if contact == SEPARATION and scene.until_open != 0:
         scene.stopped = 1
     if scene.settled_from < np.inf:
         scene.settle = int(np.ceil(scene.settled_from * scene.per_step - 0.5))
+    watch(x, g, scene)
     return listed
+
+
+@inlined
+def watch(x: Any, g: int, scene: Any) -> None:
+    """Tell lane g which changes of the contact state are notable."""
+    x.slipped[g] = 1.0 if scene.first_slip < np.inf else 0.0
+    x.awaits_open[g] = 0.0 if scene.first_separation < np.inf and scene.until_open == 0 else 1.0
+    x.least_stick[g] = scene.least_stick
+
+
+@inlined
+def await_skip(scene: Any) -> None:
+    """Find out when a skip is to be tried, where the contact state has changed."""
+    if scene.changed_in >= 0.0:
+        begun, every = int(scene.changed_in), scene.sample_every
+        waits = scene.contact == STICK and scene.skip_at >= 0
+        scene.next_skip = ((begun + every - 1) // every + at.MIN_SAMPLES) * every if waits else at.NEVER
+        scene.changed_in = -1.0
 
 
 @inlined
@@ -187,81 +234,43 @@ def plan(x: Any, g: int, scene: Any) -> None:
     x.until[g] = scene.now if scene.stopped != 0 else until
 
 
-@inlined
-def choose_law(lanes: Any, g: int, numbers: Any, k: int, contact: int) -> None:
-    """Put the law of stick after a contact state into lane g."""
-    for i in range(_LAW):
-        lanes[_IN_STEP + i, g] = numbers[k, _IN_STEP + _LAW * contact + i]
-
-
 @kernel
-def advance(
-    order: Any, scenes: Any, numbers: Any, group: Any, lanes: Any, modes: Any, samples: Any, rows: Any, sticks: Any
-) -> int:
-    """Take every scene to the end of its segment or to where a skip is to be tried; return how many are to skip.
-
-    `order` (m,) are the numbers of the scenes, records of `fast_scene.SCENE`; those to skip come first in it
-    afterwards. `numbers` (any, any) is a view of the records, `group` (1,) a workspace of `fast_scene.GROUP` and
-    `lanes` (any, LANES) a view of that. A scene says where its own part begins of `modes`, blocks in a row; of
-    `samples` and `rows`, as in `record.Segment`; and of `sticks` (any, 2), begin and end.
-    """
-    x, turn = group[0], np.empty(at.LANES, dtype=np.int64)
-    count, waiting, skips, leaving = 0, 0, 0, True
+def take_steps(turn: Any, scenes: Any, group: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> None:
+    """Take the scenes whose numbers are in `turn` (n,), each in its lane, to where the first is to leave it."""
+    x, count = group[0], len(turn)
+    # Where the modes of a lane begin, and how many its first block has.
+    firsts, sizes = np.empty(at.LANES, dtype=np.uint64), np.empty(at.LANES, dtype=np.uint64)
+    # Whether a lane has further blocks or a contact point that moves.
+    further = False
+    for g in range(count):
+        scene = scenes[turn[g]]
+        firsts[g], sizes[g] = np.uint64(scene.modes_at), min(np.uint64(scene.modes), _BLOCK)
+        further = further or scene.blocks > 1 or scene.moving != 0
+    # Steps before a lane is observed or left.
+    quiet = 0.0
     while True:
-        if leaving:
-            # Scenes leave their lanes, and others enter.
-            for g in range(count):
-                k = turn[g]
-                for i in range(_IN_STEP):
-                    numbers[k, i] = lanes[i, g]
-                scenes[k].now, scenes[k].contact = int(x.now[g]), int(x.contact[g])
-            staying, seen = 0, 0
-            while staying < at.LANES and (seen < count or waiting < len(order)):
-                if seen < count:
-                    k = turn[seen]
-                    seen += 1
-                else:
-                    k = order[waiting]
-                    waiting += 1
-                scene = scenes[k]
-                if scene.settle == scene.now:
-                    clear(scene)
-                if scene.stopped == 0 and scene.now < scene.last:
-                    if scene.now < scene.next_skip:
-                        turn[staying] = k
-                        staying += 1
-                    else:
-                        order[skips] = k
-                        skips += 1
-            count = staying
-            if count == 0:
-                return skips
-            lanes[:] = 0.0
-            for g in range(count):
-                k = turn[g]
-                for i in range(_IN_STEP):
-                    lanes[i, g] = numbers[k, i]
-                scene = scenes[k]
-                x.now[g], x.contact[g] = scene.now, scene.contact
-                choose_law(lanes, g, numbers, k, scene.contact)
-                plan(x, g, scene)
-            leaving = False
         solve_contacts(x, np.uint64(count if count < FEW else at.LANES))
         for g in range(count):
-            scene = scenes[turn[g]]
-            N, T, slip_rate = x.N[g], x.T[g], x.slip_rate[g]
-            impulse_N, impulse_T = x.step[g] * (N - 1.0), x.step[g] * T
-            first, left = np.uint64(scene.modes_at), np.uint64(scene.modes)
-            due, changed = x.next[g] <= x.now[g], x.contact[g] != x.was[g]
-            if due or changed:
-                scene.now, scene.contact = int(x.now[g]), int(x.contact[g])
-                if changed:
-                    if switch(scene, int(x.was[g])):
-                        place = scene.sticks_at + scene.sticks - 1
-                        sticks[place, 0], sticks[place, 1] = scene.last_stick, (scene.now + 0.5) * scene.step
-                    choose_law(lanes, g, numbers, turn[g], scene.contact)
-                if due:
+            if x.notable[g] != 0.0:
+                scene = scenes[turn[g]]
+                scene.now = int(x.now[g])
+                if note(x, g, scene):
+                    place = scene.sticks_at + scene.sticks - 1
+                    sticks[place, 0], sticks[place, 1] = scene.last_stick, (scene.now + 0.5) * scene.step
+                plan(x, g, scene)
+                quiet = min(quiet, x.until[g] - x.now[g])
+        if quiet <= 0.0:
+            quiet = np.inf
+            for g in range(count):
+                if x.next[g] <= x.now[g]:
+                    scene = scenes[turn[g]]
+                    scene.now, scene.contact, scene.changed_in = int(x.now[g]), int(x.contact[g]), x.changed_in[g]
+                    await_skip(scene)
+                    x.changed_in[g] = -1.0
+                    N, T, slip_rate = x.N[g], x.T[g], x.slip_rate[g]
+                    impulse_N, impulse_T = x.step[g] * (N - 1.0), x.step[g] * T
                     speed, power = scene.B_N * impulse_N + scene.B_T * impulse_T, 0.0
+                    first, left = firsts[g], np.uint64(scene.modes)
                     for k in range(scene.blocks):
                         size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
                         more, lost = observe(
@@ -274,7 +283,7 @@ def advance(
                         place = scene.samples_at + scene.samples
                         samples[place, 0], samples[place, 1], samples[place, 2] = speed, slip_rate, N
                         samples[place, 3], samples[place, 4] = x.stick_time[g], x.separation_time[g]
-                        samples[place, 5], samples[place, 6] = x.sum_N[g], scene.switches
+                        samples[place, 5], samples[place, 6] = x.sum_N[g], x.switches[g]
                         scene.samples += 1
                         scene.next_sample += scene.sample_every
                         scene.damped += scene.sample_every * scene.step * power
@@ -286,24 +295,95 @@ def advance(
                         rows[place, 3], rows[place, 4], rows[place, 5] = T, slip_rate, scene.contact
                         scene.rows += 1
                         scene.next_row += scene.row_every
-                plan(x, g, scene)
-            gN, gT, vN, vT = apply_impulse(modes, first, min(left, _BLOCK), impulse_N, impulse_T)
-            for k in range(1, scene.blocks):
-                size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
-                a, b, c, d = apply_impulse(modes, first + np.uint64(k) * _BLOCK_SIZE, size, impulse_N, impulse_T)
-                gN, gT, vN, vT = gN + a, gT + b, vN + c, vT + d
-            if scene.moving != 0:
-                byN, byT = 0.0, 0.0
-                for k in range(scene.blocks):
-                    size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
-                    a, b, c, d = follow_shapes(modes, first + np.uint64(k) * _BLOCK_SIZE, size)
-                    byN, byT, vN, vT = byN + a, byT + b, vN + c, vT + d
-                gN, gT = gN + byN, gT + byT
-                # What sticks does not slide over P2.
-                x.anchor[g] += byT + scene.rest_slide_T
-                x.p_rest[g] -= scene.rest_slide_N
-                x.T_rest[g] += scene.rest_slide_T
-                x.moving_rate[g] = (byN + scene.rest_slide_N) * scene.per_step
+                    plan(x, g, scene)
+                quiet = min(quiet, min(x.next[g], x.until[g]) - x.now[g])
+        for g in range(count):
+            impulse_N, impulse_T = x.step[g] * (x.N[g] - 1.0), x.step[g] * x.T[g]
+            gN, gT, vN, vT = apply_impulse(modes, firsts[g], sizes[g], impulse_N, impulse_T)
             x.g_N[g], x.g_T[g], x.v_N[g], x.v_T[g] = gN, gT, vN, vT
+        if further:
+            for g in range(count):
+                scene = scenes[turn[g]]
+                impulse_N, impulse_T = x.step[g] * (x.N[g] - 1.0), x.step[g] * x.T[g]
+                first, left = firsts[g], np.uint64(scene.modes)
+                for k in range(1, scene.blocks):
+                    size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
+                    a, b, c, d = apply_impulse(
+                        modes, first + np.uint64(k) * _BLOCK_SIZE, size, impulse_N, impulse_T
+                    )
+                    x.g_N[g], x.g_T[g], x.v_N[g], x.v_T[g] = x.g_N[g] + a, x.g_T[g] + b, x.v_N[g] + c, x.v_T[g] + d
+                if scene.moving != 0:
+                    byN, byT = 0.0, 0.0
+                    for k in range(scene.blocks):
+                        size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
+                        a, b, c, d = follow_shapes(modes, first + np.uint64(k) * _BLOCK_SIZE, size)
+                        byN, byT, x.v_N[g], x.v_T[g] = byN + a, byT + b, x.v_N[g] + c, x.v_T[g] + d
+                    x.g_N[g], x.g_T[g] = x.g_N[g] + byN, x.g_T[g] + byT
+                    # What sticks does not slide over P2.
+                    x.anchor[g] += byT + scene.rest_slide_T
+                    x.p_rest[g] -= scene.rest_slide_N
+                    x.T_rest[g] += scene.rest_slide_T
+                    x.moving_rate[g] = (byN + scene.rest_slide_N) * scene.per_step
+        for g in range(at.LANES):
             x.now[g] += 1.0
-            leaving = leaving or x.now[g] >= x.until[g]
+        quiet -= 1.0
+        if quiet <= 0.0:
+            for g in range(count):
+                if x.now[g] >= x.until[g]:
+                    return
+
+
+@kernel
+def advance(
+    scenes: Any, numbers: Any, group: Any, lanes: Any, modes: Any, samples: Any, rows: Any, sticks: Any,
+    tables: Any, work: Any,
+) -> None:  # fmt: skip
+    """Take every scene to the end of its segment.
+
+    `scenes` (m,) are records of `fast_scene.SCENE`, `numbers` (m, any) is a view of them, `group` (1,) a workspace
+    of `fast_scene.GROUP` and `lanes` (any, LANES) a view of that. A scene says where its own part begins of
+    `modes`, blocks in a row; of `samples` and `rows`, as in `record.Segment`; of `sticks` (any, 2), begin and end;
+    and of the `tables` of `stick_skip.skip`, whose workspace is `work`.
+    """
+    x, turn = group[0], np.empty(at.LANES, dtype=np.int64)
+    count, waiting = 0, 0
+    while True:
+        # Scenes leave their lanes, and others enter.
+        for g in range(count):
+            k = turn[g]
+            for i in range(_IN_STEP):
+                numbers[k, i] = lanes[i, g]
+            scenes[k].now, scenes[k].contact = int(x.now[g]), int(x.contact[g])
+            await_skip(scenes[k])
+        staying, seen = 0, 0
+        while staying < at.LANES and (seen < count or waiting < len(scenes)):
+            if seen < count:
+                k = turn[seen]
+                seen += 1
+            else:
+                k = waiting
+                waiting += 1
+            scene = scenes[k]
+            while scene.stopped == 0:
+                if scene.settle == scene.now:
+                    clear(scene)
+                if scene.now < scene.last and scene.now >= scene.next_skip:
+                    skip(scene, modes, samples, rows, tables, work)
+                    continue
+                if scene.now < scene.last:
+                    turn[staying] = k
+                    staying += 1
+                break
+        count = staying
+        if count == 0:
+            return
+        lanes[:] = 0.0
+        for g in range(count):
+            k = turn[g]
+            for i in range(_IN_STEP):
+                lanes[i, g] = numbers[k, i]
+            scene = scenes[k]
+            x.now[g], x.contact[g] = scene.now, scene.contact
+            watch(x, g, scene)
+            plan(x, g, scene)
+        take_steps(turn[:count], scenes, group, modes, samples, rows, sticks)

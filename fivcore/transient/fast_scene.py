@@ -24,9 +24,10 @@ MIN_SAMPLES, MAX_SKIP = 48, 1024
 LANES = 8
 
 # N and T that stick needs from (p, u_T, v_N, v_T); how long before the middle of a step slip begins; the share of
-# a lasting force that acts (`fivcore.contact.law.RegimeMaps`).
+# a lasting force that acts (`fivcore.contact.law.RegimeMaps`). Each of them after separation, stick and slip.
 STICK_LAW = [*(f"{force}{of}" for force in "NT" for of in "punt"), "offset", "share"]
 _IN_STEP = [
+    *(f"{name}_{state}" for state in (SEPARATION, STICK, SLIP) for name in STICK_LAW),
     # N and u_T of slip with T = mu N and T = -mu N from (p, u_T, v_N).
     *(f"{way}_{what}{of}" for way in ("ahead", "back") for what in "Nu" for of in "pun"),
     # u after a step of separation from u before it.
@@ -38,15 +39,18 @@ _IN_STEP = [
     # Gaps and their rates by the modes before the impulse; penetration and g_T at rest, the latter with inertia of
     # the base; rate of g_N by the motion of the contact point; the element's state; g_T + u_T when stick began.
     "g_N g_T v_N v_T p_rest T_rest moving_rate u_N u_T anchor",
+    # Changes of the contact state; when the present stick began; the step of the last change that has not been
+    # looked at yet, -1 for none.
+    "switches stick_start changed_in",
 ]
 # What every step of a scene reads or writes.
 IN_STEP = [*" ".join(_IN_STEP).split(), *COUNTED]
-# What a lane has besides: the law of stick in force; the present step, the next to be observed and the one before
-# which the scene leaves; of a step the contact state before and after it, its forces and its slip rate.
-_IN_LANE = "now next until was contact N T slip_rate"
+# What a lane has besides: the present step, the next to be observed and the one before which the scene leaves; 1
+# where it has slipped, and where its next separation matters; its shortest long stick; of a step the contact state
+# after it, its forces and its slip rate, 1 where more than a count follows from a change of the state, the state
+# before it and when a stick that it ended began.
+_IN_LANE = "now next until slipped awaits_open least_stick contact N T slip_rate notable was begun"
 _NUMBERS = [
-    # The law of stick in a step after separation, stick and slip.
-    *(f"{name}_{state}" for state in (SEPARATION, STICK, SLIP) for name in STICK_LAW),
     # Velocity of B for half an impulse; changes of the gaps at rest in a step of a contact point that moves;
     # |T| / N above which a segment ends where a sample is taken.
     "B_N B_T rest_slide_N rest_slide_T threshold",
@@ -62,13 +66,13 @@ _COUNTS = [
     # rows; how many there are of these.
     "modes blocks modes_at skip_at samples_at rows_at samples rows",
 ]
-# The kernel finds what a lane takes over at the start of a record, and the laws of stick behind it.
+# The kernel finds what a lane takes over at the start of a record.
 SCENE = np.dtype([
     *((name, "f8") for name in [*IN_STEP, *" ".join(_NUMBERS).split()]),
-    *(field for field in FIELDS if field[0] not in COUNTED),
+    *(field for field in FIELDS if field[0] not in IN_STEP),
     *((name, "i8") for name in " ".join(_COUNTS).split()),
 ])  # fmt: skip
-GROUP = np.dtype([(name, "f8", (LANES,)) for name in [*IN_STEP, *STICK_LAW, *_IN_LANE.split()]])
+GROUP = np.dtype([(name, "f8", (LANES,)) for name in [*IN_STEP, *_IN_LANE.split()]])
 
 
 def lanes_for(scenes: Any) -> tuple[Array, Any, Array]:

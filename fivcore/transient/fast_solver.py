@@ -70,7 +70,7 @@ class Solver:
         record["mu"], record["step"], record["per_step"] = mu, step, 1.0 / step
         record["rigid"] = not element
         record["modes"], record["blocks"] = self.size, len(self.blocks)
-        record["skip_at"], record["next_skip"] = -1, at.NEVER
+        record["skip_at"], record["next_skip"], record["changed_in"] = -1, at.NEVER, -1
 
     def between_impulses(self, force: Array) -> Array:
         """How much further a steady contact force in impulses deflects the modes, midway between two of them."""

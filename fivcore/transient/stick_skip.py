@@ -208,147 +208,146 @@ def rotate(factors: Any, first: Any, stride: Any, work: Any, vector: Any, out: A
 
 
 @kernel
-def skip(order: Any, scenes: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
-    """Take scenes from a sample to the last one before which stick cannot have ended, if that is farther.
+def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
+    """Take a scene from a sample to the last one before which stick cannot have ended, if that is farther.
 
-    Parameters are those of `transient.fast_kernel.advance`, with all scenes of `order` at a sample; the tables of
-    the scenes one behind the other, a scene says where its own begin; and a workspace of `workspace_for`.
+    The scene is a record of `fast_scene.SCENE`; `modes`, `samples` and `rows` are those of
+    `transient.fast_kernel.advance`, `tables` those of all scenes in a row, of which a scene says where its own
+    begin, and `work` is a workspace of `workspace_for`.
     """
-    for number in order:
-        scene = scenes[number]
-        every, now = scene.sample_every, scene.now
-        # No skip crosses a multiple of this, where segments begin and end: the motion is independent of them.
-        most = at.MAX_SKIP * every
-        last = min((now // most + 1) * most, scene.last)
-        if scene.settle > now:
-            last = min(last, scene.settle)
-        scene.next_skip = now + 2 * at.MIN_SAMPLES * every
-        if now + every > last:
-            continue
-        # Where the matrices begin, and the vectors of the workspace.
-        values = scene.skip_at + 2
-        count, size = int(tables[values - 2]), int(tables[values - 1])
-        twice, half = 2 * count, size // 2
-        moduli = values + VALUE_ROWS * twice
-        powers = moduli + MODULI * count
-        form = powers + ROUND * twice
-        affine = form + twice * twice
-        into = affine + (AFFINE + LOSSES) * COLUMNS
-        back = into + twice * size
-        drift = back + twice * size
-        shapes = drift + COLUMNS * size
-        wide = (len(work) - OUTPUTS * ROUND) // VECTORS
-        x, y, initial, other, weights = X * wide, Y * wide, INITIAL * wide, OTHER * wide, WEIGHTS * wide
-        starts, slopes, result, sampled = STARTS * wide, SLOPES * wide, RESULT * wide, VECTORS * wide
-        step, speed = scene.step, scene.speed
-        # A first slip that is waited for comes with a share of mu N.
-        mu = min(scene.threshold, scene.mu)
-        for i in range(COLUMNS):
-            work[weights + i] = 0.0
-        work[weights + 4] = speed
-        multiply(tables, affine, AFFINE, COLUMNS, work, weights, slopes)
-        work[weights], work[weights + 2], work[weights + 3], work[weights + 4] = scene.p_rest, 1.0, speed, 0.0
-        work[weights + 1] = scene.anchor - scene.T_rest + speed * ((now + 0.5) * step - 0.5 * scene.ramp)
-        multiply(tables, affine, AFFINE, COLUMNS, work, weights, starts)
-        # x less its line, and the amplitudes of the eigenvectors in it.
-        multiply(tables, drift, size, COLUMNS, work, weights, x)
-        for j in range(half):
-            k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
-            work[x + j] = modes[k + at.Q * at.BLOCK] - work[x + j]
-            work[x + half + j] = modes[k + at.V * at.BLOCK] - work[x + half + j]
-        multiply(tables, into, twice, size, work, x, initial)
-        rotate(tables, powers, ROUND, work, initial, y, count)
-        goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
-        while far == ROUND - 1:
-            # Amplitudes only shrink: what bounds them here does so at all samples to come.
-            for k in range(count):
-                work[other + k] = np.sqrt(work[y + k] ** 2 + work[y + count + k] ** 2)
-            multiply(tables, moduli, MODULI, count, work, other, result)
-            off_N, off_F, off_C = work[result], mu * work[result] + work[result + 1], work[result + 2]
-            all_N, all_F, all_C = work[result + 3], mu * work[result + 3] + work[result + 4], work[result + 5]
-            # Where the lines stay away from the limits by more than all amplitudes, T and closing are not needed.
-            certain = True
-            for past in (goal - now, goal - now + (ROUND - 1) * every):
-                N, T = work[starts] + work[slopes] * past, work[starts + 2] + work[slopes + 2] * past
-                C = work[starts + 3] + work[slopes + 3] * past
-                certain = certain and all_N < N and all_F < mu * N - abs(T) and all_C < C
-            for r in range(2 if certain else 4):
-                row = sampled + r * ROUND
-                for m in range(ROUND):
-                    work[row + m] = work[starts + r] + work[slopes + r] * (goal - now + m * every)
-                rotate(tables, values + r * twice, ONE, work, y, other, count)
-                combine(tables, powers, twice, ROUND, work, other, row)
-            far = -1
-            for m in range(sampled, sampled + min(ROUND, (last - goal) // every + 1)):
-                N, T, C = work[m], work[m + 2 * ROUND], work[m + 3 * ROUND]
-                if not certain and not (off_N < N and off_F < mu * N - abs(T) and off_C < C):
-                    break
-                far += 1
-            if far <= 0:
+    every, now = scene.sample_every, scene.now
+    # No skip crosses a multiple of this, where segments begin and end: the motion is independent of them.
+    most = at.MAX_SKIP * every
+    last = min((now // most + 1) * most, scene.last)
+    if scene.settle > now:
+        last = min(last, scene.settle)
+    scene.next_skip = now + 2 * at.MIN_SAMPLES * every
+    if now + every > last:
+        return
+    # Where the matrices begin, and the vectors of the workspace.
+    values = scene.skip_at + 2
+    count, size = int(tables[values - 2]), int(tables[values - 1])
+    twice, half = 2 * count, size // 2
+    moduli = values + VALUE_ROWS * twice
+    powers = moduli + MODULI * count
+    form = powers + ROUND * twice
+    affine = form + twice * twice
+    into = affine + (AFFINE + LOSSES) * COLUMNS
+    back = into + twice * size
+    drift = back + twice * size
+    shapes = drift + COLUMNS * size
+    wide = (len(work) - OUTPUTS * ROUND) // VECTORS
+    x, y, initial, other, weights = X * wide, Y * wide, INITIAL * wide, OTHER * wide, WEIGHTS * wide
+    starts, slopes, result, sampled = STARTS * wide, SLOPES * wide, RESULT * wide, VECTORS * wide
+    step, speed = scene.step, scene.speed
+    # A first slip that is waited for comes with a share of mu N.
+    mu = min(scene.threshold, scene.mu)
+    for i in range(COLUMNS):
+        work[weights + i] = 0.0
+    work[weights + 4] = speed
+    multiply(tables, affine, AFFINE, COLUMNS, work, weights, slopes)
+    work[weights], work[weights + 2], work[weights + 3], work[weights + 4] = scene.p_rest, 1.0, speed, 0.0
+    work[weights + 1] = scene.anchor - scene.T_rest + speed * ((now + 0.5) * step - 0.5 * scene.ramp)
+    multiply(tables, affine, AFFINE, COLUMNS, work, weights, starts)
+    # x less its line, and the amplitudes of the eigenvectors in it.
+    multiply(tables, drift, size, COLUMNS, work, weights, x)
+    for j in range(half):
+        k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
+        work[x + j] = modes[k + at.Q * at.BLOCK] - work[x + j]
+        work[x + half + j] = modes[k + at.V * at.BLOCK] - work[x + half + j]
+    multiply(tables, into, twice, size, work, x, initial)
+    rotate(tables, powers, ROUND, work, initial, y, count)
+    goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
+    while far == ROUND - 1:
+        # Amplitudes only shrink: what bounds them here does so at all samples to come.
+        for k in range(count):
+            work[other + k] = np.sqrt(work[y + k] ** 2 + work[y + count + k] ** 2)
+        multiply(tables, moduli, MODULI, count, work, other, result)
+        off_N, off_F, off_C = work[result], mu * work[result] + work[result + 1], work[result + 2]
+        all_N, all_F, all_C = work[result + 3], mu * work[result + 3] + work[result + 4], work[result + 5]
+        # Where the lines stay away from the limits by more than all amplitudes, T and closing are not needed.
+        certain = True
+        for past in (goal - now, goal - now + (ROUND - 1) * every):
+            N, T = work[starts] + work[slopes] * past, work[starts + 2] + work[slopes + 2] * past
+            C = work[starts + 3] + work[slopes + 3] * past
+            certain = certain and all_N < N and all_F < mu * N - abs(T) and all_C < C
+        for r in range(2 if certain else 4):
+            row = sampled + r * ROUND
+            for m in range(ROUND):
+                work[row + m] = work[starts + r] + work[slopes + r] * (goal - now + m * every)
+            rotate(tables, values + r * twice, ONE, work, y, other, count)
+            combine(tables, powers, twice, ROUND, work, other, row)
+        far = -1
+        for m in range(sampled, sampled + min(ROUND, (last - goal) // every + 1)):
+            N, T, C = work[m], work[m + 2 * ROUND], work[m + 3 * ROUND]
+            if not certain and not (off_N < N and off_F < mu * N - abs(T) and off_C < C):
                 break
-            for m in range(far):
-                N, place = work[sampled + m], scene.samples_at + scene.samples + m
-                samples[place, 0], samples[place, 1], samples[place, 2] = work[sampled + ROUND + m], 0.0, N
-                # The integral of N up to here by the rectangle rule; at the end of the skip it is exact.
-                taken = step * ((goal - now) + m * every + 1)
-                samples[place, 3], samples[place, 4] = scene.stick_time + taken, scene.separation_time
-                samples[place, 5], samples[place, 6] = scene.sum_N + step * total, scene.switches
-                total += every * N
-                largest = max(largest, N)
-            scene.samples += far
-            goal += far * every
-            rotate(tables, powers + far, ROUND, work, y, y, count)
-        if goal == now:
-            continue
-        steps = float(goal - now)
-        # Integrals of N and T over the steps of the skip, and what damping and dashpot lose.
-        for j in range(twice):
-            work[x + j] = work[initial + j] + work[y + j]
-            work[other + j] = work[initial + j] - work[y + j]
-        multiply(tables, form, twice, twice, work, other, result)
-        multiply(work, result, ONE, twice, work, x, sampled)
-        lost = work[sampled]
-        multiply(tables, affine + AFFINE * COLUMNS, LOSSES, COLUMNS, work, weights, result)
-        multiply(tables, values + SUMS * twice, LOGARITHM - SUMS, twice, work, other, x)
-        for i in range(LOSSES):
-            lost += work[weights + i] * (work[x + 2 + i] + steps * work[result + i])
-        pairs = 0.5 * steps * (steps - 1.0)
-        scene.damped += lost
-        scene.sum_N += step * (work[x] + work[starts] * steps + work[slopes] * pairs)
-        scene.work += speed * step * (work[x + 1] + work[starts + 2] * steps + work[slopes + 2] * pairs)
-        scene.stick_time += step * steps
-        scene.max_N = max(scene.max_N, largest)
-        # State after the last step.
-        multiply(tables, values + EARLIER * twice, SUMS - EARLIER, twice, work, y, result)
-        scene.u_N = work[result] + work[starts + 4] + work[slopes + 4] * (steps - 1.0)
-        scene.u_T = work[result + 1] + work[starts + 5] + work[slopes + 5] * (steps - 1.0)
-        work[weights + 4] = speed * steps
-        multiply(tables, drift, size, COLUMNS, work, weights, x)
-        combine(tables, back, twice, size, work, y, x)
-        for j in range(half):
-            k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
-            modes[k + at.Q * at.BLOCK], modes[k + at.V * at.BLOCK] = work[x + j], work[x + half + j]
-        multiply(tables, shapes, OUTPUTS, size, work, x, result)
-        scene.g_N, scene.g_T = work[result], work[result + 1]
-        scene.v_N, scene.v_T = work[result + 2], work[result + 3]
-        # Rows of the record.
-        log = values + LOGARITHM * twice
-        while scene.next_row < goal:
-            past = float(scene.next_row - now)
-            for k in range(count):
-                factor, angle = np.exp(tables[log + k] * past), tables[log + count + k] * past
-                work[other + k], work[other + count + k] = factor * np.cos(angle), factor * np.sin(angle)
-            rotate(work, other, ONE, work, initial, y, count)
-            multiply(tables, values, OUTPUTS, twice, work, y, result)
-            for r in range(OUTPUTS):
-                work[result + r] += work[starts + r] + work[slopes + r] * past
-            place = scene.rows_at + scene.rows
-            rows[place, 0], rows[place, 1] = (scene.next_row + 0.5) * step, work[result + 1]
-            rows[place, 2], rows[place, 3] = work[result], work[result + 2]
-            rows[place, 4], rows[place, 5] = 0.0, STICK
-            scene.rows += 1
-            scene.next_row += scene.row_every
-        scene.now = scene.next_sample = scene.next_skip = goal
-        # Go on at once where a segment may end, so that it changes nothing whether it does.
-        if goal % most != 0:
-            scene.next_skip += at.MIN_SAMPLES * every
+            far += 1
+        if far <= 0:
+            break
+        for m in range(far):
+            N, place = work[sampled + m], scene.samples_at + scene.samples + m
+            samples[place, 0], samples[place, 1], samples[place, 2] = work[sampled + ROUND + m], 0.0, N
+            # The integral of N up to here by the rectangle rule; at the end of the skip it is exact.
+            taken = step * ((goal - now) + m * every + 1)
+            samples[place, 3], samples[place, 4] = scene.stick_time + taken, scene.separation_time
+            samples[place, 5], samples[place, 6] = scene.sum_N + step * total, scene.switches
+            total += every * N
+            largest = max(largest, N)
+        scene.samples += far
+        goal += far * every
+        rotate(tables, powers + far, ROUND, work, y, y, count)
+    if goal == now:
+        return
+    steps = float(goal - now)
+    # Integrals of N and T over the steps of the skip, and what damping and dashpot lose.
+    for j in range(twice):
+        work[x + j] = work[initial + j] + work[y + j]
+        work[other + j] = work[initial + j] - work[y + j]
+    multiply(tables, form, twice, twice, work, other, result)
+    multiply(work, result, ONE, twice, work, x, sampled)
+    lost = work[sampled]
+    multiply(tables, affine + AFFINE * COLUMNS, LOSSES, COLUMNS, work, weights, result)
+    multiply(tables, values + SUMS * twice, LOGARITHM - SUMS, twice, work, other, x)
+    for i in range(LOSSES):
+        lost += work[weights + i] * (work[x + 2 + i] + steps * work[result + i])
+    pairs = 0.5 * steps * (steps - 1.0)
+    scene.damped += lost
+    scene.sum_N += step * (work[x] + work[starts] * steps + work[slopes] * pairs)
+    scene.work += speed * step * (work[x + 1] + work[starts + 2] * steps + work[slopes + 2] * pairs)
+    scene.stick_time += step * steps
+    scene.max_N = max(scene.max_N, largest)
+    # State after the last step.
+    multiply(tables, values + EARLIER * twice, SUMS - EARLIER, twice, work, y, result)
+    scene.u_N = work[result] + work[starts + 4] + work[slopes + 4] * (steps - 1.0)
+    scene.u_T = work[result + 1] + work[starts + 5] + work[slopes + 5] * (steps - 1.0)
+    work[weights + 4] = speed * steps
+    multiply(tables, drift, size, COLUMNS, work, weights, x)
+    combine(tables, back, twice, size, work, y, x)
+    for j in range(half):
+        k = scene.modes_at + j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
+        modes[k + at.Q * at.BLOCK], modes[k + at.V * at.BLOCK] = work[x + j], work[x + half + j]
+    multiply(tables, shapes, OUTPUTS, size, work, x, result)
+    scene.g_N, scene.g_T = work[result], work[result + 1]
+    scene.v_N, scene.v_T = work[result + 2], work[result + 3]
+    # Rows of the record.
+    log = values + LOGARITHM * twice
+    while scene.next_row < goal:
+        past = float(scene.next_row - now)
+        for k in range(count):
+            factor, angle = np.exp(tables[log + k] * past), tables[log + count + k] * past
+            work[other + k], work[other + count + k] = factor * np.cos(angle), factor * np.sin(angle)
+        rotate(work, other, ONE, work, initial, y, count)
+        multiply(tables, values, OUTPUTS, twice, work, y, result)
+        for r in range(OUTPUTS):
+            work[result + r] += work[starts + r] + work[slopes + r] * past
+        place = scene.rows_at + scene.rows
+        rows[place, 0], rows[place, 1] = (scene.next_row + 0.5) * step, work[result + 1]
+        rows[place, 2], rows[place, 3] = work[result], work[result + 2]
+        rows[place, 4], rows[place, 5] = 0.0, STICK
+        scene.rows += 1
+        scene.next_row += scene.row_every
+    scene.now = scene.next_sample = scene.next_skip = goal
+    # Go on at once where a segment may end, so that it changes nothing whether it does.
+    if goal % most != 0:
+        scene.next_skip += at.MIN_SAMPLES * every

@@ -69,8 +69,8 @@ class Small:
         record["samples"] = record["rows"] = record["sticks"] = 0
         record["stick_room"] = steps
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), SAMPLE))
-        order = np.zeros(1, dtype=np.int64)
-        fast_kernel.advance(order, record, *lanes_for(record), self.modes, samples, rows, np.empty((steps, 2)))
+        sticks, no_skip = np.empty((steps, 2)), np.empty(0)
+        fast_kernel.advance(record, *lanes_for(record), self.modes, samples, rows, sticks, no_skip, no_skip)
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 
