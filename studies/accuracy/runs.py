@@ -22,7 +22,7 @@ from studies.motion import ensembles, transients
 
 Result = TypeVar("Result")
 
-# After a run this long everything is compiled and every basis built, s.
+# After a run this long everything is compiled that a dear method needs, and every basis built, s.
 WARMING = 10e-3
 # What is kept of each member besides the time that its figures are of.
 KEPT = (
@@ -62,7 +62,7 @@ def measured(method: str, option: Option, scene: Scene, fixed: Mapping[str, Any]
     # What is dear has fewer runs.
     count, duration = fixed["members" if method == FAST else "dear_members"], fixed["duration"]
     ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
-    simulate(scene, WARMING, method, ramp=ramps[0], **options)
+    simulate(scene, duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
     runs, cpu = timed(lambda: simulate_many([scene] * count, duration, method, ramp=ramps, **options))
     if failed := [one for one in runs if isinstance(one, Exception)]:
         raise failed[0]

@@ -13,11 +13,10 @@ from fivcore.transient.normalised import slip_distance
 from fivcore.transient.steady import NEAR
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
 from fivcore.transient.uncertainty.blocks import Blocks
-from fivcore.transient.uncertainty.errors import cosines_for, errors_of_means
+from fivcore.transient.uncertainty.errors import LOAD_UPS, cosines_for, errors_of_means
 
-# Each look is later than the last by this factor of the time since settling; the first that may end a run comes
-# after so many load-ups.
-LATER, LOAD_UPS = 1.25, 20.0
+# Each look is later than the last by this factor of the time since settling.
+LATER = 1.25
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,6 @@ from sweeps import DONE
 
 # Of a title to a centimetre.
 LETTERS = 4.4
-# Of panels of shades.
-SAID = "(b), (d): mean of the members\n(c): the one in the middle\nwhite: no vibration"
 # Shown beside the regimes: factor, what stands at the scale, and whether only a vibration has it.
 QUANTITIES = {
     "stick_fraction": (1.0, "share of time in stick", False),
@@ -93,7 +91,10 @@ def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
     figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.5, 1.0))
     top, key = panels.pop("regime"), panels.pop("key")
     key.axis("off")
-    key.text(0.0, 0.0, SAID, fontsize=8.0, linespacing=1.4)
+    said = "white: no vibration"
+    if constants(at)["members"] > 1:
+        said = f"(b), (d): mean of the members\n(c): the one in the middle\n{said}"
+    key.text(0.0, 0.0, said, fontsize=8.0, linespacing=1.4)
     key.legend(handles=_in_order(_draw_regimes(top, at, x, y)), loc="upper left", borderaxespad=0.0)
     top.set_title("(a) regime", loc="left", fontsize=9.0)
     for letter, (name, axes) in zip("bcd", panels.items(), strict=True):

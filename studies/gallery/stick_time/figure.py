@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from studies import paper
 from studies.gallery.stick_time.findings import reference
@@ -67,6 +69,9 @@ def _draw_times(axes: Axes, at: xr.Dataset) -> None:
         bold: dict[str, Any] = {"color": figures.RED, "linewidth": 2.2, "zorder": 3.0}
         axes.plot(1e3 * speeds, law, "-", label="paper: half at twice V", **bold)
     axes.set(xscale="log", yscale="log", xlabel="V / (mm/s)", ylabel="mean stick time / ms")
+    # Room for the legend below all that is drawn.
+    low, high = axes.get_ylim()
+    axes.set_ylim(low * (low / high) ** 0.5, high)
     figures.one_two_five(axes.xaxis, axes.yaxis)
     axes.legend(loc="lower left")
 
@@ -111,21 +116,22 @@ def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
 
 def _draw_collapse(axes: Axes, dataset: xr.Dataset) -> None:
     """Stick time by speed over mu F against V / (mu F): one curve, if friction and load do no more than scale."""
-    frictions = dataset["mu"].values[dataset["mu"].values > 0.0]
-    for mu, colour in zip(frictions, COLOURS, strict=False):
-        for F, marker in zip(dataset["F"].values, MARKERS, strict=False):
-            at = dataset.sel(mu=mu, F=F)
-            x = 1e3 * at["V"].values / (mu * F)
-            looks: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 4.0}
-            for kind, fill in (("sustained", colour), ("start_up", "none")):
-                y = 1e6 * at["V"].values * _means(at, kind)[0] / (mu * F)
-                label = f"μ = {mu:g}, F = {F:g} N" if kind == "sustained" else None
-                axes.plot(x, y, markerfacecolor=fill, label=label, markeredgewidth=0.7, **looks)
+    shown: dict[str, Any] = {"linestyle": "none", "markersize": 4.0, "markeredgewidth": 0.7}
+    frictions = list(zip(dataset["mu"].values[dataset["mu"].values > 0.0], COLOURS, strict=False))
+    loads = list(zip(dataset["F"].values, MARKERS, strict=False))
+    for (mu, colour), (F, marker) in product(frictions, loads):
+        at = dataset.sel(mu=mu, F=F)
+        x = 1e3 * at["V"].values / (mu * F)
+        for kind, fill in (("sustained", colour), ("start_up", "none")):
+            y = 1e6 * at["V"].values * _means(at, kind)[0] / (mu * F)
+            axes.plot(x, y, color=colour, marker=marker, markerfacecolor=fill, **shown)
     _logarithmic(axes, [0.1, 10.0])
     axes.set(ylim=(0.0, None), xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
     figures.one_two_five(axes.xaxis)
+    marks = [Line2D([], [], color=colour, marker="o", label=f"μ = {mu:g}", **shown) for mu, colour in frictions]
+    marks += [Line2D([], [], color=figures.GREY, marker=mark, label=f"F = {F:g} N", **shown) for F, mark in loads]
     title: dict[str, Any] = {"title": "filled: sustained, open: start-up", "title_fontsize": 6.5}
-    axes.legend(loc="lower left", fontsize=6.5, ncols=2, **title)
+    axes.legend(handles=marks, loc="lower left", fontsize=6.5, ncols=2, **title)
 
 
 def _logarithmic(axes: Axes, x: Any) -> None:
