@@ -202,16 +202,7 @@ def note(x: Any, g: int, scene: Any) -> bool:
         scene.stopped = 1
     if scene.settled_from < np.inf:
         scene.settle = int(np.ceil(scene.settled_from * scene.per_step - 0.5))
-    watch(x, g, scene)
     return listed
-
-
-@inlined
-def watch(x: Any, g: int, scene: Any) -> None:
-    """Tell lane g which changes of the contact state are notable."""
-    x.slipped[g] = 1.0 if scene.first_slip < np.inf else 0.0
-    x.awaits_open[g] = 0.0 if scene.first_separation < np.inf and scene.until_open == 0 else 1.0
-    x.least_stick[g] = scene.least_stick
 
 
 @inlined
@@ -226,7 +217,10 @@ def await_skip(scene: Any) -> None:
 
 @inlined
 def plan(x: Any, g: int, scene: Any) -> None:
-    """Find the next step in which lane g is observed, and the one before which its scene leaves it."""
+    """Find in which step lane g is observed next, before which its scene leaves it, and what is notable till then."""
+    x.slipped[g] = 1.0 if scene.first_slip < np.inf else 0.0
+    x.awaits_open[g] = 0.0 if scene.first_separation < np.inf and scene.until_open == 0 else 1.0
+    x.least_stick[g] = scene.least_stick
     x.next[g] = min(scene.next_sample, scene.next_row)
     until = min(scene.last, scene.next_skip)
     if scene.settle > scene.now:
@@ -384,6 +378,5 @@ def advance(
                 lanes[i, g] = numbers[k, i]
             scene = scenes[k]
             x.now[g], x.contact[g] = scene.now, scene.contact
-            watch(x, g, scene)
             plan(x, g, scene)
         take_steps(turn[:count], scenes, group, modes, samples, rows, sticks)

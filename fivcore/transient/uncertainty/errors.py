@@ -33,7 +33,7 @@ from fivcore.transient.uncertainty.blocks import FORCE, SQUARE, SWITCHES, VELOCI
 HELD = 2.0 * float(ndtr(2.0)) - 1.0
 # Fewest cosines, and their number per (T / load_up)^(2/3); load-ups below which a run is too short to say: where
 # bursts are rare, 12 held in 80 % of all runs only.
-FEWEST, GROWTH, LOAD_UPS = 6, 0.8, 20.0
+FEWEST, GROWTH, LOAD_UPS = 6, 0.8, 16.0
 
 
 def errors_of_means(values: Array, cosines: int) -> Array:

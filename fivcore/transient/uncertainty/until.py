@@ -66,7 +66,7 @@ class Watch:
         start, time = 0.0, max(self._until.least, self._stuck)
         if not np.isnan(record["first_slip"][0]):
             start = float(record["settled_from"][0])
-            time = max(self._until.least, LOAD_UPS * self._load_up, grid) / LATER
+            time = max(self._until.least / LATER, LOAD_UPS * self._load_up, grid / LATER)
         while start + time <= run.time + 0.5 * grid:
             time *= LATER
         run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)

@@ -89,8 +89,8 @@ def test_an_error_of_a_mean_holds_as_often_as_it_says(memory, count, cosines):
 def test_what_never_changes_has_no_error_and_too_few_values_have_none():
     assert errors_of_means(np.full((100, 2), 0.7), FEWEST).tolist() == [0.0, 0.0]
     assert np.isnan(errors_of_means(np.arange(2.0 * FEWEST - 1.0)[:, None], FEWEST)).all()
-    assert cosines_for(1.99, 0.1) == 0
-    assert cosines_for(2.01, 0.1) == FEWEST < cosines_for(60.0, 0.1) < cosines_for(60.0, 0.0)
+    assert cosines_for(1.59, 0.1) == 0
+    assert cosines_for(1.61, 0.1) == FEWEST < cosines_for(60.0, 0.1) < cosines_for(60.0, 0.0)
 
 
 def test_the_largest_samples_are_all_there_however_they_come():
@@ -150,8 +150,8 @@ def test_blocks_hold_what_the_counters_do(method, V, duration, given, monkeypatc
 def test_what_is_constant_by_nature_is_known_and_what_is_too_short_is_not():
     sliding = simulate(Scene(5e-3, -5.0, 0.2, 9.0), 0.6).summary
     undecided = simulate(Scene(1e-3, 5.0, 0.2, 9.0), 0.1).summary
-    short = simulate(Scene(1e-3, 5.0, 0.2, 9.0), 3.0).summary
-    long = simulate(Scene(1e-3, 5.0, 0.2, 9.0), 3.3).summary
+    short = simulate(Scene(1e-3, 5.0, 0.2, 9.0), 2.4).summary
+    long = simulate(Scene(1e-3, 5.0, 0.2, 9.0), 2.7).summary
     assert (sliding["regime"], undecided["regime"]) == ("steady sliding", "undecided")
     for name in STATISTICS:
         assert sliding[f"{name}_se"] == 0.0 if name in SHARES else np.isnan(sliding[f"{name}_se"])
