@@ -217,7 +217,7 @@ def await_skip(scene: Any) -> None:
 
 @inlined
 def plan(x: Any, g: int, scene: Any) -> None:
-    """Find in which step lane g is observed next, before which its scene leaves it, and what is notable till then."""
+    """Find in which step lane g is observed next, before which its scene leaves it, and what is notable in it."""
     x.slipped[g] = 1.0 if scene.first_slip < np.inf else 0.0
     x.awaits_open[g] = 0.0 if scene.first_separation < np.inf and scene.until_open == 0 else 1.0
     x.least_stick[g] = scene.least_stick
