@@ -258,11 +258,11 @@ from fivcore import Scene, simulate_many
 
 slow, quick = Scene(1e-3, 5.0, 0.2, 9.0), Scene(0.02, 5.0, 0.2, 9.0)
 given = {"record": True, "sample_rate": 20e3, "min_stick": 1e-5, "settle": 0.0}
-runs = simulate_many([slow, quick, Scene(5e-3, 12.0, 0.3, 9.0)], [0.06, 0.0115, 0.0115], **given)
-runs += simulate_many([slow, quick], 0.0115, cutoff=75e3, ramp=0.0, **given)
-runs += simulate_many([quick, Scene(0.02, -5.0, 0.2, 9.0)], 0.0115, contact_motion=1, **given)
+runs = simulate_many([slow, quick, Scene(5e-3, 12.0, 0.3, 9.0)], [0.06, 0.0105, 0.0105], **given)
+runs += simulate_many([slow, quick], 0.0105, cutoff=75e3, ramp=0.0, **given)
+runs += simulate_many([quick, Scene(0.02, -5.0, 0.2, 9.0)], 0.0105, contact_motion=1, **given)
 runs += simulate_many([Scene(5e-3, -5.0, 0.2, 9.0)], 1.0, **given)
-runs += simulate_many([quick], 0.0115, "exact", **given)
+runs += simulate_many([quick], 0.0105, "exact", **given)
 runs += simulate_many([quick], 2e-3, "paper", **given)
 runs += simulate_many([quick], 5e-4, "paper", contact_motion=1, **given)
 told = [{name: getattr(value, "tolist", lambda: value)() for name, value in run.summary.items()} for run in runs]
