@@ -11,6 +11,8 @@ from fivcore.transient import driver
 from fivcore.transient.record import SAMPLE
 from fivcore.transient.uncertainty.blocks import BLOCK, ROOM, Blocks, Largest
 from fivcore.transient.uncertainty.errors import FEWEST, cosines_for, errors_of_means
+from studies.accuracy.rigs import drawn_scene
+from studies.motion import ensembles
 from tests.helpers.runs import assert_same_summary
 
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
@@ -25,15 +27,22 @@ OTHER = replace(Rig(), p1=Beam(0.060, 0.010, 0.002, 185e9, 7900.0, 30))
 SCENES = {f"{V} mm/s": (Scene(V * 1e-3, 5.0, 0.2, 9.0), None) for V in (0.8, 1.15, 1.3, 2, 5)} | {
     "other rig": (Scene(2e-3, 5.0, 0.2, 9.0, OTHER), 2.0)
 }
-# Runs of each scene, and for how long their statistics last, s.
-RUNS, TIME = 200, 3.6
+# Four on rigs that nothing was tuned on, two of them at a quarter of the speed that was drawn.
+DRAWN = [drawn_scene(77, number) for number in range(4)]
+DRAWN = [replace(scene, V=scene.V / 4.0) if number % 2 else scene for number, scene in enumerate(DRAWN)]
+SCENES |= {f"rig {number}": (scene, None) for number, scene in enumerate(DRAWN)}
+# In this one something rare and long comes once in some five seconds: of runs as long as here a fifth see none.
+RARE = "rig 3"
+# Runs of each scene, and for how long their statistics last at least, s, and in times that a stick takes to slip.
+RUNS, TIME, LOAD_UPS = 200, 3.6, 25.0
 
 
 def runs_of(name, duration=None, count=RUNS):
     """Summaries of runs that differ by their ramp."""
     scene, settle = SCENES[name]
     if duration is None:
-        duration = (0.1 + 0.1435e-3 / scene.V if settle is None else settle) + TIME
+        loading = ensembles.load_up(scene)
+        duration = (0.1 + loading if settle is None else settle) + max(TIME, LOAD_UPS * loading)
     for first in range(0, count, 40):
         ramps = [1e-3 * (1.0 + 0.013 * k) for k in range(first, min(first + 40, count))]
         yield from (
@@ -74,7 +83,8 @@ def check(found, names):
         shares, whole = [part.mean() if len(part) > RUNS / 2 else np.nan for part in each], np.concatenate(each)
         print(f"{name:20s}", *(f"{100 * share:10.1f}" for share in shares), f"{100 * whole.mean():.1f}", sep=" | ")
         assert 0.92 <= whole.mean() <= 0.98, name
-        assert np.nanmin(shares) >= 0.92 - 0.06, name
+        usual = [share for scene, share in zip(found, shares, strict=True) if scene != RARE]
+        assert np.nanmin(usual) >= 0.92 - 0.06, name
 
 
 @pytest.mark.parametrize(("memory", "count"), [(0.0, 400), (0.9, 2000)])
