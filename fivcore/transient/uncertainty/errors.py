@@ -14,9 +14,8 @@ How long the motion remembers is not known beforehand: sticks of 30 to 80 ms bet
 for 0.1 s where bursts become rare. The time in which the drive loads a stuck contact until it slips (`load_up`)
 scales the former, `SETTLING` the latter: K is 0.8 (T / load_up)^(2/3), at most T / SETTLING, and never below 6.
 `tests/fivcore/transient/test_uncertainty.py` shows how often the long-run value lies within 2 standard errors.
-What lasts for more than a third of a run cannot be seen in it, nor what it has not met: at 0.6 mm/s the paper's
-rig changes for seconds between cycles with and without separation, which takes runs of 20 s; of a motion with a
-long burst once in five seconds, runs of eight seconds are too sure in one case of five.
+What lasts for more than a third of a run cannot be seen in it (at 0.6 mm/s the paper's rig changes for seconds
+between cycles with and without separation), nor what it has not met, like a long burst once in five seconds.
 """
 
 from __future__ import annotations
