@@ -1,0 +1,264 @@
+"""How flutter onsets and eigenvalues of steady sliding follow the numbers of the rig: derivatives in closed form.
+
+Sliding is the singular problem D x = r_c N, r_N^T x = 0 with D = K - lambda M of the separate beams, the rows r_N and
+r_T that read the gap, and r_c = r_N + mu r_T; its left vector has D y = -n r_N, r_c^T y = 0 (`_vectors`). Implicitly,
+G_lambda dlambda + G_mu dmu + G_p dp = 0 with G_p = y^T dD x - N y^T dr_c + n dr_N^T x (Nelson, AIAA J. 14, 1976,
+1201-1205, for eigenvalues). Degrees of freedom are absolute displacements along and across each beam and rotations
+times the elements' length h, so that E I / h^3, E A / h, rho A h scale constant matrices and dD is made of mixed
+energies. Of P1 theta turns the tip's reading and the support, whose part is its horizontal reaction by momentum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore import checks
+from fivcore.beams.modes import contact_modes, rig_bases
+from fivcore.jit import Array, Complex
+from fivcore.rig import Beam, Rig
+from fivcore.stability.onsets import flutter_onsets
+from fivcore.stability.secular import EPS
+from fivcore.stability.sliding import sliding_modes
+
+# Derivatives grow as 1 / x and their rounding errors as EPS / x^2 where two solutions are about x apart.
+DOUBLE = 1e-7
+# An imaginary part of lambda, as a share of it, whose square is nothing beside 1.
+INFINITESIMAL = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class OnsetSensitivity:
+    """Flutter onsets, ascending in mu, and their first derivatives.
+
+    Names are theta, contact_position, head_mass, d1, d2, and of each beam p1_length, p1_width, p1_thickness,
+    p1_young_modulus, p1_density, p2_length, ... Each derivative keeps all the others, and the meshes' elements.
+
+    Attributes
+    ----------
+    mu, frequency : ndarray, (n,)
+        1; Hz; as in `FlutterOnsets`.
+    mu_gradient, frequency_gradient : dict of str to ndarray, (n,)
+        Derivatives in SI units, by theta for each degree.
+    mu_elasticity, frequency_elasticity : dict of str to ndarray, (n,)
+        Relative change for a relative change of each number p, (p / mu) d mu / d p; of theta in degrees.
+    fold : ndarray of bool, (n,)
+        Whether the onset meets a recovery, where derivatives do not exist and are NaN.
+    """
+
+    mu: Array
+    frequency: Array
+    mu_gradient: dict[str, Array]
+    frequency_gradient: dict[str, Array]
+    mu_elasticity: dict[str, Array]
+    frequency_elasticity: dict[str, Array]
+    fold: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingSensitivity:
+    """Eigenvalues of steady sliding, in the order of `sliding_modes`, and their first derivatives.
+
+    Attributes
+    ----------
+    eigenvalue : ndarray of complex, (n,)
+        phi, growth rate + 2 pi i frequency, 1/s.
+    gradient, elasticity : dict of str to ndarray of complex, (n,)
+        d phi / d p in SI units, by theta for each degree, and (p / phi) d phi / d p; names as in
+        `OnsetSensitivity`, and mu. NaN for a double eigenvalue, which has no derivatives.
+    """
+
+    eigenvalue: Complex
+    gradient: dict[str, Complex]
+    elasticity: dict[str, Complex]
+
+
+def onset_sensitivity(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> OnsetSensitivity:
+    """First derivatives of all flutter onsets in a band.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta, fmax, mu_max : float
+        Degrees; band, Hz; largest friction of interest.
+
+    Returns
+    -------
+    OnsetSensitivity
+        Without damping the onset is a double root, with derivatives by d1 and d2 of zero.
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        As `flutter_onsets`.
+    """
+    onsets = flutter_onsets(rig, theta, fmax, mu_max)
+    angle, mu, omega = float(theta), onsets.mu, 2.0 * np.pi * onsets.frequency
+    phi, divisor = 1j * omega, 1.0 + 1j * rig.d2 * omega
+    value = -phi * (phi + rig.d1) / divisor
+    # Im F = 0 is F_lambda = 0 in the limit of no damping, whose derivatives this complex step leaves exact.
+    value = value.real - 1j * np.maximum(-value.imag, INFINITESIMAL * omega**2)
+    pair = _vectors(rig, angle, mu, value, np.zeros(len(mu), dtype=bool))
+    slope, friction = _slopes(rig, angle, pair)
+    partial = _partial(rig, angle, mu, value, pair)
+    turn = (2.0 * omega - 1j * (rig.d1 + rig.d2 * value)) / divisor
+    damping = 0.0 if rig.d1 == rig.d2 == 0.0 else -slope * phi / divisor
+    partial |= {"d1": damping + 0j * omega, "d2": damping * value}
+    # Real d omega and d mu from slope turn d omega + friction d mu = -partial.
+    term, along = pair.left * pair.right, turn.conj() * friction
+    determinant = (slope.conj() * along).imag
+    parts = np.abs(term.real).sum(axis=1) * np.abs(along.imag) + np.abs(term.imag).sum(axis=1) * np.abs(along.real)
+    fold = np.abs(determinant) <= DOUBLE * parts
+    determinant[fold] = np.nan
+    mu_gradient = {p: -((slope * turn).conj() * each).imag / determinant for p, each in partial.items()}
+    frequency_gradient = {
+        p: (friction.conj() * each).imag / (2.0 * np.pi * determinant) for p, each in partial.items()
+    }
+    at = _numbers(rig, angle)
+    return OnsetSensitivity(
+        mu,
+        onsets.frequency,
+        mu_gradient,
+        frequency_gradient,
+        {p: at[p] * each / mu for p, each in mu_gradient.items()},
+        {p: at[p] * each / onsets.frequency for p, each in frequency_gradient.items()},
+        fold,
+    )
+
+
+def sliding_sensitivity(rig: Rig, theta: float, mu: float, fmax: float = 10e3) -> SlidingSensitivity:
+    """First derivatives of all eigenvalues of steady sliding in a band.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta, mu, fmax : float
+        Degrees; coefficient of friction; band, Hz.
+
+    Returns
+    -------
+    SlidingSensitivity
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        As `sliding_modes`.
+    """
+    checks.instance("rig", rig, Rig)
+    angle, friction = checks.theta_degrees(theta), checks.friction(mu)
+    modes = sliding_modes(rig, angle, friction, fmax)
+    value, phi = modes.eigenvalue, modes.growth_rate + 2j * np.pi * modes.frequency
+    frictions = np.full(len(value), friction)
+    pair = _vectors(rig, angle, frictions, value, modes.uncoupled)
+    slope, by_friction = _slopes(rig, angle, pair)
+    double = np.abs(slope) <= DOUBLE * np.abs(pair.left * pair.right).sum(axis=1)
+    # phi^2 + (d1 + d2 lambda) phi + lambda = 0
+    width = rig.d1 + rig.d2 * value
+    divisor = 2.0 * phi + width
+    double |= np.abs(divisor) <= DOUBLE * (2.0 * np.abs(phi) + np.abs(width))
+    divisor[double] = np.nan
+    partial = _partial(rig, angle, frictions, value, pair) | {"mu": by_friction}
+    slope[double] = np.nan
+    gradient = {p: each / slope * (1.0 + rig.d2 * phi) / divisor for p, each in partial.items()}
+    gradient |= {"d1": -phi / divisor, "d2": -phi * value / divisor}
+    at = _numbers(rig, angle) | {"mu": friction}
+    return SlidingSensitivity(phi, gradient, {p: at[p] * each / phi for p, each in gradient.items()})
+
+
+class _Pair(NamedTuple):
+    """Left and right vectors y and x, (k, modes), in modal coordinates, and what goes with them, n and N, (k,)."""
+
+    left: Complex
+    right: Complex
+    reaction: Array
+    force: Array
+
+
+def _numbers(rig: Rig, theta: float) -> dict[str, float]:
+    names = "length", "width", "thickness", "young_modulus", "density"
+    beams = {f"{p}_{name}": getattr(beam, name) for p, beam in (("p1", rig.p1), ("p2", rig.p2)) for name in names}
+    own = {name: getattr(rig, name) for name in ("contact_position", "head_mass", "d1", "d2")}
+    return {"theta": theta, **own, **beams}
+
+
+def _vectors(rig: Rig, theta: float, mu: Array, value: Complex, uncoupled: NDArray[np.bool_]) -> _Pair:
+    """Left and right vectors of eigenvalues, (k,).
+
+    x_i = c_i N / (p_i - lambda) with c = n + mu t cancels for an eigenvalue beside a pole. That mode's part follows
+    from the gap that stays closed instead, and the scale N = n_k serves a mode without contact as well.
+    """
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    push = normal + mu[:, None] * tangential
+    distance = stiffness - value[:, None]
+    distance[distance == 0.0] = 1e-3 * EPS * np.abs(value).max(initial=0.0)
+    size = np.abs(distance)
+    # The mode through which rounding of lambda would change most, unless the mode is alone.
+    weight = np.abs(normal) * (np.abs(normal) + mu[:, None] * np.abs(tangential)) / size**2
+    k = np.where(uncoupled, size.argmin(axis=1), weight.argmax(axis=1))
+    rows = np.arange(len(k))
+    distance[rows, k] = np.inf
+    shares = normal / distance
+    rest = (shares * push).sum(axis=1)
+    left, right = push[rows, k, None] * shares, normal[k, None] * (push / distance)
+    left[rows, k] = right[rows, k] = -rest
+    return _Pair(left, right, -push[rows, k], normal[k])
+
+
+def _slopes(rig: Rig, theta: float, pair: _Pair) -> tuple[Complex, Complex]:
+    """G_lambda and G_mu, (k,)."""
+    tangential = contact_modes(rig, theta)[2]
+    return -(pair.left * pair.right).sum(axis=1), -pair.force * (pair.left * tangential).sum(axis=1)
+
+
+def _partial(rig: Rig, theta: float, mu: Array, value: Complex, pair: _Pair) -> dict[str, Complex]:
+    """G_p at constant lambda, (k,), by name."""
+    (upper, lower), p1, p2 = rig_bases(rig, theta), rig.p1, rig.p2
+    split, sine, cosine = len(upper.stiffness), np.sin(np.radians(theta)), np.cos(np.radians(theta))
+    y, x = pair.left, pair.right
+    # Of each of P1's modes: support, momentum along x of the cubic elements, elongation of each element.
+    across, up, turn = upper.shapes.transpose(1, 0, 2)
+    ends = 0.5 * (across[0] + across[-1]) + p1.length / p1.elements / 12.0 * cosine * turn[-1]
+    momentum = p1.mass / p1.elements * (across.sum(axis=0) - ends)
+    rows = np.vstack([up[0], momentum, upper.normal, upper.tangential, np.diff(sine * across + cosine * up, axis=0)])
+    # Not matrix products: BLAS would round differently with the number of its threads.
+    (y_support, y_momentum, y_up, y_across, *y_long), (x_support, x_momentum, _, x_across, *x_long) = (
+        np.einsum("rm,km->rk", rows, each[:, :split]) for each in (y, x)
+    )
+    head = -value * y_support * x_support
+    product = y[:, :split] * x[:, :split]
+    axial = p1.axial_stiffness * p1.elements / p1.length * (np.array(y_long) * np.array(x_long)).sum(axis=0)
+    bending = (product * upper.stiffness).sum(axis=1) - axial
+    inertia = -value * product.sum(axis=1) - rig.head_mass * head
+    # The support pushes along x with -lambda momentum less what the contact's force already is.
+    support = value * (y_momentum * x_support + y_support * x_momentum) + mu * pair.force * y_support
+    angle = support + pair.force * (y_across - mu * y_up) - pair.reaction * x_across
+    found = {"theta": np.pi / 180.0 * angle, "head_mass": head, **_beam("p1", p1, bending, axial, inertia)}
+    # P2's slope at the contact, from the element that holds it.
+    h, count = p2.length / p2.elements, 2 * p2.elements
+    e = min(int(np.searchsorted(lower.nodes[:, 0], 0.0, "right")) - 1, p2.elements - 1)
+    a = -lower.nodes[e, 0] / h
+    b = 1.0 - a
+    row = np.array([[-6.0 * a * b / h, b * (b - 2.0 * a)], [6.0 * a * b / h, a * (a - 2.0 * b)]])
+    slope = (row[:, :, None] * lower.shapes[e : e + 2, 1:]).sum(axis=(0, 1))
+    position = ((pair.force[:, None] * y[:, split:] - pair.reaction[:, None] * x[:, split:]) * slope).sum(axis=1)
+    product = y[:, split:] * x[:, split:]
+    strain = product * lower.stiffness
+    bending, axial = strain[:, :count].sum(axis=1), strain[:, count:].sum(axis=1)
+    found |= {"contact_position": position, **_beam("p2", p2, bending, axial, -value * product.sum(axis=1))}
+    # In a longer P2 the contact lies nearer to the clamp, as a share of the length.
+    found["p2_length"] -= rig.contact_position / p2.length * position
+    return found
+
+
+def _beam(name: str, beam: Beam, bending: Complex, axial: Complex, inertia: Complex) -> dict[str, Complex]:
+    """Derivatives of a beam's energy y^T D x, (k,), from its strain energies and -lambda times the kinetic one."""
+    return {
+        f"{name}_length": (inertia - 3.0 * bending - axial) / beam.length,
+        f"{name}_width": (bending + axial + inertia) / beam.width,
+        f"{name}_thickness": (3.0 * bending + axial + inertia) / beam.thickness,
+        f"{name}_young_modulus": (bending + axial) / beam.young_modulus,
+        f"{name}_density": inertia / beam.density,
+    }
