@@ -8,6 +8,12 @@ from fivcore.rig import Beam, Rig, Scene
 from fivcore.stability.glued import glued_frequencies, tune_head_mass
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
 from fivcore.stability.onsets import FlutterOnsets, flutter_onsets
+from fivcore.stability.sensitivity import (
+    OnsetSensitivity,
+    SlidingSensitivity,
+    onset_sensitivity,
+    sliding_sensitivity,
+)
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.transient.critical import critical_mu
 from fivcore.transient.driver import Transient
@@ -16,8 +22,9 @@ from fivcore.transient.simulate import simulate, simulate_many
 from fivcore.transient.uncertainty.until import Until
 
 __all__ = [
-    "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "OnsetCurve", "OnsetCurves", "Rig",
-    "Scene", "SlidingModes", "State", "Transient", "UnsolvedError", "UnstableWindows", "Until", "critical_mu",
-    "flutter_onsets", "glued_frequencies", "node_positions", "onset_curves", "simulate", "simulate_many",
-    "sliding_modes", "tune_head_mass", "unstable_windows",
+    "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "OnsetCurve", "OnsetCurves",
+    "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "SlidingSensitivity", "State", "Transient",
+    "UnsolvedError", "UnstableWindows", "Until", "critical_mu", "flutter_onsets", "glued_frequencies",
+    "node_positions", "onset_curves", "onset_sensitivity", "simulate", "simulate_many", "sliding_modes",
+    "sliding_sensitivity", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

@@ -1,11 +1,11 @@
 """How flutter onsets and eigenvalues of steady sliding follow the numbers of the rig: derivatives in closed form.
 
-Sliding is the singular problem D x = r_c N, r_N^T x = 0 with D = K - lambda M of the separate beams, the rows r_N and
-r_T that read the gap, and r_c = r_N + mu r_T; its left vector has D y = -n r_N, r_c^T y = 0 (`_vectors`). Implicitly,
-G_lambda dlambda + G_mu dmu + G_p dp = 0 with G_p = y^T dD x - N y^T dr_c + n dr_N^T x (Nelson, AIAA J. 14, 1976,
-1201-1205, for eigenvalues). Degrees of freedom are absolute displacements along and across each beam and rotations
-times the elements' length h, so that E I / h^3, E A / h, rho A h scale constant matrices and dD is made of mixed
-energies. Of P1 theta turns the tip's reading and the support, whose part is its horizontal reaction by momentum.
+With D = K - lambda M of the separate beams, rows r_N, r_T that read the gap and r_c = r_N + mu r_T, steady sliding
+is D x = N r_c, r_N^T x = 0, and has the left vector D y = -R r_N, r_c^T y = 0. Hence G_lambda dlambda + G_mu dmu +
+G_p dp = 0 with G_p dp = y^T dD x - N y^T dr_c + R dr_N^T x (Rogers, AIAA J. 8, 1970, 943-944). Degrees of freedom
+are the absolute displacements along and across a beam, and rotations times an element's length h: E I / h^3,
+E A / h and rho A h then scale constant matrices, and y^T dD x is a sum of mixed energies. theta turns the rows at
+P1's tip and its support, which adds the reaction there along x, known from the momentum, times the displacement.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from fivcore.stability.sliding import sliding_modes
 
 # Derivatives grow as 1 / x and their rounding errors as EPS / x^2 where two solutions are about x apart.
 DOUBLE = 1e-7
-# An imaginary part of lambda, as a share of it, whose square is nothing beside 1.
-INFINITESIMAL = 1e-30
+# Imaginary parts of lambda, as shares of it: one of which onsets, even in it, feel nothing, and one that is given
+# to them in its place.
+UNFELT, INFINITESIMAL = 1e-8, 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ def onset_sensitivity(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float 
     Returns
     -------
     OnsetSensitivity
-        Without damping the onset is a double root, with derivatives by d1 and d2 of zero.
+        Without damping, which moves an onset only by its square, derivatives by d1 and d2 are zero.
 
     Raises
     ------
@@ -99,34 +100,31 @@ def onset_sensitivity(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float 
     angle, mu, omega = float(theta), onsets.mu, 2.0 * np.pi * onsets.frequency
     phi, divisor = 1j * omega, 1.0 + 1j * rig.d2 * omega
     value = -phi * (phi + rig.d1) / divisor
-    # Im F = 0 is F_lambda = 0 in the limit of no damping, whose derivatives this complex step leaves exact.
+    light = -value.imag < UNFELT * omega**2
+    # Without damping Im F = 0 becomes F_lambda = 0 in the limit, and what is imaginary a derivative by lambda: a
+    # complex step, exact to rounding (Squire and Trapp, SIAM Review 40, 1998, 110-112).
     value = value.real - 1j * np.maximum(-value.imag, INFINITESIMAL * omega**2)
     pair = _vectors(rig, angle, mu, value, np.zeros(len(mu), dtype=bool))
-    slope, friction = _slopes(rig, angle, pair)
-    partial = _partial(rig, angle, mu, value, pair)
+    partial: dict[str, Complex] = _partial(rig, angle, mu, value, pair)
     turn = (2.0 * omega - 1j * (rig.d1 + rig.d2 * value)) / divisor
-    damping = 0.0 if rig.d1 == rig.d2 == 0.0 else -slope * phi / divisor
-    partial |= {"d1": damping + 0j * omega, "d2": damping * value}
-    # Real d omega and d mu from slope turn d omega + friction d mu = -partial.
-    term, along = pair.left * pair.right, turn.conj() * friction
-    determinant = (slope.conj() * along).imag
-    parts = np.abs(term.real).sum(axis=1) * np.abs(along.imag) + np.abs(term.imag).sum(axis=1) * np.abs(along.real)
-    fold = np.abs(determinant) <= DOUBLE * parts
+    damping = np.where(light, 0.0, -pair.slope * phi / divisor)
+    partial |= {"d1": damping, "d2": damping * value}
+    # Real d omega and d mu from along d omega + G_mu dmu = -G_p.
+    along, across = pair.slope * turn, (turn.conj() * pair.friction)[:, None]
+    determinant = (along.conj() * pair.friction).imag
+    terms = pair.left * pair.right
+    parts = np.abs(terms.real * across.imag) + np.abs(terms.imag * across.real)
+    fold = np.abs(determinant) <= DOUBLE * parts.sum(axis=1)
     determinant[fold] = np.nan
-    mu_gradient = {p: -((slope * turn).conj() * each).imag / determinant for p, each in partial.items()}
-    frequency_gradient = {
-        p: (friction.conj() * each).imag / (2.0 * np.pi * determinant) for p, each in partial.items()
-    }
+    by_mu = {p: -(along.conj() * each).imag / determinant for p, each in partial.items()}
+    by_omega = {p: (pair.friction.conj() * each).imag / determinant for p, each in partial.items()}
+    by_frequency = {p: each / (2.0 * np.pi) for p, each in by_omega.items()}
     at = _numbers(rig, angle)
-    return OnsetSensitivity(
-        mu,
-        onsets.frequency,
-        mu_gradient,
-        frequency_gradient,
-        {p: at[p] * each / mu for p, each in mu_gradient.items()},
-        {p: at[p] * each / onsets.frequency for p, each in frequency_gradient.items()},
-        fold,
+    of_mu, of_frequency = (
+        {p: at[p] * each / value for p, each in gradient.items()}
+        for gradient, value in ((by_mu, mu), (by_omega, omega))
     )
+    return OnsetSensitivity(mu, onsets.frequency, by_mu, by_frequency, of_mu, of_frequency, fold)
 
 
 def sliding_sensitivity(rig: Rig, theta: float, mu: float, fmax: float = 10e3) -> SlidingSensitivity:
@@ -153,31 +151,33 @@ def sliding_sensitivity(rig: Rig, theta: float, mu: float, fmax: float = 10e3) -
     value, phi = modes.eigenvalue, modes.growth_rate + 2j * np.pi * modes.frequency
     frictions = np.full(len(value), friction)
     pair = _vectors(rig, angle, frictions, value, modes.uncoupled)
-    slope, by_friction = _slopes(rig, angle, pair)
-    double = np.abs(slope) <= DOUBLE * np.abs(pair.left * pair.right).sum(axis=1)
+    double = np.abs(pair.slope) <= DOUBLE * np.abs(pair.left * pair.right).sum(axis=1)
     # phi^2 + (d1 + d2 lambda) phi + lambda = 0
     width = rig.d1 + rig.d2 * value
     divisor = 2.0 * phi + width
     double |= np.abs(divisor) <= DOUBLE * (2.0 * np.abs(phi) + np.abs(width))
-    divisor[double] = np.nan
-    partial = _partial(rig, angle, frictions, value, pair) | {"mu": by_friction}
-    slope[double] = np.nan
-    gradient = {p: each / slope * (1.0 + rig.d2 * phi) / divisor for p, each in partial.items()}
-    gradient |= {"d1": -phi / divisor, "d2": -phi * value / divisor}
+    known = np.where(double, np.nan, 1.0)
+    pair.slope[double] = divisor[double] = 1.0
+    through, damping = known * (1.0 + rig.d2 * phi) / (pair.slope * divisor), -known * phi / divisor
+    partial = _partial(rig, angle, frictions, value, pair) | {"mu": pair.friction}
+    gradient = {p: each * through for p, each in partial.items()} | {"d1": damping, "d2": damping * value}
     at = _numbers(rig, angle) | {"mu": friction}
     return SlidingSensitivity(phi, gradient, {p: at[p] * each / phi for p, each in gradient.items()})
 
 
 class _Pair(NamedTuple):
-    """Left and right vectors y and x, (k, modes), in modal coordinates, and what goes with them, n and N, (k,)."""
+    """Left and right vectors y and x in modal coordinates, (k, modes); R, N, G_lambda and G_mu, (k,)."""
 
     left: Complex
     right: Complex
     reaction: Array
     force: Array
+    slope: Complex
+    friction: Complex
 
 
 def _numbers(rig: Rig, theta: float) -> dict[str, float]:
+    """The numbers by which derivatives are taken, but mu."""
     names = "length", "width", "thickness", "young_modulus", "density"
     beams = {f"{p}_{name}": getattr(beam, name) for p, beam in (("p1", rig.p1), ("p2", rig.p2)) for name in names}
     own = {name: getattr(rig, name) for name in ("contact_position", "head_mass", "d1", "d2")}
@@ -185,17 +185,17 @@ def _numbers(rig: Rig, theta: float) -> dict[str, float]:
 
 
 def _vectors(rig: Rig, theta: float, mu: Array, value: Complex, uncoupled: NDArray[np.bool_]) -> _Pair:
-    """Left and right vectors of eigenvalues, (k,).
+    """Left and right vectors at each lambda, (k,), of any scale.
 
-    x_i = c_i N / (p_i - lambda) with c = n + mu t cancels for an eigenvalue beside a pole. That mode's part follows
-    from the gap that stays closed instead, and the scale N = n_k serves a mode without contact as well.
+    x_i = N (n_i + mu t_i) / (p_i - lambda) cancels in a mode k whose pole is near. Its part follows from the
+    closed gap instead, as does y_k, and with N = n_k, R = -(n_k + mu t_k) it may be a mode without contact.
     """
     stiffness, normal, tangential = contact_modes(rig, theta)
     push = normal + mu[:, None] * tangential
     distance = stiffness - value[:, None]
     distance[distance == 0.0] = 1e-3 * EPS * np.abs(value).max(initial=0.0)
     size = np.abs(distance)
-    # The mode through which rounding of lambda would change most, unless the mode is alone.
+    # The mode of which rounding of lambda changes the gap most, or the one that has this lambda without contact.
     weight = np.abs(normal) * (np.abs(normal) + mu[:, None] * np.abs(tangential)) / size**2
     k = np.where(uncoupled, size.argmin(axis=1), weight.argmax(axis=1))
     rows = np.arange(len(k))
@@ -204,13 +204,8 @@ def _vectors(rig: Rig, theta: float, mu: Array, value: Complex, uncoupled: NDArr
     rest = (shares * push).sum(axis=1)
     left, right = push[rows, k, None] * shares, normal[k, None] * (push / distance)
     left[rows, k] = right[rows, k] = -rest
-    return _Pair(left, right, -push[rows, k], normal[k])
-
-
-def _slopes(rig: Rig, theta: float, pair: _Pair) -> tuple[Complex, Complex]:
-    """G_lambda and G_mu, (k,)."""
-    tangential = contact_modes(rig, theta)[2]
-    return -(pair.left * pair.right).sum(axis=1), -pair.force * (pair.left * tangential).sum(axis=1)
+    slope, friction = -(left * right).sum(axis=1), -normal[k] * (left * tangential).sum(axis=1)
+    return _Pair(left, right, -push[rows, k], normal[k], slope, friction)
 
 
 def _partial(rig: Rig, theta: float, mu: Array, value: Complex, pair: _Pair) -> dict[str, Complex]:
@@ -222,7 +217,8 @@ def _partial(rig: Rig, theta: float, mu: Array, value: Complex, pair: _Pair) -> 
     across, up, turn = upper.shapes.transpose(1, 0, 2)
     ends = 0.5 * (across[0] + across[-1]) + p1.length / p1.elements / 12.0 * cosine * turn[-1]
     momentum = p1.mass / p1.elements * (across.sum(axis=0) - ends)
-    rows = np.vstack([up[0], momentum, upper.normal, upper.tangential, np.diff(sine * across + cosine * up, axis=0)])
+    elongation = np.diff(sine * across + cosine * up, axis=0)
+    rows = np.vstack([up[0], momentum, upper.normal, upper.tangential, elongation])
     # Not matrix products: BLAS would round differently with the number of its threads.
     (y_support, y_momentum, y_up, y_across, *y_long), (x_support, x_momentum, _, x_across, *x_long) = (
         np.einsum("rm,km->rk", rows, each[:, :split]) for each in (y, x)
@@ -232,7 +228,7 @@ def _partial(rig: Rig, theta: float, mu: Array, value: Complex, pair: _Pair) -> 
     axial = p1.axial_stiffness * p1.elements / p1.length * (np.array(y_long) * np.array(x_long)).sum(axis=0)
     bending = (product * upper.stiffness).sum(axis=1) - axial
     inertia = -value * product.sum(axis=1) - rig.head_mass * head
-    # The support pushes along x with -lambda momentum less what the contact's force already is.
+    # The support's reaction along x is -lambda times the momentum, less the force at the contact.
     support = value * (y_momentum * x_support + y_support * x_momentum) + mu * pair.force * y_support
     angle = support + pair.force * (y_across - mu * y_up) - pair.reaction * x_across
     found = {"theta": np.pi / 180.0 * angle, "head_mass": head, **_beam("p1", p1, bending, axial, inertia)}

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import eigvals, null_space
 from threadpoolctl import threadpool_limits
 
-from fivcore import Rig, flutter_onsets, sliding_modes
+from fivcore import Rig, flutter_onsets, onset_sensitivity, sliding_modes
 from fivcore.beams import modes as bases
 from fivcore.stability import secular
 from tests.helpers import reference
@@ -79,6 +79,23 @@ def costs() -> dict[str, tuple[float, str]]:
     }
 
 
+def sensitivity_costs() -> dict[str, tuple[float, str]]:
+    """Rows of the table of ratios: seconds of the onsets with all derivatives over those of the onsets alone."""
+    rig = Rig()
+    onset_sensitivity(rig, 5.0)
+
+    def ratio(repeat: int, prepare) -> float:
+        """Median over pairs, one after the other, so that both meet the same machine."""
+        runs = (lambda: flutter_onsets(rig, 5.0)), (lambda: onset_sensitivity(rig, 5.0))
+        pairs = [[median(run, 1, prepare) for run in runs] for _ in range(repeat)]
+        return statistics.median(whole / alone for alone, whole in pairs)
+
+    return {
+        "onsets with derivatives over onsets alone, bases kept": (ratio(201, lambda: None), "3"),
+        "onsets with derivatives over onsets alone, new rig": (ratio(51, forget), "3"),
+    }
+
+
 def errors() -> list[tuple[str, float]]:
     """Rows of the accuracy table: largest difference from the tests' reference on the paper's mesh."""
     rig, frequency, growth = Rig(), 0.0, 0.0
@@ -110,6 +127,9 @@ def main() -> None:
         for what, (seconds, most) in costs().items():
             shown = f"{seconds:.2f} s" if seconds > 1.0 else f"{1e3 * seconds:.3g} ms"
             print(f"| {what} | {shown} | {most} |")
+        print("\n| ratio | median | at most |\n| --- | --- | --- |")
+        for what, (value, most) in sensitivity_costs().items():
+            print(f"| {what} | {value:.2f} | {most} |")
     print("\n| difference from the dense reference, paper's mesh, band 10 kHz | largest |\n| --- | --- |")
     for what, error in errors():
         print(f"| {what} | {error:.1e} |")
