@@ -78,8 +78,8 @@ def expected(name, method):
     return DEAR if method in TOO_DEAR.get(name, ()) else OUTCOMES.index(CASES[name].expectation(method))
 
 
-# Here a contact may last for half a microsecond between two records, which are one apart. On some processors one of
-# the 2000 instants at which gaps are judged then lies 20 ns behind it, where the element has not relaxed yet.
+# Here a contact may last for half a microsecond, between two records that are one apart. On some processors one of
+# the 2000 instants at which gaps are judged lies 20 ns behind it, where the element has not relaxed yet.
 FALSE_ALARMS = {("stiff P1 and P2", "exact")}
 
 
