@@ -217,10 +217,10 @@ class ExactRun(SteppedRun):
 def states_at(
     scene: Normalised, times: Array, *, ramp: float, cutoff: float | None = None, initial: State | None = None
 ) -> Array:
-    """Exact motion of the kept modes at ascending `times` (m,), s; the others are arguments of `ExactRun`.
+    """Exact motion at ascending `times` (m,), s; the others are arguments of `ExactRun`.
 
-    Returns modal displacements as deviations from `ReducedModel.rest`, then modal velocities, those of P2 relative
-    to its clamp, (m, 2n); normalised (F = 1).
+    Returns modal displacements, modal velocities, those of P2 relative to its clamp, and the element's (u_N, u_T),
+    (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
     run = ExactRun(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
@@ -228,7 +228,7 @@ def states_at(
     for t in times:
         while run._stop <= t:
             run._next_regime()
-        states.append(run._state_at(float(t))[:-2])
+        states.append(run._state_at(float(t)))
     return np.stack(states)
 
 

@@ -34,7 +34,6 @@ BALANCE = {"exact": 1e-9, "fast": 0.05, "paper": 0.05}
 # within a step, in which its element relaxes; of "paper" what the replay's first order leaves; "exact" rounds, the
 # positions of slow modes most. Without an element: what landings and impulses within steps leave of it.
 GAP, RIGID_GAP = {"fast": 0.25, "paper": 0.1, "exact": 1e-4}, 4.0
-FORGOTTEN = 30.0  # after so many relaxation times nothing is left of an element's last state
 # Mean of N over so many blocks: standard errors that may lie between it and F, and what the head's momentum is.
 BLOCKS, ERRORS, MOMENTUM = 40, 5.0, 1e-6
 # Thread time per step, in units of that without friction: no state of the contact costs more than all modes do;
@@ -159,21 +158,16 @@ def _gap(evidence: Evidence) -> Judged:
 
 
 def _exact_gap(evidence: Evidence) -> Judged:
-    """Of "exact", by its own states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; later g_N >= 0."""
+    """Of "exact", by its own states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N + u_N >= 0."""
     run, question, at = evidence.run, evidence.question, evidence.instants
     model, load = question.model, question.numbers["F"]
     assert evidence.states is not None
-    opening, rate = evidence.states
+    opening, rate, gap = evidence.states
     T, N = run.tangential_force / load, run.normal_force / load
     across, tau = np.linalg.inv(model.K)[0], float(model.C[0, 0] / model.K[0, 0])
-    touching = run.state != SEPARATION
     sense = float(np.sign(question.numbers["V"]))
     carried = across[0] * N[at] + across[1] * sense * T[at] + opening + tau * rate
-    # How long ago contact was, s; where there was none yet, for ever.
-    index = np.arange(len(run.time))
-    last = np.maximum.accumulate(np.where(touching, index, -len(index)))
-    long_ago = ((index - last) * question.step > FORGOTTEN * tau + 2.0 * question.step)[at]
-    wrong = np.where(touching[at], np.abs(carried), np.where(long_ago, np.maximum(-opening, 0.0), 0.0))
+    wrong = np.where((run.state != SEPARATION)[at], np.abs(carried), np.maximum(-gap, 0.0))
     unit = float(across[0]) * float(N.max()) + tau * float(np.abs(rate).max())
     return (float(wrong.max()) / unit if unit > 0.0 else 0.0), GAP["exact"]
 

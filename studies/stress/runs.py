@@ -68,7 +68,7 @@ class Evidence:
     plain: Transient  # as `run`, but all of it with the modes that the question's model has
     replay: Replay | None  # of `plain`; none for "exact", and where the contact point moves
     instants: NDArray[np.intp]  # for "exact": places in the record
-    states: Array | None  # for "exact": g_N (first row) and g_N' (second) there, per N of load
+    states: Array | None  # for "exact": g_N, its rate and g_N + u_N there (rows), per N of load
     original: Mapping[str, Any] | None  # of a case that is a copy of the operating point: the summary of that
     cost: float  # thread time per step in units of what the same modes take without friction
 
@@ -90,8 +90,9 @@ def gathered(question: Question, is_copy: bool = False) -> Evidence:
         scene, model, given = Normalised.of(question.scene), question.model, question.initial
         initial = None if given is None else State(given[0] / scene.load, given[1] / scene.load, given[2])
         own: dict[str, Any] = {"cutoff": question.options.get("cutoff"), "initial": initial, "ramp": question.ramp}
-        q, v = np.split(states_at(scene, run.time[instants], **own), 2, axis=1)
-        states = np.stack([(q + model.rest) @ model.normal, v @ model.normal])
+        n = len(model.rest)
+        q, v, u = np.split(states_at(scene, run.time[instants], **own), [n, 2 * n], axis=1)
+        states = np.stack([(q + model.rest) @ model.normal, v @ model.normal, q @ model.normal + u[:, 0]])
     elif "contact_motion" not in question.options:
         load, sense = question.numbers["F"], float(np.sign(question.numbers["V"]))
         replay = replayed(question, plain.time, plain.normal_force / load, sense * plain.tangential_force / load)
