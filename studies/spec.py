@@ -52,7 +52,7 @@ def parse(spec: str, name: str) -> NDArray[Any]:
     try:
         if ":" in spec:
             return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
-        return np.array([_finite(part) for part in spec.split(",")])
+        return np.array([finite(part) for part in spec.split(",")])
     except ValueError as problem:
         raise InputError(f"{name} = {spec!r}: {problem}; the forms are {FORMS}") from None
 
@@ -88,7 +88,7 @@ def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
 def _range(parts: list[str], logarithmic: bool) -> NDArray[Any]:
     if len(parts) != 3:
         raise InputError("a range must be start:stop:count")
-    start, stop = _finite(parts[0]), _finite(parts[1])
+    start, stop = finite(parts[0]), finite(parts[1])
     if not (parts[2].isascii() and parts[2].isdigit() and 1 <= int(parts[2]) <= MOST_VALUES):
         raise InputError(f"count must be a whole number from 1 to {MOST_VALUES}, not {parts[2]!r}")
     count = int(parts[2])
@@ -135,7 +135,8 @@ def _written(values: NDArray[Any]) -> NDArray[Any]:
     return np.array([float(f"{value:.15g}") for value in values])
 
 
-def _finite(text: str) -> float:
+def finite(text: str) -> float:
+    """A finite number as one types it, or a `ValueError`."""
     try:
         value = float(text) if text.isascii() and "_" not in text else float("nan")
     except ValueError:

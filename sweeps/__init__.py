@@ -31,6 +31,7 @@ from sweeps.plan.plan import duration
 from sweeps.plan.planning import check_size
 from sweeps.refine.lattice import Refinement
 from sweeps.refine.refine import refined
+from sweeps.sample import Sample
 from sweeps.storage.netcdf import open_results
 from sweeps.storage.sources import blocks
 from sweeps.sweep import Plan, Sweep
@@ -54,6 +55,7 @@ __all__ = [
     "Plan",
     "Progress",
     "Refinement",
+    "Sample",
     "SchedulerError",
     "Snapshot",
     "Status",

@@ -1,0 +1,1 @@
+"""Studies at scattered points: drawn from distributions, or the rows of a table."""
