@@ -5,10 +5,31 @@ Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853, called "the pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from html import escape
 from typing import Any
 
 from fivcore import checks
+from fivcore.errors import InputError
+
+# Units and meaning of the numbers that make a rig, and of those of each beam.
+RIG_NUMBERS = {
+    "contact_position": ("m", "distance of the contact from P2's clamp"),
+    "head_mass": ("kg", "mass at A"),
+    "d1": ("s-1", "Rayleigh damping on the mass"),
+    "d2": ("s", "Rayleigh damping on the stiffness"),
+    "point_b": ("1", "where the velocity of P1 is read, as a share of its length from C"),
+}
+BEAM_NUMBERS = {
+    "length": ("m", "length"),
+    "width": ("m", "width"),
+    "thickness": ("m", "thickness"),
+    "young_modulus": ("Pa", "Young's modulus"),
+    "density": ("kg m-3", "density"),
+    "elements": ("1", "number of elements"),
+}
 
 
 def _set(frozen: Any, **values: Any) -> None:
@@ -70,6 +91,7 @@ class Beam:
 # Table 3 of the paper.
 P1 = Beam(0.05, 0.010, 0.0015, 185e9, 7900.0, 30)
 P2 = Beam(0.15, 0.015, 0.0030, 185e9, 7900.0, 90)
+PAPER = {"p1": P1, "p2": P2}
 
 
 @dataclass(frozen=True)
@@ -116,6 +138,73 @@ class Rig:
             point_b=checks.number("Rig: point_b", self.point_b, on_p1, lambda x: 0.0 <= x <= 1.0),
         )
 
+    @classmethod
+    def of(cls, **numbers: Any) -> Rig:
+        """The paper's rig but for some numbers.
+
+        Parameters
+        ----------
+        **numbers : float, Beam or mapping
+            By the names of the fields, for a beam's own p1_length, p2_thickness, ...; or p1 and p2 as a `Beam`, or
+            as some of its fields by name.
+
+        Returns
+        -------
+        Rig
+
+        Raises
+        ------
+        ValueError
+            For a name that there is not, or a value out of range.
+        """
+        beams: dict[str, Any] = dict(PAPER)
+        own: dict[str, Any] = {}
+        # Whole beams come before their numbers.
+        for name in sorted(numbers, key=len):
+            value, (beam, _, field) = numbers[name], name.partition("_")
+            if name in RIG_NUMBERS:
+                own[name] = value
+            elif name in PAPER:
+                beams[name] = value if isinstance(value, Beam) else _changed(name, beams[name], value)
+            elif beam in PAPER and field in BEAM_NUMBERS:
+                beams[beam] = _changed(beam, beams[beam], {field: value})
+            else:
+                known = [*RIG_NUMBERS, *(f"{beam}_{field}" for beam in PAPER for field in BEAM_NUMBERS), *PAPER]
+                near = difflib.get_close_matches(name, known, 1)
+                hint = f"did you mean {near[0]}? " if near else ""
+                raise InputError(f"{name}: a rig has no such number; {hint}it has {', '.join(known)}")
+        try:
+            return cls(**beams, **own)
+        except InputError as problem:
+            raise InputError(str(problem).replace("Rig: ", "", 1)) from None
+
+    def _repr_html_(self) -> str:
+        beams = (
+            (name, *(f"{getattr(beam, name):g}" for beam in (self.p1, self.p2)), unit)
+            for name, (unit, _) in BEAM_NUMBERS.items()
+        )
+        own = ((name, f"{getattr(self, name):g}", "", unit) for name, (unit, _) in RIG_NUMBERS.items())
+        return html_table("Rig", ("", "p1", "p2", "unit"), (*beams, *own))
+
+
+def _changed(name: str, beam: Beam, changes: Any) -> Beam:
+    """A beam with some other numbers; a message names them as numbers of the rig."""
+    if not isinstance(changes, Mapping) or not set(changes) <= set(BEAM_NUMBERS):
+        raise InputError(
+            f"{name} = {checks.short(changes)}: it must be a Beam, or some of {', '.join(BEAM_NUMBERS)}"
+        )
+    try:
+        return replace(beam, **changes)
+    except InputError as problem:
+        raise InputError(str(problem).replace("Beam: ", f"{name}_", 1)) from None
+
+
+def html_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table for a notebook."""
+    lines = ["".join(f"<th>{escape(cell)}</th>" for cell in heads)]
+    lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
+    return f"<table><caption>{escape(title)}</caption><tr>{'</tr><tr>'.join(lines)}</tr></table>"
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -151,6 +240,16 @@ class Scene:
             mu=checks.friction(self.mu),
             F=checks.between("F", self.F, 1e-100, 1e100, "N"),
         )
+
+    def _repr_html_(self) -> str:
+        numbers = (
+            ("V", self.V, "m s-1"),
+            ("theta", self.theta, "degree"),
+            ("mu", self.mu, "1"),
+            ("F", self.F, "N"),
+        )
+        rows = ((name, f"{value:g}", unit) for name, value, unit in numbers)
+        return html_table("Scene", ("", "value", "unit"), rows) + self.rig._repr_html_()
 
     def mirrored(self) -> Scene:
         """Return the same motion seen in a mirror along y: V and theta change sign, nothing else."""

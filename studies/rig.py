@@ -3,29 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
-from fivcore import Beam, Rig
+from fivcore import Rig
+from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS
 from studies import paper
 from studies.study import Setting
 from sweeps import InputError
-
-# Units and meaning of the numbers that make a rig, by their names in `fivcore`.
-RIG_NUMBERS = {
-    "contact_position": ("m", "distance of the contact from P2's clamp"),
-    "head_mass": ("kg", "mass at A"),
-    "d1": ("s-1", "Rayleigh damping on the mass"),
-    "d2": ("s", "Rayleigh damping on the stiffness"),
-    "point_b": ("1", "where the velocity of P1 is read, as a share of its length from C"),
-}
-BEAM_NUMBERS = {
-    "length": ("m", "length"),
-    "width": ("m", "width"),
-    "thickness": ("m", "thickness"),
-    "young_modulus": ("Pa", "Young's modulus"),
-    "density": ("kg m-3", "density"),
-    "elements": ("1", "number of elements"),
-}
 
 
 def rig_settings() -> dict[str, Setting]:
@@ -43,11 +26,8 @@ def rig_settings() -> dict[str, Setting]:
 
 def rig_of(settings: Mapping[str, float]) -> tuple[Rig, float]:
     """The rig and theta that settings made by `rig_settings` describe; an error names the setting."""
-    fields: dict[str, Any] = {name: settings[name] for name in RIG_NUMBERS}
+    names = [*RIG_NUMBERS, *(f"{beam}_{name}" for beam in ("p1", "p2") for name in BEAM_NUMBERS)]
     try:
-        for beam in ("p1", "p2"):
-            numbers: dict[str, Any] = {name: settings[f"{beam}_{name}"] for name in BEAM_NUMBERS}
-            fields[beam] = Beam(**numbers)
-        return Rig(**fields), settings["theta"]
+        return Rig.of(**{name: settings[name] for name in names}), settings["theta"]
     except ValueError as problem:
-        raise InputError(str(problem).replace("Beam: ", f"{beam}_", 1).replace("Rig: ", "", 1)) from None
+        raise InputError(str(problem)) from None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fivcore.errors import DivergenceError, SceneError
 from fivcore.jit import Array
-from fivcore.rig import Rig, Scene
+from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast import FastRun
 from fivcore.transient.normalised import Normalised
@@ -62,6 +62,15 @@ class Transient:
     tangential_force: Array = field(default_factory=lambda: np.zeros(0))
     slip_velocity: Array = field(default_factory=lambda: np.zeros(0))
     state: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+
+    def _repr_html_(self) -> str:
+        rows = [(name, _short(value)) for name, value in self.summary.items()]
+        return html_table("Transient", ("summary", "value (SI)"), rows) + self.scene._repr_html_()
+
+
+def _short(value: Any) -> str:
+    """A figure of a summary for a reader."""
+    return f"{len(value)} values" if np.ndim(value) else value if isinstance(value, str) else f"{value:.5g}"
 
 
 class Job:
