@@ -24,8 +24,8 @@ from fivcore.transient.uncertainty.until import Until
 
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "ManyFlutterOnsets",
-    "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "SlidingSensitivity", "State",
-    "Transient", "UnsolvedError", "UnstableWindows", "Until", "critical_mu", "flutter_onsets",
-    "flutter_onsets_many", "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "simulate", "simulate_many", "sliding_modes",
-    "sliding_sensitivity", "tune_head_mass", "unstable_windows",
+    "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "SlidingSensitivity",
+    "State", "Transient", "UnsolvedError", "UnstableWindows", "Until", "critical_mu", "flutter_onsets",
+    "flutter_onsets_many", "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity",
+    "simulate", "simulate_many", "sliding_modes", "sliding_sensitivity", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

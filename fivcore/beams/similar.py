@@ -1,13 +1,11 @@
 """Modes at the contact of rigs whose beams differ in every number but their elements, without eigenproblems.
 
-Cantilevers with the same number of elements are similar: a mode's squared frequency goes with E / (rho L^2) if it is
-axial and with E t^2 / (rho L^4) if it bends, its mass-normalised displacement with m^-1/2. P1's support moves along
-y with the head mass. In the modes of the clamped P1 that is a rank-one change of the modal mass, from the identity to
-I - G G^T / m_total with participation factors G, so that its squared frequencies are the roots of a secular equation,
-one above each pole d (Golub, SIAM Review 15, 1973, 318-334). A root is sought as its distance from the nearest pole,
-which alone tells the mode's shape (Li, LAPACK Working Note 89, 1993).
-
-Kernels take lengths, masses and squared frequencies in units of the beam's own: L, m, and 1/s2 throughout.
+Cantilevers with the same number of elements are similar: a mode's squared frequency goes with E / (rho L^2) if it
+is axial and with E t^2 / (rho L^4) if it bends, its mass-normalised displacement with m^-1/2. P1's support moves
+along y. In the modes of the clamped P1 that is a rank-one change of the modal mass, from I to I - G G^T / m_total
+with the participation factors G, so that its squared frequencies are the roots of a secular equation, one above
+each pole d (Golub, SIAM Review 15, 1973, 318-334). A root is sought as its distance from the nearest pole, which
+alone tells the shape of the mode (Li, LAPACK Working Note 89, 1993). Masses here are in units of the beam's.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ def unit_cantilever(elements: int) -> tuple[Array, Array, Array]:
     deflections : ndarray, (2 elements + 2, 2 elements)
         Bending modes: deflection and rotation of each node, the clamped one included.
     rest : ndarray, (2,)
-        What all participation factors, axial ones and bending ones, leave of the mass.
+        What the squared participation factors, axial ones and bending ones, leave of the mass.
     """
     beam = Beam(1.0, 1.0, 1.0, 1.0, 1.0, elements)
     (along, u), (across, w) = cantilever_modes(beam)
@@ -45,76 +43,57 @@ def unit_cantilever(elements: int) -> tuple[Array, Array, Array]:
 
 
 @kernel
-def lower_modes(position: float, scale: float, modes: Array, deflections: Array) -> tuple[Array, Array]:
-    """Squared frequencies of P2's bending modes, and sqrt(m) times their gap shapes normal; position over length."""
-    n = deflections.shape[1] // 2
+def lower_deflections(position: float, deflections: Array) -> Array:
+    """Deflections of P2's bending modes at `position` over length, interpolated as by `elements.hermite`."""
+    n = len(deflections) // 2 - 1
     place = position * n
     # A point that rounding puts a hair beside a node belongs to the node.
-    if abs(place - np.rint(place)) < 1e-9:
-        place = np.rint(place)
+    place = np.rint(place) if abs(place - np.rint(place)) < 1e-9 else place
     e = min(int(place), n - 1)
-    x, y = place - e, 1.0 - (place - e)
-    here, turn = (1.0 + 2.0 * x) * y * y, x * y * y / n
-    there, back = x * x * (1.0 + 2.0 * y), -x * x * y / n
-    u = deflections[2 * e : 2 * e + 4]
-    normal = -(here * u[0] + turn * u[1] + there * u[2] + back * u[3])
-    return scale * modes[0, n:], clean(normal)
+    x, y, u = place - e, 1.0 - (place - e), deflections[2 * e : 2 * e + 4]
+    ends = (1.0 + 2.0 * x) * y * y * u[0] + x * x * (1.0 + 2.0 * y) * u[2]
+    return ends + x * y / n * (y * u[1] - x * u[3])
 
 
 @kernel
-def upper_modes(
-    theta: float, head_mass: float, along: float, across: float, modes: Array, rest: Array
-) -> tuple[Array, Array, Array]:
-    """Squared frequencies of P1's modes, the rigid one first, and sqrt(m) times their gap shapes.
+def upper_modes(theta: float, head_mass: float, along: float, across: float, modes: Array, rest: Array) -> Array:
+    """Squared frequencies of P1's modes and their normal and tangential gap shapes, (3, n), the rigid one first.
 
     `along` and `across` scale the squared frequencies of axial and of bending modes.
     """
-    n, elements = modes.shape[1], modes.shape[1] // 3
+    n = modes.shape[1]
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
-    d, g, normal, tangential = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    # Squared frequency, normal and tangential shape, and participation, each in the modes of the clamped beam.
+    clamped = np.empty((4, n))
     for i in range(n):
         # The beam's own axes, from A down to C and across it, in terms of x and y.
-        scale, x, y = (along, -sine, -cosine) if i < elements else (across, cosine, -sine)
-        d[i], g[i] = scale * modes[0, i], y * modes[1, i]
-        normal[i], tangential[i] = y * modes[2, i], x * modes[2, i]
-    order = np.argsort(d, kind="mergesort")
-    d, g, normal, tangential = d[order], g[order], normal[order], tangential[order]
-    # Of two modes with one frequency, one combination does not move the support.
+        scale, x, y = (along, -sine, -cosine) if i < n // 3 else (across, cosine, -sine)
+        clamped[0, i], clamped[1, i] = scale * modes[0, i], y * modes[2, i]
+        clamped[2, i], clamped[3, i] = x * modes[2, i], y * modes[1, i]
+    clamped = clamped[:, np.argsort(clamped[0], kind="mergesort")]
     for i in range(1, n):
-        size = np.hypot(g[i - 1], g[i])
-        if d[i] == d[i - 1] and size > 0.0:
-            c, s = g[i] / size, g[i - 1] / size
-            g[i - 1], g[i] = 0.0, size
-            normal[i - 1], normal[i] = c * normal[i - 1] - s * normal[i], s * normal[i - 1] + c * normal[i]
-            tangential[i - 1], tangential[i] = (
-                c * tangential[i - 1] - s * tangential[i],
-                s * tangential[i - 1] + c * tangential[i],
-            )
+        # Two poles are never one.
+        clamped[0, i] = max(clamped[0, i], clamped[0, i - 1] * (1.0 + 2.0 * EPS))
     support = head_mass + cosine * cosine * rest[0] + sine * sine * rest[1]
+    result = np.zeros((3, n + 1))
+    result[1, 0], result[:, 1:] = np.sqrt(1.0 / (1.0 + head_mass)), clamped[:3]
     # A mode that moves the support less than rounding keeps its frequency and its shape.
-    moving = np.flatnonzero(g * g > EPS * EPS * support)
-    m = len(moving)
-    pole, part, up, side = d[moving], g[moving], normal[moving], tangential[moving]
-    weight, gap = part * part * pole, np.empty(m)
-    if m > 0:
+    moving = np.flatnonzero(clamped[3] ** 2 > EPS * EPS * support)
+    d, g, gap = clamped[0, moving], clamped[3, moving], np.empty(len(moving))
+    w = g * g * d
+    if len(d) > 0:
         # The last root lies below this.
-        pole = np.append(pole, pole[-1] + max(pole[-1], np.sum(weight) / support))
-    for k in range(m):
-        root = secular_root(k, pole, weight, support, gap)
-        slope, n_sum, t_sum = 0.0, 1.0 / root, 0.0
-        for i in range(m):
-            q = part[i] / gap[i]
-            slope += q * q * pole[i]
-            n_sum += up[i] * q
-            t_sum += side[i] * q
-        scale, j = np.sqrt(root / slope), moving[k]
-        d[j], normal[j], tangential[j] = root, scale * n_sum, scale * t_sum
-    rigid = np.sqrt(1.0 / (1.0 + head_mass))
-    return (
-        np.append(np.zeros(1), d),
-        clean(np.append(np.full(1, rigid), normal)),
-        clean(np.append(np.zeros(1), tangential)),
-    )
+        d = np.append(d, d[-1] + max(d[-1], np.sum(w) / support))
+    for k in range(len(w)):
+        root, slope, y, x = secular_root(k, d, w, support, gap), 0.0, 0.0, 0.0
+        for i in range(len(w)):
+            q, j = g[i] / gap[i], moving[i]
+            slope += q * q * d[i]
+            y += clamped[1, j] * q
+            x += clamped[2, j] * q
+        scale, j = np.sqrt(root / slope), moving[k] + 1
+        result[0, j], result[1, j], result[2, j] = root, scale * (y + 1.0 / root), scale * x
+    return result
 
 
 @kernel
@@ -127,41 +106,32 @@ def secular_root(k: int, d: Array, w: Array, m: float, gap: Array) -> float:
     for i in range(n):
         if i < k or i > k + 1:
             c += w[i] / (d[i] - d[k] - middle)
-    w_next = w[k + 1] if k + 1 < n else 0.0
-    left = c + (w_next - w[k]) / middle > 0.0
+    above = w[k + 1] if k + 1 < n else 0.0
+    left = c + (above - w[k]) / middle > 0.0
     origin, low, high = (k, 0.0, middle) if left else (k + 1, -middle, 0.0)
-    below, above = d[k] - d[origin], d[k + 1] - d[origin]
-    z = _two_poles(c, c * (below + above) + w[k] + w_next, w[k] * above + w_next * below)
-    if not low < z < high:
-        z = 0.5 * (low + high)
+    p, q = d[k] - d[origin], d[k + 1] - d[origin]
+    z = _two_poles(c, c * (p + q) + w[k] + above, w[k] * q + above * p)
     for _ in range(200):
-        f, size, slope_below, slope_above = m, m, 0.0, 0.0
-        for i in range(k + 1):
-            gap[i] = d[i] - d[origin] - z
-            term = w[i] / gap[i]
-            f += term
-            size -= term
-            slope_below += term / gap[i]
-        for i in range(k + 1, n):
-            gap[i] = d[i] - d[origin] - z
-            term = w[i] / gap[i]
-            f += term
-            size += term
-            slope_above += term / gap[i]
-        if abs(f) <= 2.0 * EPS * size:
-            break
-        low, high = (z, high) if f < 0.0 else (low, z)
-        # The terms of the poles below and above as one pole each, with their value and slope.
-        p, q = below - z, above - z
-        c = f - slope_below * p - slope_above * q
-        step = _two_poles(c, c * (p + q) + slope_below * p * p + slope_above * q * q, p * q * f)
-        last, z = z, z + step
         if not low < z < high:
             z = 0.5 * (low + high)
-        if z == last or z == low or z == high:
+        f, size, slope_below, slope_above = m, m, 0.0, 0.0
+        for i in range(n):
+            gap[i] = d[i] - d[origin] - z
+            term = w[i] / gap[i]
+            f += term
+            size += abs(term)
+            if i <= k:
+                slope_below += term / gap[i]
+            else:
+                slope_above += term / gap[i]
+        low, high = (z, high) if f < 0.0 else (low, z)
+        # The terms of the poles below and above as one pole each, with their value and slope.
+        p, q = d[k] - d[origin] - z, d[k + 1] - d[origin] - z
+        c = f - slope_below * p - slope_above * q
+        step = _two_poles(c, c * (p + q) + slope_below * p * p + slope_above * q * q, p * q * f)
+        if abs(f) <= 2.0 * EPS * size or abs(step) <= EPS * abs(z):
             break
-    for i in range(n):
-        gap[i] = d[i] - d[origin] - z
+        z += step
     return d[origin] + z
 
 
@@ -170,13 +140,3 @@ def _two_poles(c: float, a: float, b: float) -> float:
     """Root of c z^2 - a z + b = 0 between the poles of a sum of two."""
     root = np.sqrt(max(a * a - 4.0 * b * c, 0.0))
     return (a - root) / (2.0 * c) if a <= 0.0 else 2.0 * b / (a + root)
-
-
-@kernel
-def clean(row: Array) -> Array:
-    """Set what is rounding beside the largest entry to zero: there is no coupling, not a tiny one."""
-    most = np.abs(row).max()
-    for i in range(len(row)):
-        if abs(row[i]) <= 1e-15 * most:
-            row[i] = 0.0
-    return row
