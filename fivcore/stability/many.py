@@ -4,8 +4,8 @@ Modes come from `fivcore.beams.similar`, brackets from the search of `fivcore.st
 the number of poles, and most of them lie far beyond the band. NODES poles replace those: with s = 1 / p, each term
 1 / (p - lambda) = s / (1 - lambda s), and 1 / (1 - lambda s) is interpolated at the Chebyshev nodes of
 0 < s < 1 / FAR, in units of the band's lambda. The pole of this function lies 49 half-widths of the interval from
-its middle where |lambda| = 1, and 13.5 at lambda = -MOST_REPORTED, so that the error is some 98^-NODES or 27^-NODES
-of a term, less than rounding (Trefethen, Approximation Theory and Approximation Practice, 2013, theorem 8.2).
+its middle where |lambda| = 1, and 13.5 at lambda = -MOST_REPORTED: the error is some 98^-NODES or 27^-NODES of a
+term, less than rounding (Trefethen, Approximation Theory and Approximation Practice, 2013, theorem 8.2).
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ def flutter_onsets_many(
         crossings, divergence, failed = _crossings(table[start : start + CHUNK], 2.0 * np.pi * band, most, *beams)
         if failed >= 0:
             raise UnsolvedError(
-                f"flutter_onsets_many: no friction up to mu_max = {most:g} can be told apart in row {start + failed} "
-                f"below fmax = {band:g} Hz; choose a smaller band"
+                f"flutter_onsets_many: no friction up to mu_max = {most:g} can be told apart in row "
+                f"{start + failed} below fmax = {band:g} Hz; choose a smaller band"
             )
         crossings[0] += start
         return crossings, divergence
@@ -201,7 +201,7 @@ def _evaluate(omega: Array, brackets: Array, systems: Array, sizes: Any, damping
 def _isolate_rows(
     table: Array, unit: float, mu_max: float, upper: Any, lower: Any
 ) -> tuple[Array, Any, Array, Array, int]:
-    """Systems (n, 3, poles), their sizes, brackets (row, low, high, pole), divergences, a row that failed or -1."""
+    """Systems (n, 3, poles), sizes, brackets (row, low, high, pole), divergences; a row that failed, or -1."""
     rows = len(table)
     systems = np.empty((rows, 3, upper[0].shape[1] + lower[0].shape[1] + 1 + NODES))
     sizes, divergence = np.zeros(rows, dtype=np.int64), np.full(rows, np.nan)
@@ -235,7 +235,8 @@ def _isolate_rows(
 def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any) -> Array:
     """Poles p and residues a, b of `isolate`, (3, poles), with those beyond FAR `limit` replaced.
 
-    `row` is one of `rig_table`, `upper` and `lower` are the beams' `unit_cantilever`, `limit` is in units of unit^2.
+    `row` is one of `rig_table`, `upper` and `lower` are the beams' `unit_cantilever`; `limit` times unit^2 is the
+    largest lambda in the band, rad2/s2.
     """
     (mass, along, across), (mass2, _, across2) = _scales(row[5:10]), _scales(row[10:15])
     clamped = lower[0][0, len(lower[0][0]) // 3 :]
@@ -250,9 +251,9 @@ def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any)
     system[2] = np.append(normal * tangential / mass, 0.0 * normal2)
     system /= unit**2
     far = system[0] > FAR * limit
+    if np.sum(far) <= NODES:
+        return system[:, np.flatnonzero(system[1])]
     near = system[:, np.flatnonzero(~far & (system[1] != 0.0))]
-    if not np.any(far):
-        return near
     others = np.zeros((3, NODES))
     others[0] = 2.0 * FAR * limit / (1.0 + POINTS)
     for i in np.flatnonzero(far):
