@@ -1,0 +1,142 @@
+"""Modes at the contact of rigs whose beams differ in every number but their elements, without eigenproblems.
+
+Cantilevers with the same number of elements are similar: a mode's squared frequency goes with E / (rho L^2) if it
+is axial and with E t^2 / (rho L^4) if it bends, its mass-normalised displacement with m^-1/2. P1's support moves
+along y. In the modes of the clamped P1 that is a rank-one change of the modal mass, from I to I - G G^T / m_total
+with the participation factors G, so that its squared frequencies are the roots of a secular equation, one above
+each pole d (Golub, SIAM Review 15, 1973, 318-334). A root is sought as its distance from the nearest pole, which
+alone tells the shape of the mode (Li, LAPACK Working Note 89, 1993). Masses here are in units of the beam's.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from fivcore.beams.elements import axial, bending
+from fivcore.beams.modes import cantilever_modes
+from fivcore.jit import Array, kernel
+from fivcore.rig import Beam
+
+EPS = 2.220446049250313e-16
+
+
+@lru_cache(maxsize=16)
+def unit_cantilever(elements: int) -> tuple[Array, Array, Array]:
+    """Modes of the cantilever whose length, width, thickness, modulus and density are 1.
+
+    Returns
+    -------
+    modes : ndarray, (3, 3 elements)
+        Squared frequency, participation factor, and displacement of the free end; axial modes first.
+    deflections : ndarray, (2 elements + 2, 2 elements)
+        Bending modes: deflection and rotation of each node, the clamped one included.
+    rest : ndarray, (2,)
+        What the squared participation factors, axial ones and bending ones, leave of the mass.
+    """
+    beam = Beam(1.0, 1.0, 1.0, 1.0, 1.0, elements)
+    (along, u), (across, w) = cantilever_modes(beam)
+    parts = axial(beam).base_inertia @ u, bending(beam).base_inertia @ w
+    modes = np.stack([np.append(along, across), np.concatenate(parts), np.append(u[-1], w[-2])])
+    return modes, np.pad(w, ((2, 0), (0, 0))), np.array([1.0 - part @ part for part in parts])
+
+
+@kernel
+def lower_deflections(position: float, deflections: Array) -> Array:
+    """Deflections of P2's bending modes at `position` over length, interpolated as by `elements.hermite`."""
+    n = len(deflections) // 2 - 1
+    place = position * n
+    # A point that rounding puts a hair beside a node belongs to the node.
+    place = np.rint(place) if abs(place - np.rint(place)) < 1e-9 else place
+    e = min(int(place), n - 1)
+    x, y, u = place - e, 1.0 - (place - e), deflections[2 * e : 2 * e + 4]
+    ends = (1.0 + 2.0 * x) * y * y * u[0] + x * x * (1.0 + 2.0 * y) * u[2]
+    return ends + x * y / n * (y * u[1] - x * u[3])
+
+
+@kernel
+def upper_modes(theta: float, head_mass: float, along: float, across: float, modes: Array, rest: Array) -> Array:
+    """Squared frequencies of P1's modes and their normal and tangential gap shapes, (3, n), the rigid one first.
+
+    `along` and `across` scale the squared frequencies of axial and of bending modes.
+    """
+    n = modes.shape[1]
+    sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
+    # Squared frequency, normal and tangential shape, and participation, each in the modes of the clamped beam.
+    clamped = np.empty((4, n))
+    for i in range(n):
+        # The beam's own axes, from A down to C and across it, in terms of x and y.
+        scale, x, y = (along, -sine, -cosine) if i < n // 3 else (across, cosine, -sine)
+        clamped[0, i], clamped[1, i] = scale * modes[0, i], y * modes[2, i]
+        clamped[2, i], clamped[3, i] = x * modes[2, i], y * modes[1, i]
+    clamped = clamped[:, np.argsort(clamped[0], kind="mergesort")]
+    for i in range(1, n):
+        # Two poles are never one.
+        clamped[0, i] = max(clamped[0, i], clamped[0, i - 1] * (1.0 + 2.0 * EPS))
+    support = head_mass + cosine * cosine * rest[0] + sine * sine * rest[1]
+    result = np.zeros((3, n + 1))
+    result[1, 0], result[:, 1:] = np.sqrt(1.0 / (1.0 + head_mass)), clamped[:3]
+    # A mode that moves the support less than rounding keeps its frequency and its shape.
+    moving = np.flatnonzero(clamped[3] ** 2 > EPS * EPS * support)
+    d, g, gap = clamped[0, moving], clamped[3, moving], np.empty(len(moving))
+    w = g * g * d
+    if len(d) > 0:
+        # The last root lies below this.
+        d = np.append(d, d[-1] + max(d[-1], np.sum(w) / support))
+    for k in range(len(w)):
+        root, slope, y, x = secular_root(k, d, w, support, gap), 0.0, 0.0, 0.0
+        for i in range(len(w)):
+            q, j = g[i] / gap[i], moving[i]
+            slope += q * q * d[i]
+            y += clamped[1, j] * q
+            x += clamped[2, j] * q
+        scale, j = np.sqrt(root / slope), moving[k] + 1
+        result[0, j], result[1, j], result[2, j] = root, scale * (y + 1.0 / root), scale * x
+    return result
+
+
+@kernel
+def secular_root(k: int, d: Array, w: Array, m: float, gap: Array) -> float:
+    """Root z of m + sum_i w_i / (d_i - z) = 0 between d_k and d_(k+1); fill `gap` with d - z.
+
+    One more d than w. Iteration by Bunch, Nielsen, Sorensen, Numer. Math. 31, 1978, 31-48.
+    """
+    n, middle, c = len(w), 0.5 * (d[k + 1] - d[k]), m
+    for i in range(n):
+        if i < k or i > k + 1:
+            c += w[i] / (d[i] - d[k] - middle)
+    above = w[k + 1] if k + 1 < n else 0.0
+    left = c + (above - w[k]) / middle > 0.0
+    origin, low, high = (k, 0.0, middle) if left else (k + 1, -middle, 0.0)
+    p, q = d[k] - d[origin], d[k + 1] - d[origin]
+    z = _two_poles(c, c * (p + q) + w[k] + above, w[k] * q + above * p)
+    for _ in range(200):
+        if not low < z < high:
+            z = 0.5 * (low + high)
+        f, size, slope_below, slope_above = m, m, 0.0, 0.0
+        for i in range(n):
+            gap[i] = d[i] - d[origin] - z
+            term = w[i] / gap[i]
+            f += term
+            size += abs(term)
+            if i <= k:
+                slope_below += term / gap[i]
+            else:
+                slope_above += term / gap[i]
+        low, high = (z, high) if f < 0.0 else (low, z)
+        # The terms of the poles below and above as one pole each, with their value and slope.
+        p, q = d[k] - d[origin] - z, d[k + 1] - d[origin] - z
+        c = f - slope_below * p - slope_above * q
+        step = _two_poles(c, c * (p + q) + slope_below * p * p + slope_above * q * q, p * q * f)
+        if abs(f) <= 2.0 * EPS * size or abs(step) <= EPS * abs(z):
+            break
+        z += step
+    return d[origin] + z
+
+
+@kernel
+def _two_poles(c: float, a: float, b: float) -> float:
+    """Root of c z^2 - a z + b = 0 between the poles of a sum of two."""
+    root = np.sqrt(max(a * a - 4.0 * b * c, 0.0))
+    return (a - root) / (2.0 * c) if a <= 0.0 else 2.0 * b / (a + root)

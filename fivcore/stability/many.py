@@ -1,0 +1,274 @@
+"""Flutter onsets of many rigs that differ in every number but their elements: a fraction of a millisecond each.
+
+Modes come from `fivcore.beams.similar`, brackets from the search of `fivcore.stability.onsets`. Its time goes with
+the number of poles, and most of them lie far beyond the band. NODES poles replace those: with s = 1 / p, each term
+1 / (p - lambda) = s / (1 - lambda s), and 1 / (1 - lambda s) is interpolated at the Chebyshev nodes of
+0 < s < 1 / FAR, in units of the band's lambda. The pole of this function lies 49 half-widths of the interval from
+its middle where |lambda| = 1, and 13.5 at lambda = -MOST_REPORTED: the error is some 98^-NODES or 27^-NODES of a
+term, less than rounding (Trefethen, Approximation Theory and Approximation Practice, 2013, theorem 8.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize.elementwise import find_root
+
+from fivcore import checks
+from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
+from fivcore.errors import InputError, UnsolvedError
+from fivcore.jit import Array, ReadOnlyArrays, kernel
+from fivcore.rig import BEAM_LIMITS, RIG_LIMITS, Rig
+from fivcore.stability.onsets import MOST_INTERVALS, axis_point, isolate, onset_friction, onset_function
+from fivcore.stability.secular import MOST_REPORTED
+
+FAR, NODES = 25.0, 12
+# Chebyshev nodes of (-1, 1), and their barycentric weights.
+ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
+POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
+# Rigs searched together, on which no result depends.
+CHUNK = 256
+# Numbers of a rig, the columns of `rig_table`.
+NUMBERS = "theta", "contact_position", *RIG_LIMITS, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM_LIMITS)
+_PAPERS = Rig()
+
+
+@dataclass(frozen=True, eq=False)
+class ManyFlutterOnsets(ReadOnlyArrays):
+    """Flutter onsets of n rigs, each rig's ascending in mu and followed by NaN; arrays are read-only.
+
+    Attributes
+    ----------
+    mu, frequency, recovery_mu, recovery_frequency : ndarray, (n, onsets) or (n, recoveries)
+        As for `FlutterOnsets`.
+    divergence_mu : ndarray, (n,)
+        Friction above which a motion grows without oscillation, at no more than twice the band's angular frequency
+        unless damping is heavy; NaN if that is above mu_max. It enters from beyond the band: no eigenvalue passes
+        zero, where P1's rigid mode has a pole that friction does not change.
+    mu_max : float
+    """
+
+    mu: Array
+    frequency: Array
+    recovery_mu: Array
+    recovery_frequency: Array
+    divergence_mu: Array
+    mu_max: float
+
+    def unstable(self, mu: Any) -> NDArray[np.bool_]:
+        """(n, m): whether a motion grows at friction mu, (m,), from 0 to mu_max; a `ValueError` for another.
+
+        A pair of modes counts from its onset to its recovery in the band, even where it grows beyond the band. One
+        that enters the band while it grows does not count.
+        """
+        limits = 0.0, self.mu_max, "a coefficient of friction up to mu_max"
+        friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits)).reshape(-1)
+        pairs = np.zeros((len(self.mu), len(friction)), dtype=np.int16)
+        for onset in self.mu.T:
+            pairs += onset[:, None] < friction
+        for recovery in self.recovery_mu.T:
+            pairs -= recovery[:, None] < friction
+        return (pairs > 0) | (self.divergence_mu[:, None] < friction)
+
+
+def flutter_onsets_many(
+    numbers: Mapping[str, Any], fmax: float = 10e3, mu_max: float = 1.0, rig: Rig = _PAPERS, threads: int = 1
+) -> ManyFlutterOnsets:
+    """All flutter onsets and recoveries of many rigs: those of `flutter_onsets` but for rounding.
+
+    Parameters
+    ----------
+    numbers : mapping of str to float or array_like, (n,)
+        theta in degrees, and what differs from `rig`: contact_position, head_mass, d1, d2, and the numbers of a
+        beam after p1_ or p2_, such as p1_length.
+    fmax, mu_max : float
+        Band, Hz; largest friction of interest.
+    rig : Rig
+        Whose elements and numbers all rigs have, but for the numbers that are named.
+    threads : int
+        On which no result depends.
+
+    Returns
+    -------
+    ManyFlutterOnsets
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        For a number out of range, with its row; if the onsets of a rig cannot be isolated.
+    """
+    checks.instance("rig", rig, Rig)
+    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    workers, table = checks.count("threads", threads, 1024), rig_table(numbers, rig)
+    beams = [unit_cantilever(beam.elements) for beam in (rig.p1, rig.p2)]
+
+    def search(start: int) -> tuple[Array, Array]:
+        crossings, divergence, failed = _crossings(table[start : start + CHUNK], 2.0 * np.pi * band, most, *beams)
+        if failed >= 0:
+            raise UnsolvedError(
+                f"flutter_onsets_many: no friction up to mu_max = {most:g} can be told apart in row "
+                f"{start + failed} below fmax = {band:g} Hz; choose a smaller band"
+            )
+        crossings[0] += start
+        return crossings, divergence
+
+    with ThreadPoolExecutor(workers) as pool:
+        found = list(pool.map(search, range(0, len(table), CHUNK)))
+    crossings = np.concatenate([np.empty((4, 0)), *(part for part, _ in found)], axis=1)
+    crossings = crossings[:, np.lexsort(crossings[1::-1])] * [[1.0], [1.0], [band], [1.0]]
+    rises = crossings[3] > 0.0
+    tables = [*_padded(crossings[:3, rises], len(table)), *_padded(crossings[:3, ~rises], len(table))]
+    divergence = np.concatenate([np.empty(0), *(part for _, part in found)])
+    return ManyFlutterOnsets(tables[0], tables[1], tables[2], tables[3], divergence, most)
+
+
+def _padded(values: Array, rows: int) -> Array:
+    """Values (1 + k, n) whose first says the row, ascending, as k tables with NaN behind each row's values."""
+    row = values[0].astype(int)
+    count = np.bincount(row, minlength=rows)
+    tables = np.full((len(values) - 1, rows, count.max(initial=0)), np.nan)
+    tables[:, row, np.arange(len(row)) - (np.cumsum(count) - count)[row]] = values[1:]
+    return tables
+
+
+def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
+    """Checked numbers of rigs, (n, NUMBERS), those that are not named from `rig`."""
+    checks.instance("numbers", numbers, Mapping)
+    for name in numbers:
+        checks.choice("a name in numbers", name, NUMBERS)
+    if "theta" not in numbers:
+        raise InputError("numbers: theta is missing")
+    given = {}
+    for name in NUMBERS:
+        beam, _, field = name.partition("_")
+        own = getattr(getattr(rig, beam), field) if field in BEAM_LIMITS else getattr(rig, name, None)
+        value = numbers.get(name, own)
+        column = checks.array(name, value, lambda each: each)
+        if column.dtype.kind not in "iuf" or column.ndim > 1:
+            raise InputError(f"{name} = {checks.short(value)}: it must be a number or a row of numbers")
+        given[name] = column.reshape(-1).astype(float)
+    if len(lengths := {len(column) for column in given.values()} - {1}) > 1:
+        raise InputError(f"numbers: rows of {sorted(lengths)} numbers: they must have one length")
+    table = np.stack(np.broadcast_arrays(*given.values()), axis=1)
+    angles = np.nextafter(-90.0, 0.0), np.nextafter(90.0, 0.0), "degrees, both excluded"
+    limits: dict[str, Any] = {"theta": angles, "contact_position": (1e-300, given["p2_length"], "m, p2_length")}
+    for name, column in zip(NUMBERS, table.T, strict=True):
+        low, high, unit = (limits | RIG_LIMITS | BEAM_LIMITS)[name.removeprefix("p1_").removeprefix("p2_")]
+        good = (column >= low) & (column <= high)
+        if not np.all(good):
+            row = int(np.argmin(good))
+            most = np.broadcast_to(high, column.shape)[row]
+            raise InputError(
+                f"{name} = {column[row]} in row {row}: it must be a number from {low:g} to {most:g} ({unit})"
+            )
+    return table
+
+
+def _crossings(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
+    """Crossings (4, k): row, mu, frequency over the band's, rise; divergences; a row that failed, or -1."""
+    systems, sizes, brackets, divergence, failed = _isolate_rows(table, unit, mu_max, upper, lower)
+    row, low, high, _ = brackets.T
+    index, damping = np.arange(len(brackets)), table[:, 3:5] * [1.0 / unit, unit]
+
+    def evaluated(omega: Array, k: Any) -> Array:
+        return _evaluate(omega, brackets[k.astype(int)], systems, sizes, damping)
+
+    found = find_root(lambda *at: evaluated(*at)[0], (low, high), args=(index,), tolerances={"xrtol": 1e-14})
+    if failed < 0 and not np.all(found.success):
+        failed = int(row[np.argmin(found.success)])
+    mu, rise = evaluated(found.x, index)[1], evaluated(high, index)[0]
+    return np.stack([row, mu, found.x, rise])[:, (mu > 0.0) & (mu <= mu_max)], divergence, failed
+
+
+@kernel
+def _evaluate(omega: Array, brackets: Array, systems: Array, sizes: Any, damping: Array) -> Array:
+    """W and the friction, (2, k), at omega in as many brackets."""
+    result = np.empty((2, len(omega)))
+    for j in range(len(omega)):
+        k, n = int(brackets[j, 0]), int(brackets[j, 3])
+        p, a, b = systems[k, 0, : sizes[k]], systems[k, 1, : sizes[k]], systems[k, 2, : sizes[k]]
+        result[0, j] = onset_function(omega[j], n, p, a, b, damping[k, 0], damping[k, 1])
+        result[1, j] = onset_friction(omega[j], n, p, a, b, damping[k, 0], damping[k, 1])
+    return result
+
+
+@kernel
+def _isolate_rows(
+    table: Array, unit: float, mu_max: float, upper: Any, lower: Any
+) -> tuple[Array, Any, Array, Array, int]:
+    """Systems (n, 3, poles), sizes, brackets (row, low, high, pole), divergences; a row that failed, or -1."""
+    rows = len(table)
+    systems = np.empty((rows, 3, upper[0].shape[1] + lower[0].shape[1] + 1 + NODES))
+    sizes, divergence = np.zeros(rows, dtype=np.int64), np.full(rows, np.nan)
+    found, total, brackets = np.empty((rows, 4)), 0, np.empty((MOST_INTERVALS, 3))
+    for k in range(rows):
+        d1, d2 = table[k, 3] / unit, table[k, 4] * unit
+        x, y = axis_point(1.0, d1, d2)
+        # The band's largest lambda, more than 1 with heavy damping.
+        limit = max(1.0, np.hypot(x, y))
+        system = contact_poles(table[k], unit, limit, upper, lower)
+        (p, a, b), sizes[k] = system, system.shape[1]
+        systems[k, :, : sizes[k]] = system
+        if not np.any(b):
+            continue
+        # Above this friction f < 0 at -edge, and f is +infinity at -0: a real eigenvalue lies between them.
+        edge = MOST_REPORTED * limit
+        friction = -np.sum(a / (p + edge)) / np.sum(b / (p + edge))
+        if 0.0 < friction <= mu_max:
+            divergence[k] = friction
+        count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
+        if judged == MOST_INTERVALS:
+            return systems, sizes, found[:0], divergence, k
+        if total + count > len(found):
+            found = np.concatenate((found, np.empty((len(found) + count, 4))))
+        found[total : total + count, 0], found[total : total + count, 1:] = k, brackets[:count]
+        total += count
+    return systems, sizes, found[:total], divergence, -1
+
+
+@kernel
+def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any) -> Array:
+    """Poles p and residues a, b of `isolate`, (3, poles), with those beyond FAR `limit` replaced.
+
+    `row` is one of `rig_table`, `upper` and `lower` are the beams' `unit_cantilever`; `limit` times unit^2 is the
+    largest lambda in the band, rad2/s2.
+    """
+    (mass, along, across), (mass2, _, across2) = _scales(row[5:10]), _scales(row[10:15])
+    clamped = lower[0][0, len(lower[0][0]) // 3 :]
+    p, normal, tangential = upper_modes(row[0], row[2] / mass, along, across, upper[0], upper[2])
+    normal2 = -lower_deflections(row[1] / row[10], lower[1])
+    # What is rounding beside the largest entry is no coupling, as in `beams.modes`.
+    normal *= np.abs(normal) > 1e-15 * np.abs(normal).max()
+    normal2 *= np.abs(normal2) > 1e-15 * np.abs(normal2).max()
+    system = np.empty((3, len(p) + len(clamped)))
+    system[0] = np.append(p, across2 * clamped)
+    system[1] = np.append(normal * normal / mass, normal2 * normal2 / mass2)
+    system[2] = np.append(normal * tangential / mass, 0.0 * normal2)
+    system /= unit**2
+    far = system[0] > FAR * limit
+    if np.sum(far) <= NODES:
+        return system[:, np.flatnonzero(system[1])]
+    near = system[:, np.flatnonzero(~far & (system[1] != 0.0))]
+    others = np.zeros((3, NODES))
+    others[0] = 2.0 * FAR * limit / (1.0 + POINTS)
+    for i in np.flatnonzero(far):
+        # Lagrange polynomials by the barycentric formula.
+        away = 2.0 * FAR * limit / system[0, i] - 1.0 - POINTS
+        share = WEIGHTS / np.where(away == 0.0, 1e-300, away)
+        share *= others[0] / (system[0, i] * np.sum(share))
+        others[1] += system[1, i] * share
+        others[2] += system[2, i] * share
+    return np.concatenate((near, others), axis=1)
+
+
+@kernel
+def _scales(beam: Array) -> tuple[float, float, float]:
+    """Mass of a beam, and squared frequencies of axial and of bending modes over those of the unit beam."""
+    length, width, thickness, young_modulus, density = beam[0], beam[1], beam[2], beam[3], beam[4]
+    scale = young_modulus / (density * length * length)
+    return density * length * width * thickness, scale, scale * (thickness / length) ** 2
