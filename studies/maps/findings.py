@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from studies.maps.quantities import AXES, QUANTITIES, RIG
 from studies.motion import transients
 from studies.plotting import planes
+from studies.scatter import instability
 from studies.study import constants
 from studies.tables import Part
 from sweeps import INTERPOLATED_FLAG, STATUS_FLAGS
@@ -34,7 +35,20 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         if (count := int(np.count_nonzero(status == code)))
     ]
     lines += ["", f"{status.size} points: {', '.join(counts)}."]
-    return [*lines, *_found(quantity, values.values[np.isfinite(values.values)])]
+    return [*lines, *_found(quantity, values.values[np.isfinite(values.values)]), *_scattered(constants(dataset))]
+
+
+def _scattered(given: dict[str, Any]) -> list[Part]:
+    """How the numbers of the rigs scatter, where they do, and how well a share of so many is known."""
+    if "scatter" not in given:
+        return []
+    low, high = instability.wilson(0.5, given["samples"])
+    return [
+        f"Each point is a share of {given['samples']} rigs, seed {given['seed']}: one half means {low:.3f} to "
+        f"{high:.3f} (Wilson 95 %).",
+        "",
+        instability.table(given["scatter"]),
+    ]
 
 
 def _found(quantity: str, values: NDArray[Any]) -> list[str]:
@@ -65,7 +79,8 @@ def held(dataset: xr.Dataset) -> list[str]:
     runs = [f"{given['members']} run{'s' if given['members'] > 1 else ''} a point"] if "members" in given else []
     scene, others = ([planes.named(n, given[n]) for n in names if n in given] for names in (matter, rig))
     damped = [transients.damping(given)] if "numerical_damping" in settings else []
-    return [*scene, *sign, *others, *runs, *damped]
+    rigs = [f"{given['samples']} rigs, {len(given['scatter'])} numbers scatter"] if "scatter" in given else []
+    return [*scene, *sign, *others, *runs, *damped, *rigs]
 
 
 def readable(quantity: str) -> tuple[str, float]:

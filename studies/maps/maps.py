@@ -19,6 +19,7 @@ from studies.maps.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, check_jobs
 from studies.rig import rig_of
+from studies.scatter import instability
 from studies.study import Study, deferred, one_word, suggest
 from sweeps import Axis, Grid, InputError, Refinement, Sweep, refined
 
@@ -41,7 +42,12 @@ class Plane:
 
 
 def sweep_of(
-    plane: Plane, quantity: str, fixed: Mapping[str, float], halvings: int = 0, tolerance: float | None = None
+    plane: Plane,
+    quantity: str,
+    fixed: Mapping[str, float],
+    halvings: int = 0,
+    tolerance: float | None = None,
+    scatter: Mapping[str, str] | None = None,
 ) -> Sweep:
     """The sweep of a map.
 
@@ -60,6 +66,9 @@ def sweep_of(
     tolerance : float, optional
         Largest error expected of interpolation between computed points, in units of the range of the values;
         default TOLERANCE. Not for classes and counts.
+    scatter : mapping of str to str, optional
+        Distributions by the numbers that scatter, for a quantity of scattered rigs
+        (`studies.scatter.distributions`); default: `studies.scatter.instability.usual`.
 
     Raises
     ------
@@ -68,6 +77,10 @@ def sweep_of(
     """
     definition = _definition(quantity)
     constants = _constants(plane, quantity, fixed)
+    if definition.settings is quantities.SCATTER:
+        constants |= instability.counted(constants) | {"scatter": _scatter(plane, constants, scatter)}
+    elif scatter:
+        raise InputError(f"--scatter: {quantity} is of one rig; choose --quantity probability_unstable")
     tolerance = _tolerance(definition, quantity, halvings, tolerance)
     count = len(plane.xs) * len(plane.ys)
     if count > MOST_POINTS:
@@ -99,6 +112,17 @@ def sweep_of(
     return refined(sweep, Refinement(quantity, halvings, tolerance, definition.thresholds))
 
 
+def _scatter(plane: Plane, constants: Mapping[str, Any], given: Mapping[str, str] | None) -> dict[str, str]:
+    """How the numbers scatter that are no axis: as given, else as usual about the values that they have."""
+    if not given:
+        return instability.usual(constants)
+    for name in given:
+        if name in (plane.x, plane.y):
+            raise InputError(f"--scatter {name}: it is an axis of this map; leave it out")
+    instability.scatters(given)
+    return dict(given)
+
+
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
     """The plane of two texts AXIS=SPEC, each interval halved so often."""
     across, up = spec.split(x, "--x"), spec.split(y, "--y")
@@ -126,13 +150,18 @@ def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def file_of(
-    plane: Plane, quantity: str, out: str | Path | None = None, fixed: Mapping[str, float] | None = None
+    plane: Plane,
+    quantity: str,
+    out: str | Path | None = None,
+    fixed: Mapping[str, float] | None = None,
+    scatter: Mapping[str, str] | None = None,
 ) -> Path:
-    """Where a map is kept: its name tells what is fixed at other values than the paper's.
+    """Where a map is kept: its name tells what is fixed at other values than the paper's, and what scatters.
 
-    So maps that differ in what they fix are kept beside each other, whatever the order it was given in.
+    So maps that differ in that are kept beside each other, whatever the order it was given in.
     """
-    other = (f"{key}={spec.typed(value)}" for key, value in changed(quantity, fixed or {}).items())
+    other = [f"{key}={spec.typed(value)}" for key, value in changed(quantity, fixed or {}).items()]
+    other += [f"{key}={text}" for key, text in sorted((scatter or {}).items())]
     name = "-".join([quantity, plane.x, plane.y, *other])
     if len(name) > MOST_LETTERS:
         name = f"{quantity}-{plane.x}-{plane.y}-{sha256(name.encode()).hexdigest()[:16]}"

@@ -20,6 +20,7 @@ from studies.gallery.stability import study as stability
 from studies.motion import ensembles, normalised, transients
 from studies.motion.jobs import Job, outcomes
 from studies.rig import rig_of, rig_settings
+from studies.scatter import instability
 from studies.study import Setting
 from sweeps import Variable
 
@@ -96,6 +97,27 @@ def glued(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
     """A natural frequency of the beams glued at the contact."""
     number = int(quantity.rpartition("_")[2])
     return {quantity: _each(lambda rig, theta: float(glued_frequencies(rig, theta, number)[-1]), points, fixed)}
+
+
+def probability(
+    points: Points, *, quantity: str, scatter: Mapping[str, str], samples: int, seed: int, **fixed: Any
+) -> dict[str, Any]:
+    """Share of scattered rigs whose steady sliding is unstable; one sample of rigs serves all points.
+
+    Points that differ in mu alone share one search for onsets.
+    """
+    every = _complete(points, fixed)
+    theta, turned, rigs = _drive_theta(every), np.sign(every["V"]), _rig_of_each(every)
+    draws, shares = instability.sample(scatter, samples, seed), np.empty(len(theta))
+    own = draws.pop("mu", None)
+    places: dict[Any, list[int]] = {}
+    for k, place in enumerate(zip(rigs, theta.tolist(), turned.tolist(), strict=True)):
+        places.setdefault(place, []).append(k)
+    for (rig, angle, sense), rows in places.items():
+        numbers = draws | {"theta": sense * draws["theta"] if "theta" in draws else angle}
+        friction = every["mu"][rows] if own is None else own[:, None]
+        shares[rows] = instability.unstable_share(rig, numbers, friction)
+    return {quantity: shares}
 
 
 def contact_limit(
@@ -191,6 +213,12 @@ RUN = {name: each for name, each in regimes.STUDY.settings.items() if name not i
 # A map is of any rig.
 RUN["numerical_damping"] = transients.run_settings(1.0)["numerical_damping"]
 
+# Of scattered rigs; their scatter is given by a table of its own.
+SCATTER = {
+    "samples": Setting(1024.0, "1", "number of scattered rigs"),
+    "seed": Setting(0.0, "1", "of the random numbers"),
+}
+
 QUANTITIES: dict[str, Quantity] = (
     {name: Quantity(stability.VARIABLES[name], growth, same_sliding, ("theta", "mu")) for name in GROWTH}
     | {name: Quantity(variable, onset, same_drive, ("theta",)) for name, variable in ONSETS.items()}
@@ -207,5 +235,13 @@ QUANTITIES: dict[str, Quantity] = (
     | {name: Quantity(each, motion, same_motion, transients.SCENE, settings=RUN) for name, each in MOTION.items()}
 )
 QUANTITIES["growth_rate"] = replace(QUANTITIES["growth_rate"], thresholds=(0.0,))
+QUANTITIES["probability_unstable"] = Quantity(
+    Variable("1", "share of scattered rigs whose steady sliding is unstable"),
+    probability,
+    same_sliding,
+    ("theta", "mu"),
+    thresholds=(0.5,),
+    settings=SCATTER,
+)
 # Found over all mu: with mu as an axis there is nothing to show.
 OVER_MU = (*ONSETS, "critical_mu")

@@ -68,6 +68,11 @@ def named(name: str, value: Any) -> str:
     return f"{symbol} = {factor * float(value):.4g}{space}{unit}"
 
 
+def name(axis: str) -> str:
+    """What a reader calls an axis or a number of the rig."""
+    return SYMBOLS[axis][0]
+
+
 def label(name: str) -> str:
     """What stands at an axis."""
     symbol, unit, _ = SYMBOLS[name]

@@ -1,0 +1,1 @@
+"""Instability where the numbers of the rig scatter."""
