@@ -100,7 +100,9 @@ def _draw_rigs(figure: Figure, axes: Axes, at: xr.Dataset, places: list[int]) ->
         names.append("")
     x, y = (planes.shown(name, at[name].values) if name else onset for name in names)
     none = np.isnan(onset)
-    dots = axes.scatter(x[~none], y[~none], 7.0, onset[~none], cmap="cividis", linewidths=0.0)
+    # A few outliers do not flatten the scale.
+    ends = dict(zip(("vmin", "vmax"), np.nanquantile(onset, (0.01, 0.99)), strict=True)) if not none.all() else {}
+    dots = axes.scatter(x[~none], y[~none], 7.0, onset[~none], cmap="cividis", linewidths=0.0, **ends)
     if none.any():
         axes.plot(x[none], y[none], "x", color=figures.RED, markersize=4.0)
     planes.colour_bar(figure, dots, axes, "lowest onset, μ")
