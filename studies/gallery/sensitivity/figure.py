@@ -16,6 +16,8 @@ from studies.plotting import figures, planes
 # Of the numbers that stand out, with markers that tell them apart in grey; theta is black.
 COLOURS, MARKERS = (figures.BLUE, figures.RED, figures.GREEN, figures.ORANGE, figures.GREY), "os^Dv"
 OTHERS = "#c8c8c8"
+# What a number takes, as a share of the longest bar on the other side.
+ROOM = 0.35
 # Angles between two markers; ticks.
 APART, TICKS = 6, (-1000, -100, -10, -1, 0, 1, 10, 100, 1000)
 
@@ -24,15 +26,20 @@ def draw(dataset: xr.Dataset) -> Figure:
     """A row for each pair: bars by size with the result of a real change of 1 %, and curves over theta."""
     at = reference(dataset)
     strongest = [p for p in at["parameter"].values.tolist() if p != "theta"]
-    looks = dict(zip(strongest, zip(COLOURS, MARKERS, strict=True), strict=False)) | {"theta": (figures.BLACK, "")}
+    looks = dict(zip(strongest, zip(COLOURS, MARKERS, strict=True), strict=False)) | {
+        "theta": (figures.BLACK, ".")
+    }
     pairs = dataset["pair"].values
-    height = 2.0 + len(pairs) * (1.8 + 0.36 * len(at["parameter"]))
+    height = 2.0 + len(pairs) * (1.8 + max(0.36 * len(at["parameter"]), 2.0))
     options: dict[str, Any] = {"sharex": "col", "gridspec_kw": {"width_ratios": (1.25, 1.0)}}
     figure, panels = figures.panels(len(pairs), 2, 17.5, height, **options)
     for pair, tornado, over in zip(pairs, panels[::2], panels[1::2], strict=True):
         _tornado(tornado, at.sel(pair=pair), looks)
         _over_theta(over, dataset.sel(pair=pair), looks)
         over.axvline(float(at["theta"]), color=figures.GREY, linewidth=0.8, linestyle=":")
+    # Both sides of zero have room for numbers.
+    low, high = panels[-2].get_xlim()
+    panels[-2].set_xlim(min(low, -ROOM * high), max(high, -ROOM * low))
     panels[-2].set_xlabel("elasticity of the onset's μ: % for 1 % of the number")
     panels[-1].set_xlabel(planes.label("theta"))
     figures.legend_below(figure, panels[::-1], 3)

@@ -122,10 +122,10 @@ def _pair(one: xr.Dataset) -> list[Part]:
     lines: list[Part] = [f"{frequency:.0f} Hz, onset at mu = {mu:.4f}; with 1 % more of"]
     for k in ranks(one["elasticity_mu"])[:MATTER]:
         say, more, faster = (float(one[name][k]) for name in ("elasticity_mu", "change_mu", "change_frequency"))
-        mu_goes, frequency_goes = ("rises" if way > 0.0 else "falls" for way in (more, faster))
         effect = (
-            f"mu {mu_goes} to {mu + more:.4f} ({100.0 * more / mu:+.1f} %), its derivative says {say:+.1f} %; "
-            f"the frequency {frequency_goes} to {frequency + faster:.0f} Hz"
+            f"mu {'rises' if more > 0.0 else 'falls'} to {mu + more:.4f} ({100.0 * more / mu:+.1f} %, by "
+            f"derivative {say:+.1f} %), the frequency changes by {100.0 * faster / frequency:+.1f} % to "
+            f"{frequency + faster:.0f} Hz"
         )
         lines.append(f"  {named(one['parameter'].values[k])}: {'no onset' if np.isnan(more) else effect}.")
     return lines
@@ -136,8 +136,8 @@ def _linear(at: xr.Dataset) -> list[Part]:
     size = abs(at["elasticity_mu"])
     ratio = at["change_mu"] / (STEP * at["elasticity_mu"] * at["onset_mu"]).where(size >= SLIGHT)
     return [
-        f"1 % of a number changes mu by {number(ratio.min(), '.2f')} to {number(ratio.max(), '.2f')} times what its "
-        f"derivative says (elasticities of {SLIGHT:g} or more)."
+        f"1 % of a number changes mu by {number(ratio.min(), '.2f')} to {number(ratio.max(), '.2f')} times what "
+        f"its derivative says (elasticities of {SLIGHT:g} or more)."
     ]
 
 
