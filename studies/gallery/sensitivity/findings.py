@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies.gallery.sensitivity.study import PARAMETERS, STEP
+from studies.gallery.sensitivity.study import PARAMETERS, SAME, STEP
 from studies.motion.regimes import failures
 from studies.rig import BEAM_NUMBERS
 from studies.study import constants
@@ -127,7 +127,9 @@ def _pair(one: xr.Dataset) -> list[Part]:
             f"derivative {say:+.1f} %), the frequency changes by {100.0 * faster / frequency:+.1f} % to "
             f"{frequency + faster:.0f} Hz"
         )
-        lines.append(f"  {named(one['parameter'].values[k])}: {'no onset' if np.isnan(more) else effect}.")
+        if np.isnan(more):
+            effect = f"no onset within {100.0 * SAME:g} % of the frequency that the derivative predicts"
+        lines.append(f"  {named(one['parameter'].values[k])}: {effect}.")
     return lines
 
 

@@ -29,8 +29,8 @@ Array = NDArray[Any]
 PAIRS = 3
 # Share by which a number is made larger.
 STEP = 0.01
-# On the imaginary axis friction is a function of frequency, which therefore tells onsets apart. For the changed
-# rig the derivative predicts it to this share.
+# On the imaginary axis friction is a function of frequency, which therefore tells onsets apart. Further from what
+# the derivative predicts for the changed rig an onset may be another, born where this one met a recovery.
 SAME = 0.01
 # What the onsets can follow: point_b is where one looks, and element counts have no derivative.
 PARAMETERS = (
@@ -94,7 +94,10 @@ def pairs_at(
 def changed(
     rig: Rig, theta: float, name: str, onsets: OnsetSensitivity, fmax: float, mu_max: float
 ) -> tuple[Array, Array]:
-    """Friction and frequency of the onsets where one number is 1 % larger; NaN where one is gone, or the rig."""
+    """Friction and frequency of the onsets where one number is 1 % larger.
+
+    NaN where there is no onset within SAME of the frequency that the derivative predicts, or no such rig.
+    """
     mu, frequency = np.full((2, len(onsets.mu)), np.nan)
     try:
         # An onset may rise beyond the friction of interest.
