@@ -29,6 +29,7 @@ MODULES = {
     "table6": "gallery.table6.study",
     "stick_time": "gallery.stick_time.study",
     "stability": "gallery.stability.study",
+    "sensitivity": "gallery.sensitivity.study",
     "robust": "gallery.robust.study",
     "regimes": "gallery.regimes.study",
     "scenes": "gallery.scenes.study",

@@ -40,6 +40,7 @@ SMALLER = {
     "table6": {"theta": [-5.0, 5.0, 15.0]} | ENSEMBLE,
     "stick_time": {"V": [1e-3, 2e-3], "member": [1, 2], "least": 0.3} | SCENE,
     "stability": {"theta": [-5.0, 5.0, 15.0], "mu": [0.0, 0.2, 0.4]},
+    "sensitivity": {"theta": [-5.0, 5.0, 9.0]},
     "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2]} | ENSEMBLE,
     "scenes": {"V": [2e-3, 5e-3], "duration": 0.1} | SCENE,
     "accuracy": {"method": "fast", "setting": ["default", "cut-off 0.4"], "scene": "5 mm/s", "members": 2}

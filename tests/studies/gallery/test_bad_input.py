@@ -64,6 +64,11 @@ REFUSED = [
     ("stability", {"mu": [-0.1, 0.2]}, "^mu = -0.1: it must be a number from 0"),
     ("stability", {"V": 1e-3}, "^V: study stability has no such axis"),
     ("stability", {"p2_thickness": 0.0}, "^p2_thickness = 0.0"),
+    ("sensitivity", {"theta": [5.0, 95.0]}, "^theta = 95.0: it must be"),
+    ("sensitivity", {"pairs_theta": 0.0}, "^pairs_theta = 0.0: it must be an angle between 0 and 90"),
+    ("sensitivity", {"mu_max": 0.0}, "^mu_max = 0.0: it must be a number from"),
+    ("sensitivity", {"parameter": "p2_lenght"}, "^parameter = 'p2_lenght': .* did you mean p2_length"),
+    ("sensitivity", {"p1_length": 0.0}, "^p1_length = 0.0"),
 ]
 
 

@@ -1,0 +1,1 @@
+"""How the paper's three flutter onsets follow the numbers of the rig."""
