@@ -1,4 +1,4 @@
-"""Every performance table of the README, in its order: `python -m tests.benchmarks [--figure FILE] > tables.md`.
+"""Every performance table of the READMEs: `python -m tests.benchmarks [--figure FILE] > tables.md`.
 
 Two cores that do nothing else are needed. Each part is a program of its own, `python -m tests.benchmarks.PART`,
 and says what it measures.

@@ -1,7 +1,7 @@
 """The paper, the published scheme and the model in one table: `python -m tests.benchmarks.damping`.
 
 The reference of each study that reproduces a transient of the paper has the published scheme's numerical damping;
-here it is run without. It prints a table of the README.
+here it is run without. It prints a table of results/README.md.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ def compare(paper: list[dict], fast: list[dict]) -> list[tuple[str, float, float
 
 
 def row(name: str, paper: list[dict], fast: list[dict]) -> str:
-    """A row of the README's table: `paper` / `fast`, standard errors of the last digits in brackets."""
+    """A row of fivcore/README.md: `paper` / `fast`, standard errors of the last digits in brackets."""
     cells = []
     for key in FRACTIONS:
         (a, ea), (b, eb) = (mean(run[key] for run in runs) for runs in (paper, fast))
@@ -110,7 +110,7 @@ def row(name: str, paper: list[dict], fast: list[dict]) -> str:
 
 
 def main() -> None:
-    """Print the README's table."""
+    """Print the table of fivcore/README.md."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--members", type=int, default=3)

@@ -2,8 +2,8 @@
 
 The peak is what multiply-adds that need nothing but registers reach on one core, in this run. Beside it: the modes
 alone, which is what a step would cost if contact, counting and samples were free; and whole steps, of scenes side
-by side and of one alone. Then what compiling costs where nothing has been compiled yet. It prints a table of the
-README.
+by side and of one alone. Then what compiling costs where nothing has been compiled yet. It prints a table of
+fivcore/README.md.
 """
 
 from __future__ import annotations

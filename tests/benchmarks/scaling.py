@@ -1,7 +1,7 @@
 """How cost grows with duration, scenes and modes: `python -m tests.benchmarks.scaling`.
 
 Medians of this one run, one core. Exponents are slopes of straight lines through logarithms; of modes, once what a
-step costs without any is taken off. `--figure FILE` draws them. It prints a table of the README.
+step costs without any is taken off. `--figure FILE` draws them. It prints a table of fivcore/README.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the linear half costs and how exact it is: `python -m tests.benchmarks.stability`.
 
-Every figure is a median over repetitions in this one run, on one core. It prints the tables of the README.
+Every figure is a median over repetitions in this one run, on one core. It prints the tables of fivcore/README.md.
 """
 
 from __future__ import annotations

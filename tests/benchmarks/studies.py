@@ -65,7 +65,7 @@ def motion(name: str, found: xr.Dataset) -> str:
 
 
 def main() -> None:
-    """Print the README's table."""
+    """Print the table of studies/README.md."""
     told = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     told.add_argument("names", nargs="*", default=list(CASES), metavar="STUDY", help=", ".join(CASES))
     print(machine().removesuffix(", one core used"))

@@ -1,4 +1,4 @@
-"""What the sweep engine costs, as the README quotes it: `python -m tests.benchmarks.sweeps [PART ...]`.
+"""What the sweep engine costs, as sweeps/README.md quotes it: `python -m tests.benchmarks.sweeps [PART ...]`.
 
 Parts: overhead, memory, size, client, cores, recorded, grid; by default all (20 minutes on two cores). Whatever is
 compared is measured in turns in one run; figures are medians, ratios those of neighbours in time.

@@ -1,6 +1,5 @@
 """What a run is asked for in a file: read, overruled by options, and printed of a result."""
 
-import re
 import shutil
 import tomllib
 
@@ -10,6 +9,7 @@ import pytest
 import xarray as xr
 
 from tests import HOME
+from tests.helpers import readmes
 from tests.helpers.commands import written
 
 FILE = """
@@ -77,7 +77,7 @@ def test_options_win(tmp_path, here):
 
 
 def test_the_readmes_file(tmp_path, here):
-    (text,) = re.findall(r"```toml\n(.*?)```", (HOME / "README.md").read_text(), re.DOTALL)
+    (text,) = readmes.blocks("toml")
     (tmp_path / "grid.toml").write_text(text)
     assert "points          160" in here("plan", "scenes", "--config", "grid.toml").stdout
 

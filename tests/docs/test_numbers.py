@@ -1,4 +1,4 @@
-"""Numbers that the README takes from results are those of the reference."""
+"""Numbers that the READMEs take from results are those of the reference."""
 
 from functools import cache
 
@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import studies
+from studies import paper
 from studies.accuracy.findings import GROUPS, right, table
 from studies.tables import number
 from tests import HOME
-
-README = " ".join((HOME / "README.md").read_text().split())
+from tests.benchmarks import damping
+from tests.helpers import readmes
 
 
 @cache
@@ -83,7 +85,78 @@ def stress():
     yield f"tries to break each method {kept('stress').sizes['case']} times"
 
 
-# Rows of the README's table of defaults, as it calls them.
+def words(data):
+    """Regimes of a result, in words, in its order."""
+    meanings = data["regime"].attrs["flag_meanings"].split()
+    return [meanings[int(code)].replace("_", " ") for code in data["regime"].values]
+
+
+def listed(values, form=".0f"):
+    """Numbers in a cell of a table."""
+    return ", ".join(f"{float(value):{form}}" for value in values)
+
+
+def beside_the_paper():
+    """Cells of the first README's table: quantity, the paper's, ours, study."""
+    glued, data = paper.GLUED_NUMERICAL, kept("table4")
+    worst = 100.0 * float(np.abs(data["frequency"] / data["frequency_paper"] - 1.0).max())
+    theirs, ours = f"{glued[0]:.0f} to {glued[-1]:.0f} Hz", f"within {worst:.2f} %, contact at 85 mm"
+    yield f"{len(glued)} natural frequencies, glued", theirs, ours, "table4"
+    data = kept("fig5")
+    onsets = zip(data["onset_mu"].values, data["onset_frequency"].values, strict=True)
+    for (mu, frequency), (own_mu, own) in zip(paper.ONSETS, onsets, strict=True):
+        theirs, ours = f"mu = {mu:g}, {frequency:.0f} Hz", f"mu = {own_mu:.4f}, {own:.0f} Hz"
+        yield "onset of instability (paper: steps of 0.01)", theirs, ours, "fig5"
+    at = data.sel(mu=paper.MU)
+    theirs, own = paper.ANGLES_UNSTABLE[paper.THETA], at["frequency"].values[at["growth_rate"].values > 0.0]
+    yield "frequencies of the unstable modes", f"{listed(theirs)} Hz", f"{listed(own)} Hz", "fig5"
+    data, speeds = kept("fig7").sel(V=list(paper.SPEEDS)), listed((1e3 * V for V in paper.SPEEDS), "g")
+    theirs, ours = f"{paper.SIMULATED_LINE:.0f} Hz", f"{listed(data['dominant_frequency'].values)} Hz"
+    yield f"dominant frequency at V = {speeds} mm/s", theirs, ours, "fig7"
+    theirs = ", ".join(paper.VIBRATION[V] for V in paper.SPEEDS)
+    yield "vibration at these speeds", theirs, ", ".join(words(data)), "fig7"
+    data = kept("stick_time").sel(mu=paper.MU, F=paper.LOAD)
+    slow, fast = (f"{1e3 * V:g} mm/s" for V in sorted(paper.STICK_RATIO_SPEEDS))
+    theirs, ours = f"{paper.STICK_RATIO:g}", f"{float(data['start_up_ratio']):.3f}"
+    yield f"duration of sticks, {fast} over {slow}", theirs, ours, "stick_time"
+    yield "n in duration ~ V^n", "-1", f"{float(data['exponent'][0]):.2f}", "stick_time"
+    data, peaks = kept("contact"), sorted(paper.CONTACT_PEAKS.items())
+    speeds = listed((1e3 * V for V, _ in peaks), "g")
+    kinds = (("normal force", "normal_force_999", "N", 1.0), ("slip speed", "slip_speed_999", "mm/s", 1e3))
+    for k, (what, name, unit, scale) in enumerate(kinds):
+        theirs = listed(scale * values[k] for _, values in peaks)
+        ours = listed(scale * data[name].sel(V=V) for V, _ in peaks)
+        yield f"{what}, 99.9 % quantile, at V = {speeds} mm/s", f"{theirs} {unit}", f"{ours} {unit}", "contact"
+    data = kept("fig11")
+    (at, measured), (steady, none) = paper.ANGLES.items()
+    assert np.isnan(none)
+    vibrating, quiet = words(data.sel(theta=[at, steady]))
+    ours = f"{vibrating}, {float(data['dominant_frequency'].sel(theta=at)):.0f} Hz"
+    yield f"vibration at theta = {at:g} degrees, 2 mm/s", f"{measured:.0f} Hz", ours, "fig11"
+    data, ((_, below), (above, _)) = kept("table6"), paper.STEADY_ANGLES
+    outside = data.sel(theta=(data["theta"] < below) | (data["theta"] > above))
+    (ours,) = {quiet, *words(outside)}
+    what = f"the same at {steady:g}, above {above:g} and below {below:g} degrees"
+    yield what, "steady sliding", ours, "table6"
+
+
+def rows_of(head):
+    """Rows of a table of the first README, without its head."""
+    _, found, rest = readmes.TEXTS["README.md"].partition(f"\n{head}\n")
+    assert found
+    rows = rest.partition("\n\n")[0].splitlines()[1:]
+    return [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in rows]
+
+
+def transients():
+    """The published scheme's column of the paper's transients."""
+    for name in damping.STUDIES:
+        file = studies.open(HOME / "results" / "reference" / name / f"{name}.nc")
+        for (figure, place), (value, found, _) in damping.beside_the_paper(name, file).items():
+            yield f"| `{name}`: {figure} | {place} | {value} | {found} |".replace("|  |", "| |")
+
+
+# Rows of the table of defaults, as it calls them.
 DEFAULTS = {
     ("fast", "default"): "`fast` by default: the model as given",
     ("fast", "converged"): "`fast`, converged: the reference of the model",
@@ -112,7 +185,7 @@ DEFAULTS = {
 
 
 def accuracy():
-    """The README's table; ``python -c "from tests.docs.test_numbers import *; print(*accuracy(), sep='\\n')"``."""
+    """Its rows; ``python -c "from tests.docs.test_numbers import *; print(*accuracy(), sep='\\n')"``."""
     rows = table(kept("accuracy")).set_index(["method", "setting"])
     groups = [f"{name}, {what}" for name in GROUPS for what in ("error", "right at")]
     yield f"| setting | s per s | until known, s | `paper` / it | {' | '.join(groups)} |"
@@ -125,9 +198,23 @@ def accuracy():
         yield f"| {name} | {' | '.join(cells)} |"
 
 
-@pytest.mark.parametrize(
-    "sentences", [table4, fig5, fig7, table6, stability, sensitivity, stick_time, accuracy, stress]
-)
-def test_the_readme_says_what_the_reference_holds(sentences):
-    missing = [sentence for sentence in sentences() if sentence not in README]
+SENTENCES = [table4, fig5, fig7, table6, stability, sensitivity, stick_time, accuracy, stress, transients]
+
+
+@pytest.mark.parametrize("sentences", SENTENCES)
+def test_the_readmes_say_what_the_reference_holds(sentences):
+    missing = [sentence for sentence in sentences() if sentence not in readmes.LINE]
     assert not missing
+
+
+def test_the_first_readme_puts_the_papers_numbers_beside_ours():
+    rows = rows_of("| quantity | the paper | fiv | study |")
+    assert rows == [(*cells, f"`{study}`") for *cells, study in beside_the_paper()]
+
+
+def test_the_first_readmes_costs_are_those_of_the_packages():
+    onsets, map_, second, regimes = (time for _, time in rows_of("| what | time |"))
+    assert f"| flutter onsets, new rig: both bases built | {onsets} |" in readmes.ALL
+    assert f"| growth rates at 251 x 201 (theta, mu) | {map_} |" in readmes.ALL
+    assert f"| 2 | 32 scenes, sticks skipped | {second.removesuffix(' ms')} |" in readmes.ALL
+    assert f"| `regimes`, 40 x 40, to 0.005 | {regimes} |" in readmes.ALL

@@ -1,4 +1,4 @@
-"""The project itself: its layout, its imports, its README."""
+"""The project itself: its layout, its imports, its READMEs."""
 
 import ast
 import re
@@ -12,8 +12,9 @@ import pytest
 
 from studies import registry
 from tests import HOME
+from tests.helpers import readmes
 
-README = (HOME / "README.md").read_text()
+README = readmes.TEXTS["README.md"]
 
 
 @cache
@@ -130,13 +131,13 @@ def test_the_top_level_is_as_agreed():
     assert shown == {"README.md", "pyproject.toml", "fivcore", "results", "studies", "sweeps", "tests"}
 
 
-def test_every_dependency_has_its_reason_in_the_readme():
+def test_every_dependency_has_its_reason_in_a_readme():
     project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
     for requirement in project["dependencies"]:
         name = re.split(r"[><=]", requirement)[0]
-        assert f"| {name} |" in README
+        assert f"| {name} |" in readmes.ALL
     for requirement in project["optional-dependencies"]["test"] + project["optional-dependencies"]["lint"]:
-        assert re.split(r"[><=]", requirement)[0] in README
+        assert re.split(r"[><=]", requirement)[0] in readmes.ALL
 
 
 def test_the_numba_in_use_is_the_newest_that_is_allowed():
@@ -161,6 +162,47 @@ def test_both_commands_stand_on_the_readmes_first_screen():
     first = README.splitlines()[:24]
     assert any(".venv/bin/fiv run fig5" in line for line in first)
     assert any(".venv/bin/python -m pytest" in line for line in first)
+
+
+def test_the_first_readme_is_short():
+    assert len(README.encode()) <= 12_000
+
+
+def anchors(text: str) -> set[str]:
+    """Names of a text's headings in links, as GitHub makes them."""
+    prose = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    heads = re.findall(r"^#+ (.*)$", prose, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("name", readmes.NAMES)
+def test_links_lead_somewhere(name):
+    links = re.findall(r"\]\(([^)]*)\)", readmes.TEXTS[name])
+    assert links
+    for link in links:
+        path, _, anchor = link.partition("#")
+        target = (HOME / name).parent / path if path else HOME / name
+        assert target.is_file(), link
+        assert not anchor or anchor in anchors(target.read_text()), link
+
+
+def test_the_first_readme_leads_to_all_others():
+    assert set(readmes.NAMES[1:]) <= set(re.findall(r"\]\(([^)#]*)[^)]*\)", README))
+
+
+@pytest.mark.parametrize("name", readmes.NAMES)
+def test_files_and_modules_that_are_named_exist(name):
+    words = re.findall(r"`([^`\s]+)`", readmes.TEXTS[name])
+    paths = [word for word in words if re.match(r"(fivcore|sweeps|studies|tests|results/reference)/", word)]
+    assert [path for path in paths if not (HOME / path).exists()] == []
+    modules = re.findall(r"python -m ((?:tests|studies)[\w.]*)", " ".join(readmes.TEXTS[name].split()))
+    places = [HOME.joinpath(*module.split(".")) for module in modules]
+    assert [place for place in places if not (place.is_dir() or place.with_suffix(".py").is_file())] == []
+
+
+def test_every_study_has_its_row():
+    table = readmes.TEXTS["studies/README.md"].partition("| study | what it shows |")[2].partition("\n\n")[0]
+    assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == sorted(registry.NAMES)
 
 
 @pytest.mark.parametrize("name", registry.NAMES)

@@ -1,4 +1,4 @@
-"""What the README says can be run is run: snippets of Python, commands, and the way of who comes first."""
+"""What the READMEs say can be run is run: snippets of Python, commands, and the way of who comes first."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ import pytest
 from studies import registry
 from tests import HOME
 from tests.docs import first_time
+from tests.helpers import readmes
 
-README = (HOME / "README.md").read_text()
-PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+# The API, a study of one's own, a sweep of one's own, a run under SLURM: all the Python that there is.
+API, STUDY = readmes.blocks("python", "README.md")
+SWEEP, SLURM = readmes.blocks("python", "sweeps/README.md")
 # How to compute the first figure, to test, to come from nothing, and what one does with a study of one's own; the
 # rest are examples, run in their order.
-FIRST, TEST, WAY, *EXAMPLES, OWN = re.findall(r"```sh\n(.*?)\n```", README, re.DOTALL)
+FIRST, TEST, WAY, *EXAMPLES, OWN = (block.rstrip("\n") for block in readmes.blocks("sh"))
 COMMANDS = [line.partition("  #")[0].rstrip() for block in EXAMPLES for line in block.splitlines()]
 # What reads, and needs no more than the results that are kept here.
 READING = [line for line in COMMANDS if line.split()[1] in ("plan", "query", "plot") or line == "fiv list fig5"]
@@ -50,6 +52,14 @@ def run(*command, **options):
     return done.stdout
 
 
+def test_no_block_of_code_is_left_out():
+    assert len(readmes.blocks("python")) == 4
+    kinds = [kind for kind in re.findall(r"^```(.*)$", readmes.ALL, re.MULTILINE) if kind]
+    assert set(kinds) == {"python", "sh", "toml"}
+    assert FIRST in readmes.TEXTS["README.md"]
+    assert OWN in readmes.TEXTS["studies/README.md"]
+
+
 def test_every_example_is_a_command_of_fiv():
     assert len(COMMANDS) > 15
     assert len(READING) == 8
@@ -60,10 +70,10 @@ def test_every_example_is_a_command_of_fiv():
 
 
 def test_the_api_in_ten_lines(here):
-    statements = ast.parse(PYTHON[0]).body
+    statements = ast.parse(API).body
     assert len([each for each in statements if not isinstance(each, (ast.Import, ast.ImportFrom))]) == 10
     names: dict = {}
-    exec(PYTHON[0], names)
+    exec(API, names)
     unstable = names["modes"].frequency[names["modes"].unstable]
     assert [round(f) for f in unstable] == [398, 2794]
     assert len(names["data"]["mu"]) == 3
@@ -73,7 +83,7 @@ def test_the_api_in_ten_lines(here):
 
 @pytest.mark.usefixtures("forgetful")
 def test_a_study_of_ones_own_in_every_command(tmp_path, here):
-    """Each line as it is printed, in the order of the README; all are one computation."""
+    """Each line as it is printed, in the order of its README; all are one computation."""
 
     def fiv(line):
         registry._given.clear()  # as another process would
@@ -82,7 +92,7 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, here):
         return done.stdout
 
     script = tmp_path / "head_mass.py"
-    script.write_text(PYTHON[1])
+    script.write_text(STUDY)
     *lines, python = OWN.split("\n")
     listed, planned, report, state, rows, drawn, page = map(fiv, lines)
     assert "Does a heavier head calm the rig?" in listed
@@ -101,8 +111,8 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, here):
     assert run(sys.executable, script.name) == report
     assert (folder / "head_mass.nc").read_bytes() == computed
     # ... and the command what the script has, with other numbers, as a remark of the script tells.
-    remark = re.search(r"# (studies\.run\(STUDY, .*\)) for another", PYTHON[1])
-    script.write_text(PYTHON[1].replace("studies.run(STUDY)", remark[1]))
+    remark = re.search(r"# (studies\.run\(STUDY, .*\)) for another", STUDY)
+    script.write_text(STUDY.replace("studies.run(STUDY)", remark[1]))
     assert len(run(sys.executable, script.name).splitlines()) == 5
     assert "to do           0" in fiv("fiv plan head_mass.py --set duration=1.0 --out longer")
     # Its name finds its results; its file is not run for them.
@@ -114,10 +124,10 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, here):
 
 
 def test_a_sweep_of_ones_own_runs_and_resumes(tmp_path):
-    (tmp_path / "mine.py").write_text(PYTHON[2])
+    (tmp_path / "mine.py").write_text(SWEEP)
     assert "to do           202" in run(sys.executable, "mine.py", cwd=tmp_path)
     # What the script does besides is no part of the function.
-    (tmp_path / "mine.py").write_text(PYTHON[2] + "print(data['x'].sizes)\n")
+    (tmp_path / "mine.py").write_text(SWEEP + "print(data['x'].sizes)\n")
     again = run(sys.executable, "mine.py", cwd=tmp_path)
     assert "to do           0" in again
     assert "{'t': 101, 'a': 2}" in again
@@ -126,14 +136,13 @@ def test_a_sweep_of_ones_own_runs_and_resumes(tmp_path):
 @pytest.mark.slow
 def test_a_run_under_slurm(tmp_path, monkeypatch):
     """With a queue that starts every job at once on this machine."""
-    assert len(PYTHON) == 4
     for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
         path = tmp_path / "bin" / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
         path.chmod(path.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", os.pathsep.join([str(tmp_path / "bin"), os.environ["PATH"]]))
-    smaller = PYTHON[3].replace("cores=8, processes=8", "cores=1, processes=1").replace("jobs=4", "jobs=2")
+    smaller = SLURM.replace("cores=8, processes=8", "cores=1, processes=1").replace("jobs=4", "jobs=2")
     smaller = smaller.replace("5e-3]", '5e-3], "mu": [0.2, 0.3]').replace("16GB", "2GB")
     (tmp_path / "run.py").write_text(smaller)
     assert "to do" in run(sys.executable, "run.py", cwd=tmp_path, timeout=300)

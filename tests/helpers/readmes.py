@@ -1,0 +1,17 @@
+"""The READMEs: that of the project and those of its folders, in the order in which one reads them."""
+
+import re
+
+from tests import HOME
+
+NAMES = ("README.md", "fivcore/README.md", "sweeps/README.md", "studies/README.md", "results/README.md")
+TEXTS = {name: (HOME / name).read_text() for name in NAMES}
+ALL = "\n".join(TEXTS.values())
+# All as one line: a sentence of theirs is found wherever its lines end.
+LINE = " ".join(ALL.split())
+
+
+def blocks(language: str, *names: str) -> list[str]:
+    """Blocks of code in a language, of these READMEs or of all, in their order."""
+    found = (re.findall(rf"```{language}\n(.*?)```", TEXTS[name], re.DOTALL) for name in names or NAMES)
+    return [block for each in found for block in each]
