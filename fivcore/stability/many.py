@@ -172,7 +172,7 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
 def _crossings(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
     """Crossings (4, k): row, mu, frequency over the band's, rise; divergences; a row that failed, or -1."""
     systems, sizes, brackets, divergence, failed = _isolate_rows(table, unit, mu_max, upper, lower)
-    row, low, high, _ = brackets.T
+    row, low, high, _ = np.ascontiguousarray(brackets.T)
     index, damping = np.arange(len(brackets)), table[:, 3:5] * [1.0 / unit, unit]
 
     def evaluated(omega: Array, k: Any) -> Array:
@@ -211,59 +211,70 @@ def _isolate_rows(
         x, y = axis_point(1.0, d1, d2)
         # The band's largest lambda, more than 1 with heavy damping.
         limit = max(1.0, np.hypot(x, y))
-        system = contact_poles(table[k], unit, limit, upper, lower)
-        (p, a, b), sizes[k] = system, system.shape[1]
-        systems[k, :, : sizes[k]] = system
+        sizes[k] = contact_poles(table[k], unit, limit, upper, lower, systems[k])
+        p, a, b = systems[k, 0, : sizes[k]], systems[k, 1, : sizes[k]], systems[k, 2, : sizes[k]]
         if not np.any(b):
             continue
         # Above this friction f < 0 at -edge, and f is +infinity at -0: a real eigenvalue lies between them.
-        edge = MOST_REPORTED * limit
-        friction = -np.sum(a / (p + edge)) / np.sum(b / (p + edge))
-        if 0.0 < friction <= mu_max:
-            divergence[k] = friction
+        edge, h_nn, h_nt = MOST_REPORTED * limit, 0.0, 0.0
+        for i in range(len(p)):
+            h_nn += a[i] / (p[i] + edge)
+            h_nt += b[i] / (p[i] + edge)
+        if 0.0 < -h_nn / h_nt <= mu_max:
+            divergence[k] = -h_nn / h_nt
         count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
         if judged == MOST_INTERVALS:
             return systems, sizes, found[:0], divergence, k
         if total + count > len(found):
-            found = np.concatenate((found, np.empty((len(found) + count, 4))))
-        found[total : total + count, 0], found[total : total + count, 1:] = k, brackets[:count]
-        total += count
+            last, found = found, np.empty((2 * len(found) + count, 4))
+            found[:total] = last[:total]
+        for i in range(count):
+            found[total, 0], found[total, 1] = k, brackets[i, 0]
+            found[total, 2], found[total, 3] = brackets[i, 1], brackets[i, 2]
+            total += 1
     return systems, sizes, found[:total], divergence, -1
 
 
 @kernel
-def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any) -> Array:
-    """Poles p and residues a, b of `isolate`, (3, poles), with those beyond FAR `limit` replaced.
+def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any, system: Array) -> int:
+    """Fill `system` with poles p and residues a, b of `isolate`, those beyond FAR `limit` replaced; their number.
 
     `row` is one of `rig_table`, `upper` and `lower` are the beams' `unit_cantilever`; `limit` times unit^2 is the
     largest lambda in the band, rad2/s2.
     """
-    (mass, along, across), (mass2, _, across2) = _scales(row[5:10]), _scales(row[10:15])
-    clamped = lower[0][0, len(lower[0][0]) // 3 :]
-    p, normal, tangential = upper_modes(row[0], row[2] / mass, along, across, upper[0], upper[2])
-    normal2 = -lower_deflections(row[1] / row[10], lower[1])
+    (mass1, along, across), (mass2, _, bending) = _scales(row[5:10]), _scales(row[10:15])
+    modes = upper_modes(row[0], row[2] / mass1, along, across, upper[0], upper[2])
+    deflections, n = lower_deflections(row[1] / row[10], lower[1]), modes.shape[1]
     # What is rounding beside the largest entry is no coupling, as in `beams.modes`.
-    normal *= np.abs(normal) > 1e-15 * np.abs(normal).max()
-    normal2 *= np.abs(normal2) > 1e-15 * np.abs(normal2).max()
-    system = np.empty((3, len(p) + len(clamped)))
-    system[0] = np.append(p, across2 * clamped)
-    system[1] = np.append(normal * normal / mass, normal2 * normal2 / mass2)
-    system[2] = np.append(normal * tangential / mass, 0.0 * normal2)
-    system /= unit**2
-    far = system[0] > FAR * limit
-    if np.sum(far) <= NODES:
-        return system[:, np.flatnonzero(system[1])]
-    near = system[:, np.flatnonzero(~far & (system[1] != 0.0))]
-    others = np.zeros((3, NODES))
-    others[0] = 2.0 * FAR * limit / (1.0 + POINTS)
-    for i in np.flatnonzero(far):
-        # Lagrange polynomials by the barycentric formula.
-        away = 2.0 * FAR * limit / system[0, i] - 1.0 - POINTS
-        share = WEIGHTS / np.where(away == 0.0, 1e-300, away)
-        share *= others[0] / (system[0, i] * np.sum(share))
-        others[1] += system[1, i] * share
-        others[2] += system[2, i] * share
-    return np.concatenate((near, others), axis=1)
+    least1, least2 = 1e-15 * np.abs(modes[1]).max(), 1e-15 * np.abs(deflections).max()
+    size, far, share, new_a, new_b = 0, False, np.empty(NODES), np.zeros(NODES), np.zeros(NODES)
+    for i in range(n + len(deflections)):
+        if i < n:
+            p, normal, tangential, mass, least = modes[0, i], modes[1, i], modes[2, i], mass1, least1
+        else:
+            p, normal, tangential = bending * lower[0][0, len(deflections) // 2 + i - n], -deflections[i - n], 0.0
+            mass, least = mass2, least2
+        p, a, b = p / unit**2, normal * normal / (mass * unit**2), normal * tangential / (mass * unit**2)
+        if abs(normal) <= least:
+            continue
+        if p <= FAR * limit:
+            system[0, size], system[1, size], system[2, size] = p, a, b
+            size += 1
+            continue
+        # Lagrange polynomials at s = 1 / p by the barycentric formula.
+        far, total = True, 0.0
+        for k in range(NODES):
+            away = 2.0 * FAR * limit / p - 1.0 - POINTS[k]
+            share[k] = WEIGHTS[k] / (away if away != 0.0 else 1e-300)
+            total += share[k]
+        for k in range(NODES):
+            new_a[k] += a / p * (share[k] / total)
+            new_b[k] += b / p * (share[k] / total)
+    for k in range(NODES if far else 0):
+        p = 2.0 * FAR * limit / (1.0 + POINTS[k])
+        system[0, size], system[1, size], system[2, size] = p, p * new_a[k], p * new_b[k]
+        size += 1
+    return size
 
 
 @kernel

@@ -64,8 +64,9 @@ def rig_of(numbers: dict, row: int) -> Rig:
 def poles(rig: Rig, theta: float, limit: float) -> np.ndarray:
     """Poles and residues of a rig, ascending, those beyond 25 `limit` (rad2/s2) replaced."""
     beams = (unit_cantilever(beam.elements) for beam in (rig.p1, rig.p2))
-    system = many.contact_poles(many.rig_table({"theta": theta}, rig)[0], 1.0, limit, *beams)
-    return system[:, np.argsort(system[0], kind="stable")]
+    system = np.empty((3, 3 * (rig.p1.elements + rig.p2.elements) + 1 + many.NODES))
+    size = many.contact_poles(many.rig_table({"theta": theta}, rig)[0], 1.0, limit, *beams, system)
+    return system[:, np.argsort(system[0, :size], kind="stable")]
 
 
 @pytest.mark.parametrize(("rig", "theta"), CASES)
