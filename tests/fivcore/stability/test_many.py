@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fivcore import Beam, Rig, flutter_onsets, flutter_onsets_many, sliding_modes
+from fivcore import Rig, flutter_onsets, flutter_onsets_many, sliding_modes
 from fivcore.beams.modes import contact_modes
 from fivcore.beams.similar import secular_root, unit_cantilever
-from fivcore.rig import BEAM_LIMITS, P1, P2
+from fivcore.rig import P1, P2
 from fivcore.stability import many
+from tests.helpers import extended_onsets as extended
 from tests.helpers.rigs import workshop_rig
+from tests.helpers.scattered import rig_of, scattered
 
 FIELDS = ("mu", "frequency", "recovery_mu", "recovery_frequency")
 
@@ -40,25 +42,6 @@ EXTREMES = {
 }
 WORKSHOP = {f"workshop {s}": (workshop_rig(s, s % 3 > 0), 80.0 * np.sin(s + 1.0)) for s in range(30)}
 CASES = [pytest.param(*case, id=name) for name, case in (EXTREMES | WORKSHOP).items()]
-
-
-def scattered(n: int, seed: int = 0, width: float = 0.2) -> dict:
-    """Every number of the paper's rig scattered."""
-    rng, rig = np.random.default_rng(seed), Rig()
-    numbers = {name: getattr(rig, name) for name in ("contact_position", "head_mass", "d1", "d2")}
-    numbers |= {f"{p}_{name}": getattr(getattr(rig, p), name) for p in ("p1", "p2") for name in BEAM_LIMITS}
-    numbers = {name: value * rng.uniform(1.0 - width, 1.0 + width, n) for name, value in numbers.items()}
-    return numbers | {"theta": rng.uniform(-20.0, 40.0, n)}
-
-
-def rig_of(numbers: dict, row: int) -> Rig:
-    beams = (
-        Beam(*(float(numbers[f"{p}_{name}"][row]) for name in BEAM_LIMITS), elements)
-        for p, elements in (("p1", P1.elements), ("p2", P2.elements))
-    )
-    return Rig(
-        *beams, **{name: float(numbers[name][row]) for name in ("contact_position", "head_mass", "d1", "d2")}
-    )
 
 
 def poles(rig: Rig, theta: float, limit: float) -> np.ndarray:
@@ -98,6 +81,19 @@ def test_onsets_where_every_number_is_scattered():
         for name in FIELDS:
             values = getattr(found, name)[row]
             assert_allclose(values[np.isfinite(values)], getattr(one, name), rtol=1e-10)
+
+
+def test_onsets_in_extended_precision():
+    numbers = scattered(12)
+    found = flutter_onsets_many(numbers)
+    for row in range(12):
+        rig = rig_of(numbers, row)
+        seen = np.isfinite(found.mu[row])
+        mu, omega = (each[row][seen].astype(np.longdouble) for each in (found.mu, 2.0 * np.pi * found.frequency))
+        given = extended.numbers(rig, float(numbers["theta"][row]))
+        given = {name: np.full(len(mu), np.longdouble(value)) for name, value in given.items()}
+        if len(mu):
+            assert_allclose([omega, mu], extended.onset_roots(rig, given, omega, mu), rtol=1e-11)
 
 
 @pytest.mark.parametrize(("rig", "theta"), [EXTREMES["paper"], EXTREMES["200 elements"], WORKSHOP["workshop 4"]])
