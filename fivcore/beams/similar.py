@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from fivcore.beams.elements import axial, bending
-from fivcore.beams.modes import cantilever_modes
+from fivcore.beams.modes import cantilever_modes, one_blas_thread
 from fivcore.jit import Array, kernel
 from fivcore.rig import Beam
 
@@ -23,6 +23,7 @@ EPS = 2.220446049250313e-16
 
 
 @lru_cache(maxsize=16)
+@one_blas_thread()
 def unit_cantilever(elements: int) -> tuple[Array, Array, Array]:
     """Modes of the cantilever whose length, width, thickness, modulus and density are 1.
 
@@ -76,18 +77,12 @@ def upper_modes(theta: float, head_mass: float, along: float, across: float, mod
         # The beam's own axes, from A down to C and across it, in terms of x and y.
         along_x, along_y = (-sine, -cosine) if j < n // 3 else (cosine, -sine)
         # Two poles are never one.
-        pole = max(own[j], result[0, i] * (1.0 + 2.0 * EPS))
+        pole, part = max(own[j], result[0, i] * (1.0 + 2.0 * EPS)), along_y * modes[1, j]
         result[0, i + 1], result[1, i + 1], result[2, i + 1] = pole, along_y * modes[2, j], along_x * modes[2, j]
         # A mode that moves the support less than rounding keeps its frequency and its shape.
-        if (along_y * modes[1, j]) ** 2 > EPS * EPS * support:
-            moving[m], d[m], g[m], y[m], x[m] = (
-                i + 1,
-                pole,
-                along_y * modes[1, j],
-                result[1, i + 1],
-                result[2, i + 1],
-            )
-            w[m] = g[m] * g[m] * pole
+        if part * part > EPS * EPS * support:
+            moving[m], d[m], g[m], w[m] = i + 1, pole, part, part * part * pole
+            y[m], x[m] = result[1, i + 1], result[2, i + 1]
             total += w[m]
             m += 1
     if m > 0:
