@@ -23,7 +23,7 @@ from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays, kernel
-from fivcore.rig import BEAM_LIMITS, RIG_LIMITS, Rig
+from fivcore.rig import Beam, Rig
 from fivcore.stability.onsets import MOST_INTERVALS, axis_point, isolate, onset_friction, onset_function
 from fivcore.stability.secular import MOST_REPORTED
 
@@ -33,8 +33,16 @@ ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
 POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
 CHUNK = 256
-# Numbers of a rig, the columns of `rig_table`.
-NUMBERS = "theta", "contact_position", *RIG_LIMITS, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM_LIMITS)
+# Numbers of a beam, and those of a rig, the columns of `rig_table`.
+BEAM = "length", "width", "thickness", "young_modulus", "density"
+NUMBERS = (
+    "theta",
+    "contact_position",
+    "head_mass",
+    "d1",
+    "d2",
+    *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM),
+)
 _PAPERS = Rig()
 
 
@@ -146,7 +154,7 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
     given = {}
     for name in NUMBERS:
         beam, _, field = name.partition("_")
-        own = getattr(getattr(rig, beam), field) if field in BEAM_LIMITS else getattr(rig, name, None)
+        own = getattr(getattr(rig, beam), field) if field in BEAM else getattr(rig, name, None)
         value = numbers.get(name, own)
         column = checks.array(name, value, lambda each: each)
         if column.dtype.kind not in "iuf" or column.ndim > 1:
@@ -155,18 +163,24 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
     if len(lengths := {len(column) for column in given.values()} - {1}) > 1:
         raise InputError(f"numbers: rows of {sorted(lengths)} numbers: they must have one length")
     table = np.stack(np.broadcast_arrays(*given.values()), axis=1)
-    angles = np.nextafter(-90.0, 0.0), np.nextafter(90.0, 0.0), "degrees, both excluded"
-    limits: dict[str, Any] = {"theta": angles, "contact_position": (1e-300, given["p2_length"], "m, p2_length")}
-    for name, column in zip(NUMBERS, table.T, strict=True):
-        low, high, unit = (limits | RIG_LIMITS | BEAM_LIMITS)[name.removeprefix("p1_").removeprefix("p2_")]
-        good = (column >= low) & (column <= high)
-        if not np.all(good):
-            row = int(np.argmin(good))
-            most = np.broadcast_to(high, column.shape)[row]
-            raise InputError(
-                f"{name} = {column[row]} in row {row}: it must be a number from {low:g} to {most:g} ({unit})"
-            )
+    if len(table):
+        # If any number is bad, then one that is not finite, the least or the largest of its kind.
+        beyond = np.argmax(given["contact_position"] - given["p2_length"])
+        for row in sorted({*np.argmin(table, axis=0), *np.argmax(table, axis=0), beyond}):
+            _check(row, table[row].tolist(), rig)
     return table
+
+
+def _check(row: int, values: list[float], rig: Rig) -> None:
+    """Raise what `Beam`, `Rig` and `flutter_onsets` would raise for the numbers of a row."""
+    part = "p1"
+    try:
+        upper, part = Beam(*values[5:10], rig.p1.elements), "p2"
+        lower, part = Beam(*values[10:], rig.p2.elements), "rig"
+        Rig(upper, lower, *values[1:5])
+        checks.theta_degrees(values[0])
+    except InputError as error:
+        raise InputError(f"{part} of row {row}: {error}") from None
 
 
 def _crossings(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:

@@ -182,32 +182,48 @@ def test_no_rigs():
     assert found.unstable([0.1, 0.2]).shape == (0, 2)
 
 
+NOT_ROWS = "it must be a number or a row of numbers"
 BAD = [
     ({}, {}, "numbers: theta is missing"),
     (
         {"theta": [1.0, 90.0]},
         {},
-        "theta = 90.0 in row 1: it must be a number from -90 to 90 (degrees, both excluded)",
+        "rig of row 1: theta = 90.0: it must be a single angle between -90 and 90 degrees",
     ),
+    ({"theta": [1.0, np.inf]}, {}, "rig of row 1: theta = inf: it must be"),
     ({"theta": 1.0, "p1_lenght": 1.0}, {}, "a name in numbers = 'p1_lenght': it must be one of theta, "),
     (
         {"theta": 1.0, "p1_length": [1, 0]},
         {},
-        "p1_length = 0.0 in row 1: it must be a number from 1e-09 to 1e+06 (m)",
+        "p1 of row 1: Beam: length = 0.0: it must be a number from 1e-09 to ",
     ),
-    ({"theta": 1.0, "d1": [1.0, np.nan]}, {}, "d1 = nan in row 1: it must be a number from 0 to 1e+12 (1/s)"),
-    ({"theta": 1.0, "head_mass": "heavy"}, {}, "head_mass = 'heavy': it must be a number or a row of numbers"),
-    ({"theta": 1.0, "head_mass": True}, {}, "head_mass = True: it must be a number or a row of numbers"),
-    ({"theta": [[1.0]]}, {}, "theta = [[1.0]]: it must be a number or a row of numbers"),
+    (
+        {"theta": 1.0, "p2_density": [1e3, 1e10]},
+        {},
+        "p2 of row 1: Beam: density = 10000000000.0: it must be a num",
+    ),
+    (
+        {"theta": 1.0, "d1": [1.0, 2.0, np.nan, 0.0]},
+        {},
+        "rig of row 2: Rig: d1 = nan: it must be a number from 0 to",
+    ),
+    ({"theta": 1.0, "head_mass": "heavy"}, {}, f"head_mass = 'heavy': {NOT_ROWS}"),
+    (
+        {"theta": 1.0, "head_mass": ["heavy"]},
+        {},
+        "head_mass = ['heavy']: it must be a number or an array of numbers",
+    ),
+    ({"theta": 1.0, "head_mass": True}, {}, f"head_mass = True: {NOT_ROWS}"),
+    ({"theta": [[1.0]]}, {}, f"theta = [[1.0]]: {NOT_ROWS}"),
     (
         {"theta": [1.0, 2.0], "d1": [1.0, 2.0, 3.0]},
         {},
         "numbers: rows of [2, 3] numbers: they must have one length",
     ),
     (
-        {"theta": 1.0, "contact_position": 0.1, "p2_length": [0.2, 0.05]},
+        {"theta": 1.0, "contact_position": [0.3, 0.1, 0.29], "p2_length": [0.4, 0.05, 0.3]},
         {},
-        "contact_position = 0.1 in row 1: it must be a number from 1e-300 to 0.05 (m, p2_length)",
+        "rig of row 1: Rig: contact_position = 0.1: it must be above 0 and at most P2's length, 0.05 m",
     ),
     (5.0, {}, "numbers = 5.0: it must be a Mapping"),
     ({"theta": 1.0}, {"threads": 0}, "threads = 0: it must be a whole number from 1 to 1024"),
