@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays, kernel
-from fivcore.rig import Beam, Rig
+from fivcore.rig import Rig
 from fivcore.stability.onsets import MOST_INTERVALS, axis_point, isolate, onset_friction, onset_function
 from fivcore.stability.secular import MOST_REPORTED
 
@@ -33,16 +33,12 @@ ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
 POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
 CHUNK = 256
-# Numbers of a beam, and those of a rig, the columns of `rig_table`.
-BEAM = "length", "width", "thickness", "young_modulus", "density"
-NUMBERS = (
-    "theta",
-    "contact_position",
-    "head_mass",
-    "d1",
-    "d2",
-    *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM),
+# Numbers of a beam, and those of a rig and theta: the columns of `rig_table`.
+BEAM, OWN = (
+    ("length", "width", "thickness", "young_modulus", "density"),
+    ("contact_position", "head_mass", "d1", "d2"),
 )
+NUMBERS = ("theta", *OWN, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM))
 _PAPERS = Rig()
 
 
@@ -164,19 +160,19 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
         raise InputError(f"numbers: rows of {sorted(lengths)} numbers: they must have one length")
     table = np.stack(np.broadcast_arrays(*given.values()), axis=1)
     if len(table):
-        # If any number is bad, then one that is not finite, the least or the largest of its kind.
-        beyond = np.argmax(given["contact_position"] - given["p2_length"])
+        # If a number is bad, then one that is not finite, the least or the largest of its kind, or this one.
+        beyond = np.argmax(given["contact_position"] > given["p2_length"])
         for row in sorted({*np.argmin(table, axis=0), *np.argmax(table, axis=0), beyond}):
             _check(row, table[row].tolist(), rig)
     return table
 
 
-def _check(row: int, values: list[float], rig: Rig) -> None:
+def _check(row: int, values: list[Any], rig: Rig) -> None:
     """Raise what `Beam`, `Rig` and `flutter_onsets` would raise for the numbers of a row."""
     part = "p1"
     try:
-        upper, part = Beam(*values[5:10], rig.p1.elements), "p2"
-        lower, part = Beam(*values[10:], rig.p2.elements), "rig"
+        upper, part = replace(rig.p1, **dict(zip(BEAM, values[5:10], strict=True))), "p2"
+        lower, part = replace(rig.p2, **dict(zip(BEAM, values[10:], strict=True))), "rig"
         Rig(upper, lower, *values[1:5])
         checks.theta_degrees(values[0])
     except InputError as error:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fivcore import Beam, Rig
-from fivcore.stability.many import BEAM
-
-OWN = ("contact_position", "head_mass", "d1", "d2")
+from fivcore.stability.many import BEAM, OWN
 
 
 def scattered(n: int, seed: int = 0, width: float = 0.2) -> dict[str, np.ndarray]:
