@@ -65,14 +65,16 @@ class ManyFlutterOnsets(ReadOnlyArrays):
     mu_max: float
 
     def unstable(self, mu: Any) -> NDArray[np.bool_]:
-        """(n, m): whether a motion grows at friction mu, (m,), from 0 to mu_max; a `ValueError` for another.
+        """(n, m): whether a motion grows at friction mu, (m,) for all rigs or each rig's own, (n, m).
 
+        A mu that is not from 0 to mu_max is a `ValueError`.
         A pair of modes counts from its onset to its recovery in the band, even where it grows beyond the band. One
         that enters the band while it grows does not count.
         """
         limits = 0.0, self.mu_max, "a coefficient of friction up to mu_max"
-        friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits)).reshape(-1)
-        pairs = np.zeros((len(self.mu), len(friction)), dtype=np.int16)
+        friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits))
+        friction = np.atleast_2d(friction)
+        pairs = np.zeros(np.broadcast_shapes((len(self.mu), 1), friction.shape), dtype=np.int16)
         for onset in self.mu.T:
             pairs += onset[:, None] < friction
         for recovery in self.recovery_mu.T:
