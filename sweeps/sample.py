@@ -39,12 +39,12 @@ def Sample(
     Parameters
     ----------
     distributions : mapping of str to distribution
-        Anything with a quantile function `ppf`, above all frozen distributions of `scipy.stats`. Their order counts.
+        Anything with a quantile function `ppf`, like frozen distributions of `scipy.stats`. Their order counts.
     count : int
         How many; of "sobol" a power of 2 is the most evenly spread.
     method : str
-        "sobol": scrambled Sobol points, of which a longer sample begins with the shorter, as it does with "random":
-        independent numbers. "latin": a Latin hypercube, which does not grow.
+        "sobol": scrambled Sobol points, "random": independent numbers; a longer sample begins with the shorter.
+        "latin": a Latin hypercube, which does not grow.
     seed : int
     axes : mapping of str to Axis, optional
         Axes besides: every draw is combined with each of their points.
@@ -78,9 +78,7 @@ def _check(distributions: Mapping[str, Any], count: int, method: str, seed: int)
         raise InputError("Sample: distributions = {}: there must be at least one")
     for name, each in distributions.items():
         if not callable(getattr(each, "ppf", None)):
-            raise InputError(
-                f"Sample: {name} = {each!r}: it must be a distribution, like scipy.stats.norm(0, 1)"
-            )
+            raise InputError(f"Sample: {name} = {each!r}: it must be a distribution, like scipy.stats.norm(0, 1)")
         if name == DIM:
             raise InputError(f"Sample: {DIM} is the number of the draw; call the distribution otherwise")
     if not (_whole(count) and 1 <= count <= MOST):
@@ -121,7 +119,7 @@ def described(distribution: Any) -> str:
     own = getattr(distribution, "described", None)
     if isinstance(own, str):
         return own
-    named = getattr(distribution, "dist", None)
+    named: Any = getattr(distribution, "dist", None)
     if hasattr(named, "name") and hasattr(distribution, "args") and hasattr(distribution, "kwds"):
         given = [f"{np.asarray(each).tolist()!r}" for each in distribution.args]
         given += [f"{key}={np.asarray(each).tolist()!r}" for key, each in sorted(distribution.kwds.items())]
@@ -147,5 +145,6 @@ def check_same_draws(file: Path, present: Grid, asked: Grid) -> None:
             k = other[0]
             raise StoreError(
                 f"{file} has other points: {name} = {there[k]} there, {here[k]} here, at {number} = "
-                f"{asked.axes[number].values[k]}; start over with fresh (--fresh), or choose another folder (--out)"
+                f"{asked.axes[number].values[k]}; start over with fresh (--fresh), or choose another folder "
+                "(--out)"
             )

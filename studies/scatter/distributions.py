@@ -62,8 +62,8 @@ class Scatter:
         """The share that was cut away, in words; "" for less than one in a million."""
         if self.cut < 1e-6:
             return ""
-        sides = [f"below {self.low:g}"] * (self.whole.cdf(self.low) > 0.0)
-        sides += [f"above {self.high:g}"] * (self.whole.sf(self.high) > 0.0)
+        sides = [f"below {self.low:g}"] if self.whole.cdf(self.low) > 0.0 else []
+        sides += [f"above {self.high:g}"] if self.whole.sf(self.high) > 0.0 else []
         return f"{name}: {100.0 * self.cut:.2g} % of {self.text} is {' or '.join(sides)} and was cut away"
 
     def ppf(self, share: Any) -> NDArray[np.float64]:
