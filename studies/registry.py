@@ -93,7 +93,7 @@ def given(study: Study, where: str = "name") -> Study:
         if study is load(study.name):
             return study
         raise InputError(f"{where}: a predefined study is called {study.name!r}; choose another name")
-    if not re.fullmatch(r"\w[\w-]*", study.name) or study.name == "reference" or parted(study.name)[1]:
+    if not re.fullmatch(r"\w[\w-]*", study.name) or study.name == "reference":
         raise InputError(f"{where}: a study cannot be called {study.name!r}; use letters, digits, _ and -")
     _given[study.name] = study
     return study

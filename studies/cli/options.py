@@ -42,7 +42,7 @@ WHAT = (
         metavar="NAME=DIST",
         shell_complete=completion.SCATTERED,
         help="Draw an axis or a setting from a distribution: mu=normal:0.2:0.02, uniform:LOW:HIGH, "
-        "lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH; cut to what can be. The result is called STUDY-scatter.",
+        "lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH; cut to what is physical. Makes STUDY-scatter.",
     ),
     click.option("--samples", type=int, metavar="N", help="How many draws; default: 1024. More add to them."),
     click.option("--seed", type=int, metavar="N", help="Of the draws; default: 0."),
@@ -52,7 +52,7 @@ WHAT = (
         type=click.Path(dir_okay=False),
         metavar="FILE.csv",
         help="Compute the rows of a table; its heads are axes or settings, also with a unit: p1_thickness [mm]. "
-        "The result is called STUDY-points.",
+        "Makes STUDY-points.",
     ),
     OUT,
     click.option(
