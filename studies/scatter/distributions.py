@@ -22,7 +22,8 @@ PHYSICAL = {
     **{name: POSITIVE for name in ("mu", "F", "duration", "ramp", "most", "least", "cutoff", "sample_rate")},
     **{name: POSITIVE for name in RIG_NUMBERS},
     **{f"{beam}_{name}": POSITIVE for beam in ("p1", "p2") for name in BEAM_NUMBERS},
-    "theta": (-90.0, 90.0),
+    # Both excluded.
+    "theta": (math.nextafter(-90.0, 0.0), math.nextafter(90.0, 0.0)),
     "point_b": (0.0, 1.0),
 }
 # A distribution of which less is left is not meant so.

@@ -24,7 +24,7 @@ MOST_BESIDE = 12
 # Rows of a table.
 MOST_ROWS = 24
 # Correlations of fewer points say nothing.
-LEAST_POINTS = 3
+LEAST_POINTS = 8
 
 
 @dataclass(frozen=True, eq=False)

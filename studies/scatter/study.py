@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 SCATTER, POINTS = registry.SUFFIXES
 SAMPLES, SEED, SAMPLING = 1024, 0, "sobol"
 ROW = "row"
-# Of so many drawn rigs one must be possible.
-TRIED = 16
+# Of so many drawn rigs one must be possible; of a table's rigs as many are checked in full.
+TRIED, CHECKED = 16, 100
 
 
 def named(study: str, scatter: Any, points: Any) -> str:
@@ -257,56 +257,65 @@ def _checked(
     places: Sequence[str],
 ) -> Mapping[str, Axis]:
     """The coordinates of the study's variables, once all that can be checked beforehand is."""
-    rows = [dict(zip(scattered, row, strict=True)) for row in _rows(grid, scattered)]
-    fixed: Mapping[str, Any] | None = None
-    coords: Mapping[str, Axis] | None = None
+    every = _constants(study, grid, settings, scattered, places)
+    made = [study.coords(**own) if callable(study.coords) else study.coords for own in every]
+    if not all(_same(made[0], each) for each in made):
+        raise InputError(
+            f"{', '.join(scattered)}: it decides the shape of what study {study.name} gives, so it cannot scatter"
+        )
+    if study.check is not None:
+        try:
+            study.check(_axes_at(study, grid, axes, slice(None)), every[0])
+        except ValueError as problem:
+            # A table's rows are at fault one by one, if at all.
+            if not places:
+                raise InputError(str(problem)) from None
+            _check_rows(study, grid, axes, every, places)
+            raise InputError(str(problem)) from None
+        if scattered:
+            _check_rows(study, grid, axes, every, places[:CHECKED])
+    return made[0]
+
+
+def _constants(
+    study: Study, grid: Grid, settings: Mapping[str, Any], scattered: Sequence[str], places: Sequence[str]
+) -> list[Mapping[str, Any]]:
+    """The constants of each row of a table, or of the draws that can be; one where no setting scatters."""
+    rows = list(zip(*(grid.axes[name].values.tolist() for name in scattered), strict=True)) if scattered else [()]
+    found = list[Mapping[str, Any]]()
     for k, row in enumerate(rows if places or callable(study.coords) else rows[:TRIED]):
         try:
-            own = dict(study.constants({**settings, **row}))
+            found.append(dict(study.constants({**settings, **dict(zip(scattered, row, strict=True))})))
         except ValueError as problem:
             if places and scattered:
                 raise InputError(f"{places[k]}: {problem}") from None
-            if k == min(TRIED, len(rows)) - 1 and fixed is None:
+            if not found and k == min(TRIED, len(rows)) - 1:
                 raise InputError(str(problem)) from None
-            continue
-        made = study.coords(**own) if callable(study.coords) else study.coords
-        if coords is not None and not _same(coords, made):
-            changed = ", ".join(scattered)
-            raise InputError(
-                f"{changed}: it decides the shape of what study {study.name} gives, so it cannot scatter"
-            )
-        if fixed is None and study.check is not None:
-            _check(study, grid, axes, own, places)
-        fixed, coords = own, made
-    assert coords is not None
-    return coords
+    return found
 
 
-def _rows(grid: Grid, names: Sequence[str]) -> list[tuple[Any, ...]]:
-    """The rows of some columns of a grid's points; one without columns."""
-    return list(zip(*(grid.axes[name].values.tolist() for name in names), strict=True)) if names else [()]
+def _axes_at(study: Study, grid: Grid, axes: Mapping[str, Axis], chosen: Any) -> dict[str, Axis]:
+    """The study's axes with the values of some of the grid's rows."""
+    return {
+        name: replace(axes[name], values=np.unique(axes[name].values[chosen])) if name in grid.axes else axes[name]
+        for name in study.axes
+    }
 
 
-def _check(
-    study: Study, grid: Grid, axes: Mapping[str, Axis], fixed: Mapping[str, Any], places: Sequence[str]
+def _check_rows(
+    study: Study,
+    grid: Grid,
+    axes: Mapping[str, Axis],
+    every: Sequence[Mapping[str, Any]],
+    places: Sequence[str],
 ) -> None:
-    """The study's own check, of all values of its axes; where it refuses a table's, the line is named."""
+    """The study's own check of each row of a table, which names the line."""
     assert study.check is not None
-
-    def of(chosen: Any) -> dict[str, Axis]:
-        every = {name: axes[name] for name in study.axes}
-        drawn = {name: replace(each, values=np.unique(each.values[chosen])) for name, each in grid.axes.items()}
-        return every | {name: each for name, each in drawn.items() if name in every}
-
-    try:
-        study.check(of(slice(None)), fixed)
-    except ValueError as problem:
-        for k, place in enumerate(places):
-            try:
-                study.check(of([k]), fixed)
-            except ValueError as own:
-                raise InputError(f"{place}: {own}") from None
-        raise InputError(str(problem)) from None
+    for k, place in enumerate(places):
+        try:
+            study.check(_axes_at(study, grid, axes, [k]), every[k % len(every)])
+        except ValueError as problem:
+            raise InputError(f"{place}: {problem}") from None
 
 
 def _same(one: Mapping[str, Axis], other: Mapping[str, Axis]) -> bool:

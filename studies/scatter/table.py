@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -161,7 +162,8 @@ def _value(study: Study, name: str, unit: str, cell: Any) -> Any:
     value = units.convert(value, unit, own)
     low, high = physical(name)
     if not low <= value <= high:
-        raise InputError(f"{shown} [{unit}]: it must be from {low:g} to {high:g} [{own}]")
+        limits = f"{low:g} or above" if high == math.inf else f"between {low:g} and {high:g}"
+        raise InputError(f"{shown}: it must be {limits}{'' if own == '1' else f' {own}'}")
     if name in study.axes and study.axes[name].values.dtype.kind == "i":
         if value != round(value):
             raise InputError(f"{shown}: it must be a whole number")
