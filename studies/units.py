@@ -8,8 +8,10 @@ from typing import Any
 
 from sweeps import InputError
 
-# UDUNITS, and so CF, writes powers without a sign for them: m s-2.
-POWER = re.compile(r"(?<=[A-Za-zµμ])\^?(-?\d+)")
+# A name with its power, which may stand without a sign: m s-2. Nothing else reaches pint, which would compute it.
+NAME = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)?\s*-?\d)?"
+PRODUCT = re.compile(rf"{NAME}(?:\s*[*/]\s*{NAME}|\s+{NAME}|\.{NAME})*")
+POWER = re.compile(r"(?<=[A-Za-zµμΩ°%])\s*(?:\^|\*\*)?\s*(-?\d)")
 # What has no unit.
 PURE = ("", "1", "-")
 
@@ -49,11 +51,12 @@ def _unit(text: str) -> Any:
     """One of a unit."""
     if text.strip() in PURE:
         return _registry().Quantity(1.0)
-    products = re.sub(r"\s+(?![*/])(?<![*/] )", "*", text.strip())
-    if not re.fullmatch(r"[A-Za-zµμΩ°%][\w µμΩ°%*/^().-]*", text.strip()):
-        raise InputError(f"[{text}] is no unit; write it like mm, mm/s or kg m-3")
+    unknown = InputError(f"[{text}] is no unit; write it like mm, mm/s or kg m-3")
+    if not PRODUCT.fullmatch(text.strip()):
+        raise unknown
+    powers = POWER.sub(r"**\1", text.strip())
     try:
-        found = _registry().Quantity(1.0, POWER.sub(r"**\1", products))
+        found = _registry().Quantity(1.0, re.sub(r"\s*(\*\*|[*/])\s*|[\s.]+", lambda m: m[1] or "*", powers))
     except Exception:  # noqa: BLE001 - pint raises of many kinds for a text that it does not understand
-        raise InputError(f"[{text}] is no unit; write it like mm, mm/s or kg m-3") from None
+        raise unknown from None
     return found
