@@ -142,23 +142,23 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 
 def _counted(dataset: xr.Dataset) -> list[Part]:
+    """How many points of what, and how each number is distributed, with what was cut away."""
     status, names = dataset["status"], draws(dataset)
-    along, counts = status.dims[0], status.values
     asked = configuration(dataset).get("request", {})
-    what = f"draws ({asked['sampling']}, seed {asked['seed']})" if "scatter" in asked else "rows of a table"
-    each = counts.size // max(len(counts), 1)
-    beside = f", each at {each} points of {', '.join(map(str, status.dims[1:]))}" if each > 1 else ""
-    done, failed = (int(np.count_nonzero(counts == code)) for code in (DONE, FAILED))
-    lines: list[Part] = [
-        f"{dataset.sizes[along]} {what} of {', '.join(names)}{beside}: {done} points computed, {failed} failed."
-    ]
-    lines += [
-        f"{name}: {dataset[name].attrs['distribution']}" for name in names if "distribution" in dataset[name].attrs
-    ]
-    return lines + [
-        str(dataset[name].attrs["comment"])
-        for name in names
-        if dataset[name].attrs.get("cut_away", 0.0) and "comment" in dataset[name].attrs
+    how = f" ({asked['sampling']}, seed {asked['seed']})" if "scatter" in asked else ""
+    what = f"draws{how}" if "sample" in status.dims else "rows of a table"
+    beside = ", ".join(str(dim) for dim in status.dims[1:] if status.sizes[dim] > 1)
+    each = f", each at {status.size // len(status)} points of {beside}" if beside else ""
+    done, failed = (int(np.count_nonzero(status.values == code)) for code in (DONE, FAILED))
+    told = [dataset[name].attrs for name in names]
+    return [
+        f"{len(status)} {what} of {', '.join(names)}{each}: {done} points computed, {failed} failed.",
+        *(
+            f"{name}: {own['distribution']}"
+            for name, own in zip(names, told, strict=True)
+            if "distribution" in own
+        ),
+        *(str(own["comment"]) for own in told if "comment" in own),
     ]
 
 
