@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     import xarray as xr
@@ -19,7 +20,18 @@ if TYPE_CHECKING:
 __all__ = ["open", "run"]
 
 
-def run(study: str | Study, *, out: str | Path | None = None, fresh: bool = False, **axes: Any) -> xr.Dataset:
+def run(
+    study: str | Study,
+    *,
+    out: str | Path | None = None,
+    fresh: bool = False,
+    scatter: Mapping[str, str] | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
+    sampling: str | None = None,
+    points: str | Path | Mapping[str, Any] | None = None,
+    **axes: Any,
+) -> xr.Dataset:
     """Run a study, keep its netCDF file and figure in the results folder, and return its dataset.
 
     Parameters
@@ -31,6 +43,16 @@ def run(study: str | Study, *, out: str | Path | None = None, fresh: bool = Fals
     fresh : bool
         Start over where the results folder holds the study with other settings. Otherwise what is there is kept
         and completed.
+    scatter : mapping of str to str, optional
+        Axes and settings to draw from distributions: ``{"mu": "normal:0.2:0.02"}``. The result is called as the
+        study with `-scatter` behind it.
+    samples, seed : int, optional
+        Of what is drawn; by default 1024 and 0.
+    sampling : str, optional
+        "sobol" (the default), "latin" or "random".
+    points : path or mapping, optional
+        Rows to compute instead of a grid: a CSV file, or columns by name. The result is called as the study with
+        `-points` behind it.
     **axes
         New values of an axis (a number or a list) or of a setting (a number) of the study.
 
@@ -48,7 +70,8 @@ def run(study: str | Study, *, out: str | Path | None = None, fresh: bool = Fals
     from studies import runner
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    return runner.run(study, axes, out, fresh=fresh).dataset
+    where = {"scatter": scatter, "samples": samples, "seed": seed, "sampling": sampling, "points": points}
+    return runner.run(study, axes, out, fresh=fresh, **where).dataset
 
 
 def open(name: str, out: str | Path | None = None) -> xr.Dataset:  # shadows the built-in only as studies.open

@@ -85,8 +85,10 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     try:
         dataset = sweeps.open_results(file)
     except FileNotFoundError:
+        base, suffix = registry.parted(text)
+        how = f" {registry.SUFFIXES[suffix]}" if suffix else ""
         raise MissingFileError(
-            f"{file}: there is no such file; make it with: {command('run', text, out)}"
+            f"{file}: there is no such file; make it with: {command('run', base, out)}{how}"
         ) from None
     owner = dataset.attrs.get("sweep")
     if owner not in (file.stem, *registry.UNLISTED):

@@ -15,6 +15,7 @@ from studies import registry
 from studies.comparison import compared
 from studies.config import request
 from studies.results import FOLDER, command, file_of, open_dataset, reference_folder, results_folder
+from studies.scatter.study import scattered
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -59,15 +60,19 @@ def plan(
     record: Sequence[str] = (),
     sample_rate: float | None = None,
     reference: bool = False,
+    **points: Any,
 ) -> sweeps.Plan:
     """The plan of a study (`registry.resolve`), with its file in the results folder.
+
+    `points` says where its points are if they are no grid: scatter, samples, seed, sampling; or points
+    (`studies.scatter.study.scattered`).
 
     An `InputError` refuses a sweep that is not called as its study, and the folder of the reference unless that is
     to be made.
     """
     if results_folder(out).name == FOLDER and not reference:
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
-    one = registry.resolve(study)
+    one = scattered(registry.resolve(study), given, **points)
     sweep = one.sweep(given, record=record, sample_rate=sample_rate)
     if sweep.name != one.name:
         raise InputError(
@@ -78,10 +83,15 @@ def plan(
 
 
 def run(
-    study: str | Study, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False
+    study: str | Study,
+    given: Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    fresh: bool = False,
+    **points: Any,
 ) -> Finished:
     """Plan and execute a study, by its name, the file that defines it, or as it is."""
-    return execute(plan(study, given, out, fresh=fresh), *backend(None, None))
+    return execute(plan(study, given, out, fresh=fresh, **points), *backend(None, None))
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:

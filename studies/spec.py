@@ -33,11 +33,11 @@ def listed(spec: str, known: Sequence[str]) -> list[str]:
     return found
 
 
-def split(text: str, option: str = "--set") -> tuple[str, str]:
+def split(text: str, option: str = "--set", form: str = "AXIS=SPEC, for example mu=0:0.5:101") -> tuple[str, str]:
     """AXIS and SPEC, of what follows an option."""
     name, equals, spec = text.partition("=")
     if not equals or not name.strip():
-        raise InputError(f"{option} {text!r}: it must be AXIS=SPEC, for example mu=0:0.5:101")
+        raise InputError(f"{option} {text!r}: it must be {form}")
     return name.strip(), spec.strip()
 
 

@@ -71,6 +71,8 @@ class Study:
     record : callable, optional
         `record(study, given, names, sample_rate)` returns the sweep that keeps the series called `names` too
         (`motion.recording`); without it the study has no motion in time.
+    request : mapping
+        What else than axes and settings its file is to say that it was asked for (`studies.scatter`).
     """
 
     name: str
@@ -91,6 +93,7 @@ class Study:
     options: Mapping[str, Any] = field(default_factory=dict)
     build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep] | None = None
     record: Callable[[Study, Mapping[str, Any], Sequence[str], float | None], Sweep] | None = None
+    request: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if (self.function is None) == (self.build is None):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from studies.cli.app import command
+from studies.cli.app import command, say
 from studies.cli.execution import carry_out
 from studies.cli.options import HOW, MAP, STUDY, WHAT, MapCommand
 
@@ -42,6 +42,8 @@ def run(study: str, scheduler: str | None, workers: int | None, fail_fast: bool,
     fiv run fig5
     fiv run fig5 --set theta=8 --set p1_length=0.06 --out elsewhere
     fiv run scenes --set V=1e-3,2e-3 --record velocity_B,normal_force --sample-rate 50e3 --out series
+    fiv run fig5 --scatter mu=normal:0.2:0.02 --scatter p1_thickness=uniform:1.9e-3:2.1e-3 --samples 256
+    fiv run fig5 --points rigs.csv
 
     What the results folder holds of it already is kept and completed. Ctrl-C finishes what is under way and keeps
     it; the same command goes on from there.
@@ -100,6 +102,11 @@ def _planned(
     standard_error: float | None,
     fresh: bool,
     retry_failed: bool,
+    scatter: tuple[str, ...] = (),
+    samples: int | None = None,
+    seed: int | None = None,
+    sampling: str | None = None,
+    points: str | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
     writing: bool = False,
@@ -109,10 +116,18 @@ def _planned(
     Options come before the file of the configuration, and that before what a result was asked for.
     """
     from studies import config, registry, results, runner, spec
+    from studies.scatter.study import named, told
     from sweeps import InputError, check_free
 
     names = () if record is None else tuple(name.strip() for name in record.split(","))
-    asked = config.Config("", {}, {}, names, sample_rate, scheduler, workers)
+    drawn = dict[str, str]()
+    for text in scatter:
+        own, distribution = spec.split(text, "--scatter", "NAME=DISTRIBUTION, for example mu=normal:0.2:0.02")
+        if own in drawn:
+            raise InputError(f"--scatter {text!r}: {own} scatters already; give it once")
+        drawn[own] = distribution
+    where = (drawn, samples, seed, sampling, points)
+    asked = config.Config("", {}, {}, names, sample_rate, *where, scheduler, workers)
     if config_file is not None:
         asked = asked.over(config.read(config_file))
     name = study
@@ -131,7 +146,10 @@ def _planned(
             raise InputError(f"--set {text!r}: {axis} is set already; give all its values at once")
         options[axis] = values
     if writing:
-        check_free(results.file_of(one.name, out))
+        check_free(results.file_of(named(one.name, asked.scatter, asked.points), out))
     given = asked.given(one) | options
     series: dict[str, Any] = {"record": asked.record, "sample_rate": asked.sample_rate}
-    return runner.plan(one, given, out, fresh=fresh, retry_failed=retry_failed, **series), asked
+    planned = runner.plan(one, given, out, fresh=fresh, retry_failed=retry_failed, **series, **asked.where)
+    for line in told(asked.scatter):
+        say(f"fiv: {line}")
+    return planned, asked

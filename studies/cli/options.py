@@ -36,6 +36,24 @@ WHAT = (
         help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
         "prints a result's.",
     ),
+    click.option(
+        "--scatter",
+        multiple=True,
+        metavar="NAME=DIST",
+        shell_complete=completion.SCATTERED,
+        help="Draw an axis or a setting from a distribution: mu=normal:0.2:0.02, uniform:LOW:HIGH, "
+        "lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH; cut to what is physical. Makes STUDY-scatter.",
+    ),
+    click.option("--samples", type=int, metavar="N", help="How many draws; default: 1024. More add to them."),
+    click.option("--seed", type=int, metavar="N", help="Of the draws; default: 0."),
+    click.option("--sampling", metavar="METHOD", help="sobol (the default), latin or random."),
+    click.option(
+        "--points",
+        type=click.Path(dir_okay=False),
+        metavar="FILE.csv",
+        help="Compute the rows of a table; its heads are axes or settings, also with a unit: p1_thickness [mm]. "
+        "Makes STUDY-points.",
+    ),
     OUT,
     click.option(
         "--record",

@@ -25,6 +25,7 @@ from sweeps.plan.declaration import Declaration
 from sweeps.plan.keys import factors, representatives
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.refine.refine import wanted_points
+from sweeps.sample import check_same_draws
 from sweeps.storage.existing import Existing, check_replaceable, existing
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.merge import surveyed
@@ -58,6 +59,7 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
             check_replaceable(place, sweep.name)
         else:
             present = existing(place, sweep.name, own) or present
+            check_same_draws(place.file, present.grid, sweep.grid)
     stamp = () if place is None else place.stamp()
 
     check_size(sweep.grid)
