@@ -152,13 +152,16 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
         configuration = json.loads(dataset.attrs["configuration"])
         # A study without settings asks for nothing besides its axes.
         asked = configuration["request"] if configuration["constants"] else configuration.get("request", {})
-        axes = {name: dataset[name].values.tolist() for name in configuration["axes"]}
+        # An axis may be within the results alone.
+        names = [*configuration["axes"], *asked.get("axes", ())]
+        axes = {name: dataset[name].values.tolist() for name in names}
         along = dataset["status"].dims[0]
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{whose}: it does not say what it was asked for; maps and older files do not") from None
     name, asked = configuration["name"], {**asked, "record": tuple(asked.get("record", ()))}
+    asked.pop("axes", None)
     drawn = [*asked.get("scatter", ()), *asked.get("points", ())]
-    if drawn:
+    if drawn and registry.parted(name)[1]:
         # They tell how many there are, also where a file has grown.
         name = registry.parted(name)[0]
         more = {"samples": len(axes[along])} if "scatter" in asked else {"points": {n: axes[n] for n in drawn}}

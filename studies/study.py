@@ -71,6 +71,9 @@ class Study:
     record : callable, optional
         `record(study, given, names, sample_rate)` returns the sweep that keeps the series called `names` too
         (`motion.recording`); without it the study has no motion in time.
+    scatters : bool
+        Whether it scatters numbers by itself: `build` then finds distributions under `scatter` among its settings
+        where some are asked for.
     request : mapping
         What else than axes and settings its file is to say that it was asked for (`studies.scatter`).
     """
@@ -93,6 +96,7 @@ class Study:
     options: Mapping[str, Any] = field(default_factory=dict)
     build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep] | None = None
     record: Callable[[Study, Mapping[str, Any], Sequence[str], float | None], Sweep] | None = None
+    scatters: bool = False
     request: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

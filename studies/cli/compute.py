@@ -63,6 +63,9 @@ def draw_map(
     quantity: str,
     halvings: int,
     tolerance: float | None,
+    scatter: tuple[str, ...],
+    samples: int | None,
+    seed: int | None,
     standard_error: float | None,
     out: str | None,
     fresh: bool,
@@ -74,22 +77,42 @@ def draw_map(
     \b
     fiv map --x theta=-10:20:9 --y mu=0:0.5:9 --quantity growth_rate --refine 3
     fiv map --x V=log:2e-4:1e-2:9 --y mu=0.01:0.4:9 --quantity regime --refine 3 --fix theta=8
+    fiv map --x theta=0:20:61 --y mu=0:0.5:51 --quantity probability_unstable --scatter p1_length=normal:0.05:1e-4
 
     With --refine the SPECs give a coarse lattice; the map has 2^N times as many intervals, and is computed where
     it changes.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies.cli.progress import tell_compiling
     from studies.maps import maps
+    from studies.scatter.study import told
     from sweeps import check_free
 
     tell_compiling()
-    if standard_error is not None:
-        fixed = (*fixed, f"standard_error={standard_error!r}")
+    for name, value in (("standard_error", standard_error), ("samples", samples), ("seed", seed)):
+        if value is not None:
+            fixed = (*fixed, f"{name}={value!r}")
+    drawn = _drawn(scatter)
     plane, held = maps.plane_of(x, y, halvings), maps.fixed_of(fixed)
-    sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance)
-    file = maps.file_of(plane, quantity, out, held)
+    sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance, drawn)
+    file = maps.file_of(plane, quantity, out, held, drawn)
     check_free(file)
+    for line in told(drawn):
+        say(f"fiv: {line}")
     carry_out(sweep.plan(file, fresh=fresh, retry_failed=retry_failed), **how)
+
+
+def _drawn(scatter: tuple[str, ...]) -> dict[str, str]:
+    """What --scatter says, by the names that scatter."""
+    from studies import spec
+    from sweeps import InputError
+
+    drawn = dict[str, str]()
+    for text in scatter:
+        own, distribution = spec.split(text, "--scatter", "NAME=DISTRIBUTION, for example mu=normal:0.2:0.02")
+        if own in drawn:
+            raise InputError(f"--scatter {text!r}: {own} scatters already; give it once")
+        drawn[own] = distribution
+    return drawn
 
 
 def _planned(
@@ -120,13 +143,7 @@ def _planned(
     from sweeps import InputError, check_free
 
     names = () if record is None else tuple(name.strip() for name in record.split(","))
-    drawn = dict[str, str]()
-    for text in scatter:
-        own, distribution = spec.split(text, "--scatter", "NAME=DISTRIBUTION, for example mu=normal:0.2:0.02")
-        if own in drawn:
-            raise InputError(f"--scatter {text!r}: {own} scatters already; give it once")
-        drawn[own] = distribution
-    where = (drawn, samples, seed, sampling, points)
+    where = (_drawn(scatter), samples, seed, sampling, points)
     asked = config.Config("", {}, {}, names, sample_rate, *where, scheduler, workers)
     if config_file is not None:
         asked = asked.over(config.read(config_file))
@@ -146,7 +163,7 @@ def _planned(
             raise InputError(f"--set {text!r}: {axis} is set already; give all its values at once")
         options[axis] = values
     if writing:
-        check_free(results.file_of(named(one.name, asked.scatter, asked.points), out))
+        check_free(results.file_of(named(one, asked.scatter, asked.points), out))
     given = asked.given(one) | options
     series: dict[str, Any] = {"record": asked.record, "sample_rate": asked.sample_rate}
     planned = runner.plan(one, given, out, fresh=fresh, retry_failed=retry_failed, **series, **asked.where)

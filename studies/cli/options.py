@@ -17,6 +17,18 @@ FRESH = click.option("--fresh", is_flag=True, help="Start over, whatever the res
 ERROR = click.option(
     "--standard-error", type=float, metavar="X", help="Runs go on until their shares of time are known so well."
 )
+SCATTER = click.option(
+    "--scatter",
+    multiple=True,
+    metavar="NAME=DIST",
+    shell_complete=completion.SCATTERED,
+    help="Draw an axis or a setting from a distribution: mu=normal:0.2:0.02, uniform:LOW:HIGH, "
+    "lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH; cut to what is physical. Makes STUDY-scatter.",
+)
+DRAWS = (
+    click.option("--samples", type=int, metavar="N", help="How many draws; default: 1024. More add to them."),
+    click.option("--seed", type=int, metavar="N", help="Of the draws; default: 0."),
+)
 # Of `plan` and `run`: what there is to do.
 WHAT = (
     ERROR,
@@ -36,16 +48,8 @@ WHAT = (
         help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
         "prints a result's.",
     ),
-    click.option(
-        "--scatter",
-        multiple=True,
-        metavar="NAME=DIST",
-        shell_complete=completion.SCATTERED,
-        help="Draw an axis or a setting from a distribution: mu=normal:0.2:0.02, uniform:LOW:HIGH, "
-        "lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH; cut to what is physical. Makes STUDY-scatter.",
-    ),
-    click.option("--samples", type=int, metavar="N", help="How many draws; default: 1024. More add to them."),
-    click.option("--seed", type=int, metavar="N", help="Of the draws; default: 0."),
+    SCATTER,
+    *DRAWS,
     click.option("--sampling", metavar="METHOD", help="sobol (the default), latin or random."),
     click.option(
         "--points",
@@ -117,6 +121,15 @@ MAP = (
         help="With --refine: largest error to expect of interpolation, as a share of the range of the values; "
         "default: 0.02.",
     ),
+    click.option(
+        "--scatter",
+        multiple=True,
+        metavar="NAME=DIST",
+        shell_complete=completion.SCATTERED,
+        help="With --quantity probability_unstable: how numbers of the rig scatter, as for fiv run; default: a "
+        "usual scatter of all.",
+    ),
+    *DRAWS,
     ERROR,
     OUT,
     FRESH,

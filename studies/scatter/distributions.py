@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from studies.rig import BEAM_NUMBERS, RIG_NUMBERS
+from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS
 from studies.spec import finite, typed
 from sweeps import InputError
 

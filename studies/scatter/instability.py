@@ -186,4 +186,5 @@ def sample(texts: Mapping[str, str], count: int, seed: int, method: str = "sobol
 
 @lru_cache(maxsize=8)
 def _sample(texts: tuple[tuple[str, str], ...], count: int, seed: int, method: str) -> dict[str, Array]:
-    return Sample(scatters(dict(texts)), count, method, seed).draws()
+    grid = Sample(scatters(dict(texts)), count, method, seed)
+    return {name: grid.axes[name].values for name, _ in texts}

@@ -31,9 +31,10 @@ ROW = "row"
 TRIED, CHECKED = 16, 100
 
 
-def named(study: str, scatter: Any, points: Any) -> str:
+def named(study: Study, scatter: Any, points: Any) -> str:
     """The name of a study at scattered points, or at its own where none are asked for."""
-    return f"{study}{SCATTER if scatter else POINTS if points else ''}"
+    own = scatter and not study.scatters
+    return f"{study.name}{SCATTER if own else POINTS if points else ''}"
 
 
 def derived(study: Study, suffix: str) -> Study:
@@ -78,6 +79,8 @@ def scattered(
     InputError
         For what does not go together, and what cannot be scattered.
     """
+    if study.scatters and points is None:
+        return _by_itself(study, scatter or {}, {"samples": samples, "seed": seed}, sampling)
     if not scatter:
         for name, value in (("samples", samples), ("seed", seed), ("sampling", sampling)):
             if value is not None:
@@ -101,6 +104,32 @@ def scattered(
         )
     assert points is not None
     return _of_table(study, given, points)
+
+
+def _by_itself(
+    study: Study, scatter: Mapping[str, str], counts: Mapping[str, int | None], sampling: str | None
+) -> Study:
+    """A study that scatters numbers by itself, with these distributions, where some are given, and counts."""
+    if sampling not in (None, SAMPLING):
+        raise InputError(f"--sampling {sampling}: study {study.name} draws by {SAMPLING} alone; leave it out")
+    settings = dict(study.settings)
+    for name, value in counts.items():
+        if value is not None:
+            settings[name] = replace(settings[name], value=float(value))
+    if not scatter:
+        return replace(study, settings=settings)
+    assert study.build is not None
+    request = {**study.request, "scatter": dict(scatter)}
+    return replace(study, settings=settings, build=partial(_built, study.build, dict(scatter)), request=request)
+
+
+def _built(
+    build: Callable[..., Sweep],
+    scatter: Mapping[str, str],
+    axes: Mapping[str, Axis],
+    settings: Mapping[str, Any],
+) -> Sweep:
+    return build(axes, {**settings, "scatter": scatter})
 
 
 def _of_distributions(

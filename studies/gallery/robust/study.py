@@ -157,6 +157,8 @@ STUDY = Study(
         **SETTINGS,
     },
     build=build,
+    scatters=True,
+    request={"axes": ["mu"]},
     draw=deferred("studies.gallery.robust.figure:draw"),
     findings=deferred("studies.gallery.robust.findings:findings"),
 )
