@@ -18,8 +18,7 @@ from studies.rig import rig_settings
 from studies.scatter import distributions
 from studies.scatter.distributions import Scatter
 from studies.tables import Table
-from sweeps import InputError, Sample
-from sweeps.sample import quantiles, unit_draws
+from sweeps import InputError, Sample, quantiles, unit_draws
 
 Array = NDArray[Any]
 
