@@ -15,7 +15,6 @@ from studies import registry
 from studies.comparison import compared
 from studies.config import request
 from studies.results import FOLDER, command, file_of, open_dataset, reference_folder, results_folder
-from studies.scatter.study import scattered
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -70,6 +69,9 @@ def plan(
     An `InputError` refuses a sweep that is not called as its study, and the folder of the reference unless that is
     to be made.
     """
+    # With distributions comes all of SciPy's statistics, and most commands compute nothing.
+    from studies.scatter.study import scattered
+
     if results_folder(out).name == FOLDER and not reference:
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
     one = scattered(registry.resolve(study), given, **points)

@@ -43,6 +43,7 @@ def draw(dataset: xr.Dataset) -> Figure:
                 axes.set_ylabel(_over_lines(each))
     for axes in panels:
         axes.locator_params(nbins=5)
+        axes.ticklabel_format(useOffset=False)
     count, along = dataset["status"].shape[0], "draws" if "sample" in dataset.dims else "rows"
     figure.suptitle(f"{dataset.attrs.get('sweep', '')}: {count} {along}")
     figures.legend_below(figure, panels[:1])
@@ -50,15 +51,21 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def chosen(dataset: xr.Dataset, every: list[Series]) -> tuple[list[Series], list[str]]:
-    """The variables, each once, and the draws that go together most; where nothing does, the first."""
-    strongest = correlations(dataset, every)
-    one: dict[str, Series] = {}
-    for each in [each for each, *_ in strongest] + every:
-        one.setdefault(each.name, each)
+    """The variables and the draws that go together most; of a variable with several values the one that varies."""
+    widest: dict[str, Series] = {}
+    for each in every:
+        if each.name not in widest or _spread(each) > _spread(widest[each.name]):
+            widest[each.name] = each
+    own = list(widest.values())
+    strongest = correlations(dataset, own)
+    shown = list(dict.fromkeys([each.name for each, *_ in strongest] + list(widest)))[:ROWS]
     over = list(dict.fromkeys([name for _, name, _ in strongest] + draws(dataset)))[:COLUMNS]
-    shown = list(one.values())[:ROWS]
-    order = [id(each) for each in every]
-    return sorted(shown, key=lambda each: order.index(id(each))), [n for n in draws(dataset) if n in over]
+    return [each for each in own if each.name in shown], [name for name in draws(dataset) if name in over]
+
+
+def _spread(each: Series) -> float:
+    low, high = np.quantile(each.values[np.isfinite(each.values)], (0.05, 0.95))
+    return float(high - low)
 
 
 def medians(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
