@@ -84,7 +84,7 @@ class Config:
         found = {**self.axes, **self.settings}
         for name, value in found.items():
             if isinstance(value, str):
-                found[name] = [value] if name in study.texts else spec.parse(value, name)
+                found[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
         return found
 
     @property

@@ -116,12 +116,18 @@ class Study:
                 ends = ends if len(ends) <= 22 else f"{len(axis)} texts"
             else:
                 ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
-            lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}")
+            units = "" if axis.units == "1" else f", {axis.units}"
+            lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}{units}")
         for name, setting in self.settings.items():
             units = "" if setting.units == "1" else f" {setting.units}"
             value = setting.value if setting.words else f"{setting.value:g}{units}"
             lines.append(f"setting  {name:<17} {value:<22} {setting.long_name}")
         return "\n".join(lines)
+
+    def units(self, name: str) -> str:
+        """Units of an axis or a setting; "" for a name that there is not."""
+        found = self.axes.get(name) or self.settings.get(name)
+        return "" if found is None else found.units
 
     @property
     def texts(self) -> dict[str, list[str]]:

@@ -158,7 +158,7 @@ def _planned(
     if standard_error is not None:
         assignments = (*assignments, f"standard_error={standard_error!r}")
     for text in assignments:
-        axis, values = spec.assignment(text, one.texts)
+        axis, values = spec.assignment(text, one.texts, one.units)
         if axis in options:
             raise InputError(f"--set {text!r}: {axis} is set already; give all its values at once")
         options[axis] = values

@@ -126,8 +126,14 @@ def _scatter(plane: Plane, constants: Mapping[str, Any], given: Mapping[str, str
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
     """The plane of two texts AXIS=SPEC, each interval halved so often."""
     across, up = spec.split(x, "--x"), spec.split(y, "--y")
-    xs, ys = (spec.refined(text, name, halvings) for name, text in (across, up))
+    xs, ys = (spec.refined(text, name, halvings, _units(name)) for name, text in (across, up))
     return Plane(across[0], up[0], xs, ys)
+
+
+def _units(name: str) -> str:
+    """Units of what may be an axis or fixed; "" for a name that there is not."""
+    found = (AXES | RUN).get(name)
+    return "" if found is None else found.units
 
 
 def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
@@ -142,7 +148,7 @@ def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
     words = regimes.STUDY.texts
     for text in texts:
         name, written = spec.split(text, "--fix")
-        values = [written] if name in words else spec.parse(written, name).tolist()
+        values = [written] if name in words else spec.parse(written, name, _units(name)).tolist()
         if len(values) > 1 or name in fixed:
             raise InputError(f"--fix {text!r}: {name} must have one value; what is to vary is --x or --y")
         fixed[name] = values[0]
