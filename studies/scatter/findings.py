@@ -146,7 +146,8 @@ def _counted(dataset: xr.Dataset) -> list[Part]:
     status, names = dataset["status"], draws(dataset)
     asked = configuration(dataset).get("request", {})
     how = f" ({asked['sampling']}, seed {asked['seed']})" if "scatter" in asked else ""
-    what = f"draws{how}" if "sample" in status.dims else "rows of a table"
+    plural = "s" if len(status) > 1 else ""
+    what = f"draw{plural}{how}" if "sample" in status.dims else f"row{plural} of a table"
     beside = ", ".join(str(dim) for dim in status.dims[1:] if status.sizes[dim] > 1)
     each = f", each at {status.size // len(status)} points of {beside}" if beside else ""
     done, failed = (int(np.count_nonzero(status.values == code)) for code in (DONE, FAILED))
