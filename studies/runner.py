@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ import sweeps
 from studies import registry
 from studies.comparison import compared
 from studies.config import request
+from studies.plausible import UnusualWarning, unusual
 from studies.results import FOLDER, command, file_of, open_dataset, reference_folder, results_folder
 from sweeps import InputError, check_backend
 
@@ -59,10 +61,12 @@ def plan(
     record: Sequence[str] = (),
     sample_rate: float | None = None,
     reference: bool = False,
+    strict: bool = False,
     **points: Any,
 ) -> sweeps.Plan:
     """The plan of a study (`registry.resolve`), with its file in the results folder.
 
+    Values that a rig like this hardly has are a warning, or, if it is `strict`, an `InputError`.
     `points` says where its points are if they are no grid: scatter, samples, seed, sampling; or points
     (`studies.scatter.study.scattered`).
 
@@ -80,8 +84,22 @@ def plan(
         raise InputError(
             f"build: the sweep is called {sweep.name!r}; it must be called as the study, {one.name!r}"
         )
-    sweep = replace(sweep, request=request(one, given, tuple(record), sample_rate))
+    values = {name: setting.value for name, setting in one.settings.items()} | dict(given)
+    values |= {name: axis.values for name, axis in sweep.grid.axes.items()}
+    lines = unusual(values, {name: one.units(name) for name in values}, {*given, *one.request.get("scatter", ())})
+    sweep = replace(
+        sweep, request=request(one, given, tuple(record), sample_rate), remark=remark(lines, strict=strict)
+    )
     return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed)
+
+
+def remark(lines: Sequence[str], *, strict: bool) -> str:
+    """What a file's history says of unusual values, as a warning says it; an `InputError` if that is `strict`."""
+    if lines and strict:
+        raise InputError(f"{lines[0]}; leave --strict out to compute it all the same")
+    for line in lines:
+        warnings.warn(line, UnusualWarning, stacklevel=3)
+    return "; ".join(lines)
 
 
 def run(

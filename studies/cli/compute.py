@@ -5,11 +5,12 @@ Heavy packages are imported inside the commands: `fiv --help` answers at once.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from studies.cli.app import command, say
+from studies.cli.app import command, say, warned
 from studies.cli.execution import carry_out
 from studies.cli.options import HOW, MAP, STUDY, WHAT, MapCommand
 
@@ -70,6 +71,7 @@ def draw_map(
     out: str | None,
     fresh: bool,
     retry_failed: bool,
+    strict: bool,
     **how: Any,
 ) -> None:
     """Map one quantity over any two axes of the rig or its operation; store it as netCDF and draw it.
@@ -82,6 +84,7 @@ def draw_map(
     With --refine the SPECs give a coarse lattice; the map has 2^N times as many intervals, and is computed where
     it changes.
     """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import runner
     from studies.cli.progress import tell_compiling
     from studies.maps import maps
     from studies.scatter.study import told
@@ -94,6 +97,8 @@ def draw_map(
     drawn = _drawn(scatter)
     plane, held = maps.plane_of(x, y, halvings), maps.fixed_of(fixed)
     sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance, drawn)
+    with warned():
+        sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, held), strict=strict))
     file = maps.file_of(plane, quantity, out, held, drawn)
     check_free(file)
     for line in told(drawn):
@@ -125,6 +130,7 @@ def _planned(
     standard_error: float | None,
     fresh: bool,
     retry_failed: bool,
+    strict: bool,
     scatter: tuple[str, ...] = (),
     samples: int | None = None,
     seed: int | None = None,
@@ -166,7 +172,9 @@ def _planned(
         check_free(results.file_of(named(one, asked.scatter, asked.points), out))
     given = asked.given(one) | options
     series: dict[str, Any] = {"record": asked.record, "sample_rate": asked.sample_rate}
-    planned = runner.plan(one, given, out, fresh=fresh, retry_failed=retry_failed, **series, **asked.where)
+    kept: dict[str, Any] = {"fresh": fresh, "retry_failed": retry_failed, "strict": strict}
+    with warned():
+        planned = runner.plan(one, given, out, **kept, **series, **asked.where)
     for line in told(asked.scatter):
         say(f"fiv: {line}")
     return planned, asked

@@ -14,6 +14,7 @@ TARGET = click.argument("target", metavar="STUDY|PATH", shell_complete=completio
 OUT = click.option("--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results.")
 RETRY = click.option("--retry-failed", is_flag=True, help="Compute again the points that failed.")
 FRESH = click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it.")
+STRICT = click.option("--strict", is_flag=True, help="Refuse values that are unusual for such a rig.")
 ERROR = click.option(
     "--standard-error", type=float, metavar="X", help="Runs go on until their shares of time are known so well."
 )
@@ -68,6 +69,7 @@ WHAT = (
     click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
     FRESH,
     RETRY,
+    STRICT,
 )
 # Of `run` and `map`: how it is done.
 HOW = (
@@ -134,6 +136,7 @@ MAP = (
     OUT,
     FRESH,
     RETRY,
+    STRICT,
 )
 QUERY = (
     click.option("--where", metavar="EXPR", help="Which rows; by default all."),

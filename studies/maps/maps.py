@@ -18,6 +18,7 @@ from studies.maps import quantities
 from studies.maps.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, check_jobs
+from studies.plausible import unusual
 from studies.rig import rig_of
 from studies.scatter import instability
 from studies.study import Study, deferred, one_word, suggest
@@ -128,6 +129,12 @@ def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
     across, up = spec.split(x, "--x"), spec.split(y, "--y")
     xs, ys = (spec.refined(text, name, halvings, _units(name)) for name, text in (across, up))
     return Plane(across[0], up[0], xs, ys)
+
+
+def unusual_in(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> list[str]:
+    """What is unusual about the values that are asked for (`studies.plausible.unusual`)."""
+    values = defaults(quantity) | dict(fixed) | {plane.x: plane.xs, plane.y: plane.ys}
+    return unusual(values, {name: _units(name) for name in values}, {plane.x, plane.y, *fixed})
 
 
 def _units(name: str) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS
-from studies.spec import finite, typed
+from studies.spec import converted, finite, typed
 from sweeps import InputError
 
 FORMS = "normal:MEAN:SD | uniform:LOW:HIGH | lognormal:MEDIAN:SIGMA | triangular:LOW:MODE:HIGH"
@@ -101,6 +101,9 @@ def _triangular(low: float, mode: float, high: float) -> Any:
     return stats.triang((mode - low) / (high - low), low, high - low)
 
 
+UNITS = {"V": "m s-1", "theta": "degree", "mu": "1", "F": "N"} | {
+    name: units for name, (units, _) in (RIG_NUMBERS | BEAM_NUMBERS).items()
+}
 # Each kind with how many numbers it takes.
 KINDS: Mapping[str, tuple[int, Callable[..., Any]]] = {
     "normal": (2, _normal),
@@ -115,6 +118,11 @@ def physical(name: str) -> tuple[float, float]:
     return PHYSICAL.get(name, ANY)
 
 
+def units_of(name: str) -> str:
+    """Units of the number called `name`; "" for one that is not of a rig or a scene."""
+    return UNITS.get(name.removeprefix("p1_").removeprefix("p2_"), "")
+
+
 def parse(text: str, name: str) -> Scatter:
     """The distribution that a text stands for, of the number called `name`; an `InputError` names both."""
     try:
@@ -125,6 +133,9 @@ def parse(text: str, name: str) -> Scatter:
         if len(parts) != count:
             raise InputError(f"{kind} takes {count} numbers, not {len(parts)}")
         low, high = physical(name)
+        # The SIGMA of logarithms has no unit.
+        sized = 1 if kind == "lognormal" else count
+        parts[:sized] = converted(",".join(parts[:sized]), units_of(name)).split(",")
         numbers = [finite(part) for part in parts]
         # One distribution has one text, however its numbers were typed.
         scatter = Scatter(":".join([kind, *map(typed, numbers)]), make(*numbers), low, high)

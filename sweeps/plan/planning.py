@@ -66,6 +66,8 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
     grid = present.grid.grown(sweep.grid)
     check_size(grid)
     attributes["configuration"] = configuration(sweep, grid)
+    if sweep.remark:
+        attributes["remark"] = sweep.remark
     embedding = grid.embed(sweep.grid)
     live, requested = grid.live(), np.zeros(grid.shape, dtype=bool)
     requested[embedding.index] = True
