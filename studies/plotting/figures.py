@@ -5,7 +5,7 @@ Matplotlib is imported when something is drawn: workers and `fiv --help` never n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from io import BytesIO
@@ -142,15 +142,24 @@ def envelope(x: Any, y: Any, columns: int) -> tuple[Array, Array, Array]:
 
 
 def one_two_five(*sides: Axis) -> None:
-    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone."""
-    from matplotlib.ticker import LogLocator, NullFormatter
+    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone.
+
+    Ticks that were chosen by hand stay.
+    """
+    from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 
     for side in sides:
-        if side.get_scale() == "log":
+        if side.get_scale() == "log" and not isinstance(side.get_major_locator(), FixedLocator):
             low, high = side.get_view_interval()
             side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
             side.set_major_formatter("{x:g}")
             side.set_minor_formatter(NullFormatter())
+
+
+def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:
+    """Over each panel its letter and title."""
+    for k, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+        axes.set_title(f"({chr(ord('a') + k)}) {title}".rstrip(), loc="left", fontsize=9.0)
 
 
 def decibels(power: Any) -> Array:

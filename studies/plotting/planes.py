@@ -57,8 +57,8 @@ HATCHES = {"failed": "xxxx"}
 MARKERS = "svo^Dp"
 # Panels across and down a figure; of more values it shows so many, evenly chosen.
 MOST_ACROSS, MOST_DOWN = 4, 3
-# From this ratio of its ends on an axis is logarithmic.
-WIDE = 20.0
+# From this ratio of its ends on an axis is logarithmic; of so many values each has a tick.
+WIDE, FEW = 20.0, 2
 
 
 def named(name: str, value: Any) -> str:
@@ -76,7 +76,7 @@ def name(axis: str) -> str:
 def label(name: str) -> str:
     """What stands at an axis."""
     symbol, unit, _ = SYMBOLS[name]
-    return f"{symbol} / {unit}" if unit else symbol
+    return f"{symbol} / {f'({unit})' if '/' in unit else unit}" if unit else symbol
 
 
 def shown(name: str, values: Any) -> NDArray[Any]:
@@ -106,12 +106,15 @@ def _half_way(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def set_axes(axes: Axes, x: str, xs: Any, y: str, ys: Any) -> None:
-    """Labels and scales of a plane whose cells stand about the values xs and ys."""
+    """Labels and scales of a plane whose cells stand about the values xs and ys; of few values those are ticks."""
     for name, values, side in ((x, xs, "x"), (y, ys, "y")):
         ends = edges(shown(name, values))
         if is_logarithmic(shown(name, values)):
             axes.set(**{f"{side}scale": "log"})
             getattr(axes, f"{side}axis").set_major_formatter("{x:g}")
+        if len(values) <= FEW:
+            getattr(axes, f"{side}axis").set_ticks(shown(name, values), [f"{x:.4g}" for x in shown(name, values)])
+            getattr(axes, f"{side}axis").set_ticks([], minor=True)
         axes.set(**{f"{side}lim": (ends[0], ends[-1]), f"{side}label": label(name)})
     axes.grid(False)
 
