@@ -59,6 +59,10 @@ LOOKS: dict[str, Look] = {
     PAPER: POINTS | {"color": RED, "marker": "p", "markerfacecolor": "none"},
     STAR: POINTS | {"color": BLACK, "marker": "*", "markersize": 10.0, "zorder": 5},
 }
+# Of scenes of both groups, unlike any method or setting.
+DOT: Look = POINTS | {"marker": "o", "markersize": 4.5, "markeredgewidth": 0.8}
+SCENES = {group: DOT | {"color": colour, "markerfacecolor": fill} for group, colour, fill in zip(
+    GROUPS, (BLACK, GREY), (BLACK, "white"), strict=True)}  # fmt: skip
 SMALL = 7.5
 # Errors that are smaller are drawn as this.
 LEAST = 0.05
@@ -75,17 +79,13 @@ def draw(data: xr.Dataset) -> Figure:
     frame = table(data)
     frame["group"] = [_group(*pair) for pair in zip(frame["method"], frame["setting"], strict=True)]
     figure, panels = figures.mosaic(
-        (("a", "b"), ("key", "key"), ("c", "c"), ("d", "d")), 17.0, 24.0, height_ratios=(1.3, 0.3, 1.9, 0.75)
+        (("a", "b"), ("c", "c"), ("d", "d")), 17.0, 24.0, height_ratios=(1.3, 1.9, 0.75)
     )
-    key = panels.pop("key")
-    key.axis("off")
     panels["b"].sharey(panels["a"])
     for letter, group in zip("ab", GROUPS, strict=True):
         _draw_costs(panels[letter], frame, group)
-        panels[letter].label_outer()
-    entries = {text: handle for letter in "ab" for handle, text in zip(
-        *panels[letter].get_legend_handles_labels(), strict=True)}  # fmt: skip
-    key.legend(entries.values(), entries.keys(), loc="center", ncols=4)
+    panels["b"].set_ylabel("")
+    panels["b"].tick_params(labelleft=False)
     _draw_scenes(panels["c"], data["mismatch"].clip(min=LEAST), frame[["method", "setting"]])
     panels["c"].axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
     panels["c"].set(xlabel=MISMATCH)
@@ -94,9 +94,7 @@ def draw(data: xr.Dataset) -> Figure:
     panels["d"].set(xlabel="processor s")
     until = f"until the shares of time are known to {STANDARD_ERROR:g}"
     figures.letter(panels.values(), (*GROUPS, "every setting at each scene", until))
-    figures.legend_below(figure, [panels["c"], panels["d"]])
-    for legend in figure.legends:
-        legend.set_title("(c) and (d): scenes of")
+    figures.legend_below(figure, list(panels.values()), 3)
     figure.suptitle("Run time against error")
     return figure
 
@@ -130,11 +128,10 @@ def _draw_scenes(axes: Axes, values: xr.DataArray, rows: pd.DataFrame) -> None:
         if np.isfinite(at).any():
             y = len(labels)
             axes.hlines(y, np.nanmin(at), np.nanmax(at), color=GREY, linewidth=0.5)
-            axes.plot(at[own], np.full(own.sum(), y), **POINTS, color=BLUE, marker="o", markersize=4.0)
-            axes.plot(at[~own], np.full((~own).sum(), y), **POINTS, color=ORANGE, marker="x", markersize=4.0)
+            for group, there in zip(GROUPS, (own, ~own), strict=True):
+                look = SCENES[group] | {"label": f"(c), (d): {group}"}
+                axes.plot(at[there], np.full(there.sum(), y), **look)
             labels.append(f"{method}, {setting}")
-    for color, marker, group in zip((BLUE, ORANGE), "ox", GROUPS, strict=True):
-        axes.plot([], [], **POINTS, color=color, marker=marker, markersize=4.0, label=group)
     axes.set_yticks(range(len(labels)), labels, fontsize=SMALL)
     axes.set(xscale="log", ylim=(max(len(labels), 1) - 0.5, -0.5))
     axes.xaxis.set_minor_formatter("")

@@ -113,10 +113,6 @@ def draw(dataset: xr.Dataset) -> Figure:
     top.plot(mu, frequency.where(~(growth > 0.0)), marker=marker, color=figures.BLACK)
     top.plot(mu, frequency.where(growth > 0.0), marker=marker, **unstable)
     bottom.plot(mu, growth.where(growth > 0.0), marker=marker, color=figures.RED)
-    for hertz, rate in zip(dataset["frequency"].values[-1], growth.values[-1], strict=True):
-        if rate > 0.0:
-            place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
-            bottom.annotate(f"{hertz:.0f} Hz", (float(mu[-1]), rate), **place, color=figures.RED, fontsize=8.0)
     top.plot([], [], color=figures.BLACK, label="stable mode")
     top.plot([], [], **unstable, label="unstable mode")
     onset = list(zip(dataset["onset_mu"].values, dataset["onset_frequency"].values, strict=True))
@@ -135,9 +131,8 @@ def draw(dataset: xr.Dataset) -> Figure:
         top.plot(x, y / 1e3, "D", label="first unstable μ, paper", **look)
     whose = "" if paper.is_rig(dataset) else " (not the paper's rig)"
     top.set(ylim=(0.0, given["fmax"] / 1e3), ylabel="frequency / kHz")
-    figures.letter((top, bottom), ("frequency", "growth rate of what is unstable"))
-    figures.legend_below(figure, [top])
-    figure.suptitle(f"Modes of steady sliding, θ = {given['theta']:g}°{whose}")
+    top.set_title(f"Modes of steady sliding, θ = {given['theta']:g}°{whose}")
+    top.legend(loc="upper right", ncols=2)
     bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ")
     bottom.set_ylim(bottom=0.0)
     return figure

@@ -117,11 +117,13 @@ def draw(dataset: xr.Dataset) -> Figure:
     (_, here, _), (_, text, _) = computed(dataset)
     figure, (axes,) = figures.panels(1, 1, 15.0, 9.0)
     mode = dataset["mode"].values
-    for place, (name, label, colour) in enumerate((
-        ("frequency_measured", "paper, measured", figures.BLACK),
-        ("frequency", f"model, contact at {here}", figures.BLUE),
-        ("frequency_at_text_position", f"model, contact at {text}", figures.ORANGE),
-    )):
+    for place, (name, label, colour) in enumerate(
+        (
+            ("frequency_measured", "paper, measured", figures.BLACK),
+            ("frequency", f"model, contact at {here}", figures.BLUE),
+            ("frequency_at_text_position", f"model, contact at {text}", figures.ORANGE),
+        )
+    ):
         axes.bar(mode + 0.24 * (place - 1), deviation(dataset, name), 0.22, color=colour, label=label)
     axes.axhline(0.0, color=figures.GREY, linewidth=0.8)
     hertz = dataset["frequency_paper"].values

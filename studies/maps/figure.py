@@ -56,7 +56,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     handles += _draw_computed(panel, status)
     handles += _draw_paper(axes, dataset)
     if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3))
     about = ", ".join(held(dataset))
     name = variable.attrs["long_name"]
     figure.suptitle(f"{name[0].upper()}{name[1:]}\n{about}".rstrip())
@@ -85,19 +85,23 @@ def _draw_shades(figure: Figure, panel: Panel, quantity: str, values: NDArray[An
     label, factor = readable(quantity)
     handles: list[Any] = []
     shaded = factor * values
-    norm = None
+    norm, ticks = None, None
     if quantity == "growth_rate":
         planes.classes(*panel, np.where(values <= 0.0, 0.0, np.nan), [STABLE])
         handles.append(Patch(facecolor=STABLE, edgecolor="black", linewidth=0.5, label="stable"))
         if min(values.shape) > 1 and np.any(values > 0.0) and np.any(values <= 0.0):
             across, up = planes.shown(panel.x, panel.xs), planes.shown(panel.y, panel.ys)
-            panel.axes.contour(across, up, np.where(_alone(values <= 0.0), np.nan, values), levels=[0.0], colors="black", linewidths=1.2)
-            handles.append(Line2D([], [], color="black", linewidth=1.2, label="growth rate 0"))
+            joined = np.where(_alone(values <= 0.0), np.nan, values)
+            line = panel.axes.contour(across, up, joined, levels=[0.0], colors="black", linewidths=1.2)
+            if any(np.size(path.vertices) for path in line.get_paths()):
+                handles.append(Line2D([], [], color="black", linewidth=1.2, label="growth rate 0"))
         shaded = np.where(values > 0.0, values, np.nan)
         norm = Normalize(0.0)
     if np.any(np.isfinite(shaded)):
+        if quantity == "frequency":
+            norm, ticks = planes.banded(shaded)
         mesh = planes.shades(*panel, shaded, norm)
-        planes.colour_bar(figure, mesh, panel.axes, label)
+        planes.colour_bar(figure, mesh, panel.axes, label, ticks)
     planes.set_axes(*panel)
     return handles
 

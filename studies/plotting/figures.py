@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from io import BytesIO
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,6 +51,8 @@ STYLE: Any = {
 # the same file.
 SOURCE = {"png": "Source", "svg": "Source", "pdf": "Keywords"}
 UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+# Of a title to a centimetre.
+LETTERS = 4.4
 # Of a large variable so many bytes are read at a time.
 READ_BYTES = 1 << 24
 
@@ -154,6 +157,11 @@ def one_two_five(*sides: Axis) -> None:
             side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
             side.set_major_formatter("{x:g}")
             side.set_minor_formatter(NullFormatter())
+
+
+def fitted(title: str, width: float) -> str:
+    """A figure's title, its lines broken where they are longer than the figure is wide, cm."""
+    return "\n".join(fill(line, int(LETTERS * width)) for line in title.splitlines())
 
 
 def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:

@@ -57,6 +57,8 @@ HATCHES = {"failed": "xxxx"}
 MARKERS = "svo^Dp"
 # Panels across and down a figure; of more values it shows so many, evenly chosen.
 MOST_ACROSS, MOST_DOWN = 4, 3
+# From this ratio of neighbours on values are apart.
+GAP = 1.5
 # From this ratio of its ends on an axis is logarithmic; of so many values each has a tick.
 WIDE, FEW = 20.0, 2
 
@@ -263,9 +265,26 @@ def patches(kinds: Any) -> list[Patch]:
     ]
 
 
-def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str) -> Colorbar:
+def banded(values: NDArray[Any]) -> tuple[Normalize, NDArray[Any]]:
+    """A scale for what comes in bands with wide gaps between: each has an equal share of it; and its ticks."""
+    from matplotlib.colors import FuncNorm
+    from matplotlib.ticker import MaxNLocator
+
+    known = np.unique(values[np.isfinite(values)])
+    parts = np.split(known, np.flatnonzero(known[1:] >= GAP * known[:-1]) + 1)
+    ends = np.concatenate([part[[0, -1]] + [0.0, 1e-6 * part[-1]] for part in parts])
+    places = (np.arange(len(parts))[:, None] + [0.0, 0.7]).ravel()
+    ticks = [MaxNLocator(4).tick_values(part[0], part[-1]) for part in parts]
+    inside = [each[(each >= part[0]) & (each <= part[-1])] for each, part in zip(ticks, parts, strict=True)]
+    scale = FuncNorm(
+        (lambda x: np.interp(x, ends, places), lambda x: np.interp(x, places, ends)), ends[0], ends[-1]
+    )
+    return scale, np.concatenate(inside)
+
+
+def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str, ticks: Any = None) -> Colorbar:
     """The scale of a shaded plane beside it."""
-    bar = figure.colorbar(mesh, ax=axes, pad=0.02)
+    bar = figure.colorbar(mesh, ax=axes, pad=0.02, ticks=ticks, format=None if ticks is None else "{x:g}")
     bar.set_label(text)
     bar.outline.set_visible(False)
     return bar

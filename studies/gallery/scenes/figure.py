@@ -54,7 +54,8 @@ def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figur
     handles = planes.patches(np.unique(np.concatenate(kinds)))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     note = "\nnumbers: RMS of the velocity of B / (mm/s)" if written else ""
-    figure.suptitle(title + (f" ({left_out})" if left_out else "") + note)
+    whole = title + (f" ({left_out})" if left_out else "") + note
+    figure.suptitle(figures.fitted(whole, 2.54 * figure.get_figwidth()))
     return figure
 
 
@@ -100,7 +101,7 @@ def _round(values: NDArray[Any]) -> NDArray[Any]:
     log = planes.is_logarithmic(values)
     locator = LogLocator(subs=(1.0, 2.0, 5.0)) if log else MaxNLocator(MOST_TICKS, steps=[1, 2, 5, 10])
     ticks = np.asarray(locator.tick_values(values[0], values[-1]))
-    return ticks[(ticks >= values[0]) & (ticks <= values[-1])]
+    return np.asarray(ticks[(ticks >= values[0]) & (ticks <= values[-1])])
 
 
 def _short(value: float) -> str:
@@ -124,5 +125,5 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     rms.set_ylabel("RMS of the velocity of B / (mm/s)")
     shares.set_ylabel("share of the time")
     figures.legend_below(figure, [shares, rms], 5)
-    figure.suptitle(title)
+    figure.suptitle(figures.fitted(title, 15.0))
     return figure

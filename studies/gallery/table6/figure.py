@@ -86,7 +86,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     strips.legend(handles=_draw_strips(strips, dataset, edges, of_paper), ncols=5, **above)
     for axes in (upper[0], growth, shares):
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(ncols=3, **above)
+            axes.legend(ncols=4 if axes is growth else 3, columnspacing=1.2, **above)
     strips.set_xlim(edges[0], edges[-1])
     strips.set_xlabel(planes.label("theta"))
     point = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
