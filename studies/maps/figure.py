@@ -108,9 +108,8 @@ def _draw_shades(figure: Figure, panel: Panel, quantity: str, values: NDArray[An
 
 def _alone(stable: NDArray[Any]) -> NDArray[Any]:
     """Cells that are unlike all that surround them: a line about each would be a dot."""
-    alike = convolve(stable.astype(int), np.ones((3, 3), dtype=int), mode="constant")
-    around = convolve(np.ones_like(alike), np.ones((3, 3), dtype=int), mode="constant")
-    return np.asarray(np.where(stable, alike, around - alike) == 1)
+    alike = convolve(stable.astype(int), np.ones((3, 3), dtype=int), mode="nearest")
+    return np.asarray(np.where(stable, alike, 9 - alike) == 1)
 
 
 def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list[Any]:

@@ -18,6 +18,7 @@ from studies.plotting import figures
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.colorbar import Colorbar
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
@@ -107,6 +108,13 @@ def _half_way(values: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
 
 
+def mark_few(side: Axis, values: NDArray[Any]) -> None:
+    """Ticks at the values themselves, where they are few."""
+    if len(values) <= FEW:
+        side.set_ticks(values, [f"{value:.4g}" for value in values])
+        side.set_ticks([], minor=True)
+
+
 def set_axes(axes: Axes, x: str, xs: Any, y: str, ys: Any) -> None:
     """Labels and scales of a plane whose cells stand about the values xs and ys; of few values those are ticks."""
     for name, values, side in ((x, xs, "x"), (y, ys, "y")):
@@ -114,9 +122,7 @@ def set_axes(axes: Axes, x: str, xs: Any, y: str, ys: Any) -> None:
         if is_logarithmic(shown(name, values)):
             axes.set(**{f"{side}scale": "log"})
             getattr(axes, f"{side}axis").set_major_formatter("{x:g}")
-        if len(values) <= FEW:
-            getattr(axes, f"{side}axis").set_ticks(shown(name, values), [f"{x:.4g}" for x in shown(name, values)])
-            getattr(axes, f"{side}axis").set_ticks([], minor=True)
+        mark_few(getattr(axes, f"{side}axis"), shown(name, values))
         axes.set(**{f"{side}lim": (ends[0], ends[-1]), f"{side}label": label(name)})
     axes.grid(False)
 

@@ -59,7 +59,9 @@ def test_nothing_covers_what_is_drawn(name):
         for axes in figure.axes:
             if (covered := Bbox.intersection(box, axes.bbox)) and not (covered.width == 0 or covered.height == 0):
                 paths = [line.get_path().transformed(line.get_transform()) for line in axes.lines]
-                assert not any(path.cleaned(remove_nans=True).intersects_bbox(box, False) for path in paths), labels
+                assert not any(path.cleaned(remove_nans=True).intersects_bbox(box, False) for path in paths), (
+                    labels
+                )
     for axes in figure.axes:
         notes = [note.get_window_extent() for note in axes.texts if note.get_text()]
         for group in (*boxes_of_labels(axes), notes):

@@ -228,6 +228,7 @@ def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     if planes.is_logarithmic(values):
         panels[-1].set_xscale("log")
         figures.one_two_five(panels[-1].xaxis)
+    planes.mark_few(panels[-1].xaxis, values)
     panels[-1].set_xlim(ends[0], ends[-1])
     panels[-1].set_xlabel(planes.label(x))
     figures.legend_below(figure, panels, 4)

@@ -119,6 +119,7 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     if planes.is_logarithmic(values):
         rms.set_xscale("log")
         rms.xaxis.set_major_formatter("{x:g}")
+    planes.mark_few(rms.xaxis, values)
     rms.set_xlim(edges[0], edges[-1])
     rms.set_ylim(bottom=0.0)
     rms.set_xlabel(planes.label(along))
