@@ -273,8 +273,11 @@ def _draw_phase(axes: Axes, at: xr.Dataset) -> None:
     moved, state = moved - moved[0], at["state"].values
     looks = {SLIP: ("-", figures.BLUE), SEPARATION: ("--", figures.ORANGE), STICK: (".-", figures.BLACK)}
     for code, (style, colour) in looks.items():
-        # To the first sample of what follows, so that the curve has no gap.
-        within = (state == code) | np.append(False, state[:-1] == code)
+        within = state == code
+        if code != STICK:
+            # From the last sample of a stick and to the first of what follows, so that the curve has no gap.
+            stuck_before = (state == STICK) & np.append(within[1:], False)
+            within = within | stuck_before | np.append(False, within[:-1])
         x, y = (np.where(within, each, np.nan) for each in (moved, speed))
         axes.plot(x, y, style, color=colour, linewidth=1.6, label=f"phase plane: {transients.STATES[code]}")
     axes.plot(moved[0], speed[0], "o", color=figures.RED, markersize=5, zorder=4, label="start of the period")
