@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import convolve, distance_transform_edt
 
 from studies import paper
 from studies.maps.findings import held, readable
@@ -55,12 +55,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     handles += _draw_gaps(panel, values, status)
     handles += _draw_computed(panel, status)
     handles += _draw_paper(axes, dataset)
-    for side, name, along in ((axes.xaxis, x, panel.xs), (axes.yaxis, y, panel.ys)):
-        if len(along) == 1:
-            # The cell has an extent, the value has none.
-            side.set_ticks(planes.shown(name, along))
     if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3))
     about = ", ".join(held(dataset))
     name = variable.attrs["long_name"]
     figure.suptitle(f"{name[0].upper()}{name[1:]}\n{about}".rstrip())
@@ -89,21 +85,31 @@ def _draw_shades(figure: Figure, panel: Panel, quantity: str, values: NDArray[An
     label, factor = readable(quantity)
     handles: list[Any] = []
     shaded = factor * values
-    norm = None
+    norm, ticks = None, None
     if quantity == "growth_rate":
         planes.classes(*panel, np.where(values <= 0.0, 0.0, np.nan), [STABLE])
         handles.append(Patch(facecolor=STABLE, edgecolor="black", linewidth=0.5, label="stable"))
         if min(values.shape) > 1 and np.any(values > 0.0) and np.any(values <= 0.0):
             across, up = planes.shown(panel.x, panel.xs), planes.shown(panel.y, panel.ys)
-            panel.axes.contour(across, up, values, levels=[0.0], colors="black", linewidths=1.2)
-            handles.append(Line2D([], [], color="black", linewidth=1.2, label="growth rate 0"))
+            joined = np.where(_alone(values <= 0.0), np.nan, values)
+            line = panel.axes.contour(across, up, joined, levels=[0.0], colors="black", linewidths=1.2)
+            if any(np.size(path.vertices) for path in line.get_paths()):
+                handles.append(Line2D([], [], color="black", linewidth=1.2, label="growth rate 0"))
         shaded = np.where(values > 0.0, values, np.nan)
         norm = Normalize(0.0)
     if np.any(np.isfinite(shaded)):
+        if quantity == "frequency":
+            norm, ticks = planes.banded(shaded)
         mesh = planes.shades(*panel, shaded, norm)
-        planes.colour_bar(figure, mesh, panel.axes, label)
+        planes.colour_bar(figure, mesh, panel.axes, label, ticks)
     planes.set_axes(*panel)
     return handles
+
+
+def _alone(stable: NDArray[Any]) -> NDArray[Any]:
+    """Cells that are unlike all that surround them: a line about each would be a dot."""
+    alike = convolve(stable.astype(int), np.ones((3, 3), dtype=int), mode="nearest")
+    return np.asarray(np.where(stable, alike, 9 - alike) == 1)
 
 
 def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list[Any]:
