@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -107,6 +108,10 @@ def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
     try:
         return registry.load(name)
     except InputError:
+        base, suffix = registry.parted(name)
+        if suffix:
+            shown: Study = import_module("studies.scatter.study").nameless(base, suffix)
+            return shown
         raise InputError(
             f"{whose}: {name!r} is a study of a file of one's own, or none; name the file: fiv plot FILE.py"
         ) from None

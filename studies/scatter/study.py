@@ -42,6 +42,12 @@ def derived(study: Study, suffix: str) -> Study:
     return _derived(study, suffix, partial(_refused, study.name))
 
 
+def nameless(name: str, suffix: str) -> Study:
+    """The same where the study is of a file that nobody has named: what a result shows needs nothing of it."""
+    build = partial(_refused, name)
+    return derived(Study(name, name, "", "", {}, {}, deferred(""), findings, build=build), suffix)
+
+
 def _refused(name: str, axes: Mapping[str, Axis], settings: Mapping[str, Any]) -> Sweep:
     raise InputError(
         f"STUDY: say where its points are: fiv run {name} --scatter NAME=DISTRIBUTION, or --points FILE.csv; "

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 import studies
-from studies import config, registry, runner
+from studies import config, registry, results, runner
 from studies.scatter.distributions import parse
 from studies.scatter.figure import draw
 from studies.scatter.findings import findings, rank_correlation
@@ -248,6 +248,17 @@ def test_a_result_is_found_grows_and_says_what_makes_it_again(tmp_path, undrawn)
     assert data.fiv.query("p1_thickness > 1.5e-3 and mode == 1", show="sample").shape[0] == 5
     assert data.fiv.scene(sample=3).rig.p1.thickness == float(data["p1_thickness"][3])
     assert data.fiv.scene(sample=3).mu == float(data["mu"][3])
+
+
+def test_a_result_of_ones_own_study_is_shown_by_its_file_alone(tmp_path, undrawn, monkeypatch):
+    monkeypatch.setattr(registry, "_given", {})
+    runner.run(SPRING, {"x": 1.0}, tmp_path, scatter={"k": "uniform:2:4"}, samples=8)
+    registry._given.clear()  # as another process would
+    with studies.open("spring-scatter", tmp_path) as data:
+        shown = results.study_of(data)
+        assert shown.title == "spring, at scattered points"
+        assert shown.report(data).startswith("8 draws (sobol, seed 0) of k, each at 2 points of y: 16 points")
+        assert len(runner.drawn(shown, data).axes) == 2
 
 
 def test_a_table_that_changed_is_refused(tmp_path, undrawn):
