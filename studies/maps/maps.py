@@ -120,8 +120,7 @@ def _scatter(plane: Plane, constants: Mapping[str, Any], given: Mapping[str, str
     for name in given:
         if name in (plane.x, plane.y):
             raise InputError(f"--scatter {name}: it is an axis of this map; leave it out")
-    instability.scatters(given)
-    return dict(given)
+    return {name: each.text for name, each in instability.scatters(given).items()}
 
 
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:

@@ -125,8 +125,9 @@ def _by_itself(
     if not scatter:
         return replace(study, settings=settings)
     assert study.build is not None
-    request = {**study.request, "scatter": dict(scatter)}
-    return replace(study, settings=settings, build=partial(_built, study.build, dict(scatter)), request=request)
+    texts = {name: distributions.parse(text, name).text for name, text in scatter.items()}
+    request = {**study.request, "scatter": texts}
+    return replace(study, settings=settings, build=partial(_built, study.build, texts), request=request)
 
 
 def _built(
