@@ -81,11 +81,7 @@ class Config:
                         f"{what}.{name}: of study {study.name} it is one of the {other}; write it there"
                     )
                 raise InputError(f"{what}.{name}: study {study.name} {why}")
-        found = {**self.axes, **self.settings}
-        for name, value in found.items():
-            if isinstance(value, str):
-                found[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
-        return found
+        return read_values(study, {**self.axes, **self.settings})
 
     @property
     def where(self) -> dict[str, Any]:
@@ -100,6 +96,15 @@ class Config:
         if self.scheduler or self.workers:
             ours |= {"scheduler": self.scheduler, "workers": self.workers}
         return replace(other, **ours)
+
+
+def read_values(study: Study, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of axes and settings, of which texts may be a SPEC."""
+    found = dict(given)
+    for name, value in found.items():
+        if isinstance(value, str):
+            found[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
+    return found
 
 
 def read(file: str | Path) -> Config:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import sweeps
 from studies import registry
 from studies.comparison import compared
-from studies.config import request
+from studies.config import read_values, request
 from studies.plausible import UnusualWarning, unusual
 from studies.results import FOLDER, command, file_of, open_dataset, reference_folder, results_folder
 from sweeps import InputError, check_backend
@@ -78,7 +78,9 @@ def plan(
 
     if results_folder(out).name == FOLDER and not reference:
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
-    one = scattered(registry.resolve(study), given, **points)
+    one = registry.resolve(study)
+    given = read_values(one, given)
+    one = scattered(one, given, **points)
     sweep = one.sweep(given, record=record, sample_rate=sample_rate)
     if sweep.name != one.name:
         raise InputError(

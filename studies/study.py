@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies import tables
+from studies import spec, tables
 from sweeps import Axis, Grid, InputError, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
@@ -263,5 +263,8 @@ def _one_number(study: str, name: str, value: Any) -> float:
     values = _numbers(name, value, "one number")
     if len(values) != 1:
         listed = ", ".join(f"{v:g}" for v in values[:5])
-        raise InputError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number")
+        hint = (
+            f"; to vary it: fiv map --x {name}={spec.written(values)} --quantity NAME, or fiv run {study} --points"
+        )
+        raise InputError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number{hint}")
     return float(values[0])

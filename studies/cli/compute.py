@@ -56,10 +56,10 @@ def run(study: str, scheduler: str | None, workers: int | None, fail_fast: bool,
     carry_out(planned, config.scheduler, config.workers, fail_fast, yes)
 
 
-@command("map", "One quantity over any two axes, stored and drawn.", *MAP, *HOW, kind=MapCommand)
+@command("map", "One quantity over any two axes, or along one, stored and drawn.", *MAP, *HOW, kind=MapCommand)
 def draw_map(
     x: str,
-    y: str,
+    y: str | None,
     fixed: tuple[str, ...],
     quantity: str,
     halvings: int,
@@ -74,7 +74,7 @@ def draw_map(
     strict: bool,
     **how: Any,
 ) -> None:
-    """Map one quantity over any two axes of the rig or its operation; store it as netCDF and draw it.
+    """Map one quantity over any two axes of the rig or its operation, or along one; store it and draw it.
 
     \b
     fiv map --x theta=-10:20:9 --y mu=0:0.5:9 --quantity growth_rate --refine 3
@@ -95,7 +95,8 @@ def draw_map(
         if value is not None:
             fixed = (*fixed, f"{name}={value!r}")
     drawn = _drawn(scatter)
-    plane, held = maps.plane_of(x, y, halvings), maps.fixed_of(fixed)
+    held = maps.fixed_of(fixed)
+    plane = maps.plane_of(x, y or maps.line_along(x, quantity, held), halvings)
     sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance, drawn)
     with warned():
         sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, held), strict=strict))

@@ -95,7 +95,7 @@ MAP = (
         help="Across: theta=-10:20:61 or V=log:2e-4:1e-2:30.",
     ),
     click.option(
-        "--y", required=True, metavar="AXIS=SPEC", shell_complete=completion.MAP_AXIS, help="Up, likewise."
+        "--y", metavar="AXIS=SPEC", shell_complete=completion.MAP_AXIS, help="Up, likewise; without it a line."
     ),
     click.option(
         "--fix",

@@ -20,6 +20,7 @@ from studies.maps.findings import held, readable
 from studies.maps.quantities import AXES, GROWTH, QUANTITIES, RIG
 from studies.motion import regimes
 from studies.plotting import figures, planes
+from studies.scatter import instability
 from studies.study import constants
 from sweeps import DONE, FAILED, INTERPOLATED, PENDING
 
@@ -40,10 +41,12 @@ class Panel(NamedTuple):
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """The plane, with x across."""
+    """The plane, with x across; a number along one axis as a line."""
     quantity = constants(dataset)["quantity"]
     variable = dataset[quantity]
     x, y = map(str, variable.dims)
+    if min(variable.shape) == 1 < max(variable.shape) and not QUANTITIES[quantity].is_whole:
+        return _draw_line(dataset, *((x, y) if len(variable[y]) == 1 else (y, x)))
     values = variable.values.T.astype(float)
     status = dataset["status"].values.T
     figure, (axes,) = figures.panels(1, 1, 17.0, 12.0)
@@ -57,9 +60,37 @@ def draw(dataset: xr.Dataset) -> Figure:
     handles += _draw_paper(axes, dataset)
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3))
-    about = ", ".join(held(dataset))
+    figure.suptitle(_title(variable, held(dataset)))
+    return figure
+
+
+def _title(variable: xr.DataArray, about: list[str]) -> str:
+    """What is shown, and what is held."""
     name = variable.attrs["long_name"]
-    figure.suptitle(f"{name[0].upper()}{name[1:]}\n{about}".rstrip())
+    return f"{name[0].upper()}{name[1:]}\n{', '.join(about)}".rstrip()
+
+
+def _draw_line(dataset: xr.Dataset, along: str, other: str) -> Figure:
+    """A number along the one axis that has several values; gaps where it has none."""
+    given = constants(dataset)
+    quantity = given["quantity"]
+    at = dataset.isel({other: 0})
+    label, factor = readable(quantity)
+    figure, (axes,) = figures.panels(1, 1, 15.0, 9.0)
+    x, y = planes.shown(along, at[along].values), factor * at[quantity].values
+    if "scatter" in given:
+        low, high = instability.wilson(y, given["samples"])
+        axes.fill_between(x, low, high, color=figures.BLUE, alpha=0.3, linewidth=0.0, label="Wilson 95 %")
+    axes.plot(x, y, color=figures.BLACK, marker="." if len(x) < 60 else "", label=quantity.replace("_", " "))
+    for threshold in QUANTITIES[quantity].thresholds:
+        axes.axhline(factor * threshold, color=figures.GREY, linewidth=0.8)
+    if planes.is_logarithmic(x):
+        axes.set_xscale("log")
+        figures.one_two_five(axes.xaxis)
+    axes.set(xlabel=planes.label(along), ylabel=label)
+    if "scatter" in given:
+        figures.legend_below(figure, [axes])
+    figure.suptitle(_title(dataset[quantity], [planes.named(other, dataset[other].values[0]), *held(dataset)]))
     return figure
 
 

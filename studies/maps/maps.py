@@ -130,6 +130,13 @@ def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
     return Plane(across[0], up[0], xs, ys)
 
 
+def line_along(x: str, quantity: str, fixed: dict[str, Any]) -> str:
+    """AXIS=VALUE of the other axis of a map along x alone, taken from what is fixed, else the paper's value."""
+    names = [name for name in ("mu", "theta", "V") if name != spec.split(x, "--x")[0]]
+    name = next(name for name in names if name != "mu" or quantity not in OVER_MU)
+    return f"{name}={spec.typed(fixed.pop(name, AXES[name].value))}"
+
+
 def unusual_in(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> list[str]:
     """What is unusual about the values that are asked for (`studies.plausible.unusual`)."""
     values = defaults(quantity) | dict(fixed) | {plane.x: plane.xs, plane.y: plane.ys}
