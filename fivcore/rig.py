@@ -31,14 +31,6 @@ BEAM_NUMBERS = {
     "elements": ("1", "number of elements"),
 }
 
-# Least and largest value and unit of numbers of a beam, and of those of a rig that no other number limits.
-BEAM_LIMITS: dict[str, tuple[float, float, str]] = {
-    **dict.fromkeys(("length", "width", "thickness"), (1e-9, 1e6, "m")),
-    "young_modulus": (1e-3, 1e25, "Pa"),
-    "density": (1e-6, 1e9, "kg/m3"),
-}
-RIG_LIMITS = {"head_mass": (0.0, 1e15, "kg"), "d1": (0.0, 1e12, "1/s"), "d2": (0.0, 1e6, "s")}
-
 
 def _set(frozen: Any, **values: Any) -> None:
     for name, value in values.items():
@@ -74,7 +66,9 @@ class Beam:
     elements: int
 
     def __post_init__(self) -> None:
-        for name, limits in BEAM_LIMITS.items():
+        ranges = dict.fromkeys(("length", "width", "thickness"), (1e-9, 1e6, "m"))
+        ranges |= {"young_modulus": (1e-3, 1e25, "Pa"), "density": (1e-6, 1e9, "kg/m3")}
+        for name, limits in ranges.items():
             _set(self, **{name: checks.between(f"Beam: {name}", getattr(self, name), *limits)})
         _set(self, elements=checks.count("Beam: elements", self.elements, 1000))
 
@@ -138,9 +132,9 @@ class Rig:
         _set(
             self,
             contact_position=checks.number("Rig: contact_position", position, on_p2, lambda x: 0.0 < x <= most),
-            head_mass=checks.between("Rig: head_mass", self.head_mass, *RIG_LIMITS["head_mass"]),
-            d1=checks.between("Rig: d1", self.d1, *RIG_LIMITS["d1"]),
-            d2=checks.between("Rig: d2", self.d2, *RIG_LIMITS["d2"]),
+            head_mass=checks.between("Rig: head_mass", self.head_mass, 0.0, 1e15, "kg"),
+            d1=checks.between("Rig: d1", self.d1, 0.0, 1e12, "1/s"),
+            d2=checks.between("Rig: d2", self.d2, 0.0, 1e6, "s"),
             point_b=checks.number("Rig: point_b", self.point_b, on_p1, lambda x: 0.0 <= x <= 1.0),
         )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies import spec
+from studies import registry, spec
 from studies.study import Study, suggest
 from sweeps import InputError
 
@@ -25,6 +25,11 @@ KEYS: dict[str, tuple[tuple[type, ...], str]] = {
     "settings": ((dict,), "a table"),
     "record": ((list,), "a list of texts"),
     "sample_rate": ((int, float), "a number"),
+    "scatter": ((dict,), "a table"),
+    "samples": ((int,), "a whole number"),
+    "seed": ((int,), "a whole number"),
+    "sampling": ((str,), "a text"),
+    "points": ((str, dict), "a file or a table"),
     "scheduler": ((str,), "a text"),
     "workers": ((int,), "a whole number"),
 }
@@ -42,6 +47,12 @@ class Config:
         SPEC, a number, or a list of numbers or texts; of a setting a number, a word or SPEC.
     record : tuple of str
     sample_rate : float, optional
+    scatter : mapping of str to str
+        Distributions of axes and settings.
+    samples, seed : int, optional
+    sampling : str, optional
+    points : str or mapping, optional
+        A CSV file, or the columns of a table.
     scheduler : str, optional
     workers : int, optional
     """
@@ -51,6 +62,11 @@ class Config:
     settings: Mapping[str, Any] = field(default_factory=dict)
     record: tuple[str, ...] = ()
     sample_rate: float | None = None
+    scatter: Mapping[str, str] = field(default_factory=dict)
+    samples: int | None = None
+    seed: int | None = None
+    sampling: str | None = None
+    points: str | Mapping[str, Any] | None = None
     scheduler: str | None = None
     workers: int | None = None
 
@@ -65,19 +81,30 @@ class Config:
                         f"{what}.{name}: of study {study.name} it is one of the {other}; write it there"
                     )
                 raise InputError(f"{what}.{name}: study {study.name} {why}")
-        found = {**self.axes, **self.settings}
-        for name, value in found.items():
-            if isinstance(value, str):
-                found[name] = [value] if name in study.texts else spec.parse(value, name)
-        return found
+        return read_values(study, {**self.axes, **self.settings})
+
+    @property
+    def where(self) -> dict[str, Any]:
+        """Where the points are, if they are no grid: arguments of `runner.plan`."""
+        return {name: getattr(self, name) for name in ("scatter", "samples", "seed", "sampling", "points")}
 
     def over(self, other: Config) -> Config:
         """The configuration, completed by another."""
         ours = {name: value for name, value in vars(self).items() if value not in ("", (), None)}
         ours |= {"axes": {**other.axes, **self.axes}, "settings": {**other.settings, **self.settings}}
+        ours["scatter"] = {**other.scatter, **self.scatter}
         if self.scheduler or self.workers:
             ours |= {"scheduler": self.scheduler, "workers": self.workers}
         return replace(other, **ours)
+
+
+def read_values(study: Study, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of axes and settings, of which texts may be a SPEC."""
+    found = dict(given)
+    for name, value in found.items():
+        if isinstance(value, str):
+            found[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
+    return found
 
 
 def read(file: str | Path) -> Config:
@@ -105,6 +132,9 @@ def _check(content: Mapping[str, Any]) -> None:
         right = isinstance(value, kinds) and not isinstance(value, bool)
         if not right or (key == "record" and not all(isinstance(each, str) for each in value)):
             raise InputError(f"{key} = {value!r}: it must be {called}")
+    for name, value in content.get("scatter", {}).items():
+        if not isinstance(value, str):
+            raise InputError(f"scatter.{name} = {value!r}: it must be a text, like 'normal:0.2:0.02'")
     for name, value in {**content.get("axes", {}), **content.get("settings", {})}.items():
         entries = value if isinstance(value, list) else [value]
         if not all(isinstance(each, (int, float, str)) and not isinstance(each, bool) for each in entries):
@@ -118,7 +148,7 @@ def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sam
     if sample_rate is not None and "sample_rate" in settings:
         settings["sample_rate"], sample_rate = sample_rate, None
     asked = {"settings": settings, "record": list(record), "sample_rate": sample_rate}
-    return {name: value for name, value in asked.items() if value}
+    return {name: value for name, value in asked.items() if value} | dict(study.request)
 
 
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
@@ -127,10 +157,21 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
         configuration = json.loads(dataset.attrs["configuration"])
         # A study without settings asks for nothing besides its axes.
         asked = configuration["request"] if configuration["constants"] else configuration.get("request", {})
-        axes = {name: dataset[name].values.tolist() for name in configuration["axes"]}
+        # An axis may be within the results alone.
+        names = [*configuration["axes"], *asked.get("axes", ())]
+        axes = {name: dataset[name].values.tolist() for name in names}
+        along = dataset["status"].dims[0]
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{whose}: it does not say what it was asked for; maps and older files do not") from None
-    return Config(configuration["name"], axes, **{**asked, "record": tuple(asked.get("record", ()))})
+    name, asked = configuration["name"], {**asked, "record": tuple(asked.get("record", ()))}
+    asked.pop("axes", None)
+    drawn = [*asked.get("scatter", ()), *asked.get("points", ())]
+    if drawn and registry.parted(name)[1]:
+        # They tell how many there are, also where a file has grown.
+        name = registry.parted(name)[0]
+        more = {"samples": len(axes[along])} if "scatter" in asked else {"points": {n: axes[n] for n in drawn}}
+        asked, axes = asked | more, {n: values for n, values in axes.items() if n not in (along, *drawn)}
+    return Config(name, axes, **asked)
 
 
 def toml(config: Config) -> str:
@@ -140,8 +181,15 @@ def toml(config: Config) -> str:
         lines.append(f"record = {json.dumps(list(config.record))}")
     if config.sample_rate is not None:
         lines.append(f"sample_rate = {config.sample_rate!r}")
-    for name, values in (("axes", config.axes), ("settings", config.settings)):
-        lines += ["", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in values.items())]
+    asked = {key: getattr(config, key) for key in ("samples", "seed", "sampling")}
+    lines += [f"{key} = {json.dumps(value)}" for key, value in asked.items() if value is not None]
+    tables = {"axes": config.axes, "settings": config.settings, "scatter": config.scatter}
+    for name, values in tables.items():
+        if values or name != "scatter":
+            lines += ["", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in values.items())]
+    if isinstance(config.points, Mapping):
+        # Rows are kept as they are: equal steps in one column mean nothing.
+        lines += ["", "[points]", *(f"{key} = {json.dumps(value)}" for key, value in config.points.items())]
     return "\n".join(lines)
 
 

@@ -36,7 +36,7 @@ def main(names: list[str]) -> None:
         plan = runner.plan(registry.load(name), {}, folder, fresh=True, reference=True)
         print(runner.execute(plan).file)
         known[name] = entry(name, folder)
-    ordered = {name: known[name] for name in registry.NAMES}
+    ordered = {name: known[name] for name in registry.NAMES if name in known}
     text = json.dumps(ordered, indent=1, ensure_ascii=False)
     registry.CATALOGUE.write_text(text + "\n", encoding="utf-8")
 

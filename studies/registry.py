@@ -40,6 +40,8 @@ MODULES = {
 UNLISTED = ("map",)
 NAMES = tuple(name for name in MODULES if name not in UNLISTED)
 GROUP = "fiv.studies"
+# What a study at points that are no grid is called besides (`studies.scatter`), and what makes it.
+SUFFIXES = {"-scatter": "--scatter NAME=DISTRIBUTION", "-points": "--points FILE.csv"}
 CATALOGUE = Path(__file__).with_name("catalogue.json")
 # Studies of one's own that this process was given, by name.
 _given: dict[str, Study] = {}
@@ -99,9 +101,16 @@ def given(study: Study, where: str = "name") -> Study:
     return study
 
 
+def parted(name: str) -> tuple[str, str]:
+    """A study's name and which of `SUFFIXES` is behind it, or ""."""
+    suffix = next((each for each in SUFFIXES if name.endswith(each)), "")
+    return name.removesuffix(suffix), suffix
+
+
 def load(name: str) -> Study:
     """The study called `name`: predefined, installed, or given to this process before; no file is run.
 
+    With one of `SUFFIXES` it is the study that shows such a result.
     Where there is none, an `InputError` suggests the nearest.
     """
     from studies.study import Study, suggest
@@ -117,6 +126,10 @@ def load(name: str) -> Study:
         if not isinstance(found, Study) or found.name != name:
             raise InputError(f"STUDY = {name!r}: the entry point {installed()[name].value} is no study called so")
         return given(found)
+    base, suffix = parted(str(name))
+    if suffix:
+        at_points: Study = import_module("studies.scatter.study").derived(load(base), suffix)
+        return at_points
     raise InputError(
         f"STUDY = {name!r}: there is no such study; {suggest(str(name), names())}"
         f"the studies are {', '.join(names())}; one's own is named by its file, FILE.py"

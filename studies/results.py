@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,8 +86,10 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     try:
         dataset = sweeps.open_results(file)
     except FileNotFoundError:
+        base, suffix = registry.parted(text)
+        how = f" {registry.SUFFIXES[suffix]}" if suffix else ""
         raise MissingFileError(
-            f"{file}: there is no such file; make it with: {command('run', text, out)}"
+            f"{file}: there is no such file; make it with: {command('run', base, out)}{how}"
         ) from None
     owner = dataset.attrs.get("sweep")
     if owner not in (file.stem, *registry.UNLISTED):
@@ -105,6 +108,10 @@ def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
     try:
         return registry.load(name)
     except InputError:
+        base, suffix = registry.parted(name)
+        if suffix:
+            shown: Study = import_module("studies.scatter.study").nameless(base, suffix)
+            return shown
         raise InputError(
             f"{whose}: {name!r} is a study of a file of one's own, or none; name the file: fiv plot FILE.py"
         ) from None

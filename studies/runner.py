@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -13,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import sweeps
 from studies import registry
 from studies.comparison import compared
-from studies.config import request
+from studies.config import read_values, request
+from studies.plausible import UnusualWarning, unusual
 from studies.results import FOLDER, command, file_of, open_dataset, reference_folder, results_folder
 from sweeps import InputError, check_backend
 
@@ -59,29 +61,59 @@ def plan(
     record: Sequence[str] = (),
     sample_rate: float | None = None,
     reference: bool = False,
+    strict: bool = False,
+    **points: Any,
 ) -> sweeps.Plan:
     """The plan of a study (`registry.resolve`), with its file in the results folder.
+
+    Values that a rig like this hardly has are a warning, or, if it is `strict`, an `InputError`.
+    `points` says where its points are if they are no grid: scatter, samples, seed, sampling; or points
+    (`studies.scatter.study.scattered`).
 
     An `InputError` refuses a sweep that is not called as its study, and the folder of the reference unless that is
     to be made.
     """
+    # With distributions comes all of SciPy's statistics, and most commands compute nothing.
+    from studies.scatter.study import scattered
+
     if results_folder(out).name == FOLDER and not reference:
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
     one = registry.resolve(study)
+    given = read_values(one, given)
+    one = scattered(one, given, **points)
     sweep = one.sweep(given, record=record, sample_rate=sample_rate)
     if sweep.name != one.name:
         raise InputError(
             f"build: the sweep is called {sweep.name!r}; it must be called as the study, {one.name!r}"
         )
-    sweep = replace(sweep, request=request(one, given, tuple(record), sample_rate))
+    values = {name: setting.value for name, setting in one.settings.items()} | dict(given)
+    values |= {name: axis.values for name, axis in sweep.grid.axes.items()}
+    lines = unusual(values, {name: one.units(name) for name in values}, {*given, *one.request.get("scatter", ())})
+    sweep = replace(
+        sweep, request=request(one, given, tuple(record), sample_rate), remark=remark(lines, strict=strict)
+    )
     return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed)
 
 
+def remark(lines: Sequence[str], *, strict: bool) -> str:
+    """What a file's history says of unusual values, as a warning says it; an `InputError` if that is `strict`."""
+    if lines and strict:
+        raise InputError(f"{lines[0]}; leave --strict out to compute it all the same")
+    for line in lines:
+        warnings.warn(line, UnusualWarning, stacklevel=3)
+    return "; ".join(lines)
+
+
 def run(
-    study: str | Study, given: Mapping[str, Any], out: str | Path | None = None, *, fresh: bool = False
+    study: str | Study,
+    given: Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    fresh: bool = False,
+    **points: Any,
 ) -> Finished:
     """Plan and execute a study, by its name, the file that defines it, or as it is."""
-    return execute(plan(study, given, out, fresh=fresh), *backend(None, None))
+    return execute(plan(study, given, out, fresh=fresh, **points), *backend(None, None))
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:

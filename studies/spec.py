@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,20 @@ from numpy.typing import NDArray
 
 from sweeps import InputError
 
-FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30"
+FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30, in SI or like 2mm/s | 50:80:7mm"
+# A number and what stands behind it.
+QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*?)?\s*")
 MOST_VALUES = 10_000_000
 # A list of more values is no SPEC that anybody types.
 MOST_LISTED = 60
 
 
-def assignment(text: str, texts: Mapping[str, Sequence[str]]) -> tuple[str, Any]:
-    """Read AXIS=SPEC; `texts` are the values of axes and settings that are of texts."""
+def assignment(
+    text: str, texts: Mapping[str, Sequence[str]], units: Callable[[str], str] = lambda _: ""
+) -> tuple[str, Any]:
+    """Read AXIS=SPEC; `texts` are the values of axes and settings that are of texts, `units(name)` their units."""
     name, spec = split(text)
-    return name, listed(spec, texts[name]) if name in texts else parse(spec, name)
+    return name, listed(spec, texts[name]) if name in texts else parse(spec, name, units(name))
 
 
 def listed(spec: str, known: Sequence[str]) -> list[str]:
@@ -33,31 +38,59 @@ def listed(spec: str, known: Sequence[str]) -> list[str]:
     return found
 
 
-def split(text: str, option: str = "--set") -> tuple[str, str]:
+def split(text: str, option: str = "--set", form: str = "AXIS=SPEC, for example mu=0:0.5:101") -> tuple[str, str]:
     """AXIS and SPEC, of what follows an option."""
     name, equals, spec = text.partition("=")
     if not equals or not name.strip():
-        raise InputError(f"{option} {text!r}: it must be AXIS=SPEC, for example mu=0:0.5:101")
+        raise InputError(f"{option} {text!r}: it must be {form}")
     return name.strip(), spec.strip()
 
 
-def parse(spec: str, name: str) -> NDArray[Any]:
-    """The values that SPEC stands for.
+def parse(spec: str, name: str, units: str = "") -> NDArray[Any]:
+    """The values that SPEC stands for, in `units`; without these no number may bear a unit.
 
     Raises
     ------
     ValueError
         If it is none of the forms; the message names the axis, what was written, why, and the forms.
     """
+    given = spec
     try:
+        spec = converted(spec, units)
         if ":" in spec:
             return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
         return np.array([finite(part) for part in spec.split(",")])
     except ValueError as problem:
-        raise InputError(f"{name} = {spec!r}: {problem}; the forms are {FORMS}") from None
+        raise InputError(f"{name} = {given!r}: {problem}; the forms are {FORMS}") from None
 
 
-def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
+def converted(spec: str, units: str) -> str:
+    """SPEC with plain numbers in `units`, of one in which each value bears a unit, or the end that of all."""
+    head = "log:" if spec.startswith("log:") else ""
+    separator = ":" if ":" in spec else ","
+    parts = [QUANTITY.fullmatch(part) for part in spec.removeprefix(head).split(separator)]
+    given = [part[2] if part and part[2] else "" for part in parts]
+    if not any(given) or not all(parts):
+        return spec
+    numbers = [part[1] for part in parts if part]
+    # The last of a range is its count.
+    values = len(given) - (separator == ":")
+    *first, last = given
+    if last and not any(first):
+        given = [last] * values
+    if not all(given[:values]) or any(given[values:]):
+        raise InputError("each value must bear its unit, or the end that of all")
+    if not units:
+        raise InputError(f"nothing is known of its unit; leave {given[0]!r} out")
+    from studies.units import convert
+
+    texts = [
+        typed(convert(float(number), unit, units)) for number, unit in zip(numbers, given[:values], strict=False)
+    ]
+    return head + separator.join([*texts, *numbers[values:]])
+
+
+def refined(spec: str, name: str, halvings: int, units: str = "") -> NDArray[Any]:
     """The values that SPEC stands for, in order, each interval between them halved so often.
 
     Half-way is the geometric mean in a log: range, else the arithmetic one. The values of fewer halvings are among
@@ -68,7 +101,7 @@ def refined(spec: str, name: str, halvings: int) -> NDArray[Any]:
     ValueError
         As `parse` does; or if there are no such values, or too many.
     """
-    values = np.unique(parse(spec, name))
+    values = np.unique(parse(spec, name, units))
     logarithmic = spec.startswith("log:")
     refusal = f"{name} = {spec!r}: it cannot be halved {halvings} times; choose a smaller --refine"
     if (len(values) - 1) * 2**halvings >= MOST_VALUES:

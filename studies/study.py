@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies import tables
+from studies import spec, tables
 from sweeps import Axis, Grid, InputError, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
@@ -71,6 +71,11 @@ class Study:
     record : callable, optional
         `record(study, given, names, sample_rate)` returns the sweep that keeps the series called `names` too
         (`motion.recording`); without it the study has no motion in time.
+    scatters : bool
+        Whether it scatters numbers by itself: `build` then finds distributions under `scatter` among its settings
+        where some are asked for.
+    request : mapping
+        What else than axes and settings its file is to say that it was asked for (`studies.scatter`).
     """
 
     name: str
@@ -91,6 +96,8 @@ class Study:
     options: Mapping[str, Any] = field(default_factory=dict)
     build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep] | None = None
     record: Callable[[Study, Mapping[str, Any], Sequence[str], float | None], Sweep] | None = None
+    scatters: bool = False
+    request: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if (self.function is None) == (self.build is None):
@@ -109,12 +116,18 @@ class Study:
                 ends = ends if len(ends) <= 22 else f"{len(axis)} texts"
             else:
                 ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
-            lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}")
+            units = "" if axis.units == "1" else f", {axis.units}"
+            lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}{units}")
         for name, setting in self.settings.items():
             units = "" if setting.units == "1" else f" {setting.units}"
             value = setting.value if setting.words else f"{setting.value:g}{units}"
             lines.append(f"setting  {name:<17} {value:<22} {setting.long_name}")
         return "\n".join(lines)
+
+    def units(self, name: str) -> str:
+        """Units of an axis or a setting; "" for a name that there is not."""
+        found = self.axes.get(name) or self.settings.get(name)
+        return "" if found is None else found.units
 
     @property
     def texts(self) -> dict[str, list[str]]:
@@ -250,5 +263,8 @@ def _one_number(study: str, name: str, value: Any) -> float:
     values = _numbers(name, value, "one number")
     if len(values) != 1:
         listed = ", ".join(f"{v:g}" for v in values[:5])
-        raise InputError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number")
+        hint = (
+            f"; to vary it: fiv map --x {name}={spec.written(values)} --quantity NAME, or fiv run {study} --points"
+        )
+        raise InputError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number{hint}")
     return float(values[0])

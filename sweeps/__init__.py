@@ -31,7 +31,7 @@ from sweeps.plan.plan import duration
 from sweeps.plan.planning import check_size
 from sweeps.refine.lattice import Refinement
 from sweeps.refine.refine import refined
-from sweeps.sample import Sample
+from sweeps.sample import Sample, quantiles, unit_draws
 from sweeps.storage.netcdf import open_results
 from sweeps.storage.sources import blocks
 from sweeps.sweep import Plan, Sweep
@@ -72,6 +72,8 @@ __all__ = [
     "load_script",
     "open_results",
     "plain",
+    "quantiles",
     "refined",
     "status",
+    "unit_draws",
 ]

@@ -140,6 +140,9 @@ class Grid:
         One group of axes of equal length, or several groups.
     skip : callable, optional
         `skip(points)` tells, as a boolean array, which points need not be computed.
+    drawn : mapping
+        How the values along the first dimension came about where they were not chosen (`sweeps.Sample`), as JSON
+        holds it: results of one grid do not go with those of another.
 
     Attributes
     ----------
@@ -150,6 +153,7 @@ class Grid:
     axes: Mapping[str, Axis]
     zipped: Sequence[Any] = ()
     skip: Callable[[Points], Any] | None = None
+    drawn: Mapping[str, Any] = field(default_factory=dict)
     groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -1,82 +1,96 @@
-"""Points drawn from distributions, in a grid's place: along `sample`, with the draws as coordinates."""
+"""Points drawn from distributions: a grid whose axes vary together along `sample`, one point a draw."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.errors import InputError
-from sweeps.grid import Axis, Grid, check_names
+from sweeps.errors import InputError, StoreError
+from sweeps.grid import Axis, Grid
 
 METHODS = ("sobol", "latin", "random")
 DIM = "sample"
 # Significant digits of a draw: quantile functions differ by rounding from one processor or library to the next.
 DIGITS = 12
 MOST = 1 << 24
+# Of a scrambled Sobol point; half of the last one keeps it off the faces of the cube.
+BITS = 30
+# Where a distribution without a description is told by its quantiles.
+SHARES = (0.001, 0.1, 0.25, 0.5, 0.75, 0.9, 0.999)
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """Independent draws, one from each distribution, along the dimension `sample`.
+def Sample(
+    distributions: Mapping[str, Any],
+    count: int,
+    method: str = "sobol",
+    seed: int = 0,
+    *,
+    axes: Mapping[str, Axis] | None = None,
+    about: Mapping[str, tuple[str, str]] | None = None,
+) -> Grid:
+    """A grid of independent draws, one from each distribution, along the dimension `sample`.
+
+    A sweep of more draws of the same kind goes on with the file of fewer; the draws are coordinates in it.
 
     Parameters
     ----------
     distributions : mapping of str to distribution
-        Anything with a quantile function `ppf`, above all frozen distributions of `scipy.stats`.
+        Anything with a quantile function `ppf`, like frozen distributions of `scipy.stats`. Their order counts.
     count : int
         How many; of "sobol" a power of 2 is the most evenly spread.
     method : str
-        "sobol": scrambled Sobol points, of which a longer sample begins with the shorter, as it does with "random":
-        independent numbers. "latin": a Latin hypercube, which does not grow.
+        "sobol": scrambled Sobol points, "random": independent numbers; a longer sample begins with the shorter.
+        "latin": a Latin hypercube, which does not grow.
     seed : int
-    axes : mapping of str to Axis
+    axes : mapping of str to Axis, optional
         Axes besides: every draw is combined with each of their points.
-    about : mapping of str to (str, str)
+    about : mapping of str to (str, str), optional
         Units and long name of each draw.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
     """
+    _check(distributions, count, method, seed)
+    shares = unit_draws(len(distributions), count, method, seed)
+    drawn: dict[str, Axis] = {}
+    for (name, each), column in zip(distributions.items(), shares.T, strict=True):
+        values = quantiles(each, column)
+        if not np.all(np.isfinite(values)):
+            raise InputError(f"Sample: {name} = {described(each)}: it gives a draw that is not finite")
+        drawn[name] = Axis(values, *(about or {}).get(name, ("1", "")))
+    whole = f", {count} of them" if method == "latin" else ""
+    return Grid(
+        {DIM: Axis(np.arange(count), long_name="number of the draw")} | drawn | dict(axes or {}),
+        zipped=(DIM, *drawn),
+        drawn={"drawn by": f"{method}, seed {seed}{whole}"}
+        | {name: described(each) for name, each in distributions.items()},
+    )
 
-    distributions: Mapping[str, Any]
-    count: int
-    method: str = "sobol"
-    seed: int = 0
-    axes: Mapping[str, Axis] = field(default_factory=dict)
-    about: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        if not self.distributions:
-            raise InputError("Sample: distributions = {}: there must be at least one")
-        for name, each in self.distributions.items():
-            if not callable(getattr(each, "ppf", None)):
-                raise InputError(
-                    f"Sample: {name} = {each!r}: it must be a distribution, like scipy.stats.norm(0, 1)"
-                )
-        if not (isinstance(self.count, int) and 1 <= self.count <= MOST):
-            raise InputError(f"Sample: count = {self.count!r}: it must be a whole number from 1 to {MOST}")
-        if self.method not in METHODS:
-            raise InputError(f"Sample: method = {self.method!r}: it must be one of {', '.join(METHODS)}")
-        if not (isinstance(self.seed, int) and self.seed >= 0):
-            raise InputError(f"Sample: seed = {self.seed!r}: it must be a whole number, 0 or above")
-        check_names("Sample: axes", self.axes, Axis)
+def _check(distributions: Mapping[str, Any], count: int, method: str, seed: int) -> None:
+    if not distributions:
+        raise InputError("Sample: distributions = {}: there must be at least one")
+    for name, each in distributions.items():
+        if not callable(getattr(each, "ppf", None)):
+            raise InputError(f"Sample: {name} = {each!r}: it must be a distribution, like scipy.stats.norm(0, 1)")
+        if name == DIM:
+            raise InputError(f"Sample: {DIM} is the number of the draw; call the distribution otherwise")
+    if not (_whole(count) and 1 <= count <= MOST):
+        raise InputError(f"Sample: count = {count!r}: it must be a whole number from 1 to {MOST}")
+    if method not in METHODS:
+        raise InputError(f"Sample: method = {method!r}: it must be one of {', '.join(METHODS)}")
+    if not (_whole(seed) and seed >= 0):
+        raise InputError(f"Sample: seed = {seed!r}: it must be a whole number, 0 or above")
 
-    def draws(self) -> dict[str, NDArray[np.float64]]:
-        """The draws, (count,) each."""
-        shares = unit_draws(len(self.distributions), self.count, self.method, self.seed)
-        return {
-            name: quantiles(each, column)
-            for (name, each), column in zip(self.distributions.items(), shares.T, strict=True)
-        }
 
-    def grid(self) -> Grid:
-        """The grid of these points."""
-        about = {name: self.about.get(name, ("1", "")) for name in self.distributions}
-        axes = {DIM: Axis(np.arange(self.count), long_name="number of the draw")}
-        axes |= {name: Axis(values, *about[name]) for name, values in self.draws().items()}
-        return Grid(axes | dict(self.axes), zipped=tuple(axes))
+def _whole(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def unit_draws(dimensions: int, count: int, method: str, seed: int) -> NDArray[np.float64]:
@@ -85,19 +99,52 @@ def unit_draws(dimensions: int, count: int, method: str, seed: int) -> NDArray[n
     from scipy.stats import qmc
 
     if method == "sobol":
-        with warnings.catch_warnings():
-            # A count that is no power of 2 is allowed.
-            warnings.simplefilter("ignore", UserWarning)
-            points = qmc.Sobol(dimensions, seed=seed).random(count)
-    elif method == "latin":
+        points = qmc.Sobol(dimensions, seed=seed, bits=BITS).random_base2((int(count) - 1).bit_length())[:count]
+        return np.asarray(points + 0.5**BITS / 2.0)
+    if method == "latin":
         points = qmc.LatinHypercube(dimensions, seed=seed).random(count)
     else:
         points = np.random.default_rng(seed).random((count, dimensions))
-    tiny = np.finfo(float).eps
-    return np.asarray(np.clip(points, tiny, 1.0 - tiny))
+    return np.asarray(np.clip(points, np.finfo(float).eps, 1.0 - np.finfo(float).eps))
 
 
 def quantiles(distribution: Any, shares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values of a distribution, to DIGITS."""
     values = np.asarray(distribution.ppf(shares), dtype=float)
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
+
+
+def described(distribution: Any) -> str:
+    """What tells a distribution from others: its own `described`, name and arguments of SciPy's, or quantiles."""
+    own = getattr(distribution, "described", None)
+    if isinstance(own, str):
+        return own
+    named: Any = getattr(distribution, "dist", None)
+    if hasattr(named, "name") and hasattr(distribution, "args") and hasattr(distribution, "kwds"):
+        given = [f"{np.asarray(each).tolist()!r}" for each in distribution.args]
+        given += [f"{key}={np.asarray(each).tolist()!r}" for key, each in sorted(distribution.kwds.items())]
+        return f"{named.name}({', '.join(given)})"
+    return f"quantiles {quantiles(distribution, np.array(SHARES)).tolist()}"
+
+
+def check_same_draws(file: Path, present: Grid, asked: Grid) -> None:
+    """Refuse to go on with a file that has other points of the same numbers; a grid that is not drawn may.
+
+    Raises
+    ------
+    StoreError
+        Naming the first that differs.
+    """
+    if not asked.drawn:
+        return
+    number, *names = asked.groups[0]
+    count = min(len(present.axes[number]), len(asked.axes[number]))
+    for name in names:
+        there, here = present.axes[name].values[:count], asked.axes[name].values[:count]
+        if len(other := np.flatnonzero(there != here)):
+            k = other[0]
+            raise StoreError(
+                f"{file} has other points: {name} = {there[k]} there, {here[k]} here, at {number} = "
+                f"{asked.axes[number].values[k]}; start over with fresh (--fresh), or choose another folder "
+                "(--out)"
+            )

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from fivcore.beams.elements import axial, bending
-from fivcore.beams.modes import cantilever_modes
+from fivcore.beams.modes import cantilever_modes, one_blas_thread
 from fivcore.jit import Array, kernel
 from fivcore.rig import Beam
 
@@ -23,6 +23,7 @@ EPS = 2.220446049250313e-16
 
 
 @lru_cache(maxsize=16)
+@one_blas_thread()
 def unit_cantilever(elements: int) -> tuple[Array, Array, Array]:
     """Modes of the cantilever whose length, width, thickness, modulus and density are 1.
 
@@ -62,37 +63,41 @@ def upper_modes(theta: float, head_mass: float, along: float, across: float, mod
     `along` and `across` scale the squared frequencies of axial and of bending modes.
     """
     n = modes.shape[1]
-    sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
-    # Squared frequency, normal and tangential shape, and participation, each in the modes of the clamped beam.
-    clamped = np.empty((4, n))
+    own = np.empty(n)
     for i in range(n):
-        # The beam's own axes, from A down to C and across it, in terms of x and y.
-        scale, x, y = (along, -sine, -cosine) if i < n // 3 else (across, cosine, -sine)
-        clamped[0, i], clamped[1, i] = scale * modes[0, i], y * modes[2, i]
-        clamped[2, i], clamped[3, i] = x * modes[2, i], y * modes[1, i]
-    clamped = clamped[:, np.argsort(clamped[0], kind="mergesort")]
-    for i in range(1, n):
-        # Two poles are never one.
-        clamped[0, i] = max(clamped[0, i], clamped[0, i - 1] * (1.0 + 2.0 * EPS))
+        own[i] = modes[0, i] * (along if i < n // 3 else across)
+    order = np.argsort(own)
+    sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     support = head_mass + cosine * cosine * rest[0] + sine * sine * rest[1]
-    result = np.zeros((3, n + 1))
-    result[1, 0], result[:, 1:] = np.sqrt(1.0 / (1.0 + head_mass)), clamped[:3]
-    # A mode that moves the support less than rounding keeps its frequency and its shape.
-    moving = np.flatnonzero(clamped[3] ** 2 > EPS * EPS * support)
-    d, g, gap = clamped[0, moving], clamped[3, moving], np.empty(len(moving))
-    w = g * g * d
-    if len(d) > 0:
+    result, moving, m, total = np.zeros((3, n + 1)), np.empty(n, dtype=np.int64), 0, 0.0
+    result[1, 0] = np.sqrt(1.0 / (1.0 + head_mass))
+    d, w, g, y, x, gap = np.empty(n + 1), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        j = order[i]
+        # The beam's own axes, from A down to C and across it, in terms of x and y.
+        along_x, along_y = (-sine, -cosine) if j < n // 3 else (cosine, -sine)
+        # Two poles are never one.
+        pole, part = max(own[j], result[0, i] * (1.0 + 2.0 * EPS)), along_y * modes[1, j]
+        result[0, i + 1], result[1, i + 1], result[2, i + 1] = pole, along_y * modes[2, j], along_x * modes[2, j]
+        # A mode that moves the support less than rounding keeps its frequency and its shape.
+        if part * part > EPS * EPS * support:
+            moving[m], d[m], g[m], w[m] = i + 1, pole, part, part * part * pole
+            y[m], x[m] = result[1, i + 1], result[2, i + 1]
+            total += w[m]
+            m += 1
+    if m > 0:
         # The last root lies below this.
-        d = np.append(d, d[-1] + max(d[-1], np.sum(w) / support))
-    for k in range(len(w)):
-        root, slope, y, x = secular_root(k, d, w, support, gap), 0.0, 0.0, 0.0
-        for i in range(len(w)):
-            q, j = g[i] / gap[i], moving[i]
+        d[m] = d[m - 1] + max(d[m - 1], total / support)
+    for k in range(m):
+        root, slope, tangential = secular_root(k, d, w[:m], support, gap), 0.0, 0.0
+        normal = 1.0 / root
+        for i in range(m):
+            q = g[i] / gap[i]
             slope += q * q * d[i]
-            y += clamped[1, j] * q
-            x += clamped[2, j] * q
-        scale, j = np.sqrt(root / slope), moving[k] + 1
-        result[0, j], result[1, j], result[2, j] = root, scale * (y + 1.0 / root), scale * x
+            normal += y[i] * q
+            tangential += x[i] * q
+        scale, j = np.sqrt(root / slope), moving[k]
+        result[0, j], result[1, j], result[2, j] = root, scale * normal, scale * tangential
     return result
 
 

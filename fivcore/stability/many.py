@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays, kernel
-from fivcore.rig import BEAM_LIMITS, RIG_LIMITS, Rig
+from fivcore.rig import Rig
 from fivcore.stability.onsets import MOST_INTERVALS, axis_point, isolate, onset_friction, onset_function
 from fivcore.stability.secular import MOST_REPORTED
 
@@ -33,8 +33,12 @@ ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
 POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
 CHUNK = 256
-# Numbers of a rig, the columns of `rig_table`.
-NUMBERS = "theta", "contact_position", *RIG_LIMITS, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM_LIMITS)
+# Numbers of a beam, and those of a rig and theta: the columns of `rig_table`.
+BEAM, OWN = (
+    ("length", "width", "thickness", "young_modulus", "density"),
+    ("contact_position", "head_mass", "d1", "d2"),
+)
+NUMBERS = ("theta", *OWN, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM))
 _PAPERS = Rig()
 
 
@@ -61,14 +65,16 @@ class ManyFlutterOnsets(ReadOnlyArrays):
     mu_max: float
 
     def unstable(self, mu: Any) -> NDArray[np.bool_]:
-        """(n, m): whether a motion grows at friction mu, (m,), from 0 to mu_max; a `ValueError` for another.
+        """(n, m): whether a motion grows at friction mu, (m,) for all rigs or each rig's own, (n, m).
 
+        A mu that is not from 0 to mu_max is a `ValueError`.
         A pair of modes counts from its onset to its recovery in the band, even where it grows beyond the band. One
         that enters the band while it grows does not count.
         """
         limits = 0.0, self.mu_max, "a coefficient of friction up to mu_max"
-        friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits)).reshape(-1)
-        pairs = np.zeros((len(self.mu), len(friction)), dtype=np.int16)
+        friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits))
+        friction = np.atleast_2d(friction)
+        pairs = np.zeros(np.broadcast_shapes((len(self.mu), 1), friction.shape), dtype=np.int16)
         for onset in self.mu.T:
             pairs += onset[:, None] < friction
         for recovery in self.recovery_mu.T:
@@ -146,7 +152,7 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
     given = {}
     for name in NUMBERS:
         beam, _, field = name.partition("_")
-        own = getattr(getattr(rig, beam), field) if field in BEAM_LIMITS else getattr(rig, name, None)
+        own = getattr(getattr(rig, beam), field) if field in BEAM else getattr(rig, name, None)
         value = numbers.get(name, own)
         column = checks.array(name, value, lambda each: each)
         if column.dtype.kind not in "iuf" or column.ndim > 1:
@@ -155,24 +161,30 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
     if len(lengths := {len(column) for column in given.values()} - {1}) > 1:
         raise InputError(f"numbers: rows of {sorted(lengths)} numbers: they must have one length")
     table = np.stack(np.broadcast_arrays(*given.values()), axis=1)
-    angles = np.nextafter(-90.0, 0.0), np.nextafter(90.0, 0.0), "degrees, both excluded"
-    limits: dict[str, Any] = {"theta": angles, "contact_position": (1e-300, given["p2_length"], "m, p2_length")}
-    for name, column in zip(NUMBERS, table.T, strict=True):
-        low, high, unit = (limits | RIG_LIMITS | BEAM_LIMITS)[name.removeprefix("p1_").removeprefix("p2_")]
-        good = (column >= low) & (column <= high)
-        if not np.all(good):
-            row = int(np.argmin(good))
-            most = np.broadcast_to(high, column.shape)[row]
-            raise InputError(
-                f"{name} = {column[row]} in row {row}: it must be a number from {low:g} to {most:g} ({unit})"
-            )
+    if len(table):
+        # If a number is bad, then one that is not finite, the least or the largest of its kind, or this one.
+        beyond = np.argmax(given["contact_position"] > given["p2_length"])
+        for row in sorted({*np.argmin(table, axis=0), *np.argmax(table, axis=0), beyond}):
+            _check(row, table[row].tolist(), rig)
     return table
+
+
+def _check(row: int, values: list[Any], rig: Rig) -> None:
+    """Raise what `Beam`, `Rig` and `flutter_onsets` would raise for the numbers of a row."""
+    part = "p1"
+    try:
+        upper, part = replace(rig.p1, **dict(zip(BEAM, values[5:10], strict=True))), "p2"
+        lower, part = replace(rig.p2, **dict(zip(BEAM, values[10:], strict=True))), "rig"
+        Rig(upper, lower, *values[1:5])
+        checks.theta_degrees(values[0])
+    except InputError as error:
+        raise InputError(f"{part} of row {row}: {error}") from None
 
 
 def _crossings(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
     """Crossings (4, k): row, mu, frequency over the band's, rise; divergences; a row that failed, or -1."""
     systems, sizes, brackets, divergence, failed = _isolate_rows(table, unit, mu_max, upper, lower)
-    row, low, high, _ = brackets.T
+    row, low, high, _ = np.ascontiguousarray(brackets.T)
     index, damping = np.arange(len(brackets)), table[:, 3:5] * [1.0 / unit, unit]
 
     def evaluated(omega: Array, k: Any) -> Array:
@@ -211,59 +223,70 @@ def _isolate_rows(
         x, y = axis_point(1.0, d1, d2)
         # The band's largest lambda, more than 1 with heavy damping.
         limit = max(1.0, np.hypot(x, y))
-        system = contact_poles(table[k], unit, limit, upper, lower)
-        (p, a, b), sizes[k] = system, system.shape[1]
-        systems[k, :, : sizes[k]] = system
+        sizes[k] = contact_poles(table[k], unit, limit, upper, lower, systems[k])
+        p, a, b = systems[k, 0, : sizes[k]], systems[k, 1, : sizes[k]], systems[k, 2, : sizes[k]]
         if not np.any(b):
             continue
         # Above this friction f < 0 at -edge, and f is +infinity at -0: a real eigenvalue lies between them.
-        edge = MOST_REPORTED * limit
-        friction = -np.sum(a / (p + edge)) / np.sum(b / (p + edge))
-        if 0.0 < friction <= mu_max:
-            divergence[k] = friction
+        edge, h_nn, h_nt = MOST_REPORTED * limit, 0.0, 0.0
+        for i in range(len(p)):
+            h_nn += a[i] / (p[i] + edge)
+            h_nt += b[i] / (p[i] + edge)
+        if 0.0 < -h_nn / h_nt <= mu_max:
+            divergence[k] = -h_nn / h_nt
         count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
         if judged == MOST_INTERVALS:
             return systems, sizes, found[:0], divergence, k
         if total + count > len(found):
-            found = np.concatenate((found, np.empty((len(found) + count, 4))))
-        found[total : total + count, 0], found[total : total + count, 1:] = k, brackets[:count]
-        total += count
+            last, found = found, np.empty((2 * len(found) + count, 4))
+            found[:total] = last[:total]
+        for i in range(count):
+            found[total, 0], found[total, 1] = k, brackets[i, 0]
+            found[total, 2], found[total, 3] = brackets[i, 1], brackets[i, 2]
+            total += 1
     return systems, sizes, found[:total], divergence, -1
 
 
 @kernel
-def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any) -> Array:
-    """Poles p and residues a, b of `isolate`, (3, poles), with those beyond FAR `limit` replaced.
+def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any, system: Array) -> int:
+    """Fill `system` with poles p and residues a, b of `isolate`, those beyond FAR `limit` replaced; their number.
 
     `row` is one of `rig_table`, `upper` and `lower` are the beams' `unit_cantilever`; `limit` times unit^2 is the
     largest lambda in the band, rad2/s2.
     """
-    (mass, along, across), (mass2, _, across2) = _scales(row[5:10]), _scales(row[10:15])
-    clamped = lower[0][0, len(lower[0][0]) // 3 :]
-    p, normal, tangential = upper_modes(row[0], row[2] / mass, along, across, upper[0], upper[2])
-    normal2 = -lower_deflections(row[1] / row[10], lower[1])
+    (mass1, along, across), (mass2, _, bending) = _scales(row[5:10]), _scales(row[10:15])
+    modes = upper_modes(row[0], row[2] / mass1, along, across, upper[0], upper[2])
+    deflections, n = lower_deflections(row[1] / row[10], lower[1]), modes.shape[1]
     # What is rounding beside the largest entry is no coupling, as in `beams.modes`.
-    normal *= np.abs(normal) > 1e-15 * np.abs(normal).max()
-    normal2 *= np.abs(normal2) > 1e-15 * np.abs(normal2).max()
-    system = np.empty((3, len(p) + len(clamped)))
-    system[0] = np.append(p, across2 * clamped)
-    system[1] = np.append(normal * normal / mass, normal2 * normal2 / mass2)
-    system[2] = np.append(normal * tangential / mass, 0.0 * normal2)
-    system /= unit**2
-    far = system[0] > FAR * limit
-    if np.sum(far) <= NODES:
-        return system[:, np.flatnonzero(system[1])]
-    near = system[:, np.flatnonzero(~far & (system[1] != 0.0))]
-    others = np.zeros((3, NODES))
-    others[0] = 2.0 * FAR * limit / (1.0 + POINTS)
-    for i in np.flatnonzero(far):
-        # Lagrange polynomials by the barycentric formula.
-        away = 2.0 * FAR * limit / system[0, i] - 1.0 - POINTS
-        share = WEIGHTS / np.where(away == 0.0, 1e-300, away)
-        share *= others[0] / (system[0, i] * np.sum(share))
-        others[1] += system[1, i] * share
-        others[2] += system[2, i] * share
-    return np.concatenate((near, others), axis=1)
+    least1, least2 = 1e-15 * np.abs(modes[1]).max(), 1e-15 * np.abs(deflections).max()
+    size, far, share, new_a, new_b = 0, False, np.empty(NODES), np.zeros(NODES), np.zeros(NODES)
+    for i in range(n + len(deflections)):
+        if i < n:
+            p, normal, tangential, mass, least = modes[0, i], modes[1, i], modes[2, i], mass1, least1
+        else:
+            p, normal, tangential = bending * lower[0][0, len(deflections) // 2 + i - n], -deflections[i - n], 0.0
+            mass, least = mass2, least2
+        p, a, b = p / unit**2, normal * normal / (mass * unit**2), normal * tangential / (mass * unit**2)
+        if abs(normal) <= least:
+            continue
+        if p <= FAR * limit:
+            system[0, size], system[1, size], system[2, size] = p, a, b
+            size += 1
+            continue
+        # Lagrange polynomials at s = 1 / p by the barycentric formula.
+        far, total = True, 0.0
+        for k in range(NODES):
+            away = 2.0 * FAR * limit / p - 1.0 - POINTS[k]
+            share[k] = WEIGHTS[k] / (away if away != 0.0 else 1e-300)
+            total += share[k]
+        for k in range(NODES):
+            new_a[k] += a / p * (share[k] / total)
+            new_b[k] += b / p * (share[k] / total)
+    for k in range(NODES if far else 0):
+        p = 2.0 * FAR * limit / (1.0 + POINTS[k])
+        system[0, size], system[1, size], system[2, size] = p, p * new_a[k], p * new_b[k]
+        size += 1
+    return size
 
 
 @kernel

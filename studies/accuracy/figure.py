@@ -59,7 +59,11 @@ LOOKS: dict[str, Look] = {
     PAPER: POINTS | {"color": RED, "marker": "p", "markerfacecolor": "none"},
     STAR: POINTS | {"color": BLACK, "marker": "*", "markersize": 10.0, "zorder": 5},
 }
-TINY = 6.5
+# Of scenes of both groups, unlike any method or setting.
+DOT: Look = POINTS | {"marker": "o", "markersize": 4.5, "markeredgewidth": 0.8}
+SCENES = {group: DOT | {"color": colour, "markerfacecolor": fill} for group, colour, fill in zip(
+    GROUPS, (BLACK, GREY), (BLACK, "white"), strict=True)}  # fmt: skip
+SMALL = 7.5
 # Errors that are smaller are drawn as this.
 LEAST = 0.05
 COST, MISMATCH = "processor s per simulated s", "error / tolerance, rms"
@@ -75,24 +79,22 @@ def draw(data: xr.Dataset) -> Figure:
     frame = table(data)
     frame["group"] = [_group(*pair) for pair in zip(frame["method"], frame["setting"], strict=True)]
     figure, panels = figures.mosaic(
-        (("a", "b"), ("c", "c"), ("d", "d")), 17.0, 23.0, height_ratios=(1.1, 1.5, 0.7)
+        (("a", "b"), ("c", "c"), ("d", "d")), 17.0, 24.0, height_ratios=(1.3, 1.9, 0.75)
     )
+    panels["b"].sharey(panels["a"])
     for letter, group in zip("ab", GROUPS, strict=True):
         _draw_costs(panels[letter], frame, group)
-        panels[letter].set_title(f"({letter}) {group}", loc="left", fontsize=9.0)
+    panels["b"].set_ylabel("")
+    panels["b"].tick_params(labelleft=False)
     _draw_scenes(panels["c"], data["mismatch"].clip(min=LEAST), frame[["method", "setting"]])
     panels["c"].axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
-    panels["c"].set(xlabel=MISMATCH, title="(c) every setting at each scene")
+    panels["c"].set(xlabel=MISMATCH)
     chosen = [pair for pair in zip(frame["method"], frame["setting"], strict=True) if pair in TIMED]
     _draw_scenes(panels["d"], data["time_to_standard_error"], pd.DataFrame(chosen, columns=["method", "setting"]))
-    title = f"(d) until the shares of time are known to {STANDARD_ERROR:g}"
-    panels["d"].set(xlabel="processor s", title=title)
-    for letter in "cd":
-        panels[letter].set_title(panels[letter].get_title(), loc="left", fontsize=9.0)
-        panels[letter].set_title("")
-    figures.legend_below(figure, [panels["a"], panels["b"]], 4)
-    for legend in figure.legends:
-        legend.set_title("(a) and (b)")
+    panels["d"].set(xlabel="processor s")
+    until = f"until the shares of time are known to {STANDARD_ERROR:g}"
+    figures.letter(panels.values(), (*GROUPS, "every setting at each scene", until))
+    figures.legend_below(figure, list(panels.values()), 3)
     figure.suptitle("Run time against error")
     return figure
 
@@ -126,12 +128,10 @@ def _draw_scenes(axes: Axes, values: xr.DataArray, rows: pd.DataFrame) -> None:
         if np.isfinite(at).any():
             y = len(labels)
             axes.hlines(y, np.nanmin(at), np.nanmax(at), color=GREY, linewidth=0.5)
-            axes.plot(at[own], np.full(own.sum(), y), **POINTS, color=BLUE, marker="o", markersize=4.0)
-            axes.plot(at[~own], np.full((~own).sum(), y), **POINTS, color=ORANGE, marker="x", markersize=4.0)
+            for group, there in zip(GROUPS, (own, ~own), strict=True):
+                look = SCENES[group] | {"label": f"(c), (d): {group}"}
+                axes.plot(at[there], np.full(there.sum(), y), **look)
             labels.append(f"{method}, {setting}")
-    for color, marker, group in zip((BLUE, ORANGE), "ox", GROUPS, strict=True):
-        axes.plot([], [], **POINTS, color=color, marker=marker, markersize=4.0, label=group)
-    axes.legend(fontsize=TINY)
-    axes.set_yticks(range(len(labels)), labels, fontsize=TINY)
+    axes.set_yticks(range(len(labels)), labels, fontsize=SMALL)
     axes.set(xscale="log", ylim=(max(len(labels), 1) - 0.5, -0.5))
     axes.xaxis.set_minor_formatter("")

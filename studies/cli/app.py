@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import Any
 
@@ -65,6 +67,21 @@ def command(
 def is_set(flag: str) -> bool:
     """Whether the command under way was given -q ("quiet") or -v ("verbose")."""
     return bool(click.get_current_context().params[flag])
+
+
+@contextmanager
+def warned() -> Iterator[None]:
+    """Say warnings about unusual values as the program says things."""
+    from studies.plausible import UnusualWarning
+
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", UnusualWarning)
+        yield
+    for each in found:
+        if issubclass(each.category, UnusualWarning):
+            say(f"fiv: {each.message}")
+        else:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
 def say(text: str) -> None:

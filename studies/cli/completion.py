@@ -68,6 +68,14 @@ def _settable(context: click.Context) -> Iterable[str]:
     return [*study.axes, *study.settings]
 
 
+def _scattered(context: click.Context) -> Iterable[str]:
+    from studies import registry
+
+    with redirect_stdout(StringIO()):
+        study = registry.resolve(_argument(context, "study"))
+    return [name for name in (*study.axes, *study.settings) if name not in study.texts]
+
+
 def _of(module: str, *attributes: str) -> Callable[[click.Context], Iterable[str]]:
     """The names that tables of a module hold, imported when they are asked for."""
     return lambda context: chain(*(getattr(import_module(module), attribute) for attribute in attributes))
@@ -81,6 +89,7 @@ def _columns(context: click.Context) -> Iterable[str]:
 
 
 SETTABLE = _offering(_settable, end="=")
+SCATTERED = _offering(_scattered, end="=")
 SERIES_LIST = _offering(_of("studies.motion.recording", "SERIES"), listed=True)
 MAP_AXIS = _offering(_of("studies.maps.quantities", "AXES"), end="=")
 MAP_SETTING = _offering(_of("studies.maps.quantities", "AXES", "RUN"), end="=")

@@ -5,11 +5,12 @@ Heavy packages are imported inside the commands: `fiv --help` answers at once.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from studies.cli.app import command
+from studies.cli.app import command, say, warned
 from studies.cli.execution import carry_out
 from studies.cli.options import HOW, MAP, STUDY, WHAT, MapCommand
 
@@ -42,6 +43,8 @@ def run(study: str, scheduler: str | None, workers: int | None, fail_fast: bool,
     fiv run fig5
     fiv run fig5 --set theta=8 --set p1_length=0.06 --out elsewhere
     fiv run scenes --set V=1e-3,2e-3 --record velocity_B,normal_force --sample-rate 50e3 --out series
+    fiv run fig5 --scatter mu=normal:0.2:0.02 --scatter p1_thickness=uniform:1.9e-3:2.1e-3 --samples 256
+    fiv run fig5 --points rigs.csv
 
     What the results folder holds of it already is kept and completed. Ctrl-C finishes what is under way and keeps
     it; the same command goes on from there.
@@ -53,41 +56,69 @@ def run(study: str, scheduler: str | None, workers: int | None, fail_fast: bool,
     carry_out(planned, config.scheduler, config.workers, fail_fast, yes)
 
 
-@command("map", "One quantity over any two axes, stored and drawn.", *MAP, *HOW, kind=MapCommand)
+@command("map", "One quantity over any two axes, or along one, stored and drawn.", *MAP, *HOW, kind=MapCommand)
 def draw_map(
     x: str,
-    y: str,
+    y: str | None,
     fixed: tuple[str, ...],
     quantity: str,
     halvings: int,
     tolerance: float | None,
+    scatter: tuple[str, ...],
+    samples: int | None,
+    seed: int | None,
     standard_error: float | None,
     out: str | None,
     fresh: bool,
     retry_failed: bool,
+    strict: bool,
     **how: Any,
 ) -> None:
-    """Map one quantity over any two axes of the rig or its operation; store it as netCDF and draw it.
+    """Map one quantity over any two axes of the rig or its operation, or along one; store it and draw it.
 
     \b
     fiv map --x theta=-10:20:9 --y mu=0:0.5:9 --quantity growth_rate --refine 3
     fiv map --x V=log:2e-4:1e-2:9 --y mu=0.01:0.4:9 --quantity regime --refine 3 --fix theta=8
+    fiv map --x theta=0:20:61 --y mu=0:0.5:51 --quantity probability_unstable --scatter p1_length=normal:0.05:1e-4
 
     With --refine the SPECs give a coarse lattice; the map has 2^N times as many intervals, and is computed where
     it changes.
     """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import runner
     from studies.cli.progress import tell_compiling
     from studies.maps import maps
+    from studies.scatter.study import told
     from sweeps import check_free
 
     tell_compiling()
-    if standard_error is not None:
-        fixed = (*fixed, f"standard_error={standard_error!r}")
-    plane, held = maps.plane_of(x, y, halvings), maps.fixed_of(fixed)
-    sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance)
-    file = maps.file_of(plane, quantity, out, held)
+    for name, value in (("standard_error", standard_error), ("samples", samples), ("seed", seed)):
+        if value is not None:
+            fixed = (*fixed, f"{name}={value!r}")
+    drawn = _drawn(scatter)
+    held = maps.fixed_of(fixed)
+    plane = maps.plane_of(x, y or maps.line_along(x, quantity, held), halvings)
+    sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance, drawn)
+    with warned():
+        sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, held), strict=strict))
+    file = maps.file_of(plane, quantity, out, held, drawn)
     check_free(file)
+    for line in told(drawn):
+        say(f"fiv: {line}")
     carry_out(sweep.plan(file, fresh=fresh, retry_failed=retry_failed), **how)
+
+
+def _drawn(scatter: tuple[str, ...]) -> dict[str, str]:
+    """What --scatter says, by the names that scatter."""
+    from studies import spec
+    from sweeps import InputError
+
+    drawn = dict[str, str]()
+    for text in scatter:
+        own, distribution = spec.split(text, "--scatter", "NAME=DISTRIBUTION, for example mu=normal:0.2:0.02")
+        if own in drawn:
+            raise InputError(f"--scatter {text!r}: {own} scatters already; give it once")
+        drawn[own] = distribution
+    return drawn
 
 
 def _planned(
@@ -100,6 +131,12 @@ def _planned(
     standard_error: float | None,
     fresh: bool,
     retry_failed: bool,
+    strict: bool,
+    scatter: tuple[str, ...] = (),
+    samples: int | None = None,
+    seed: int | None = None,
+    sampling: str | None = None,
+    points: str | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
     writing: bool = False,
@@ -109,10 +146,12 @@ def _planned(
     Options come before the file of the configuration, and that before what a result was asked for.
     """
     from studies import config, registry, results, runner, spec
+    from studies.scatter.study import named, told
     from sweeps import InputError, check_free
 
     names = () if record is None else tuple(name.strip() for name in record.split(","))
-    asked = config.Config("", {}, {}, names, sample_rate, scheduler, workers)
+    where = (_drawn(scatter), samples, seed, sampling, points)
+    asked = config.Config("", {}, {}, names, sample_rate, *where, scheduler, workers)
     if config_file is not None:
         asked = asked.over(config.read(config_file))
     name = study
@@ -126,12 +165,17 @@ def _planned(
     if standard_error is not None:
         assignments = (*assignments, f"standard_error={standard_error!r}")
     for text in assignments:
-        axis, values = spec.assignment(text, one.texts)
+        axis, values = spec.assignment(text, one.texts, one.units)
         if axis in options:
             raise InputError(f"--set {text!r}: {axis} is set already; give all its values at once")
         options[axis] = values
     if writing:
-        check_free(results.file_of(one.name, out))
+        check_free(results.file_of(named(one, asked.scatter, asked.points), out))
     given = asked.given(one) | options
     series: dict[str, Any] = {"record": asked.record, "sample_rate": asked.sample_rate}
-    return runner.plan(one, given, out, fresh=fresh, retry_failed=retry_failed, **series), asked
+    kept: dict[str, Any] = {"fresh": fresh, "retry_failed": retry_failed, "strict": strict}
+    with warned():
+        planned = runner.plan(one, given, out, **kept, **series, **asked.where)
+    for line in told(asked.scatter):
+        say(f"fiv: {line}")
+    return planned, asked

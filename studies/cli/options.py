@@ -14,8 +14,21 @@ TARGET = click.argument("target", metavar="STUDY|PATH", shell_complete=completio
 OUT = click.option("--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results.")
 RETRY = click.option("--retry-failed", is_flag=True, help="Compute again the points that failed.")
 FRESH = click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it.")
+STRICT = click.option("--strict", is_flag=True, help="Refuse values that are unusual for such a rig.")
 ERROR = click.option(
     "--standard-error", type=float, metavar="X", help="Runs go on until their shares of time are known so well."
+)
+SCATTER = click.option(
+    "--scatter",
+    multiple=True,
+    metavar="NAME=DIST",
+    shell_complete=completion.SCATTERED,
+    help="Draw an axis or a setting from a distribution: mu=normal:0.2:0.02, uniform:LOW:HIGH, "
+    "lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH; cut to what is physical. Makes STUDY-scatter.",
+)
+DRAWS = (
+    click.option("--samples", type=int, metavar="N", help="How many draws; default: 1024. More add to them."),
+    click.option("--seed", type=int, metavar="N", help="Of the draws; default: 0."),
 )
 # Of `plan` and `run`: what there is to do.
 WHAT = (
@@ -36,6 +49,16 @@ WHAT = (
         help="Axes, settings and whatever else the options say, from a file; options win. fiv status --toml "
         "prints a result's.",
     ),
+    SCATTER,
+    *DRAWS,
+    click.option("--sampling", metavar="METHOD", help="sobol (the default), latin or random."),
+    click.option(
+        "--points",
+        type=click.Path(dir_okay=False),
+        metavar="FILE.csv",
+        help="Compute the rows of a table; its heads are axes or settings, also with a unit: p1_thickness [mm]. "
+        "Makes STUDY-points.",
+    ),
     OUT,
     click.option(
         "--record",
@@ -46,6 +69,7 @@ WHAT = (
     click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
     FRESH,
     RETRY,
+    STRICT,
 )
 # Of `run` and `map`: how it is done.
 HOW = (
@@ -71,7 +95,7 @@ MAP = (
         help="Across: theta=-10:20:61 or V=log:2e-4:1e-2:30.",
     ),
     click.option(
-        "--y", required=True, metavar="AXIS=SPEC", shell_complete=completion.MAP_AXIS, help="Up, likewise."
+        "--y", metavar="AXIS=SPEC", shell_complete=completion.MAP_AXIS, help="Up, likewise; without it a line."
     ),
     click.option(
         "--fix",
@@ -99,10 +123,20 @@ MAP = (
         help="With --refine: largest error to expect of interpolation, as a share of the range of the values; "
         "default: 0.02.",
     ),
+    click.option(
+        "--scatter",
+        multiple=True,
+        metavar="NAME=DIST",
+        shell_complete=completion.SCATTERED,
+        help="With --quantity probability_unstable: how numbers of the rig scatter, as for fiv run; default: a "
+        "usual scatter of all.",
+    ),
+    *DRAWS,
     ERROR,
     OUT,
     FRESH,
     RETRY,
+    STRICT,
 )
 QUERY = (
     click.option("--where", metavar="EXPR", help="Which rows; by default all."),

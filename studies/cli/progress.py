@@ -27,7 +27,7 @@ def progress(todo: int) -> Iterator[Progress | None]:
     if is_set("quiet") or not todo:
         yield None
     elif sys.stderr.isatty():
-        with _bar(todo) as told:
+        with bar(todo) as told:
             yield told
     else:
         yield _Lines()
@@ -81,7 +81,8 @@ class _Lines:
 
 
 @contextmanager
-def _bar(todo: int) -> Iterator[Progress]:
+def bar(todo: int) -> Iterator[Progress]:
+    """A bar that goes when it is done, in a terminal or a notebook."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
     from rich.table import Column
@@ -93,11 +94,11 @@ def _bar(todo: int) -> Iterator[Progress]:
         MofNCompleteColumn(table_column=count),
         TextColumn("{task.description}", table_column=text),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as bar:
-        task = bar.add_task("", total=todo)
+    with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as shown:
+        task = shown.add_task("", total=todo)
 
         def tell(snapshot: Snapshot) -> None:
-            shown = [STOPPING] if snapshot.stopping else [*words(snapshot), *snapshot.now[:1]]
-            bar.update(task, total=snapshot.todo, completed=snapshot.done, description="  ".join(shown))
+            texts = [STOPPING] if snapshot.stopping else [*words(snapshot), *snapshot.now[:1]]
+            shown.update(task, total=snapshot.todo, completed=snapshot.done, description="  ".join(texts))
 
         yield tell

@@ -60,8 +60,9 @@ MOST_COLUMNS = 3
 # Periods of the main line that it shows, and the least share of one that a stick lasts which begins a period.
 PERIODS = 2
 SHORTEST_STICK = 0.1
-# Where the numbers of the phases stand beside the curve, points.
-NUMBER_AT = {1: (0, 10), 2: (12, 0), 3: (0, -10), 4: (14, 0)}
+# What the curve of the phase plane spans across and up, and where beside it a number may stand, points.
+PHASE_PANEL = np.array([170.0, 90.0])
+AROUND = 14.0 * np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])
 
 
 def contacts(
@@ -255,7 +256,7 @@ def shown(at: xr.Dataset) -> tuple[int, int, int]:
 
 
 def _mark_states(axes: Axes, time: np.ndarray, state: np.ndarray) -> None:
-    """Shade what is not slip."""
+    """Shade what is not slip, which stays white."""
     looks: dict[int, dict[str, Any]] = {
         STICK: {"facecolor": "#d9d9d9", "edgecolor": "none"},
         SEPARATION: {"facecolor": "#fbe3b5", "edgecolor": "#e0b050", "hatch": "//////"},
@@ -263,23 +264,33 @@ def _mark_states(axes: Axes, time: np.ndarray, state: np.ndarray) -> None:
     for code, look in looks.items():
         look |= {"transform": axes.get_xaxis_transform(), "linewidth": 0.0, "zorder": 0.5}
         axes.fill_between(time, 0.0, 1.0, where=state == code, step="mid", label=transients.STATES[code], **look)
+    axes.fill_between([], [], facecolor="white", edgecolor=figures.GREY, linewidth=0.5, label="slip (white)")
 
 
 def _draw_phase(axes: Axes, at: xr.Dataset) -> None:
     """One period in the phase plane, its main phases numbered as in the paper."""
     moved, speed = 1e6 * at["slip_displacement"].values, 1e3 * at["slip_velocity"].values
     moved, state = moved - moved[0], at["state"].values
-    axes.plot(moved, speed, color=figures.GREY, linewidth=0.6, zorder=1.5)
-    looks = {SLIP: ("-", figures.BLUE), SEPARATION: ("--", figures.ORANGE), STICK: (".", figures.BLACK)}
+    looks = {SLIP: ("-", figures.BLUE), SEPARATION: ("--", figures.ORANGE), STICK: (".-", figures.BLACK)}
     for code, (style, colour) in looks.items():
-        x, y = (np.where(state == code, each, np.nan) for each in (moved, speed))
+        within = state == code
+        if code != STICK:
+            # From the last sample of a stick and to the first of what follows, so that the curve has no gap.
+            stuck_before = (state == STICK) & np.append(within[1:], False)
+            within = within | stuck_before | np.append(False, within[:-1])
+        x, y = (np.where(within, each, np.nan) for each in (moved, speed))
         axes.plot(x, y, style, color=colour, linewidth=1.6, label=f"phase plane: {transients.STATES[code]}")
+    axes.plot(moved[0], speed[0], "o", color=figures.RED, markersize=5, zorder=4, label="start of the period")
+    axes.margins(0.12, 0.25)
+    taken = PHASE_PANEL * np.stack([moved / (np.ptp(moved) or 1.0), speed / (np.ptp(speed) or 1.0)], axis=1)
     for number, (begin, end) in main_phases(state).items():
         middle = begin + int(np.abs(speed[begin:end]).argmax()) if number == 3 else (begin + end) // 2
-        place: dict[str, Any] = {"xytext": NUMBER_AT[number], "textcoords": "offset points", "va": "center"}
-        axes.annotate(f"({number})", (moved[middle], speed[middle]), ha="center", **place)
-    axes.plot(moved[0], speed[0], "o", color=figures.RED, markersize=5, zorder=4, label="start of the period")
-    axes.margins(0.08, 0.2)
+        # Where the curve and the other numbers are farthest.
+        far = [np.hypot(*(taken - taken[middle] - beside).T).min() for beside in AROUND]
+        beside = AROUND[int(np.argmax(far))]
+        taken = np.append(taken, [taken[middle] + beside], axis=0)
+        place: dict[str, Any] = {"xytext": beside, "textcoords": "offset points", "va": "center", "ha": "center"}
+        axes.annotate(f"({number})", (moved[middle], speed[middle]), **place)
 
 
 def main_phases(state: np.ndarray) -> dict[int, tuple[int, int]]:

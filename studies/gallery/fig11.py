@@ -124,6 +124,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     tones.set_xlim(0.0, transients.BAND / 1e3)
     tones.set_ylim(bottom=max(tones.get_ylim()[0], tones.get_ylim()[1] - 200.0))
     tones.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
+    figures.letter((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
     figures.legend_below(figure, [top, growth, tones], 2)
     where = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
     title = f"Velocity of B along x, {where}{transients.of_all(some, dataset.sizes['theta'])}"

@@ -104,7 +104,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     """Branches over mu as in the paper, unstable ones in colour, and their growth rates below."""
     given = constants(dataset)
     figure, (top, bottom) = figures.panels(
-        2, 1, 15.0, 16.0, sharex=True, gridspec_kw={"height_ratios": (3.0, 1.2)}
+        2, 1, 15.0, 16.0, sharex=True, gridspec_kw={"height_ratios": (3.0, 1.5)}
     )
     mu, frequency, growth = dataset["mu"], 1e-3 * dataset["frequency"], dataset["growth_rate"]
     marker = "." if len(mu) < 3 else None
@@ -113,6 +113,10 @@ def draw(dataset: xr.Dataset) -> Figure:
     top.plot(mu, frequency.where(~(growth > 0.0)), marker=marker, color=figures.BLACK)
     top.plot(mu, frequency.where(growth > 0.0), marker=marker, **unstable)
     bottom.plot(mu, growth.where(growth > 0.0), marker=marker, color=figures.RED)
+    for hertz, rate in zip(dataset["frequency"].values[-1], growth.values[-1], strict=True):
+        if rate > 0.0:
+            place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
+            bottom.annotate(f"{hertz:.0f} Hz", (float(mu[-1]), rate), **place, color=figures.RED, fontsize=8.0)
     top.plot([], [], color=figures.BLACK, label="stable mode")
     top.plot([], [], **unstable, label="unstable mode")
     onset = list(zip(dataset["onset_mu"].values, dataset["onset_frequency"].values, strict=True))
@@ -131,8 +135,9 @@ def draw(dataset: xr.Dataset) -> Figure:
         top.plot(x, y / 1e3, "D", label="first unstable μ, paper", **look)
     whose = "" if paper.is_rig(dataset) else " (not the paper's rig)"
     top.set(ylim=(0.0, given["fmax"] / 1e3), ylabel="frequency / kHz")
-    top.set_title(f"Modes of steady sliding, θ = {given['theta']:g}°{whose}")
-    top.legend(loc="upper right", ncols=2)
+    figures.letter((top, bottom), ("frequency", "growth rate of what is unstable"))
+    figures.legend_below(figure, [top], 2)
+    figure.suptitle(f"Modes of steady sliding, θ = {given['theta']:g}°{whose}")
     bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ")
     bottom.set_ylim(bottom=0.0)
     return figure

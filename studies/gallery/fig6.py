@@ -175,7 +175,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Root locus above, the shape at lock-in below."""
-    figure, (locus, shape) = figures.panels(2, 1, 15.0, 18.0)
+    figure, (locus, shape) = figures.panels(2, 1, 17.0, 15.0, gridspec_kw={"height_ratios": (1.5, 1.0)})
     _draw_locus(locus, dataset)
     _draw_shape(shape, dataset)
     return figure
@@ -185,8 +185,8 @@ def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
     mu, frequency, growth = (dataset[name].values for name in ("mu", "frequency", "growth_rate"))
     numbers, theta = dataset["mode"].values, constants(dataset)["theta"]
     for k, (colour, marker) in enumerate(((figures.BLUE, "o"), (figures.RED, "s"))):
-        axes.plot(growth[:, k], frequency[:, k], color=colour, label=f"mode {numbers[k]}")
-        axes.plot(growth[:1, k], frequency[:1, k], marker, color=colour)
+        label = f"mode {numbers[k]}, marked at μ = {mu[0]:g}"
+        axes.plot(growth[:, k], frequency[:, k], marker=marker, markevery=[0], color=colour, label=label)
     here, hertz = float(dataset["lock_in_mu"]), float(dataset["lock_in_frequency"])
     axes.plot(0.0, hertz, "*", markersize=11, color=figures.BLACK, label=f"lock-in, model: μ = {here:.4f}")
     if paper.is_point(dataset, theta=paper.THETA):
@@ -197,13 +197,17 @@ def _draw_locus(axes: Axes, dataset: xr.Dataset) -> None:
     axes.axvline(0.0, color=figures.GREY, linewidth=0.8)
     axes.set(xlabel="growth rate / (1/s)", ylabel="frequency / Hz")
     modes = " and ".join(map(str, numbers))
-    axes.set_title(f"root locus of modes {modes}, μ from {mu[0]:g} to {mu[-1]:g}, θ = {theta:g}°")
-    axes.legend(loc="upper left")
+    title = f"(a) root locus of modes {modes}, μ from {mu[0]:g} to {mu[-1]:g}, θ = {theta:g}°"
+    axes.set_title(title, loc="left", fontsize=9.0)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
-    """The shape at the phase of its largest displacement, as it is stored, and faintly through its period."""
-    scale = 120.0 * float(np.ptp(dataset["node_x"].values))
+    """The shape at the phase of its largest displacement, as it is stored, and faintly through its period.
+
+    Displacements are small beside the beams, or P1's tip would seem to be within P2 where that curves.
+    """
+    scale = 40.0 * float(np.ptp(dataset["node_x"].values))
     faint: dict[str, Any] = {"color": figures.GREY, "linewidth": 0.6}
     dashed: dict[str, Any] = {"color": figures.BLACK, "linewidth": 0.8, "linestyle": "--"}
     for number, colour in ((1, figures.RED), (2, figures.BLUE)):
@@ -214,11 +218,12 @@ def _draw_shape(axes: Axes, dataset: xr.Dataset) -> None:
         axes.plot(*(1e3 * position + scale * shape.real), color=colour, linewidth=2.0, label=f"P{number}")
     axes.plot([], [], **dashed, label="undeformed")
     axes.plot([], [], **faint, label="other phases")
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal")
     axes.set(xlabel="x from the contact / mm", ylabel="y / mm")
     frequency = float(dataset["lock_in_frequency"])
-    axes.set_title(f"unstable mode at lock-in, {frequency:.0f} Hz (displacement not to scale)")
-    axes.legend(loc="upper right")
+    title = f"(b) unstable mode at lock-in, {frequency:.0f} Hz (displacement not to scale)"
+    axes.set_title(title, loc="left", fontsize=9.0)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def _nodes(dataset: xr.Dataset, beam: int) -> tuple[np.ndarray, np.ndarray]:

@@ -138,7 +138,7 @@ def draw(dataset: xr.Dataset) -> Figure:
             (paper.LINES, "--", "paper: main line and harmonics"),
             (paper.OTHER_LINES, ":", "paper: other lines"),
         ):
-            for f in lines if papers else ():
+            for f in lines if papers and float(dataset["V"][k]) in paper.SPEEDS else ():
                 right.axvline(f / 1e3, color=figures.RED, linestyle=style, linewidth=1.0, zorder=1.5, label=label)
     panels[0].set_xlim(0.0, given["duration"])
     top = panels[1].get_ylim()[1]

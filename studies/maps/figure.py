@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import convolve, distance_transform_edt
 
 from studies import paper
 from studies.maps.findings import held, readable
 from studies.maps.quantities import AXES, GROWTH, QUANTITIES, RIG
 from studies.motion import regimes
 from studies.plotting import figures, planes
+from studies.scatter import instability
 from studies.study import constants
 from sweeps import DONE, FAILED, INTERPOLATED, PENDING
 
@@ -40,10 +41,12 @@ class Panel(NamedTuple):
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """The plane, with x across."""
+    """The plane, with x across; a number along one axis as a line."""
     quantity = constants(dataset)["quantity"]
     variable = dataset[quantity]
     x, y = map(str, variable.dims)
+    if min(variable.shape) == 1 < max(variable.shape) and not QUANTITIES[quantity].is_whole:
+        return _draw_line(dataset, *((x, y) if len(variable[y]) == 1 else (y, x)))
     values = variable.values.T.astype(float)
     status = dataset["status"].values.T
     figure, (axes,) = figures.panels(1, 1, 17.0, 12.0)
@@ -55,15 +58,39 @@ def draw(dataset: xr.Dataset) -> Figure:
     handles += _draw_gaps(panel, values, status)
     handles += _draw_computed(panel, status)
     handles += _draw_paper(axes, dataset)
-    for side, name, along in ((axes.xaxis, x, panel.xs), (axes.yaxis, y, panel.ys)):
-        if len(along) == 1:
-            # The cell has an extent, the value has none.
-            side.set_ticks(planes.shown(name, along))
     if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
-    about = ", ".join(held(dataset))
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3))
+    figure.suptitle(_title(variable, held(dataset)))
+    return figure
+
+
+def _title(variable: xr.DataArray, about: list[str]) -> str:
+    """What is shown, and what is held."""
     name = variable.attrs["long_name"]
-    figure.suptitle(f"{name[0].upper()}{name[1:]}\n{about}".rstrip())
+    return f"{name[0].upper()}{name[1:]}\n{', '.join(about)}".rstrip()
+
+
+def _draw_line(dataset: xr.Dataset, along: str, other: str) -> Figure:
+    """A number along the one axis that has several values; gaps where it has none."""
+    given = constants(dataset)
+    quantity = given["quantity"]
+    at = dataset.isel({other: 0})
+    label, factor = readable(quantity)
+    figure, (axes,) = figures.panels(1, 1, 15.0, 9.0)
+    x, y = planes.shown(along, at[along].values), factor * at[quantity].values
+    if "scatter" in given:
+        low, high = instability.wilson(y, given["samples"])
+        axes.fill_between(x, low, high, color=figures.BLUE, alpha=0.3, linewidth=0.0, label="Wilson 95 %")
+    axes.plot(x, y, color=figures.BLACK, marker="." if len(x) < 60 else "", label=quantity.replace("_", " "))
+    for threshold in QUANTITIES[quantity].thresholds:
+        axes.axhline(factor * threshold, color=figures.GREY, linewidth=0.8)
+    if planes.is_logarithmic(x):
+        axes.set_xscale("log")
+        figures.one_two_five(axes.xaxis)
+    axes.set(xlabel=planes.label(along), ylabel=label)
+    if "scatter" in given:
+        figures.legend_below(figure, [axes])
+    figure.suptitle(_title(dataset[quantity], [planes.named(other, dataset[other].values[0]), *held(dataset)]))
     return figure
 
 
@@ -89,21 +116,31 @@ def _draw_shades(figure: Figure, panel: Panel, quantity: str, values: NDArray[An
     label, factor = readable(quantity)
     handles: list[Any] = []
     shaded = factor * values
-    norm = None
+    norm, ticks = None, None
     if quantity == "growth_rate":
         planes.classes(*panel, np.where(values <= 0.0, 0.0, np.nan), [STABLE])
         handles.append(Patch(facecolor=STABLE, edgecolor="black", linewidth=0.5, label="stable"))
         if min(values.shape) > 1 and np.any(values > 0.0) and np.any(values <= 0.0):
             across, up = planes.shown(panel.x, panel.xs), planes.shown(panel.y, panel.ys)
-            panel.axes.contour(across, up, values, levels=[0.0], colors="black", linewidths=1.2)
-            handles.append(Line2D([], [], color="black", linewidth=1.2, label="growth rate 0"))
+            joined = np.where(_alone(values <= 0.0), np.nan, values)
+            line = panel.axes.contour(across, up, joined, levels=[0.0], colors="black", linewidths=1.2)
+            if any(np.size(path.vertices) for path in line.get_paths()):
+                handles.append(Line2D([], [], color="black", linewidth=1.2, label="growth rate 0"))
         shaded = np.where(values > 0.0, values, np.nan)
         norm = Normalize(0.0)
     if np.any(np.isfinite(shaded)):
+        if quantity == "frequency":
+            norm, ticks = planes.banded(shaded)
         mesh = planes.shades(*panel, shaded, norm)
-        planes.colour_bar(figure, mesh, panel.axes, label)
+        planes.colour_bar(figure, mesh, panel.axes, label, ticks)
     planes.set_axes(*panel)
     return handles
+
+
+def _alone(stable: NDArray[Any]) -> NDArray[Any]:
+    """Cells that are unlike all that surround them: a line about each would be a dot."""
+    alike = convolve(stable.astype(int), np.ones((3, 3), dtype=int), mode="nearest")
+    return np.asarray(np.where(stable, alike, 9 - alike) == 1)
 
 
 def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list[Any]:

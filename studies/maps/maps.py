@@ -18,6 +18,7 @@ from studies.maps import quantities
 from studies.maps.quantities import AXES, OVER_MU, QUANTITIES, RUN, Quantity
 from studies.motion import ensembles, transients
 from studies.motion.jobs import BATCH_MULTIPLE, check_jobs
+from studies.plausible import unusual
 from studies.rig import rig_of
 from studies.scatter import instability
 from studies.study import Study, deferred, one_word, suggest
@@ -119,15 +120,33 @@ def _scatter(plane: Plane, constants: Mapping[str, Any], given: Mapping[str, str
     for name in given:
         if name in (plane.x, plane.y):
             raise InputError(f"--scatter {name}: it is an axis of this map; leave it out")
-    instability.scatters(given)
-    return dict(given)
+    return {name: each.text for name, each in instability.scatters(given).items()}
 
 
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
     """The plane of two texts AXIS=SPEC, each interval halved so often."""
     across, up = spec.split(x, "--x"), spec.split(y, "--y")
-    xs, ys = (spec.refined(text, name, halvings) for name, text in (across, up))
+    xs, ys = (spec.refined(text, name, halvings, _units(name)) for name, text in (across, up))
     return Plane(across[0], up[0], xs, ys)
+
+
+def line_along(x: str, quantity: str, fixed: dict[str, Any]) -> str:
+    """AXIS=VALUE of the other axis of a map along x alone, taken from what is fixed, else the paper's value."""
+    names = [name for name in ("mu", "theta", "V") if name != spec.split(x, "--x")[0]]
+    name = next(name for name in names if name != "mu" or quantity not in OVER_MU)
+    return f"{name}={spec.typed(fixed.pop(name, AXES[name].value))}"
+
+
+def unusual_in(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> list[str]:
+    """What is unusual about the values that are asked for (`studies.plausible.unusual`)."""
+    values = defaults(quantity) | dict(fixed) | {plane.x: plane.xs, plane.y: plane.ys}
+    return unusual(values, {name: _units(name) for name in values}, {plane.x, plane.y, *fixed})
+
+
+def _units(name: str) -> str:
+    """Units of what may be an axis or fixed; "" for a name that there is not."""
+    found = (AXES | RUN).get(name)
+    return "" if found is None else found.units
 
 
 def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
@@ -142,7 +161,7 @@ def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
     words = regimes.STUDY.texts
     for text in texts:
         name, written = spec.split(text, "--fix")
-        values = [written] if name in words else spec.parse(written, name).tolist()
+        values = [written] if name in words else spec.parse(written, name, _units(name)).tolist()
         if len(values) > 1 or name in fixed:
             raise InputError(f"--fix {text!r}: {name} must have one value; what is to vary is --x or --y")
         fixed[name] = values[0]

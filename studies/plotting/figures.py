@@ -5,10 +5,11 @@ Matplotlib is imported when something is drawn: workers and `fiv --help` never n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from io import BytesIO
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,6 +51,8 @@ STYLE: Any = {
 # the same file.
 SOURCE = {"png": "Source", "svg": "Source", "pdf": "Keywords"}
 UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+# Of a title to a centimetre.
+LETTERS = 4.4
 # Of a large variable so many bytes are read at a time.
 READ_BYTES = 1 << 24
 
@@ -142,15 +145,29 @@ def envelope(x: Any, y: Any, columns: int) -> tuple[Array, Array, Array]:
 
 
 def one_two_five(*sides: Axis) -> None:
-    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone."""
-    from matplotlib.ticker import LogLocator, NullFormatter
+    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone.
+
+    Ticks that were chosen by hand stay.
+    """
+    from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 
     for side in sides:
-        if side.get_scale() == "log":
+        if side.get_scale() == "log" and not isinstance(side.get_major_locator(), FixedLocator):
             low, high = side.get_view_interval()
             side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
             side.set_major_formatter("{x:g}")
             side.set_minor_formatter(NullFormatter())
+
+
+def fitted(title: str, width: float) -> str:
+    """A figure's title, its lines broken where they are longer than the figure is wide, cm."""
+    return "\n".join(fill(line, int(LETTERS * width)) for line in title.splitlines())
+
+
+def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:
+    """Over each panel its letter and title."""
+    for k, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+        axes.set_title(f"({chr(ord('a') + k)}) {title}".rstrip(), loc="left", fontsize=9.0)
 
 
 def decibels(power: Any) -> Array:

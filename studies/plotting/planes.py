@@ -18,6 +18,7 @@ from studies.plotting import figures
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.colorbar import Colorbar
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
@@ -57,8 +58,10 @@ HATCHES = {"failed": "xxxx"}
 MARKERS = "svo^Dp"
 # Panels across and down a figure; of more values it shows so many, evenly chosen.
 MOST_ACROSS, MOST_DOWN = 4, 3
-# From this ratio of its ends on an axis is logarithmic.
-WIDE = 20.0
+# From this ratio of neighbours on values are apart.
+GAP = 1.5
+# From this ratio of its ends on an axis is logarithmic; of so many values each has a tick.
+WIDE, FEW = 20.0, 2
 
 
 def named(name: str, value: Any) -> str:
@@ -76,7 +79,7 @@ def name(axis: str) -> str:
 def label(name: str) -> str:
     """What stands at an axis."""
     symbol, unit, _ = SYMBOLS[name]
-    return f"{symbol} / {unit}" if unit else symbol
+    return f"{symbol} / {f'({unit})' if '/' in unit else unit}" if unit else symbol
 
 
 def shown(name: str, values: Any) -> NDArray[Any]:
@@ -105,13 +108,21 @@ def _half_way(values: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
 
 
+def mark_few(side: Axis, values: NDArray[Any]) -> None:
+    """Ticks at the values themselves, where they are few."""
+    if len(values) <= FEW:
+        side.set_ticks(values, [f"{value:.4g}" for value in values])
+        side.set_ticks([], minor=True)
+
+
 def set_axes(axes: Axes, x: str, xs: Any, y: str, ys: Any) -> None:
-    """Labels and scales of a plane whose cells stand about the values xs and ys."""
+    """Labels and scales of a plane whose cells stand about the values xs and ys; of few values those are ticks."""
     for name, values, side in ((x, xs, "x"), (y, ys, "y")):
         ends = edges(shown(name, values))
         if is_logarithmic(shown(name, values)):
             axes.set(**{f"{side}scale": "log"})
             getattr(axes, f"{side}axis").set_major_formatter("{x:g}")
+        mark_few(getattr(axes, f"{side}axis"), shown(name, values))
         axes.set(**{f"{side}lim": (ends[0], ends[-1]), f"{side}label": label(name)})
     axes.grid(False)
 
@@ -260,9 +271,26 @@ def patches(kinds: Any) -> list[Patch]:
     ]
 
 
-def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str) -> Colorbar:
+def banded(values: NDArray[Any]) -> tuple[Normalize, NDArray[Any]]:
+    """A scale for what comes in bands with wide gaps between: each has an equal share of it; and its ticks."""
+    from matplotlib.colors import FuncNorm
+    from matplotlib.ticker import MaxNLocator
+
+    known = np.unique(values[np.isfinite(values)])
+    parts = np.split(known, np.flatnonzero(known[1:] >= GAP * known[:-1]) + 1)
+    ends = np.concatenate([part[[0, -1]] + [0.0, 1e-6 * part[-1]] for part in parts])
+    places = (np.arange(len(parts))[:, None] + [0.0, 0.7]).ravel()
+    ticks = [MaxNLocator(4).tick_values(part[0], part[-1]) for part in parts]
+    inside = [each[(each >= part[0]) & (each <= part[-1])] for each, part in zip(ticks, parts, strict=True)]
+    scale = FuncNorm(
+        (lambda x: np.interp(x, ends, places), lambda x: np.interp(x, places, ends)), ends[0], ends[-1]
+    )
+    return scale, np.concatenate(inside)
+
+
+def colour_bar(figure: Figure, mesh: Any, axes: Axes, text: str, ticks: Any = None) -> Colorbar:
     """The scale of a shaded plane beside it."""
-    bar = figure.colorbar(mesh, ax=axes, pad=0.02)
+    bar = figure.colorbar(mesh, ax=axes, pad=0.02, ticks=ticks, format=None if ticks is None else "{x:g}")
     bar.set_label(text)
     bar.outline.set_visible(False)
     return bar

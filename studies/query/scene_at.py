@@ -110,12 +110,13 @@ def _values(every: Columns, point: Mapping[str, float]) -> dict[str, Any]:
     for name, value in point.items():
         if name not in every.axes:
             raise InputError(f"{name} = {value}: there is no such axis; {hint(name, every.axes)}")
-    chosen = {}
-    for name in every.axes:
-        values = np.atleast_1d(every.dataset[name].values)
-        if name in point:
-            chosen[name] = _nearest(name, values, point[name])
-        elif len(values) == 1:
+    chosen = {n: _nearest(n, np.atleast_1d(every.dataset[n].values), value) for n, value in point.items()}
+    # What varies together with an axis follows from that.
+    along = {name: value for name, value in chosen.items() if every.dataset[name].dims == (name,)}
+    left = every.dataset[list(every.axes)].sel(along)
+    for name in [name for name in every.axes if name not in chosen]:
+        values = np.atleast_1d(left[name].values)
+        if len(values) == 1:
             chosen[name] = values[0]
         elif name in AXES:
             raise InputError(f"{name}: give one of its {len(values)} values, from {values[0]} to {values[-1]}")

@@ -32,7 +32,7 @@ def again(dataset: xr.Dataset, typed: str = "") -> Again:
     """The commands that ask for this file; `typed` is what they call the study, by default its name."""
     try:
         name = str(dataset.attrs["sweep"])
-        return _map(dataset) if name == maps.NAME else _study(config.of_result(dataset), typed or name)
+        return _map(dataset) if name == maps.NAME else _study(config.of_result(dataset), typed)
     except (KeyError, ValueError, TypeError):
         return Again()
 
@@ -49,13 +49,21 @@ def in_python(dataset: xr.Dataset, opened: str) -> str:
 
 
 def _study(asked: config.Config, typed: str) -> Again:
-    own, command = registry.load(asked.study), f"fiv run {shlex.quote(typed)}"
+    own, command = registry.load(asked.study), f"fiv run {shlex.quote(typed or asked.study)}"
     changed = {name: value for name, value in asked.settings.items() if value != own.settings[name].value}
     options = _options({name: spec.typed(value) for name, value in changed.items()})
     options += f" --record {shlex.quote(','.join(asked.record))}" if asked.record else ""
     options += f" --sample-rate {spec.typed(asked.sample_rate)}" if asked.sample_rate is not None else ""
+    if asked.points:
+        # Too long for a command.
+        return Again()
+    if asked.scatter:
+        options += _options(asked.scatter, "--scatter")
+        options += f" --samples {asked.samples} --seed {asked.seed} --sampling {asked.sampling}"
     axes = {n: _spec(v) for n, v in asked.axes.items() if not np.array_equal(v, own.axes[n].values)}
     whole = f"{command}{_options(axes)}{options}" if all(axes.values()) else ""
+    if asked.scatter:
+        return Again(whole)
     return Again(whole, f"{command}{_options({name: f'{{{name}}}' for name in asked.axes})}{options}{ELSEWHERE}")
 
 

@@ -62,7 +62,9 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
     """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
     kept_maps = sorted(map(str, (results.results_folder(out) / maps.NAME).glob("*.nc")))
     found, missing, problems = [], [], []
-    for target in dict.fromkeys(names or [*registry.names(), *kept_maps]):
+    at_points = [f"{name}{suffix}" for name in registry.names() for suffix in registry.SUFFIXES]
+    at_points = [name for name in at_points if results.is_there(results.file_of(name, out))]
+    for target in dict.fromkeys(names or [*registry.names(), *at_points, *kept_maps]):
         file = results.results_file(target, out)
         try:
             dataset = results.open_dataset(target, out)

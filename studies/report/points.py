@@ -66,6 +66,9 @@ def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
     own = {str(name): each for name, each in dataset.data_vars.items() if set(each.dims) == set(status.dims)}
     names = [f"{dim}_name" for dim in status.dims]
     variables = {name: dataset[name].broadcast_like(status) for name in names if name in dataset}
+    # What varies together with an axis.
+    along = {str(name): each for name, each in dataset.coords.items() if name not in each.dims}
+    variables |= {n: e.broadcast_like(status) for n, e in along.items() if set(e.dims) <= set(status.dims)}
     variables |= {name: each for name, each in own.items() if name not in MAKING}
     if not variables:
         for name, each in dataset.data_vars.items():

@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from studies.spec import finite
+from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS
+from studies.spec import converted, finite, typed
 from sweeps import InputError
 
 FORMS = "normal:MEAN:SD | uniform:LOW:HIGH | lognormal:MEDIAN:SIGMA | triangular:LOW:MODE:HIGH"
-# What a number of a rig or a scene can be at all; whatever is not named here is positive.
+POSITIVE, ANY = (0.0, math.inf), (-math.inf, math.inf)
+# What a number of a rig or a scene can be at all; a study's own numbers are not known here.
 PHYSICAL = {
-    "theta": (-90.0, 90.0),
-    "mu": (0.0, math.inf),
-    "head_mass": (0.0, math.inf),
-    "d1": (0.0, math.inf),
-    "d2": (0.0, math.inf),
+    **{name: POSITIVE for name in ("mu", "F", "duration", "ramp", "most", "least", "cutoff", "sample_rate")},
+    **{name: POSITIVE for name in RIG_NUMBERS},
+    **{f"{beam}_{name}": POSITIVE for beam in ("p1", "p2") for name in BEAM_NUMBERS},
+    # Both excluded.
+    "theta": (math.nextafter(-90.0, 0.0), math.nextafter(90.0, 0.0)),
     "point_b": (0.0, 1.0),
-    "V": (-math.inf, math.inf),
 }
-POSITIVE = (0.0, math.inf)
 # A distribution of which less is left is not meant so.
 LEAST_LEFT = 0.01
 
@@ -37,7 +37,7 @@ class Scatter:
     Attributes
     ----------
     text : str
-        As one writes it.
+        As one writes it: `normal:0.2:0.02`.
     whole : distribution
         Frozen, of `scipy.stats`.
     low, high : float
@@ -50,9 +50,22 @@ class Scatter:
     high: float
 
     @property
+    def described(self) -> str:
+        """What tells its draws from others'."""
+        return f"{self.text} from {self.low:g} to {self.high:g}"
+
+    @property
     def cut(self) -> float:
         """The share of the distribution that was cut away."""
         return float(self.whole.cdf(self.low) + self.whole.sf(self.high))
+
+    def told(self, name: str) -> str:
+        """The share that was cut away, in words; "" for less than one in a million."""
+        if self.cut < 1e-6:
+            return ""
+        sides = [f"below {self.low:g}"] if self.whole.cdf(self.low) > 0.0 else []
+        sides += [f"above {self.high:g}"] if self.whole.sf(self.high) > 0.0 else []
+        return f"{name}: {100.0 * self.cut:.2g} % of {self.text} is {' or '.join(sides)} and was cut away"
 
     def ppf(self, share: Any) -> NDArray[np.float64]:
         """Quantiles of what is left."""
@@ -84,10 +97,13 @@ def _lognormal(median: float, sigma: float) -> Any:
 def _triangular(low: float, mode: float, high: float) -> Any:
     _ascending(("LOW", low), ("HIGH", high))
     if not low <= mode <= high:
-        raise ValueError(f"MODE must be from LOW = {low:g} to HIGH = {high:g}, not {mode:g}")
+        raise InputError(f"MODE must be from LOW = {low:g} to HIGH = {high:g}, not {mode:g}")
     return stats.triang((mode - low) / (high - low), low, high - low)
 
 
+UNITS = {"V": "m s-1", "theta": "degree", "mu": "1", "F": "N"} | {
+    name: units for name, (units, _) in (RIG_NUMBERS | BEAM_NUMBERS).items()
+}
 # Each kind with how many numbers it takes.
 KINDS: Mapping[str, tuple[int, Callable[..., Any]]] = {
     "normal": (2, _normal),
@@ -97,19 +113,34 @@ KINDS: Mapping[str, tuple[int, Callable[..., Any]]] = {
 }
 
 
+def physical(name: str) -> tuple[float, float]:
+    """The least and the greatest that the number called `name` can be."""
+    return PHYSICAL.get(name, ANY)
+
+
+def units_of(name: str) -> str:
+    """Units of the number called `name`; "" for one that is not of a rig or a scene."""
+    return UNITS.get(name.removeprefix("p1_").removeprefix("p2_"), "")
+
+
 def parse(text: str, name: str) -> Scatter:
     """The distribution that a text stands for, of the number called `name`; an `InputError` names both."""
     try:
         kind, *parts = text.strip().split(":")
         if kind not in KINDS:
-            raise ValueError(f"{kind!r} is none of {', '.join(KINDS)}")
+            raise InputError(f"{kind!r} is none of {', '.join(KINDS)}")
         count, make = KINDS[kind]
         if len(parts) != count:
-            raise ValueError(f"{kind} takes {count} numbers, not {len(parts)}")
-        low, high = PHYSICAL.get(name, POSITIVE)
-        scatter = Scatter(text.strip(), make(*map(finite, parts)), low, high)
+            raise InputError(f"{kind} takes {count} numbers, not {len(parts)}")
+        low, high = physical(name)
+        # The SIGMA of logarithms has no unit.
+        sized = 1 if kind == "lognormal" else count
+        parts[:sized] = converted(",".join(parts[:sized]), units_of(name)).split(",")
+        numbers = [finite(part) for part in parts]
+        # One distribution has one text, however its numbers were typed.
+        scatter = Scatter(":".join([kind, *map(typed, numbers)]), make(*numbers), low, high)
         if not 1.0 - scatter.cut >= LEAST_LEFT:
-            raise ValueError(
+            raise InputError(
                 f"{100.0 * scatter.cut:.3g} % of it is beyond what {name} can be, {low:g} to {high:g}"
             )
     except ValueError as problem:
@@ -119,9 +150,9 @@ def parse(text: str, name: str) -> Scatter:
 
 def _positive(what: str, value: float) -> None:
     if not value > 0.0:
-        raise ValueError(f"{what} must be above 0, not {value:g}")
+        raise InputError(f"{what} must be above 0, not {value:g}")
 
 
 def _ascending(low: tuple[str, float], high: tuple[str, float]) -> None:
     if not low[1] < high[1]:
-        raise ValueError(f"{low[0]} = {low[1]:g} must be below {high[0]} = {high[1]:g}")
+        raise InputError(f"{low[0]} = {low[1]:g} must be below {high[0]} = {high[1]:g}")

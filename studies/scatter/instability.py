@@ -18,8 +18,7 @@ from studies.rig import rig_settings
 from studies.scatter import distributions
 from studies.scatter.distributions import Scatter
 from studies.tables import Table
-from sweeps import InputError, Sample
-from sweeps.sample import quantiles, unit_draws
+from sweeps import InputError, Sample, quantiles, unit_draws
 
 Array = NDArray[Any]
 
@@ -186,4 +185,5 @@ def sample(texts: Mapping[str, str], count: int, seed: int, method: str = "sobol
 
 @lru_cache(maxsize=8)
 def _sample(texts: tuple[tuple[str, str], ...], count: int, seed: int, method: str) -> dict[str, Array]:
-    return Sample(scatters(dict(texts)), count, method, seed).draws()
+    grid = Sample(scatters(dict(texts)), count, method, seed)
+    return {name: grid.axes[name].values for name, _ in texts}

@@ -16,6 +16,8 @@ from sweeps import DONE, FAILED
 # asked, for another reason or as too dear. The last is for what is not known yet, and no outcome of a run.
 OUTCOMES = (*EXPECTED, "fails", "not asked", "too dear", "pending")
 PASSES, FAILS, NOT_ASKED, DEAR, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
+# For a reader.
+SAID = {"too dear": "skipped (too expensive)"}
 
 DAMPING = "fast and exact without numerical damping, paper with its own"
 
@@ -42,7 +44,11 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     for group in dict.fromkeys(groups):
         mine, cells = np.flatnonzero(groups == group), []
         for m in range(len(methods)):
-            words = [f"{n} {OUTCOMES[code]}" for code, n in enumerate(np.bincount(outcome[mine, m])) if n]
+            words = [
+                f"{n} {SAID.get(OUTCOMES[code], OUTCOMES[code])}"
+                for code, n in enumerate(np.bincount(outcome[mine, m]))
+                if n
+            ]
             k = mine[np.argmax(np.where(outcome[mine, m] == PASSES, margin[mine, m], -1.0))]
             if outcome[k, m] == PASSES and margin[k, m] >= 0.01:
                 words[0] += f" ({check[k, m]} {margin[k, m]:.2g})"

@@ -65,7 +65,9 @@ def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> d
         },
         "name": sweep.name,
         "sources": digests(*functions, *sorted(classes, key=repr)),
-    } | ({"request": plain(sweep.request)} if sweep.request else {})
+    }
+    parts |= {"sample": plain(sweep.grid.drawn)} if sweep.grid.drawn else {}
+    parts |= {"request": plain(sweep.request)} if sweep.request else {}
     loaded: dict[str, Any] = json.loads(json.dumps(parts))
     return loaded
 

@@ -49,6 +49,8 @@ class Declaration:
     request : mapping
         What the sweep was asked for, where its constants follow from that, as JSON holds it. It is kept in the
         file's configuration. Sweeps of one request may have constants that differ by rounding.
+    remark : str
+        What the file's history says of this run besides.
     refinement : Refinement, optional
         What decides which points are computed; given by `sweeps.refined`. Without it all are.
     """
@@ -66,6 +68,7 @@ class Declaration:
     order_by: tuple[str, ...] = ()
     batch_multiple: int = 1
     request: Mapping[str, Any] = field(default_factory=dict)
+    remark: str = ""
     refinement: Refinement | None = None
 
     def __post_init__(self) -> None:

@@ -25,6 +25,7 @@ from sweeps.plan.declaration import Declaration
 from sweeps.plan.keys import factors, representatives
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.refine.refine import wanted_points
+from sweeps.sample import check_same_draws
 from sweeps.storage.existing import Existing, check_replaceable, existing
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.merge import surveyed
@@ -58,12 +59,15 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
             check_replaceable(place, sweep.name)
         else:
             present = existing(place, sweep.name, own) or present
+            check_same_draws(place.file, present.grid, sweep.grid)
     stamp = () if place is None else place.stamp()
 
     check_size(sweep.grid)
     grid = present.grid.grown(sweep.grid)
     check_size(grid)
     attributes["configuration"] = configuration(sweep, grid)
+    if sweep.remark:
+        attributes["remark"] = sweep.remark
     embedding = grid.embed(sweep.grid)
     live, requested = grid.live(), np.zeros(grid.shape, dtype=bool)
     requested[embedding.index] = True

@@ -46,7 +46,9 @@ CACHE_BYTES = 1 << 25
 def attach(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
     """Add what is derived, and what the file says of itself, after what it said `before`."""
     made = source()
-    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by {made}"
+    own = dict(manifest.attributes)
+    remark = f"; {own.pop('remark')}" if "remark" in own else ""
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by {made}{remark}"
     described = {
         "Conventions": "CF-1.11",
         "title": manifest.title,
@@ -54,7 +56,7 @@ def attach(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: 
         "source": made,
         "sweep": manifest.name,
     }
-    data = data.assign_attrs(described | dict(manifest.attributes))
+    data = data.assign_attrs(described | own)
     return data if derive is None else derive(data)
 
 

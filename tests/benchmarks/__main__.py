@@ -11,7 +11,7 @@ import sys
 
 from tests.benchmarks.stability import machine
 
-PARTS = ("stability", "transient", "kernel", "scaling", "sweeps", "query", "studies", "maps")
+PARTS = ("stability", "many", "transient", "kernel", "scaling", "sweeps", "query", "studies", "maps")
 
 
 def main() -> None:

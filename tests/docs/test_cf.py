@@ -16,6 +16,7 @@ from compliance_checker.runner import CheckSuite
 
 from studies import registry
 from studies.maps import maps
+from studies.scatter.study import scattered
 from sweeps import Axis, Grid, Sweep, Variable
 from tests import HOME
 from tests.helpers import trials
@@ -65,6 +66,13 @@ def fresh(tmp_path_factory):
     given = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
     recorded = registry.load("scenes").sweep(given, record=("velocity_B", "state"), sample_rate=1e3)
     recorded.plan(folder / "recorded.nc").run("sync")
+    # Draws, and rows of a table with texts.
+    drawn = scattered(registry.load("fig5"), {}, {"mu": "normal:0.05:0.03", "theta": "normal:5:1"}, samples=4)
+    drawn.sweep({}).plan(folder / "drawn.nc").run("sync")
+    columns = {"numerical_damping": ["none", "published"], "V": [2e-3, 5e-3]}
+    del given["V"]
+    table = scattered(registry.load("scenes"), given, points=columns)
+    table.sweep(given).plan(folder / "table.nc").run("sync")
     return folder
 
 
@@ -95,7 +103,9 @@ def test_results_pass_the_checker(suite, path):
     assert findings(suite, path) == []
 
 
-@pytest.mark.parametrize("name", ["failures", "refined", "whole", "bare", "texts", "regime", "recorded"])
+@pytest.mark.parametrize(
+    "name", ["failures", "refined", "whole", "bare", "texts", "regime", "recorded", "drawn", "table"]
+)
 def test_what_is_written_now_passes_the_checker(suite, fresh, name):
     assert findings(suite, fresh / f"{name}.nc") == []
 
@@ -147,7 +157,7 @@ def test_attributes_that_every_file_has_and_plain_xarray_opens_it_anywhere(fresh
         with netCDF4.Dataset(path) as file:
             assert file.Conventions == f"CF-{VERSION}"
             assert file.title
-            assert re.search(r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \w+ computed by fiv ", file.history)
+            assert re.search(r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ [\w-]+ computed by fiv ", file.history)
             assert re.search(r"fiv .* \(commit .*\)", file.source)
             for name, variable in file.variables.items():
                 assert variable.long_name, (path, name)

@@ -6,7 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from studies.plotting import figures
+import sweeps
+from studies import registry
+from studies.maps.figure import _alone
+from studies.plotting import figures, planes
+from tests import HOME
 
 COLUMNS = 1500
 
@@ -59,3 +63,33 @@ def test_each_column_has_the_range_of_its_samples_and_touches_the_next(y, column
     for k in range(columns):
         part = y[bounds[k] : bounds[k + 1] + 1]
         assert (low[k], high[k]) == (part.min(), part.max())
+
+
+def test_a_unit_with_a_slash_is_in_brackets_and_few_values_are_the_ticks():
+    assert [planes.label(name) for name in ("V", "theta", "mu")] == ["V / (mm/s)", "θ / °", "μ"]
+    _, (axes,) = figures.panels(1, 1, 17.0, 8.0)
+    planes.set_axes(axes, "V", [1e-4, 1e-2], "mu", [0.1, 0.4])
+    figures.one_two_five(axes.xaxis, axes.yaxis)
+    assert [list(axes.get_xticks()), list(axes.get_yticks())] == [[0.1, 10.0], [0.1, 0.4]]
+
+
+def test_bands_of_values_are_told_apart_however_far_they_lie():
+    values = np.array([[2.0, np.nan, 2.8], [7.2, 7.6, 2.0]])
+    scale, ticks = planes.banded(values)
+    shades = scale([2.0, 2.8, 7.2, 7.6])
+    assert np.all(np.diff(shades) > 0.15)
+    assert all(2.0 <= tick <= 2.8 or 7.2 <= tick <= 7.6 for tick in ticks)
+    assert np.all(np.isfinite(planes.banded(np.full((2, 2), 3.0))[0]([3.0])))
+
+
+def test_a_cell_unlike_all_around_it_is_alone():
+    stable = np.zeros((5, 6), dtype=bool)
+    stable[1, 1] = stable[3, 3:5] = stable[0, 5] = True
+    for cells in (stable, ~stable):
+        assert np.argwhere(_alone(cells)).tolist() == [[1, 1]]
+
+
+def test_the_paper_stands_beside_its_own_speeds_only():
+    data = sweeps.open_results(HOME / "results" / "reference" / "fig7" / "fig7.nc").isel(V=[0, 1])
+    lines = [axes.lines for axes in registry.load("fig7").draw(data.assign_coords(V=[1e-3, 3e-3])).axes[1::2]]
+    assert [sum(line.get_label().startswith("paper") for line in each) for each in lines] == [5, 0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,9 +9,10 @@ import numpy as np
 import xarray as xr
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import BoundaryNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from studies import paper
@@ -25,8 +25,6 @@ from studies.plotting.planes import COLOURS, named
 from studies.study import constants
 from sweeps import DONE
 
-# Of a title to a centimetre.
-LETTERS = 4.4
 # Shown beside the regimes: factor, what stands at the scale, and whether only a vibration has it.
 QUANTITIES = {
     "stick_fraction": (1.0, "share of time in stick", False),
@@ -50,9 +48,11 @@ VERDICT_MARKS: dict[str, dict[str, Any]] = {
 DIFFER: dict[str, Any] = RIM | {"marker": "o", "markersize": 2.4, "color": "black"}
 DIFFER |= {"markeredgecolor": "white", "markeredgewidth": 0.4, "label": "members differ"}
 PAPER_MARKS = {"intermittent": "^", "periodic": "D"}
-# A scale leaves out this share of the cells at either end, single ones would take all of it; and it is logarithmic
-# where its ends are so many times apart.
-RARE, WIDE = 0.02, 3.0
+# A scale leaves out this share of the cells at either end, single ones would take all of it; it is logarithmic
+# where its ends are so many times apart, else it has steps.
+RARE, WIDE = 0.02, 10.0
+# Shades of a scale that is not logarithmic, at most.
+STEPS = 8
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -101,7 +101,7 @@ def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
         _draw_shades(axes, at, x, y, name)
         axes.set_title(f"({letter}) {QUANTITIES[name][1]}", loc="left", fontsize=9.0)
         axes.label_outer()
-    figure.suptitle(_title(about, 17.0))
+    figure.suptitle(figures.fitted(f"Regimes: {about}", 17.0))
     return figure
 
 
@@ -121,13 +121,8 @@ def _draw_planes(dataset: xr.Dataset, x: str, y: str, varying: Sequence[str], ab
         loc="outside lower center",
         ncols=2 if width < 14.0 else 3,
     )
-    figure.suptitle(_title(", ".join(filter(None, (about, left_out))), width))
+    figure.suptitle(figures.fitted(f"Regimes: {', '.join(filter(None, (about, left_out)))}", width))
     return figure
-
-
-def _title(about: str, width: float) -> str:
-    """The figure's title, broken where it is longer than the figure is wide, cm."""
-    return textwrap.fill(f"Regimes: {about}", int(LETTERS * width))
 
 
 def _in_order(handles: Sequence[Any]) -> list[Any]:
@@ -192,15 +187,19 @@ def _draw_shades(axes: Axes, at: xr.Dataset, x: str, y: str, name: str) -> None:
     """One quantity over the plane, with its scale."""
     values = _shown(at, name)
     known = values[np.isfinite(values)]
-    norm, extend = Normalize(0.0, 1.0), "neither"
+    norm, extend, ticks = Normalize(0.0, 1.0), "neither", None
     if name != "stick_fraction" and len(known):
         low, high = np.quantile(known, [RARE, 1.0 - RARE])
-        norm = LogNorm(low, high) if 0.0 < WIDE * low < high else Normalize(low, high)
+        if 0.0 < WIDE * low < high:
+            norm = LogNorm(low, high)
+        else:
+            levels = np.asarray(MaxNLocator(STEPS, steps=[1, 2, 5, 10]).tick_values(low, high))
+            norm, ticks, low, high = BoundaryNorm(levels, 256), levels[::2], levels[0], levels[-1]
         extend = {(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(
             (known.min() < low, known.max() > high), extend
         )
     mesh = planes.shades(axes, x, at[x].values, y, at[y].values, values, norm)
-    bar = axes.figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend=extend)
+    bar = axes.figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend=extend, ticks=ticks)
     bar.outline.set_visible(False)
     figures.one_two_five(bar.ax.xaxis, axes.xaxis, axes.yaxis)
     _draw_onset(axes, at, x, y)
@@ -229,9 +228,10 @@ def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     if planes.is_logarithmic(values):
         panels[-1].set_xscale("log")
         figures.one_two_five(panels[-1].xaxis)
+    planes.mark_few(panels[-1].xaxis, values)
     panels[-1].set_xlim(ends[0], ends[-1])
     panels[-1].set_xlabel(planes.label(x))
     figures.legend_below(figure, panels, 4)
     note = "mean (of the line: middle) and standard deviation of the members"
-    figure.suptitle(f"{_title(about, 15.0)}\n{note}")
+    figure.suptitle(figures.fitted(f"Regimes: {about}\n{note}", 15.0))
     return figure

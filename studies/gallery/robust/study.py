@@ -113,7 +113,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, Any]) -> Sweep:
     """The sweep over theta: every friction and every draw belongs to one computation."""
     rig, _ = rig_of({**settings, "theta": 0.0})
     scatter = dict(settings.get("scatter") or instability.usual(settings))
-    instability.scatters(scatter)
+    scatter = {name: each.text for name, each in instability.scatters(scatter).items()}
     for name in scatter:
         if name in axes:
             raise InputError(f"--scatter {name}: study robust has it as an axis; leave it out, or use fiv map")
@@ -157,6 +157,8 @@ STUDY = Study(
         **SETTINGS,
     },
     build=build,
+    scatters=True,
+    request={"axes": ["mu"]},
     draw=deferred("studies.gallery.robust.figure:draw"),
     findings=deferred("studies.gallery.robust.findings:findings"),
 )

@@ -28,9 +28,11 @@ def draw(dataset: xr.Dataset) -> Figure:
     varying.sort(key=lambda name: -dataset.sizes[name])
     held = [named(name, dataset[name].values[0]) for name in transients.SCENE if name not in varying]
     given = constants(dataset)
-    about = ", ".join([*held, f"{given['duration']:g} s", transients.damping(given)])
+    known = f"runs until the shares of time are known to {given['standard_error']:g}"
+    length = f"runs of {given['duration']:g} s" if given["duration"] else known
+    about = ", ".join([*held, length, transients.damping(given)])
     if len(varying) > 1:
-        return _draw_maps(dataset, varying, f"Regime of the motion: {about}")
+        return _draw_maps(dataset, varying, f"Regime of the motion\n{about}")
     along = varying[0] if varying else "V"
     at = dataset.isel({name: 0 for name in transients.SCENE if name != along})
     return _draw_row(at, along, f"Scenes along {SYMBOLS[along][0]}: {about}" if varying else f"One scene: {about}")
@@ -52,7 +54,8 @@ def _draw_maps(dataset: xr.Dataset, varying: Sequence[str], title: str) -> Figur
     handles = planes.patches(np.unique(np.concatenate(kinds)))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     note = "\nnumbers: RMS of the velocity of B / (mm/s)" if written else ""
-    figure.suptitle(title + (f" ({left_out})" if left_out else "") + note)
+    whole = title + (f" ({left_out})" if left_out else "") + note
+    figure.suptitle(figures.fitted(whole, 2.54 * figure.get_figwidth()))
     return figure
 
 
@@ -84,11 +87,21 @@ def _draw_map(axes: Axes, at: xr.Dataset, x: str, y: str, written: bool) -> NDAr
             axes.text(column, row, _short(rms[row, column]), color=colour, fontsize=7.0, ha="center", va="center")
     axes.grid(False)
     for name, side in ((x, axes.xaxis), (y, axes.yaxis)):
-        values = SYMBOLS[name][2] * at[name].values
-        ticks = range(0, len(values), -(-len(values) // MOST_TICKS))
-        side.set_ticks(ticks, [f"{values[k]:.3g}" for k in ticks])
+        values = planes.shown(name, at[name].values)
+        ticks = values if len(values) <= MOST_TICKS else _round(values)
+        side.set_ticks(np.interp(ticks, values, range(len(values))), [f"{tick:.3g}" for tick in ticks])
         side.set_label_text(planes.label(name))
     return np.unique(kinds)
+
+
+def _round(values: NDArray[Any]) -> NDArray[Any]:
+    """Round numbers within the ascending values, which need not be among them."""
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    log = planes.is_logarithmic(values)
+    locator = LogLocator(subs=(1.0, 2.0, 5.0)) if log else MaxNLocator(MOST_TICKS, steps=[1, 2, 5, 10])
+    ticks = np.asarray(locator.tick_values(values[0], values[-1]))
+    return np.asarray(ticks[(ticks >= values[0]) & (ticks <= values[-1])])
 
 
 def _short(value: float) -> str:
@@ -106,11 +119,12 @@ def _draw_row(at: xr.Dataset, along: str, title: str) -> Figure:
     if planes.is_logarithmic(values):
         rms.set_xscale("log")
         rms.xaxis.set_major_formatter("{x:g}")
+    planes.mark_few(rms.xaxis, values)
     rms.set_xlim(edges[0], edges[-1])
     rms.set_ylim(bottom=0.0)
     rms.set_xlabel(planes.label(along))
     rms.set_ylabel("RMS of the velocity of B / (mm/s)")
     shares.set_ylabel("share of the time")
     figures.legend_below(figure, [shares, rms], 5)
-    figure.suptitle(title)
+    figure.suptitle(figures.fitted(title, 15.0))
     return figure

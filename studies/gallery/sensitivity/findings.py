@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from fivcore.rig import BEAM_NUMBERS
 from studies.gallery.sensitivity.study import PARAMETERS, SAME, STEP
 from studies.motion.regimes import failures
-from studies.rig import BEAM_NUMBERS
 from studies.study import constants
 from studies.tables import Part, Table, number
 

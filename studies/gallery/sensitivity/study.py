@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import InputError, OnsetSensitivity, Rig, checks, flutter_onsets, onset_curves, onset_sensitivity
+from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS
 from studies import paper
 from studies.motion import transients
-from studies.rig import BEAM_NUMBERS, RIG_NUMBERS, rig_of, rig_settings
+from studies.rig import rig_of, rig_settings
 from studies.spec import evenly
 from studies.study import Setting, Study, deferred
 from sweeps import Axis, Variable

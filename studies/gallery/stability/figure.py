@@ -53,12 +53,14 @@ def draw(dataset: xr.Dataset) -> Figure:
     if np.any(growth > 0.0):
         largest, faintest = float(np.nanmax(growth)), float(np.nanmin(growth[growth > 0.0]))
         norm = LogNorm(max(min(faintest, 0.5 * largest), FAINTEST * largest), largest)
-        for name, values, scale, label in (
-            ("growth", growth, norm, "growth rate / (1/s)"),
-            ("frequency", 1e-3 * frequency, None, "frequency / kHz"),
+        kilohertz = np.where(growth > 0.0, 1e-3 * frequency, np.nan)
+        scale, ticks = planes.banded(kilohertz)
+        for name, values, each, label, marked in (
+            ("growth", np.where(growth > 0.0, growth, np.nan), norm, "growth rate / (1/s)", None),
+            ("frequency", kilohertz, scale, "frequency / kHz", ticks),
         ):
-            mesh = planes.shades(panels[name], *plane, np.where(growth > 0.0, values, np.nan), scale)
-            planes.colour_bar(figure, mesh, panels[name], label)
+            mesh = planes.shades(panels[name], *plane, values, each)
+            planes.colour_bar(figure, mesh, panels[name], label, marked)
     last = len(COUNTS) - 1
     planes.classes(panels["count"], *plane, np.minimum(count, last), COUNTS)
     colours = ScalarMappable(Normalize(-0.5, last + 0.5), ListedColormap(list(COUNTS)))

@@ -39,8 +39,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     _draw_products(products, at)
     _draw_spread(spread, at)
     _draw_collapse(collapse, dataset)
-    for letter, axes in zip("abcd", (times, products, spread, collapse), strict=True):
-        axes.set_title(f"({letter})", loc="left", fontsize=9.0)
+    titles = ("mean", "mean × speed", "distribution", "every friction and load")
+    figures.letter((times, products, spread, collapse), titles)
     held = f"μ = {float(at['mu']):g}, F = {float(at['F']):g} N"
     title = f"Duration of long sticks, θ = {given['theta']:g}°; (a) to (c) {held}"
     figure.suptitle(f"{title}\n{transients.damping(given)}")
@@ -88,7 +88,7 @@ def _draw_products(axes: Axes, at: xr.Dataset) -> None:
         dashed: dict[str, Any] = {"color": figures.RED, "linestyle": "--", "linewidth": 1.0}
         axes.axvline(end, label=f"intermittence ends, {end:.2f} mm/s", **dashed)
     _logarithmic(axes, 1e3 * V)
-    axes.set(ylim=(0.0, None), xlabel="V / (mm/s)", ylabel="T V / µm")
+    axes.set(ylim=(0.0, None), xlabel="V / (mm/s)", ylabel="T V / μm")
     small: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "fontsize": 6.5, "color": figures.BLUE}
     for x, count in zip(1e3 * V, at["sustained_count"].sum("member").values, strict=True):
         if count:
@@ -108,7 +108,7 @@ def _draw_spread(axes: Axes, at: xr.Dataset) -> None:
         x = np.sort(1e6 * V * every[np.isfinite(every)])
         share = np.arange(1, len(x) + 1) / len(x)
         axes.step(x, share, where="post", color=colour, linestyle=style, label=f"{1e3 * V:g} mm/s ({len(x)})")
-    axes.set(xlabel="T V / µm, sustained sticks", ylabel="share of the sticks below", ylim=(0.0, 1.02))
+    axes.set(xlabel="T V / μm, sustained sticks", ylabel="share of the sticks below", ylim=(0.0, 1.02))
     if len(chosen):
         axes.set_xlim(left=0.0)
         axes.legend(loc="upper left")
@@ -126,7 +126,7 @@ def _draw_collapse(axes: Axes, dataset: xr.Dataset) -> None:
             y = 1e6 * at["V"].values * _means(at, kind)[0] / (mu * F)
             axes.plot(x, y, color=colour, marker=marker, markerfacecolor=fill, **shown)
     _logarithmic(axes, [0.1, 10.0])
-    axes.set(ylim=(0.0, None), xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (µm/N)")
+    axes.set(ylim=(0.0, None), xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (μm/N)")
     figures.one_two_five(axes.xaxis)
     marks = [Line2D([], [], color=colour, marker="o", label=f"μ = {mu:g}", **shown) for mu, colour in frictions]
     marks += [Line2D([], [], color=figures.GREY, marker=mark, label=f"F = {F:g} N", **shown) for F, mark in loads]

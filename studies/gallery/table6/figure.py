@@ -67,6 +67,11 @@ def draw(dataset: xr.Dataset) -> Figure:
     for axes, (low, high) in zip(upper, tiers[::-1], strict=True):
         _draw_lines(axes, dataset, points)
         axes.set_ylim(KHZ * low, KHZ * high)
+        # Slanted strokes where the axis of frequency is broken.
+        for end, cut in ((0.0, axes is not upper[-1]), (1.0, axes is not upper[0])):
+            if cut:
+                stroke: dict[str, Any] = {"marker": [(-1, -0.5), (1, 0.5)], "color": "black", "clip_on": False}
+                axes.plot(0.0, end, transform=axes.transAxes, markersize=9.0, **stroke)
         if axes is not upper[-1]:
             axes.spines["bottom"].set_visible(False)
             axes.tick_params(axis="x", length=0.0)
@@ -81,7 +86,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     strips.legend(handles=_draw_strips(strips, dataset, edges, of_paper), ncols=5, **above)
     for axes in (upper[0], growth, shares):
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(ncols=3, **above)
+            axes.legend(ncols=4 if axes is growth else 3, columnspacing=1.2, **above)
     strips.set_xlim(edges[0], edges[-1])
     strips.set_xlabel(planes.label("theta"))
     point = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
@@ -167,8 +172,12 @@ def _draw_growth(axes: Axes, dataset: xr.Dataset) -> None:
     stable = np.where(fastest > 0.0, np.nan, fastest)
     decay = "slowest decay, where none grows"
     axes.plot(theta, stable, ".-", color=figures.GREEN, linewidth=2.0, markersize=5.0, label=decay)
-    if dataset.sizes["window"]:
-        axes.fill_between([], [], color=figures.BLACK, alpha=0.12, linewidth=0.0, label="window of instability")
+    starts, ends = dataset["window_from"].values, dataset["window_to"].values
+    within = [int(np.sum((starts <= start) & (start < ends))) for start in starts]
+    for count in range(1, max(within, default=0) + 1):
+        # As `count` windows over each other are shaded.
+        shade: dict[str, Any] = {"color": figures.BLACK, "alpha": 1.0 - 0.94**count, "linewidth": 0.0}
+        axes.fill_between([], [], label=f"{count} pair{'s' * (count > 1)} unstable", **shade)
     axes.margins(y=0.15)
     axes.set_ylabel("growth rate / (1/s)")
 

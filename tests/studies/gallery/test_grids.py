@@ -33,7 +33,7 @@ FAIL = {"theta": 40.0, "mu": 7.0}
             "scenes",
             {"V": [2e-3, 4e-3], "theta": [5.0, 10.0], "mu": [0.2, 0.3], "F": np.arange(1.0, 7.0)},
             4,
-            "Regime of the motion: 0.05 s",
+            "Regime of the motion\nruns of 0.05 s",
             r"and 8 more in the file\.",
         ),
         ("regimes", {}, 3, "V = 5 mm/s", "1 scene on the paper's rig: .*"),

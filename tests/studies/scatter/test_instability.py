@@ -124,7 +124,9 @@ def test_wilsons_interval_covers_over_seeds(probability, method, most):
     """Draws of friction beside an onset at its quantile; Sobol points scatter less than independent ones."""
     scatter, count, seeds = parse("normal:0.2:0.05", "mu"), 256, 400
     level = float(scatter.ppf(1.0 - probability))
-    shares = [np.mean(Sample({"mu": scatter}, count, method, seed).draws()["mu"] > level) for seed in range(seeds)]
+    shares = [
+        np.mean(Sample({"mu": scatter}, count, method, seed).axes["mu"].values > level) for seed in range(seeds)
+    ]
     low, high = instability.wilson(np.array(shares), count)
     assert 0.92 <= np.mean((low <= probability) & (probability <= high)) <= most
 
