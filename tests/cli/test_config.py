@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from tests import HOME
-from tests.helpers import readmes
+from tests.docs import readmes
 from tests.helpers.commands import written
 
 FILE = """

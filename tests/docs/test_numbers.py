@@ -12,7 +12,7 @@ from studies.accuracy.findings import GROUPS, right, table
 from studies.tables import number
 from tests import HOME
 from tests.benchmarks import damping
-from tests.helpers import readmes
+from tests.docs import readmes
 
 
 @cache

@@ -12,7 +12,7 @@ import pytest
 
 from studies import registry
 from tests import HOME
-from tests.helpers import readmes
+from tests.docs import readmes
 
 README = readmes.TEXTS["README.md"]
 

@@ -17,8 +17,7 @@ import pytest
 
 from studies import registry
 from tests import HOME
-from tests.docs import first_time
-from tests.helpers import readmes
+from tests.docs import first_time, readmes
 
 # The API, a study of one's own, a sweep of one's own, a run under SLURM: all the Python that there is.
 API, STUDY = readmes.blocks("python", "README.md")
