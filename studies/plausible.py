@@ -11,7 +11,7 @@ import numpy as np
 USUAL: Mapping[str, tuple[float, float]] = {
     "V": (1e-7, 0.5),
     "theta": (0.2, 80.0),
-    "mu": (1e-3, 1.5),
+    "mu": (0.0, 3.0),
     "F": (1e-3, 1e4),
     "contact_position": (1e-3, 2.0),
     "head_mass": (1e-3, 1e3),
@@ -60,10 +60,11 @@ def unusual(values: Mapping[str, Any], units: Mapping[str, str], asked: Any = No
         if not len(sizes) or sizes.dtype.kind not in "iuf" or (asked is not None and name not in asked):
             continue
         low, high = USUAL[kind]
-        strange = sizes[((sizes < low) & (sizes > 0.0)) | (sizes > high)]
-        if len(strange):
+        # A range may begin near zero.
+        largest = sizes.max()
+        if largest > high or 0.0 < largest < low:
             unit = "" if units.get(name, "1") == "1" else f" {units[name]}"
-            line = f"{name} = {strange[0]:g}{unit} is unusual: {low:g} to {high:g}{unit} is usual"
+            line = f"{name} = {largest:g}{unit} is unusual: {low:g} to {high:g}{unit} is usual"
             lines.append(f"{line}; {HINTS[kind]}" if kind in HINTS else line)
     for beam in ("p1", "p2"):
         sides = [f"{beam}_length", f"{beam}_thickness"]

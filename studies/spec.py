@@ -13,7 +13,7 @@ from sweeps import InputError
 
 FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30, in SI or like 2mm/s | 50:80:7mm"
 # A number and what stands behind it.
-QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*?)?\s*")
+QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμΩ°%].*?)?\s*")
 MOST_VALUES = 10_000_000
 # A list of more values is no SPEC that anybody types.
 MOST_LISTED = 60

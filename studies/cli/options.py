@@ -179,6 +179,8 @@ class MapCommand(click.Command):
         """Quantities, axes and settings."""
         from studies.maps.quantities import AXES, QUANTITIES, RUN
 
-        for head, names in (("Quantities", QUANTITIES), ("Axes", AXES), ("Settings of runs", RUN)):
+        quantities = {name: each.variable for name, each in QUANTITIES.items()}
+        for head, named in (("Quantities", quantities), ("Axes", AXES), ("Settings of runs", RUN)):
+            texts = [name if each.units == "1" else f"{name} [{each.units}]" for name, each in named.items()]
             with formatter.section(head):
-                formatter.write_text(", ".join(names))
+                formatter.write_text(", ".join(texts))

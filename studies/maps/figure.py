@@ -82,13 +82,17 @@ def _draw_line(dataset: xr.Dataset, along: str, other: str) -> Figure:
         low, high = instability.wilson(y, given["samples"])
         axes.fill_between(x, low, high, color=figures.BLUE, alpha=0.3, linewidth=0.0, label="Wilson 95 %")
     axes.plot(x, y, color=figures.BLACK, marker="." if len(x) < 60 else "", label=quantity.replace("_", " "))
+    if np.any(at["status"].values == INTERPOLATED):
+        done = np.isin(at["status"].values, (DONE, FAILED))
+        look = MARKER | {"marker": "o", "markersize": 4.0}
+        axes.plot(x[done], y[done], **look, label=_share_computed(at["status"].values))
     for threshold in QUANTITIES[quantity].thresholds:
         axes.axhline(factor * threshold, color=figures.GREY, linewidth=0.8)
     if planes.is_logarithmic(x):
         axes.set_xscale("log")
         figures.one_two_five(axes.xaxis)
     axes.set(xlabel=planes.label(along), ylabel=label)
-    if "scatter" in given:
+    if len(axes.lines) + len(axes.collections) - len(QUANTITIES[quantity].thresholds) > 1:
         figures.legend_below(figure, [axes])
     figure.suptitle(_title(dataset[quantity], [planes.named(other, dataset[other].values[0]), *held(dataset)]))
     return figure
@@ -184,8 +188,12 @@ def _draw_computed(panel: Panel, status: NDArray[Any]) -> list[Any]:
         return []
     look = MARKER | {"marker": "o", "markersize": 2.0, "markeredgewidth": 0.3}
     panel.axes.plot(planes.shown(panel.x, panel.xs[across]), planes.shown(panel.y, panel.ys[up]), **look)
-    share = 100.0 * len(across) / status.size
-    return [Line2D([], [], label=f"computed ({share:.2g} %), others interpolated", **look)]
+    return [Line2D([], [], label=_share_computed(status), **look)]
+
+
+def _share_computed(status: NDArray[Any]) -> str:
+    """How many of the points were computed, for a legend."""
+    return f"computed ({100.0 * np.mean(np.isin(status, (DONE, FAILED))):.2g} %), others interpolated"
 
 
 def _draw_paper(axes: Axes, dataset: xr.Dataset) -> list[Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,9 @@ class PlanData(Selection):
             *(("damaged", f"{name}: its points are computed again") for name in self.damaged),
         ]
         return "\n".join(f"{name:<15} {text}" for name, text in rows if text)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     def _chosen(self) -> str:
         """How far a refined sweep has got; nothing of any other."""

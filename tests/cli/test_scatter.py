@@ -123,3 +123,58 @@ def test_names_are_completed():
     assert offered("run", "fig5", "--scatter", "m") == ["mu="]
     assert offered("run", "scenes", "--scatter", "nu") == []
     assert offered("run", "scenes", "--set", "nu") == ["numerical_damping="]
+
+
+def test_a_map_of_probability_scatters_what_it_is_told(tmp_path, here):
+    plane = ("--x", "theta=5:6:2", "--y", "mu=0.1:0.2:3", "--quantity", "probability_unstable", "--samples", "32")
+    done = here("map", *plane, "--scatter", "p1_length=normal:50:0.1mm", "--scatter", "d1=normal:50:40")
+    assert done.returncode == 0, done.stderr
+    assert "fiv: d1: 11 % of normal:50:40 is below 0 and was cut away" in done.stderr
+    assert "length of P1            normal:0.05:0.0001" in done.stdout
+    assert "Each point is a share of 32 rigs, seed 0" in done.stdout
+    name = "probability_unstable-theta-mu-samples=32-d1=normal:50:40-p1_length=normal:50:0.1mm.nc"
+    assert written(tmp_path) == [f"results/map/{name}"]
+    # The same with more rigs, without a scatter, and along one axis are other files.
+    assert here("map", *plane[:-1], "16").returncode == 0
+    assert here("map", "--x", "mu=0.1:0.12:3", *plane[4:], "--seed", "3").returncode == 0
+    assert len(written(tmp_path)) == 3
+    wrong = here("map", *plane, "--scatter", "theta=normal:5:1")
+    assert (wrong.returncode, wrong.stderr) == (
+        2, "fiv: --scatter theta: it is an axis of this map; leave it out\n"
+    )  # fmt: skip
+    assert here("map", *plane, "--scatter", "p1_lenght=normal:5:1").stderr.startswith(
+        "fiv: --scatter p1_lenght: it cannot scatter here; did you mean p1_length?"
+    )
+
+
+def test_the_study_of_scattered_rigs_scatters_what_it_is_told(here):
+    small = ("--set", "theta=5", "--set", "mu=0.1,0.12", "--set", "sobol_samples=4", "--samples", "16")
+    done = here("run", "robust", "--scatter", "p1_length=normal:50:0.1mm", *small)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("16 rigs, theta from 5 to 5 degrees")
+    text = here("status", "robust", "--toml").stdout
+    asked = tomllib.loads(text)
+    assert asked["scatter"] == {"p1_length": "normal:0.05:0.0001"}
+    assert asked["axes"] == {"theta": [5.0], "mu": [0.1, 0.12]}
+    assert asked["settings"]["samples"] == 16.0
+    again = here("plan", "results/robust/robust.nc")
+    assert "to do           0" in again.stdout, again.stderr
+    other = here("run", "robust", *small)
+    assert other.returncode == 3
+    assert "scatter.contact_position = nothing there" in other.stderr
+    axis = here("run", "robust", "--scatter", "theta=normal:5:1")
+    assert (axis.returncode, axis.stderr.count("\n")) == (2, 1)
+    rows = here("query", "robust", "--where", "onset_mu < 0.1112", "--show", "sample,p1_length,onset_mu")
+    assert 1 < len(rows.stdout.splitlines()) < 17
+
+
+def test_unusual_values_are_told_once_and_refused_if_asked(tmp_path, here):
+    told = "fiv: p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without their unit?\n"
+    assert here("plan", "fig5", "--set", "p1_length=50").stderr == told
+    strict = here("run", "fig5", "--set", "p1_length=50", "--strict")
+    assert (strict.returncode, strict.stdout) == (2, "")
+    assert strict.stderr == told.replace("unit?\n", "unit?; leave --strict out to compute it all the same\n")
+    assert here("plan", "fig5", "--set", "p1_length=50mm", "--strict").returncode == 0
+    line = ("--x", "p1_thickness=1.5mm:10mm:2", "--quantity", "onset_mu")
+    assert "p1_length / p1_thickness = 5 is unusual" in here("map", *line, "--strict").stderr
+    assert written(tmp_path) == []

@@ -106,3 +106,42 @@ def test_as_many_values_as_are_allowed_can_be_halved(monkeypatch):
     monkeypatch.setattr(spec, "MOST_VALUES", 4)
     with pytest.raises(ValueError, match="cannot be halved 1 times"):
         spec.refined("0:1:3", "V", 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "plain"),
+    [
+        ("2mm/s", "m s-1", "0.002"),
+        ("50:80:7mm", "m", "0.05:0.08:7"),
+        ("1.5mm:3mm:40", "m", "1.5e-3:3e-3:40"),
+        ("0.15cm:3mm:40", "m", "1.5e-3:3e-3:40"),
+        ("1,2,5 mm/s", "m s-1", "0.001,0.002,0.005"),
+        ("log:0.1mm/s:10mm/s:3", "m s-1", "log:1e-4:1e-2:3"),
+        ("210GPa", "Pa", "210e9"),
+        ("7.85 g/cm^3", "kg m-3", "7850"),
+        ("20%", "1", "0.2"),
+        ("-5deg", "degree", "-5"),
+    ],
+)
+def test_values_may_bear_a_unit(text, units, plain):
+    """Bit for bit those that one would write without it."""
+    np.testing.assert_array_equal(spec.parse(text, "x", units), spec.parse(plain, "x", units))
+    np.testing.assert_array_equal(spec.refined(text, "x", 1, units), spec.refined(plain, "x", 1))
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "why"),
+    [
+        ("2mm", "m s-1", "[mm] measures [length], but [m s-1] [length] / [time]"),
+        ("1mm:2:4", "m", "each value must bear its unit, or the end that of all"),
+        ("1mm,2", "m", "each value must bear its unit, or the end that of all"),
+        ("1mm:2mm:4mm", "m", "each value must bear its unit, or the end that of all"),
+        ("3x", "m", "[x] is no unit"),
+        ("2mm", "", "nothing is known of its unit; leave 'mm' out"),
+        ("1e400m", "m", "must be a finite number"),
+    ],
+)
+def test_a_unit_that_does_not_fit_is_told(text, units, why):
+    with pytest.raises(ValueError, match=r"^x = '.*': .*; the forms are 0.2 \|") as caught:
+        spec.parse(text, "x", units)
+    assert why in str(caught.value)

@@ -232,7 +232,7 @@ def test_results_go_where_the_environment_says_and_a_home_folder_is_understood(t
         ("fig5", {"mo": 0.2}, "mo: study fig5 has no such axis; did you mean mu"),
         ("fig5", {"mu": -0.1}, "mu = -0.1: it must be a number from 0 to"),
         ("fig5", {"mu": [0.1, float("nan")]}, "mu = nan: it must be finite"),
-        ("fig5", {"mu": "much"}, "mu = 'much': it must be a number"),
+        ("fig5", {"mu": "much"}, "mu = 'much': 'much' must be a finite number"),
         ("fig5", {"theta": 95.0}, "theta = 95.0: it must be a single angle between -90 and 90"),
         ("fig5", {"theta": [1.0, 2.0]}, "it must be one number"),
         ("fig5", {"contact_position": 0.2}, "contact_position = 0.2: it must be above 0 and at most"),
