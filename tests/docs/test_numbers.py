@@ -57,6 +57,24 @@ def stability():
     yield f"The lowest onset is mu = {lowest.min():.4f}, at {lowest.idxmin():.1f} degrees"
 
 
+def robust():
+    at = kept("robust").sel(theta=5.0)
+    low, high = np.quantile(at["onset_mu"], [0.05, 0.95])
+    yield f"flutter between mu = {low:.4f} and {high:.4f}"
+    yield f"the nominal rig does at {float(at['nominal_onset_mu']):.4f}"
+    share, *ends = (100.0 * float(at[f"probability_{end}"].sel(mu=0.1)) for end in ("unstable", "low", "high"))
+    yield f"At mu = 0.1 already {share:.1f} % are unstable ({ends[0]:.1f} to {ends[1]:.1f} %, Wilson's 95 % interval)"
+    total = at["sobol_total"].to_series().sort_values(ascending=False)
+    assert set(total.index[:2]) == {"p1_young_modulus", "p2_young_modulus"}
+    assert total.index[2] == "p1_thickness"
+    assert total[["head_mass", "d1", "d2"]].max() < 0.005
+    first, second, third = (f"{value:.2f}" for value in total[:3])
+    yield f"(total Sobol indices {first} and {second}), then P1's thickness ({third})"
+    data = kept("robust")
+    stable = data["nominal_unstable"].values == 0
+    yield f"plane {100.0 * float(data['probability_unstable'].values[stable].mean()):.1f} % of the rigs are unstable"
+
+
 def sensitivity():
     at = kept("sensitivity").sel(theta=5.0, pair=1)
     say, again = at["elasticity_mu"], 100.0 * at["change_mu"] / at["onset_mu"]
@@ -198,7 +216,7 @@ def accuracy():
         yield f"| {name} | {' | '.join(cells)} |"
 
 
-SENTENCES = [table4, fig5, fig7, table6, stability, sensitivity, stick_time, accuracy, stress, transients]
+SENTENCES = [table4, fig5, fig7, table6, stability, sensitivity, robust, stick_time, accuracy, stress, transients]
 
 
 @pytest.mark.parametrize("sentences", SENTENCES)
