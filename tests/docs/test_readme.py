@@ -61,7 +61,7 @@ def test_no_block_of_code_is_left_out():
 
 def test_every_example_is_a_command_of_fiv():
     assert len(COMMANDS) > 15
-    assert len(READING) == 8
+    assert len(READING) == 9
     for line in COMMANDS:
         assert line.startswith("fiv "), line
     used = {line.split()[1] for line in COMMANDS} | {line.split()[1] for line in first_time.lines()[2:]}
