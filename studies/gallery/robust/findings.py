@@ -83,7 +83,8 @@ def _deciding(at: xr.Dataset, base: int) -> list[Part]:
         for k in places[:MOST]
     ]
     return [
-        f"What decides the lowest onset at theta = {float(at['theta']):g} degrees: {', '.join(matter)}. The "
+        f"What decides the lowest onset at theta = {float(at['theta']):g} degrees: {', '.join(matter)}. (Where a "
+        f"rig has none, mu = {instability.MU_MAX:g} stands in.) The "
         f"others have total indices below {MATTERS:g} (base of {base} points).",
         Table(["number", "first index", "total index", "+-"], rows, words=1),
     ]
