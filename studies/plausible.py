@@ -11,7 +11,7 @@ import numpy as np
 USUAL: Mapping[str, tuple[float, float]] = {
     "V": (1e-7, 0.5),
     "theta": (0.2, 80.0),
-    "mu": (0.0, 3.0),
+    "mu": (0.0, 10.0),
     "F": (1e-3, 1e4),
     "contact_position": (1e-3, 2.0),
     "head_mass": (1e-3, 1e3),
