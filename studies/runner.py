@@ -39,6 +39,12 @@ class Finished:
     file: Path
     figure: Path
 
+    @property
+    def figures(self) -> list[Path]:
+        """The study's figure, and that of its recorded series where there are any."""
+        series = series_file(self.figure)
+        return [self.figure, *([series] if "elapsed" in self.dataset.dims and series.exists() else [])]
+
     def beside_reference(self) -> str:
         """How far it is from the reference, in a line; "" where there is none."""
         name = self.study.name
@@ -177,7 +183,7 @@ def format_of(path: str | Path, form: str | None = None) -> str:
 
 
 def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", whose: str | None = None) -> Path:
-    """Draw the study's figure beside its netCDF file, in one of `FORMATS`.
+    """Draw the study's figure beside its netCDF file, in one of `FORMATS`, and the series that it does not show.
 
     `whose` is what a message calls the dataset; by default it is that file's.
     """
@@ -185,7 +191,29 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", who
     whole = image(study, dataset, form, whose or str(beside))
     with written(target) as temporary:
         temporary.write_bytes(whole)
+    if (series := series_of(study, dataset, form)) is not None:
+        with written(series_file(target)) as temporary:
+            temporary.write_bytes(series)
     return target
+
+
+def series_file(figure: Path) -> Path:
+    """Where recorded series are drawn, beside the study's figure."""
+    return figure.with_name(f"{figure.stem}-series{figure.suffix}")
+
+
+def series_of(study: Study, dataset: xr.Dataset, form: str = "png") -> bytes | None:
+    """The recorded series that the study's own figure does not show, as a file; None where there is none."""
+    if "elapsed" not in dataset.dims:
+        return None
+    from studies.motion import series_figure
+    from studies.plotting import figures
+
+    names = series_figure.names(study, dataset)
+    if not names:
+        return None
+    with figures.style():
+        return figures.saved(series_figure.draw(dataset, names), form, figures.data_digest(dataset))
 
 
 def image(study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "dataset") -> bytes:

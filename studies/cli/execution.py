@@ -48,7 +48,7 @@ def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fa
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
     click.echo(finished.study.report(finished.dataset))
-    say(f"\nwritten: {finished.file}\n         {finished.figure}")
+    say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
     if not is_set("quiet") and (beside := finished.beside_reference()):
         say(beside)
     if finished.failed:
