@@ -73,6 +73,8 @@ def _found(quantity: str, values: NDArray[Any]) -> list[str]:
 def held(dataset: xr.Dataset) -> list[str]:
     """What was the same at all points and matters, for a reader; of the rig what is not the paper's."""
     given = constants(dataset)
+    # What scatters has no value.
+    given = {name: value for name, value in given.items() if name not in given.get("scatter", ())}
     matter, settings = QUANTITIES[given["quantity"]].matter, QUANTITIES[given["quantity"]].settings
     rig = [name for name in RIG if given.get(name, AXES[name].value) != AXES[name].value]
     sign = ["V < 0"] if "V" not in matter and given.get("V", 1.0) < 0.0 else []
