@@ -334,9 +334,11 @@ def _check_described(data: xr.Dataset) -> None:
     """Raise one of UNREADABLE where a result does not say of itself what whoever reads it needs."""
     configuration = json.loads(data.attrs["configuration"])
     points = data["status"].dims
-    for name in configuration["axes"].keys() | points:
-        if not set(data[name].dims) <= set(points):
-            raise InputError(f"{name} runs along {', '.join(map(str, data[name].dims))}")
+    for name in configuration["axes"]:
+        # Where it is lacking, `data[name]` counts.
+        dims = data.variables[name].dims
+        if not set(dims) <= set(points):
+            raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
     if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
         raise InputError("its configuration is of another shape")
     for name, variable in data.variables.items():
