@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
 from sweeps.compute.values import rounded, scaled
-from sweeps.errors import InputError
+from sweeps.errors import UNREADABLE
 from sweeps.fingerprint.identity import configuration, fingerprint, metadata_digest
 from sweeps.fingerprint.provenance import versions, versions_differing
-from sweeps.grid import FAILED, PENDING, Embedding, Grid
+from sweeps.grid import FAILED, PENDING, Embedding, Grid, check_counts
 from sweeps.plan.declaration import Declaration
 from sweeps.plan.keys import factors, representatives
 from sweeps.plan.plan import PlanData, Selection
@@ -38,8 +39,6 @@ ENGINE = (rounded, scaled)
 ROW_BYTES = 16
 # What rounding and compression leave of a rounded float.
 COMPRESSED = 0.6
-# A plan has a few flags of each point, all of them in memory.
-MOST_POINTS = 200_000_000
 
 
 def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_failed: bool) -> PlanData:
@@ -94,7 +93,7 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         and present.attributes.get("presentation") == attributes["presentation"]
     )
     shapes = {name: manifest.shape(name) for name in sweep.variables}
-    stored = [json.loads(each.get("libraries", "{}")) for each in (present.attributes, attributes)]
+    stored = [_libraries(each) for each in (present.attributes, attributes)]
     return PlanData(
         **vars(selection),
         sweep=sweep,
@@ -114,19 +113,17 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
 
 
 def check_size(grid: Grid) -> None:
-    """Refuse a grid before anything is allocated for its points.
+    """Refuse a grid of too many points; see `check_counts`."""
+    check_counts(dict(zip(grid.dims, grid.shape, strict=True)))
 
-    Raises
-    ------
-    InputError
-        If there are too many.
-    """
-    if grid.size > MOST_POINTS:
-        shape = " x ".join(f"{name} {len(axis)}" for name, axis in grid.axes.items())
-        raise InputError(
-            f"grid = {shape}: {grid.size:.3g} points are more than the {MOST_POINTS:.3g} that one plan can hold; "
-            "take fewer values, or run parts of them into folders of their own"
-        )
+
+def _libraries(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Versions of the libraries that computed what is there; none where it does not say."""
+    try:
+        found = json.loads(attributes["libraries"])
+        return {name: str(version) for name, version in found.items()}
+    except UNREADABLE:
+        return {}
 
 
 def _continued(before: Manifest, manifest: Manifest) -> Manifest:

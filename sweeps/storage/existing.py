@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import netCDF4
 
-from sweeps.errors import StoreError
+from sweeps.errors import UNREADABLE, InputError, StoreError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
+from sweeps.storage.checked import check_regular
 from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.sources import (
     COMPUTED,
@@ -110,6 +111,10 @@ def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
     with opened(path) as file:
         grid = Grid({axis: Axis(plain(file[axis])) for axis in stored["axes"]}, stored["groups"])
         present = [file[each] for each in stored["variables"] if each in file.variables]
+        every = [*present, file["status"], file["wall_time"]]
+        shapes = {each.shape[: len(grid.shape)] for each in every}
+        if shapes != {grid.shape}:
+            raise InputError(f"its variables have the shapes {shapes}, its axes {grid.shape}")
         row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)
         computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
     computed = computations > 0
@@ -122,9 +127,10 @@ def _owned(path: Path, name: str) -> dict[str, Any]:
     if not os.access(path, os.R_OK):
         raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
     try:
+        check_regular(path)
         with NETCDF, netCDF4.Dataset(path) as file:
-            attributes: dict[str, Any] = dict(vars(file))
-    except (OSError, RuntimeError):
+            attributes = {name: file.getncattr(name) for name in file.ncattrs()}
+    except UNREADABLE:
         raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
     owner = attributes.get("sweep")
     if owner != name:
@@ -137,7 +143,7 @@ def _check_same(path: Path, attributes: Mapping[str, Any], identity: dict[str, A
     otherwise = "start over with fresh (--fresh), or choose another folder (--out)"
     try:
         different = differences(json.loads(attributes["identity"]), identity)
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except UNREADABLE:
         raise StoreError(f"{path} does not say what made it; {otherwise}") from None
     if different:
         raise StoreError(f"{path} holds something else: {different}; {otherwise}")

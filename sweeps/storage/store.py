@@ -19,6 +19,8 @@ from typing import Any
 from sweeps.errors import StoreError
 from sweeps.storage.parts import PartFolder
 
+OTHER = "choose another folder"
+
 
 class Store:
     """The files of one sweep; nothing is touched before it is asked for."""
@@ -48,15 +50,27 @@ class Store:
         """Refuse, before anything is computed, a place where the results of `name` cannot go."""
         path = self.file
         try:
-            if path.is_dir():
-                raise StoreError(f"{path} is a folder; the results of {name} need a file there")
+            if path.exists() and not path.is_file():
+                what = "a folder" if path.is_dir() else "not a regular file"
+                raise StoreError(f"{path} is {what}; the results of {name} need a file there")
+            self.check_parts()
             folder = next(each for each in path.parents if each.is_symlink() or each.exists())
             if not folder.exists():
-                raise StoreError(f"{folder} is a link to nothing; choose another folder")
+                raise StoreError(f"{folder} is a link to nothing; {OTHER}")
             if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-                raise StoreError(f"{folder} cannot be written to; choose another folder")
+                raise StoreError(f"{folder} cannot be written to; {OTHER}")
         except OSError as problem:
-            raise StoreError(f"{path} cannot be used: {problem.strerror}; choose another folder") from None
+            raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
+
+    def check_parts(self) -> None:
+        """Refuse a link in the place of the parts: what it leads to is somebody's, and parts are removed.
+
+        Neither can a file be there.
+        """
+        if self.parts.exists() and not self.parts.is_dir():
+            raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {OTHER}")
+        if self.parts.is_symlink():
+            raise StoreError(f"{self.parts} is a link, where a folder of its own is needed; remove it, or {OTHER}")
 
     def clear(self) -> None:
         """Remove the parts."""
