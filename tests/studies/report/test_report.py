@@ -10,6 +10,7 @@ from html import unescape
 from html.parser import HTMLParser
 from importlib.resources import files
 from itertools import pairwise
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -18,13 +19,16 @@ import xarray as xr
 from markupsafe import escape
 
 from studies import registry, runner, spec
+from studies.motion import transients
 from studies.plotting import figures
 from studies.report import page as report
+from studies.report.answers import ANSWERS, answers
 from studies.report.commands import again, in_python
 from studies.report.points import MOST_NUMBERS, points_of
 from sweeps.plan import batches
 
 HOSTILE = "</script><script>alert(1)</script><b onclick='x'>&amp;\"'"
+KEPT = Path(__file__).parents[3] / "results" / "reference"
 MAP = "map/growth_rate-contact_position-mu.nc"
 
 
@@ -60,7 +64,7 @@ def page(text):
 
 def changed(folder, tmp_path, name, change):
     """The page of a copy of one result, with something changed in its file."""
-    shutil.copytree(folder / name, tmp_path / name)
+    shutil.copytree(folder / name, tmp_path / name, dirs_exist_ok=True)
     with netCDF4.Dataset(tmp_path / name / f"{name}.nc", "a") as opened:
         change(opened)
     return written(tmp_path, name)
@@ -90,8 +94,64 @@ def test_numbers_stand_beside_the_papers(text):
     assert re.search(r">2800</td><td[^>]*>2802</td><td[^>]*>\+0.1 %<", section(text, "fig5"))
 
 
+def test_every_section_is_in_the_index(page):
+    links = [a["href"] for a in page.of("a")]
+    sections = [f"#{a['id']}" for a in page.of("section")]
+    assert links[1:3] == sections[:2] == ["#found", "#rig"]
+    assert set(sections) <= set(links)
+    assert {link[1:] for link in links} <= {a["id"] for _, a in page.found if "id" in a}
+
+
+def test_answers_come_first_with_the_numbers_of_the_data(folder, tmp_path, text):
+    found = section(text, "found")
+    assert re.findall(r'<p class="more"><a href="#(.*?)"', found) == ["table4", "fig5"]
+    mu = runner.open_dataset("fig5", folder)["onset_mu"].values
+    assert f"unstable at μ = {mu[0]:.4f} (2802 Hz), " in found
+    assert "first unstable at 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz)" in found
+
+    def change(file):
+        file["onset_mu"][0] = 0.1
+        file.renameVariable("onset_frequency", "other")
+
+    def moved(file):
+        file["onset_mu"][0] = 0.1
+
+    assert "unstable at μ = 0.1000 (2802 Hz), " in section(changed(folder, tmp_path, "fig5", moved), "found")
+    # What a result lacks it does not answer; of another rig the paper claims nothing.
+    assert 'id="found"' not in changed(folder, tmp_path / "less", "fig5", change)
+    other = runner.run("fig5", {"mu": [0.1, 0.3], "p1_length": 0.06}, tmp_path / "rig").dataset
+    assert [each.paper for each in answers("fig5", other)] == [""]
+
+
+@pytest.mark.parametrize("name", [name for name in ANSWERS if (KEPT / name / f"{name}.nc").is_file()])
+def test_the_kept_results_answer(name):
+    """Each has a sentence, whatever its numbers are."""
+    found = answers(name, runner.open_dataset(KEPT / name / f"{name}.nc"))
+    assert found
+    for each in found:
+        assert re.search(r"\d", each.found + each.paper)
+        assert not re.search(r"\bnan\b", each.found)
+
+
+def test_the_rig_its_symbols_and_its_regimes_are_told_once(text):
+    own = section(text, "rig")
+    drawn = re.findall(r"<text[^>]*>([^<]*)</text>", own)
+    assert {"A", "B", "C", "D", "P1", "P2", "θ", "V", "F", "N", "T"} <= set(drawn)
+    assert "one constant coefficient μ" in own
+    for name in (*transients.REGIMES, "separation", "contact_position", "p1_length, p2_length"):
+        assert f"{name}<" in own, name
+    assert text.count('class="rig"') == 1
+
+
+def test_benchmarks_and_stress_are_folded(folder, tmp_path, text):
+    assert "fold" not in section(text, "fig5")
+    runner.run("stress", {"case": [registry.load("stress").texts["case"][0]]}, tmp_path)
+    own = section(written(tmp_path, "stress"), "stress")
+    assert own.index('<details class="fold">') < own.index("<figure>")
+
+
 def test_commands_go_to_the_folder_that_was_given(folder, text):
-    missing = text.partition('<section aria-labelledby="missing-title">')[2]
+    missing = section(text, "missing")
     left = [name for name in registry.NAMES if name not in ("table4", "fig5", "regimes", "scenes")]
     assert lines_of(missing) == [f"fiv run {name} --out {folder}" for name in left]
     asked = f"fiv query fig5 --out {folder} --where 'status == \"done\"' --format csv"
@@ -125,7 +185,7 @@ def test_nothing_is_fetched_and_all_can_be_read_aloud(page, text):
     for name, attributes in page.found:
         for key in ("src", "href"):
             assert (attributes.get(key) or "#").startswith(("#", "data:")), (name, attributes)
-    assert not re.search(r"@import|url\(", text)
+    assert not re.search(r"@import|url\((?!#)", text)
     policy = next(a["content"] for a in page.of("meta") if "http-equiv" in a)
     assert policy.startswith("default-src 'none'; ")
     assert dict(page.found[0:1]) == {"html": {"lang": "en"}}
@@ -168,7 +228,7 @@ def test_text_of_a_file_stays_text(folder, tmp_path, text):
 
 def test_only_the_projects_own_style_and_script_are_no_text():
     template = files("studies.report").joinpath("page.html.j2").read_text()
-    assert re.findall(r"[^{ ]+\s*\|\s*safe\b", template) == ["style|safe", "script|safe"]
+    assert re.findall(r"[^{ ]+\s*\|\s*safe\b", template) == ["style|safe", "rig|safe", "script|safe"]
     assert not re.search(r"autoescape|Markup|html_safe|\|\s*(?:forceescape|e)\b", template)
     for name in ("page.css", *report.SCRIPTS):
         assert "</" not in files("studies.report").joinpath(name).read_text()
@@ -222,13 +282,17 @@ def test_an_older_file_without_a_figure_or_numbers_says_so(folder, tmp_path):
     assert "Table of 9 points" in text
 
 
-def test_what_is_no_result_is_told_and_left_out(folder, tmp_path):
+def test_what_is_no_result_takes_only_its_own_section(folder, tmp_path):
     (tmp_path / "map").mkdir()
     (tmp_path / "map" / "mine.nc").write_text("mine")
     (tmp_path / "table4").symlink_to(folder / "table4")
     said = []
-    assert "mine" not in report.write((), tmp_path, None, said.append).read_text()
-    assert said == [f"{tmp_path}/map/mine.nc: it is damaged or not netCDF"]
+    text = report.write((), tmp_path, None, said.append).read_text()
+    line = f"{tmp_path}/map/mine.nc: it is damaged or not netCDF"
+    assert said == [line]
+    (anchor,) = re.findall(r'<a href="#([^"]*)">mine.nc</a>', text)
+    assert f'<p class="note">It cannot be shown: {line}.</p>' in section(text, anchor)
+    assert "<img" in section(text, "table4")
 
 
 def test_a_million_points_are_bounded():
@@ -343,7 +407,7 @@ def test_the_lines_for_a_cell_give_its_point(file, place, names, folder, here):
 def test_the_command_writes_the_page_and_says_where(folder, tmp_path, here):
     done = here("report", "table4", "--out", str(folder), "--file", "deep/page.html")
     assert (done.returncode, done.stdout, done.stderr) == (0, "deep/page.html\n", "")
-    assert (tmp_path / "deep" / "page.html").read_text().count("<section") == 1
+    assert (tmp_path / "deep" / "page.html").read_text().count('<section id="table4"') == 1
 
 
 @pytest.mark.parametrize(

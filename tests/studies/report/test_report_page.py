@@ -93,7 +93,7 @@ def selected(page, study, which, text):
 
 def test_it_shows_every_result_and_requests_nothing_but_itself(page):
     assert page.title == "Friction-induced vibration: results"
-    assert len(page.find_elements("css selector", "main > section")) == 6
+    assert len(page.find_elements("css selector", "main > section")) == 8
     assert page.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 500)")
     address = page.current_url
     one(page, ".overview a[href='#regimes']").click()
@@ -148,7 +148,7 @@ def test_a_cell_tells_its_scene_its_figures_and_its_lines(page):
     from selenium.webdriver import Keys
 
     told = clicked(page, "regimes", 0.1, 0.1)
-    assert [told[name] for name in ("V / mm/s", "μ", "θ / °", "F / N")] == ["1", "0.05", "5", "9"]
+    assert [told[name] for name in ("V / (mm/s)", "μ", "θ / °", "F / N")] == ["1", "0.05", "5", "9"]
     assert told["regime"] == "steady sliding"
     told = clicked(page, "regimes", 0.9, 0.9)
     assert told["regime"] != "steady sliding"
@@ -162,8 +162,8 @@ def test_a_cell_tells_its_scene_its_figures_and_its_lines(page):
     # Arrow keys move on, and stop at the edge.
     one(page, "#regimes canvas").send_keys(Keys.ARROW_UP, Keys.ARROW_LEFT, Keys.ARROW_DOWN)
     told = cell(page, "regimes")
-    assert (told["V / mm/s"], told["μ"]) == ("2", "0.2")
-    assert texts(page, "#regimes .said") == [f"V / mm/s 2 μ 0.2 θ / ° 5 F / N 9; regime: {told['regime']}"]
+    assert (told["V / (mm/s)"], told["μ"]) == ("2", "0.2")
+    assert texts(page, "#regimes .said") == [f"V / (mm/s) 2 μ 0.2 θ / ° 5 F / N 9; regime: {told['regime']}"]
 
 
 def test_the_map_is_drawn_in_the_colours_of_its_legend(page):
