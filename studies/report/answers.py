@@ -208,8 +208,8 @@ def _robust(data: xr.Dataset) -> list[Answer]:
     return [
         Answer(
             f"Of {data.sizes['sample']} rigs whose numbers scatter, {there:.3g} % are unstable at θ = {theta:g}° "
-            f"and μ = {mu:g} (95 % interval {low:.1f} to {high:.1f} %), and {half:.0f} % at the nominal rig's onset, "
-            f"μ = {onset:.4f}.",
+            f"and μ = {mu:g} (95 % interval {low:.1f} to {high:.1f} %), and {half:.0f} % at the nominal rig's "
+            f"onset, μ = {onset:.4f}.",
             "It computes one rig.",
         )
     ]

@@ -44,6 +44,11 @@ function shown(value) {
   return String(Number(value.toPrecision(6)));
 }
 
+// A text as one word of a shell.
+function quoted(text) {
+  return /^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\"'\"'")}'`;
+}
+
 // A command, or lines of Python: broken before an option, if at all, with a button that copies it.
 function command(text, box = element("div", { class: "command" })) {
   const [begin, ...options] = text.split(" --");

@@ -26,6 +26,8 @@ MOST_NUMBERS = 120_000
 # Variables with a second dimension, such as modes, are shown in full where there are no others.
 MOST_BESIDE = 10
 DIGITS = 6
+# What marks a column that has another name in the file, with a dimension of its own.
+BESIDE = {"beside": True}
 
 
 class Points(NamedTuple):
@@ -77,7 +79,7 @@ def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
                 for k, label in enumerate(each[beside[0]].values):
                     # A name that an expression can have.
                     own_name = re.sub(r"\W", "_", f"{name}_{beside[0]}_{label}")
-                    variables[own_name] = each.isel({beside[0]: k}, drop=True)
+                    variables[own_name] = each.isel({beside[0]: k}, drop=True).assign_attrs(BESIDE)
     return {"status": status} | variables | {name: own[name] for name in ("wall_time", "error") if name in own}
 
 
@@ -107,7 +109,9 @@ def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
 
 def _described(column: Column, variable: xr.DataArray) -> dict[str, Any]:
     about = str(variable.attrs.get("long_name", ""))
-    return {"name": column.name, "units": column.units, "about": about, "kind": column.kind}
+    return {"name": column.name, "units": column.units, "about": about, "kind": column.kind} | {
+        name: True for name in BESIDE if name in variable.attrs
+    }
 
 
 def _values(values: NDArray[Any]) -> list[Any]:

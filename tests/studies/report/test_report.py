@@ -234,6 +234,70 @@ def test_only_the_projects_own_style_and_script_are_no_text():
         assert "</" not in files("studies.report").joinpath(name).read_text()
 
 
+@pytest.mark.parametrize("name", ["a;b", "a$(touch x)", "a b", "a'b", '"><b>', "a`id`", "-a", "{V}"])
+def test_commands_quote_every_file_name(folder, tmp_path, name):
+    """A shell reads the name as one word, and no link leads out of the page."""
+    odd = tmp_path / name
+    shutil.copytree(folder / "fig5", odd / "fig5")
+    shutil.copytree(folder / "map", odd / "map")
+    file = odd / "map" / f"{name}.nc"
+    file.with_name(Path(MAP).name).rename(file)
+    for text in (written(odd), written(folder, str(file))):
+        found = Elements(text)
+        lines = [line for line in lines_of(text) if str(odd) in line]
+        assert lines + [each["data-command"] for each in found.of("div") if "data-command" in each]
+        for line in (*lines, *(each["data-command"] for each in found.of("div") if "data-command" in each)):
+            words = shlex.split(line)
+            assert words[0] == "fiv"
+            assert not {";", "$(touch", "x)"} & set(words)
+            assert all(
+                word.startswith(str(tmp_path)) or word.startswith(str(folder)) for word in words if "/" in word
+            )
+        assert all(each["href"].startswith("#") for each in found.of("a"))
+        assert not re.search(r"<b[ >]", text)
+
+
+def test_settings_and_axes_of_a_file_are_quoted(folder):
+    data = runner.open_dataset(folder / MAP)
+    configuration = json.loads(data.attrs["configuration"])
+    configuration["constants"]["quantity"] = "a; rm -rf x"
+    lines = again(data.assign_attrs(configuration=json.dumps(configuration)))
+    assert "; rm" not in lines.whole.replace("'a; rm -rf x'", "")
+    odd = data.rename({"mu": "m; x"})
+    assert again(odd) == ("", "")
+
+
+@pytest.mark.parametrize("content", [b"", b"<svg onload=alert(1)>", b"\x89PNG"])
+def test_only_a_png_is_embedded(folder, tmp_path, content):
+    """Even where what lies beside says that it shows the file."""
+    shutil.copytree(folder / "table4", tmp_path / "table4")
+    beside = tmp_path / "table4" / "table4.png"
+    beside.write_bytes(content + beside.read_bytes()[8:])
+    image = b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', written(tmp_path, "table4"))[1])
+    assert image.startswith(b"\x89PNG\r\n\x1a\n")
+    assert not content or not image.startswith(content + b"\0")
+
+
+@pytest.mark.parametrize("part", ["_figure", "_findings", "points_of", "_failures", "again", "_facts"])
+def test_what_fails_takes_only_its_own_section(folder, tmp_path, monkeypatch, part):
+    """Whatever is raised, the others are as they were, and a line says why."""
+    from studies.report import context
+
+    own = getattr(context, part)
+
+    def fails(first, *others, **named):
+        dataset = getattr(first, "dataset", first)
+        if getattr(dataset, "sizes", {}).get("onset") or (part == "_findings" and "Fig. 5" in others[0]):
+            raise RuntimeError("of no use\nat all")
+        return own(first, *others, **named)
+
+    monkeypatch.setattr(context, part, fails)
+    text = report.write((), folder, tmp_path / "page.html", lambda line: None).read_text()
+    assert text.count("of no use at all") >= 1
+    assert "<img" in section(text, "table4")
+    assert "of no use" not in section(text, "table4") + section(text, "regimes")
+
+
 def test_a_figure_of_other_numbers_is_never_shown(folder, tmp_path):
     """Neither an older one beside newer numbers, nor one from before the digest; what fits is not drawn again."""
     shutil.copytree(folder / "table4", tmp_path / "table4")
