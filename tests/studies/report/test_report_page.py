@@ -193,7 +193,10 @@ def test_a_link_to_what_is_folded_opens_it(page, tmp_path):
 
 
 def test_the_index_is_beside_wide_pages_and_above_narrow_ones(page):
-    boxes = "return ['.index', '#results'].map((each) => document.querySelector(each).getBoundingClientRect().toJSON())"
+    boxes = (
+        "return ['.index', '#results'].map((each) => "
+        "document.querySelector(each).getBoundingClientRect().toJSON())"
+    )
     index, results = page.execute_script(boxes)
     assert index["right"] <= results["left"]
     resize(page, 390, 844, mobile=True)
