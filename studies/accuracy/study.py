@@ -80,7 +80,7 @@ def coords(*, members: int, **_: Any) -> dict[str, Axis]:
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     """Refuse, before anything is planned, runs that are too short or all alike."""
-    checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for repeat runs differ by it")
+    checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for members differ by it")
     names = axes["scene"].values.tolist()
     loading = max(ensembles.load_up(choices.scene_of(name, fixed["rig"])) for name in names)
     # After settling the slowest has some windows of its spectrum.

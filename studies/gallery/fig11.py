@@ -74,7 +74,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     columns: dict[str, Column] = {
         "theta deg": ("theta", "g"),
         "vibration": regimes.kind,
-        "dominant Hz": (regimes.main_line, ".0f"),
+        "main line Hz": (regimes.main_line, ".0f"),
         "RMS mm/s": ("velocity_rms", ".3f", 1e3),
         "fastest mode 1/s": ("mode_growth_rate", ".0f"),
         "at Hz": ("mode_frequency", ".0f"),
@@ -82,7 +82,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     return [
         f"Velocity of B, V = {1e3 * given['V']:g} mm/s, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s, {transients.damping(given)}; "
-        f"RMS and dominant frequency from {transients.SETTLING:g} s after the first slip on.",
+        f"RMS and main line from {transients.SETTLING:g} s after the first slip on.",
         "",
         Table.of(dataset, "theta", columns),
         "",

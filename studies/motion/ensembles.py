@@ -50,7 +50,7 @@ def held(settings: Mapping[str, float]) -> dict[str, Any]:
 def check(fixed: Mapping[str, Any]) -> None:
     """Refuse settings that say nothing of how long a run is to be."""
     # Without a ramp all members would be one run.
-    checks.between("ramp", fixed["ramp"], 1e-9, 1e3, "s, for repeat runs differ by it")
+    checks.between("ramp", fixed["ramp"], 1e-9, 1e3, "s, for members differ by it")
     if "load_ups" in fixed:
         checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
     checks.between("most", fixed["most"], 1e-3, 1e6, "s")
@@ -103,7 +103,7 @@ def own_duration(scene: Scene, ramp: float, fixed: Mapping[str, Any]) -> float |
 def told(fixed: Mapping[str, Any]) -> str:
     """How long runs last, in words."""
     rule = (
-        f"at least {fixed['load_ups']:g} loading times to slip"
+        f"at least {fixed['load_ups']:g} load-ups"
         if "load_ups" in fixed
         else (f"until the shares of time are known to {fixed['standard_error']:g}")
     )

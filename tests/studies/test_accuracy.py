@@ -218,7 +218,7 @@ def test_what_does_not_go_together_is_skipped():
         ({"members": 0}, "members = 0.0: it must be a whole number from 1 to 100"),
         ({"dear_members": 2.5}, "dear_members = 2.5: it must be a whole number"),
         ({"members": 2, "dear_members": 3}, "dear_members = 3.0: it must be a whole number from 1 to 2"),
-        ({"ramp": 0.0}, "ramp = 0.0: it must be a number from 1e-06 to 1 (s, for repeat runs differ by it)"),
+        ({"ramp": 0.0}, "ramp = 0.0: it must be a number from 1e-06 to 1 (s, for members differ by it)"),
         ({"duration": 0.3}, "duration = 0.3: it must be a number from 0.34"),
         ({"contact_position": 1.0}, "contact_position = 1"),
     ],

@@ -46,7 +46,7 @@ REFUSED = [
     (
         "regimes",
         {"ramp": 0.0},
-        r"^ramp = 0\.0: it must be a number from 1e-09 to 1000 \(s, for repeat runs differ by it",
+        r"^ramp = 0\.0: it must be a number from 1e-09 to 1000 \(s, for members differ by it",
     ),
     ("regimes", {"duration": 1.0}, "^duration: study regimes has no such axis"),
     ("table6", {"V": 0.0}, "^V = 0.0: it must be a speed"),
