@@ -17,7 +17,7 @@ from studies import registry, results, runner
 from studies.plotting import figures
 from studies.query.query import query
 from studies.report.commands import again, in_python
-from studies.report.points import points_of
+from studies.report.points import points_of, within
 from studies.study import Study
 from studies.tables import Part, Table
 from sweeps import FAILED, INTERPOLATED_FLAG, STATUS_FLAGS, duration
@@ -186,7 +186,9 @@ def _lines(result: Result, point: str) -> dict[str, str]:
     """What computes a point of a plane of scenes again, and its scene."""
     out = f", {str(result.out)!r}" if result.out else ""
     python = in_python(result.dataset, f"studies.open({result.target!r}{out})")
-    return ({"This point again": point} if point else {}) | {"Its scene, in Python": python}
+    # What is at a point at many values of an axis has no scene of its own.
+    scene = {} if within(result.dataset) else {"Its scene, in Python": python}
+    return ({"This point again": point} if point else {}) | scene
 
 
 def _figure(result: Result) -> bytes:

@@ -90,7 +90,7 @@ def _by_inclination(dataset: xr.Dataset) -> list[Part]:
         *([f"and {len(theta) - len(rows)} more in the file."] if len(rows) < len(theta) else []),
         "",
         "Unstable: frequencies with their growth rates; fastest: growth rate of the least stable mode.",
-        "Vibration: of most runs, and of how many; dominant Hz: median of the runs that vibrate, and range of all.",
+        "Vibration: of most runs, and of how many; dominant Hz: median of the runs that vibrate; range of all.",
     ]
 
 

@@ -74,6 +74,11 @@ def section(text, anchor):
     return re.search(rf'<section id="{anchor}".*?</section>', text, re.DOTALL)[0]
 
 
+def data_of(own):
+    """The points of a section, as its script reads them."""
+    return re.search(r'<script type="application/json"[^>]*>(.*?)</script>', own, re.DOTALL)[1]
+
+
 def lines_of(text):
     """The commands of a page, or of a part of it."""
     return list(map(unescape, re.findall(r"<pre><code>(.+?)</code>", text)))
@@ -393,6 +398,43 @@ def test_embedded_values_are_those_of_the_file(folder):
     names = [each["name"] for each in (*modes["axes"], *modes["columns"])]
     assert "growth_rate_mode_1" in names
     assert all(map(str.isidentifier, names))
+
+
+def test_what_is_at_many_values_of_an_axis_has_a_row_for_each():
+    """One rig sample serves all frictions: of each inclination and friction there is a probability."""
+    data = runner.open_dataset(KEPT / "robust" / "robust.nc")
+    told = points_of(data).data
+    columns = {each["name"]: each for each in told["columns"]}
+    assert [axis["name"] for axis in told["axes"]] == ["theta", "mu"]
+    values = np.reshape(columns["probability_unstable"]["values"], [len(axis["values"]) for axis in told["axes"]])
+    assert np.allclose(values, data["probability_unstable"].transpose("theta", "mu"), atol=1e-6)
+    nominal = np.reshape(np.array(columns["nominal_onset_mu"]["values"], dtype=float), values.shape)
+    assert np.array_equal(np.isnan(nominal[:, 0]), np.isnan(data["nominal_onset_mu"]))
+    assert told["plane"]["first"] == "probability_unstable"
+
+
+def test_the_studies_of_scatter_have_figure_findings_and_rows(tmp_path):
+    for name in ("sensitivity", "robust"):
+        shutil.copytree(KEPT / name, tmp_path / name)
+    sampled = {"scatter": {"mu": "uniform:0.05:0.4"}, "samples": 8, "seed": 1}
+    table = tmp_path / "table.csv"
+    table.write_text("mu,theta,p1_length [mm]\n0.1,5,50\n0.2,8,51\n")
+    for asked in (sampled, {"points": table}):
+        runner.execute(runner.plan("fig5", {}, tmp_path, **asked), "sync")
+    text = written(tmp_path)
+    wanted = {
+        "sensitivity": "elasticity_mu_pair_1",
+        "robust": "probability_unstable",
+        "fig5-scatter": "growth_rate_mode_6",
+        "fig5-points": "p1_length",
+    }
+    for name, column in wanted.items():
+        own = section(text, name)
+        assert "<img" in own
+        assert own.count("<table>") >= 1
+        assert "There is no figure" not in own
+        assert column in [each["name"] for each in json.loads(data_of(own))["columns"]]
+        assert f"fiv query {name} " in own
 
 
 @pytest.mark.parametrize(
