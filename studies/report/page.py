@@ -79,8 +79,8 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
             missing.append(target)
         except KeyError:
             broken.append(Broken(target, f"{file}: it is not the result of a study"))
-        except (ValueError, OSError) as problem:
-            broken.append(Broken(target, str(problem)))
+        except Exception as problem:  # noqa: BLE001 - a file that is no result takes no other with it
+            broken.append(Broken(target, why(problem)))
     return found, missing, broken
 
 

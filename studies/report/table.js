@@ -78,8 +78,10 @@ class PointTable {
     const sorted = order ? points.columns[order.column] : null;
     const inFile = (column) => column.beside !== true;
     if (![...some, ...[...this.used].map((name) => points.columns[points.place.get(name)])].every(inFile)) return null;
+    // Texts may stand in either quotes; these are none of the shell's.
+    const where = this.where.includes('"') ? this.where : this.where.replaceAll("'", '"');
     return [
-      `${this.line} --where ${quoted(this.where || 'status == "done"')}`,
+      `${this.line} --where ${quoted(where || 'status == "done"')}`,
       ...(some.length ? [`--show ${some.map((column) => column.name).join(",")}`] : []),
       ...(sorted && inFile(sorted) ? [`--sort ${order.down ? "-" : ""}${sorted.name}`] : []),
       "--format csv",

@@ -283,6 +283,24 @@ def test_only_a_png_is_embedded(folder, tmp_path, content):
     assert not content or not image.startswith(content + b"\0")
 
 
+def test_files_that_cannot_be_read_take_only_their_own_sections(folder, tmp_path):
+    """What is damaged, what lacks the most, and what no study made; and where nothing is left there is no page."""
+    shutil.copytree(folder / "table4", tmp_path / "table4")
+    (tmp_path / "map").mkdir()
+    whole = (folder / "fig5" / "fig5.nc").read_bytes()
+    for name, content in (("half", whole[: len(whole) // 2]), ("empty", b""), ("text", b"a,b")):
+        (tmp_path / "map" / f"{name}.nc").write_bytes(content)
+    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(tmp_path / "map" / "other.nc")
+    shutil.copy(folder / "fig5" / "fig5.nc", tmp_path / "map" / "less.nc")
+    with netCDF4.Dataset(tmp_path / "map" / "less.nc", "a") as file:
+        file.renameVariable("wall_time", "other")
+    said = []
+    text = report.write((), tmp_path, None, said.append).read_text()
+    assert len(said) == text.count("It cannot be shown: ") == 5
+    assert not any("\n" in line for line in said)
+    assert "<img" in section(text, "table4")
+
+
 @pytest.mark.parametrize("part", ["_figure", "_findings", "points_of", "_failures", "again", "_facts"])
 def test_what_fails_takes_only_its_own_section(folder, tmp_path, monkeypatch, part):
     """Whatever is raised, the others are as they were, and a line says why."""
