@@ -51,12 +51,12 @@ def beside(dataset: xr.Dataset, claims: Sequence[Claim], cells: bool = False) ->
     """
     if not paper.is_rig(dataset):
         return []
-    rows = [_row(claim, point) for claim in claims if (point := _answer(dataset, claim, cells)) is not None]
+    rows = [_row(claim, point) for claim in claims if (point := answer(dataset, claim, cells)) is not None]
     heads = ["beside the paper", "at", "paper", "here", "difference", "section"]
     return ["", Table(heads, rows, words=2)] if rows else []
 
 
-def _answer(dataset: xr.Dataset, claim: Claim, cells: bool) -> xr.DataArray | None:
+def answer(dataset: xr.Dataset, claim: Claim, cells: bool = False) -> xr.DataArray | None:
     """The value that a claim speaks of, or all of its values; None where the result does not hold it."""
     if claim.variable not in dataset:
         return None

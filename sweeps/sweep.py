@@ -49,7 +49,7 @@ class Plan(PlanData):  # noqa: D101 - the docstring of its fields
     __doc__ = PlanData.__doc__
 
     def timed(self) -> Plan:
-        """The same plan with the time to expect as a few points tell it, computed now; NaN if all of them fail."""
+        """The same plan with the estimated time as a few points tell it, computed now; NaN if all of them fail."""
         return replace(self, seconds=timed(self))
 
     def run(

@@ -165,7 +165,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"{given['duration']:g} s, {transients.damping(given)}; "
         f"from {transients.SETTLING:g} s after the first slip on unless said otherwise.",
         "",
-        "Shares of time, and changes of state in a period of the main line (stick, slip, separation, slip: 4).",
+        "Shares of time, and changes of state in a period of the dominant frequency "
+        "(stick, slip, separation, slip: 4).",
         Table.of(dataset, "V", speed | {"vibration": regimes.kind, **regimes.SHARES, "changes": changes}),
         "",
         "Normal force and slip speed: 99.9 %, not passed for that share of the time; start-up, the largest within "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,7 +41,7 @@ def in_python(dataset: xr.Dataset, opened: str) -> str:
     """Lines that simulate the scene of a point, with slots as in a command; `opened` gives the dataset."""
     given = constants(dataset)
     point = ", ".join(f"{dim}={{{dim}}}" for dim in dataset["status"].dims)
-    run = "**data.fiv.run_options(point)" if "method" in given else f"duration={given.get('duration', 1.0)}"
+    run = "**data.fiv.run_options(point)" if "method" in given else f"duration={given.get('duration', 1.0)!r}"
     return (
         f"import studies\nfrom fivcore import simulate\ndata, point = {opened}, dict({point})\n"
         f"print(simulate(data.fiv.scene(point), {run}).summary)"
@@ -59,16 +59,16 @@ def _study(asked: config.Config, typed: str) -> Again:
         return Again()
     if asked.scatter:
         options += _options(asked.scatter, "--scatter")
-        options += f" --samples {asked.samples} --seed {asked.seed} --sampling {asked.sampling}"
+        options += f" --samples {asked.samples} --seed {asked.seed} --sampling {shlex.quote(str(asked.sampling))}"
     axes = {n: _spec(v) for n, v in asked.axes.items() if not np.array_equal(v, own.axes[n].values)}
     whole = f"{command}{_options(axes)}{options}" if all(axes.values()) else ""
     if asked.scatter:
         return Again(whole)
-    return Again(whole, f"{command}{_options({name: f'{{{name}}}' for name in asked.axes})}{options}{ELSEWHERE}")
+    return Again(whole, f"{command}{_slots(asked.axes)}{options}{ELSEWHERE}")
 
 
 def _spec(values: Any) -> str:
-    return shlex.quote(",".join(values)) if isinstance(values[0], str) else spec.written(values)
+    return ",".join(values) if isinstance(values[0], str) else spec.written(values)
 
 
 def _map(dataset: xr.Dataset) -> Again:
@@ -78,14 +78,23 @@ def _map(dataset: xr.Dataset) -> Again:
     quantity, levels, tolerance = str(given["quantity"]), int(refinement["levels"]), refinement["tolerance"]
     x, y = map(str, dataset["status"].dims)
     fixed = {name: spec.typed(value) for name, value in maps.changed(quantity, given).items()}
-    options = f" --quantity {quantity}{_options(fixed, '--fix')}"
+    options = f" --quantity {shlex.quote(quantity)}{_options(fixed, '--fix')}"
     x_spec, y_spec = (spec.written(dataset[name].values, levels) for name in (x, y))
-    whole = f"fiv map --x {x}={x_spec} --y {y}={y_spec}{options}{f' --refine {levels}' if levels else ''}"
+    refine = f" --refine {levels}" if levels else ""
+    whole = f"fiv map{_options({x: x_spec}, '--x')}{_options({y: y_spec}, '--y')}{options}{refine}"
     if levels and tolerance not in (None, maps.TOLERANCE):
         whole += f" --tolerance {spec.typed(tolerance)}"
-    point = f"fiv map --x {x}={{{x}}} --y {y}={{{y}}}{options}{ELSEWHERE}"
+    point = f"fiv map{_slots([x], '--x')}{_slots([y], '--y')}{options}{ELSEWHERE}"
     return Again(whole if x_spec and y_spec else "", point)
 
 
 def _options(texts: Mapping[str, str], option: str = "--set") -> str:
-    return "".join(f" {option} {name}={text}" for name, text in texts.items())
+    return "".join(f" {option} {shlex.quote(f'{name}={text}')}" for name, text in texts.items())
+
+
+def _slots(names: Iterable[str], option: str = "--set") -> str:
+    """Options with a slot for each value; a name that a shell would read as anything else is refused."""
+    for name in names:
+        if not name.isidentifier():
+            raise ValueError(name)
+    return "".join(f" {option} {name}={{{name}}}" for name in names)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -17,17 +17,45 @@ from studies import registry, results, runner
 from studies.plotting import figures
 from studies.query.query import query
 from studies.report.commands import again, in_python
-from studies.report.points import points_of
+from studies.report.points import points_of, within
 from studies.study import Study
 from studies.tables import Part, Table
 from sweeps import FAILED, INTERPOLATED_FLAG, STATUS_FLAGS, duration
 
 # Failures that are listed.
 MOST_FAILURES = 20
-# A cell with more letters is broken into lines.
-LONG = 40
-# What a file may lack that is not whole, or not of this code.
-UNUSABLE = (KeyError, ValueError, IndexError, TypeError, ArithmeticError)
+# A cell with more letters is broken into lines; a title of so many has its study's name in the list of sections.
+LONG = 32
+# Studies of the tool, not of the rig: folded.
+FOLDED = ("accuracy", "stress")
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def anchor_of(target: str) -> str:
+    """The place in the page of what is no study's own name."""
+    return "of-" + re.sub(r"[^\w-]", "-", target)
+
+
+class Broken(NamedTuple):
+    """What was asked for and cannot be shown, and the line that says why."""
+
+    target: str
+    line: str
+
+    @property
+    def anchor(self) -> str:
+        """Where it stands in the page."""
+        return anchor_of(self.target)
+
+    @property
+    def title(self) -> str:
+        """What it is called."""
+        return Path(self.target).name
+
+    @property
+    def reason(self) -> str:
+        """Why, without an end of its own."""
+        return self.line.rstrip(".")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +86,24 @@ class Result:
     def anchor(self) -> str:
         """Where it stands in the page."""
         own = self.target == self.study.name
-        return self.target if own else "of-" + re.sub(r"[^\w-]", "-", self.target)
+        return self.target if own else anchor_of(self.target)
 
     @property
     def title(self) -> str:
         """What it is called: of a map what it shows."""
         own = self.target == self.study.name
         return self.study.title if own else str(self.dataset.attrs.get("title", self.file.stem))
+
+    @property
+    def short(self) -> str:
+        """What the list of sections calls it."""
+        short = self.title.partition(":")[0]
+        return short if len(short) < LONG or self.target != self.study.name else self.study.name.capitalize()
+
+    @property
+    def folded(self) -> bool:
+        """Whether it is shown when it is opened."""
+        return self.study.name in FOLDED
 
     @property
     def stands_in(self) -> bool:
@@ -77,7 +116,7 @@ class Result:
 
     @property
     def seconds(self) -> float:
-        """Time of computing."""
+        """CPU time."""
         return float(np.nansum(self.dataset["wall_time"].values))
 
     @property
@@ -87,19 +126,18 @@ class Result:
         return " ".join(last).partition(" ")[0]
 
 
-def overview(found: Sequence[Result]) -> dict[str, Any]:
-    """A row for each result."""
-    rows = [
-        [
-            result.title,
-            f"{result.dataset['status'].size}",
-            f"{np.count_nonzero(result.dataset['status'].values == FAILED)}",
-            duration(result.seconds),
-            f"{result.made or result.state}{', the reference' if result.stands_in else ''}",
-        ]
-        for result in found
+OVERVIEW = ("study", "points", "failed", "CPU time", "computed")
+
+
+def overview(result: Result) -> list[str]:
+    """The result's row of the overview."""
+    return [
+        result.title,
+        f"{result.dataset['status'].size}",
+        f"{np.count_nonzero(result.dataset['status'].values == FAILED)}",
+        duration(result.seconds),
+        f"{result.made or result.state}{', the reference' if result.stands_in else ''}",
     ]
-    return table(("study", "points", "failed", "time of computing", "computed"), rows, "What is in this page")
 
 
 def shown(result: Result) -> dict[str, Any]:
@@ -120,10 +158,15 @@ def shown(result: Result) -> dict[str, Any]:
     for name, make in parts.items():
         try:
             context |= {name: make(), f"no_{name}": ""}
-        except UNUSABLE as problem:
-            reason = f"it lacks {problem}" if isinstance(problem, KeyError) else str(problem)
-            context |= {name: None, f"no_{name}": reason}
+        except Exception as problem:  # noqa: BLE001 - what a file or a study of one's own lacks, the page says
+            context |= {name: None, f"no_{name}": why(problem)}
     return context
+
+
+def why(problem: Exception) -> str:
+    """What is wrong, in one line."""
+    text = f"it lacks {problem.args[0]}" if isinstance(problem, KeyError) and problem.args else str(problem)
+    return " ".join(text.split()).rstrip(".") or type(problem).__name__
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> dict[str, Any]:
@@ -143,7 +186,9 @@ def _lines(result: Result, point: str) -> dict[str, str]:
     """What computes a point of a plane of scenes again, and its scene."""
     out = f", {str(result.out)!r}" if result.out else ""
     python = in_python(result.dataset, f"studies.open({result.target!r}{out})")
-    return ({"This point again": point} if point else {}) | {"Its scene, in Python": python}
+    # What is at a point at many values of an axis has no scene of its own.
+    scene = {} if within(result.dataset) else {"Its scene, in Python": python}
+    return ({"This point again": point} if point else {}) | scene
 
 
 def _figure(result: Result) -> bytes:
@@ -151,7 +196,7 @@ def _figure(result: Result) -> bytes:
     beside = result.file.with_suffix(".png")
     if beside.is_file():
         image = beside.read_bytes()
-        if figures.shows(image, figures.data_digest(result.dataset)):
+        if image.startswith(PNG) and figures.shows(image, figures.data_digest(result.dataset)):
             return image
     return runner.image(result.study, result.dataset, whose=result.file.name)
 
@@ -184,7 +229,7 @@ def _facts(result: Result) -> dict[str, str]:
     points = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
     return {
         "points": f"{codes.size} ({points})" if points else "none",
-        "time of computing": duration(result.seconds),
+        "CPU time": duration(result.seconds),
         "computed": result.made or "not at its end",
         "by": str(result.dataset.attrs.get("source", "unknown")),
         "file": f"{result.file.parent.name}/{result.file.name}",

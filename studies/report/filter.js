@@ -25,7 +25,7 @@ const ARITHMETIC = {
 class Reader {
   constructor(points, text) {
     if (text.length > LONGEST) throw new Error(`it has ${text.length} letters; it may have ${LONGEST}`);
-    Object.assign(this, { points, text, place: 0, brackets: 0, levels: 0, notes: [] });
+    Object.assign(this, { points, text, place: 0, brackets: 0, levels: 0, notes: [], used: new Set() });
     this.tokens = [...this.cut()];
   }
 
@@ -42,8 +42,8 @@ class Reader {
   }
 
   refuse(token) {
-    const what = token.text ? `${token.text} at letter ${token.start + 1} cannot stand there` : "something is missing at its end";
-    throw new Error(what + (token.text === "=" ? "; to compare is ==" : ""));
+    const what = token.text ? `unexpected '${token.text}'` : "unexpected end";
+    throw new Error(`${what} at column ${token.start + 1}${token.text === "=" ? "; to compare is ==" : ""}`);
   }
 
   get now() { return this.tokens[this.place]; }
@@ -176,11 +176,12 @@ class Reader {
   named(begin, name) {
     const { place, columns, settings } = this.points, number = (value) => (value === null ? NaN : Number(value));
     if (place.has(name)) {
+      this.used.add(name);
       const column = columns[place.get(name)], value = (row) => this.points.named(row, name);
       return this.term(begin, column.kind, column.kind === "number" ? (row) => number(value(row)) : value, { column });
     }
     if (!Object.hasOwn(settings, name)) {
-      throw new Error(`there is no column ${name}; there are ${[...place.keys(), ...Object.keys(settings)].join(", ")}`);
+      throw new Error(`no such column: ${name}; there are ${[...place.keys(), ...Object.keys(settings)].join(", ")}`);
     }
     const value = settings[name], text = typeof value === "string";
     return this.term(begin, text ? "text" : "number", () => (text ? value : number(value)));
@@ -242,8 +243,9 @@ function isMissing(value) { return value === null || Number.isNaN(value); }
 // Words as they are shown.
 function spaced(word) { return word.replaceAll("_", " "); }
 
-// Which rows an expression chooses, and what a reader should know of it; an Error, of one line, where it is none.
+// Which rows an expression chooses, what a reader should know of it, and which columns it names; an Error, of one line,
+// where it is none.
 function filter(points, text) {
   const reader = new Reader(points, text);
-  return { test: reader.whole().of, notes: reader.notes };
+  return { test: reader.whole().of, notes: reader.notes, used: reader.used };
 }

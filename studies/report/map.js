@@ -196,7 +196,7 @@ class PlaneMap {
     const more = element("div", { class: "more", tabindex: "0", role: "region", "aria-label": "What was found" }, list(values));
     // With the values of this point in them, with all digits that the page has.
     const lines = Object.entries(this.plane.lines).flatMap(([name, line]) => [
-      element("p", {}, name), command(line.replace(/\{(\w+)\}/g, (_, axis) => points.named(row, axis))),
+      element("p", {}, name), command(line.replace(/\{(\w+)\}/g, (slot, name) => (points.axes.some((axis) => axis.name === name) ? quoted(String(points.named(row, name))) : slot))),
     ]);
     this.cell.replaceChildren(element("h4", {}, "The scene"), list(scene), element("h4", {}, "What was found"), more, ...lines);
   }

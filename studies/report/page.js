@@ -44,6 +44,11 @@ function shown(value) {
   return String(Number(value.toPrecision(6)));
 }
 
+// A text as one word of a shell.
+function quoted(text) {
+  return /^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\"'\"'")}'`;
+}
+
 // A command, or lines of Python: broken before an option, if at all, with a button that copies it.
 function command(text, box = element("div", { class: "command" })) {
   const [begin, ...options] = text.split(" --");
@@ -64,3 +69,22 @@ function command(text, box = element("div", { class: "command" })) {
 }
 
 for (const box of document.querySelectorAll(".command")) command(box.textContent, box);
+
+// What is folded opens where a link leads to it, and for a print.
+function unfold(within) {
+  for (const fold of within ? within.querySelectorAll("details.fold") : []) fold.open = true;
+}
+addEventListener("hashchange", () => unfold(document.getElementById(location.hash.slice(1))));
+addEventListener("beforeprint", () => unfold(document));
+unfold(document.getElementById(location.hash.slice(1)));
+
+// The list of sections marks the one that is read.
+const links = new Map([...document.querySelectorAll(".index a")].map((link) => [link.getAttribute("href").slice(1), link]));
+const watch = new IntersectionObserver((entries) => {
+  for (const { isIntersecting, target } of entries) {
+    if (!isIntersecting) continue;
+    for (const link of links.values()) link.removeAttribute("aria-current");
+    links.get(target.id).setAttribute("aria-current", "true");
+  }
+}, { rootMargin: "-20% 0px -75% 0px" });
+for (const section of document.querySelectorAll("main > [id]")) if (links.has(section.id)) watch.observe(section);

@@ -13,7 +13,9 @@ from jinja2 import Environment, StrictUndefined
 import sweeps
 from studies import registry, results
 from studies.maps import maps
-from studies.report.context import Result, overview, shown
+from studies.report.answers import answers
+from studies.report.context import OVERVIEW, Broken, Result, overview, shown, table, why
+from studies.report.explained import explained
 from studies.runner import written
 from sweeps import InputError
 
@@ -43,25 +45,25 @@ def write(
     StoreError
         If the page cannot be written.
     """
-    found, missing, problems = gather(names, out)
+    found, missing, broken = gather(names, out)
     folder = results.results_folder(out)
     if not found:
         begin = results.command("run", [*missing, ""][0], out)
         nothing = f"{folder}: nothing of this has been computed there yet; begin with: {begin}"
-        raise InputError(problems[0] if problems else nothing)
-    for problem in problems:
-        warn(problem)
+        raise InputError(broken[0].line if broken else nothing)
     target = Path(file).expanduser() if file else folder / "report.html"
-    whole = page(found, missing, out)
+    whole = page(found, missing, out, broken)
+    for each in broken:
+        warn(each.line)
     with written(target) as temporary:
         temporary.write_text(whole, encoding="utf-8", newline="\n")
     return target
 
 
-def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[str]]:
+def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[Broken]]:
     """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
     kept_maps = sorted(map(str, (results.results_folder(out) / maps.NAME).glob("*.nc")))
-    found, missing, problems = [], [], []
+    found, missing, broken = list[Result](), list[str](), list[Broken]()
     at_points = [f"{name}{suffix}" for name in registry.names() for suffix in registry.SUFFIXES]
     at_points = [name for name in at_points if results.is_there(results.file_of(name, out))]
     for target in dict.fromkeys(names or [*registry.names(), *at_points, *kept_maps]):
@@ -76,21 +78,48 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
                 raise
             missing.append(target)
         except KeyError:
-            problems.append(f"{file}: it is not the result of a study")
-        except ValueError as problem:
-            problems.append(str(problem))
-    return found, missing, problems
+            broken.append(Broken(target, f"{file}: it is not the result of a study"))
+        except Exception as problem:  # noqa: BLE001 - a file that is no result takes no other with it
+            broken.append(Broken(target, why(problem)))
+    return found, missing, broken
 
 
-def page(found: Sequence[Result], missing: Sequence[str], out: str | Path | None = None) -> str:
-    """The whole page; the same results give the same bytes."""
+def page(
+    found: Sequence[Result],
+    missing: Sequence[str],
+    out: str | Path | None = None,
+    broken: list[Broken] | None = None,
+) -> str:
+    """The whole page; the same results give the same bytes. What turns out to be `broken` is added there."""
+    broken = [] if broken is None else broken
+    whole = []
+    for result in found:
+        try:
+            whole.append((result, overview(result), shown(result), answers(result.study.name, result.dataset)))
+        except Exception as problem:  # noqa: BLE001 - a file or a study of one's own takes no other section with it
+            broken.append(Broken(result.target, f"{result.file}: {why(problem)}"))
+    titles = {result.study.name: (result.anchor, result.title) for result, *_ in reversed(whole)}
+    told = {result.study.name: each for result, _, _, each in reversed(whole)}
+    names = dict(
+        [("found", "What we found")] * any(told.values())
+        + [("rig", "Rig, symbols, regimes"), ("overview", "Overview")]
+        + [(result.anchor, result.short) for result, *_ in whole]
+        + [(each.anchor, each.title) for each in broken]
+        + [("missing", "Not run yet")] * bool(missing)
+    )
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     style, script = _own("page.css"), "\n".join(map(_own, SCRIPTS))
     return environment.from_string(_own("page.html.j2")).render(
-        results=[(result, shown(result)) for result in found],
-        overview=overview(found),
-        newest=max((result.made for result in found), default=""),
+        results=[(result, parts) for result, _, parts, _ in whole],
+        overview=table(OVERVIEW, [row for _, row, _, _ in whole], "What is in this page"),
+        newest=max((result.made for result, *_ in whole), default=""),
+        index=names.items(),
+        answers=[(*titles[name], each) for name in registry.MODULES for each in told.get(name, ())],
+        explained=(words := explained()),
+        symbols=table(("symbol or name", "meaning", "the paper's value"), words["symbols"], "Symbols and names"),
+        rig=_own("rig.svg"),
+        broken=broken,
         missing=[(registry.load(name), results.command("run", name, out)) for name in missing],
         style=style,
         style_digest=_digest(style),

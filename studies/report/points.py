@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -26,6 +27,8 @@ MOST_NUMBERS = 120_000
 # Variables with a second dimension, such as modes, are shown in full where there are no others.
 MOST_BESIDE = 10
 DIGITS = 6
+# What marks a column that has another name in the file, with a dimension of its own.
+BESIDE = {"beside": True}
 
 
 class Points(NamedTuple):
@@ -37,9 +40,9 @@ class Points(NamedTuple):
 
 def points_of(dataset: xr.Dataset, lines: Mapping[str, str] | None = None) -> Points:
     """What the page shows of every point, or of a coarser grid; `lines` are those of a cell of a plane."""
-    status = dataset["status"]
+    status = _rows(dataset)
     dims = [str(dim) for dim in status.dims]
-    variables = _variables(dataset)
+    variables = _variables(dataset, status)
     strides = dict(zip(dims, _strides(status.shape, len(variables) + len(dims)), strict=True))
     coarse = {dim: slice(None, None, stride) for dim, stride in strides.items()}
     columns = [_column(name, each.isel(coarse).transpose(*dims)) for name, each in variables.items()]
@@ -52,7 +55,7 @@ def points_of(dataset: xr.Dataset, lines: Mapping[str, str] | None = None) -> Po
             name: None if value in (math.inf, -math.inf) or value != value else value
             for name, value in held.items()
         },
-        "plane": _plane(dataset, held, list(variables), lines or {}),
+        "plane": _plane(dataset, dims, held, list(variables), lines or {}),
     }
     size = f"{status.size} points"
     if thinned := [f"one in {stride} values of {dim}" for dim, stride in strides.items() if stride > 1]:
@@ -60,9 +63,24 @@ def points_of(dataset: xr.Dataset, lines: Mapping[str, str] | None = None) -> Po
     return Points(data, size)
 
 
-def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
-    """Status, names of axes' values, what has one value a point in the file's order, time and error."""
+def within(dataset: xr.Dataset) -> list[str]:
+    """Axes of the study that are within its results alone: one point has a value at each of theirs."""
+    request = json.loads(dataset.attrs["configuration"]).get("request") or {}
+    own = dataset["status"].dims
+    return [name for name in request.get("axes", ()) if name in dataset.dims and name not in own]
+
+
+def _rows(dataset: xr.Dataset) -> xr.DataArray:
+    """The status of every row: of each point, and at each value of an axis that is within the results alone."""
     status = dataset["status"]
+    more = {name: dataset.sizes[name] for name in within(dataset)}
+    if not more:
+        return status
+    return status.expand_dims(more, axis=list(range(-len(more), 0))).assign_coords({n: dataset[n] for n in more})
+
+
+def _variables(dataset: xr.Dataset, status: xr.DataArray) -> dict[str, xr.DataArray]:
+    """Status, names of axes' values, what has one value a row in the file's order, time and error."""
     own = {str(name): each for name, each in dataset.data_vars.items() if set(each.dims) == set(status.dims)}
     names = [f"{dim}_name" for dim in status.dims]
     variables = {name: dataset[name].broadcast_like(status) for name in names if name in dataset}
@@ -70,14 +88,22 @@ def _variables(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
     along = {str(name): each for name, each in dataset.coords.items() if name not in each.dims}
     variables |= {n: e.broadcast_like(status) for n, e in along.items() if set(e.dims) <= set(status.dims)}
     variables |= {name: each for name, each in own.items() if name not in MAKING}
-    if not variables:
+    if variables and status.ndim > dataset["status"].ndim:
+        # What is one for many rows, time besides.
+        several = {str(name): each for name, each in dataset.data_vars.items() if name not in (*own, "status")}
+        alike = {
+            n: e.broadcast_like(status) for n, e in several.items() if set(e.dims) == set(dataset["status"].dims)
+        }
+        variables |= {n: e for n, e in alike.items() if n not in MAKING}
+        own |= alike
+    if not set(own) - set(MAKING):
         for name, each in dataset.data_vars.items():
             beside = [dim for dim in each.dims if dim not in status.dims]
             if each.ndim == status.ndim + 1 and len(beside) == 1 and each.sizes[beside[0]] <= MOST_BESIDE:
                 for k, label in enumerate(each[beside[0]].values):
                     # A name that an expression can have.
                     own_name = re.sub(r"\W", "_", f"{name}_{beside[0]}_{label}")
-                    variables[own_name] = each.isel({beside[0]: k}, drop=True)
+                    variables[own_name] = each.isel({beside[0]: k}, drop=True).assign_attrs(BESIDE)
     return {"status": status} | variables | {name: own[name] for name in ("wall_time", "error") if name in own}
 
 
@@ -107,7 +133,9 @@ def _column(name: str, variable: xr.DataArray) -> dict[str, Any]:
 
 def _described(column: Column, variable: xr.DataArray) -> dict[str, Any]:
     about = str(variable.attrs.get("long_name", ""))
-    return {"name": column.name, "units": column.units, "about": about, "kind": column.kind}
+    return {"name": column.name, "units": column.units, "about": about, "kind": column.kind} | {
+        name: True for name in BESIDE if name in variable.attrs
+    }
 
 
 def _values(values: NDArray[Any]) -> list[Any]:
@@ -118,10 +146,13 @@ def _values(values: NDArray[Any]) -> list[Any]:
 
 
 def _plane(
-    dataset: xr.Dataset, given: Mapping[str, Any], columns: Sequence[str], lines: Mapping[str, str]
+    dataset: xr.Dataset,
+    dims: Sequence[str],
+    given: Mapping[str, Any],
+    columns: Sequence[str],
+    lines: Mapping[str, str],
 ) -> dict[str, Any] | None:
     """How a plane of scenes is shown: across, up, colours, what its scenes have in common, and a cell's lines."""
-    dims = [str(dim) for dim in dataset["status"].dims]
     wide = [dim for dim in dims if dataset.sizes[dim] > 1]
     if len(wide) < 2 or not set(dims) <= set(AXES):
         return None

@@ -13,7 +13,7 @@ from studies.tables import Part, Table
 from sweeps import DONE, FAILED
 
 # What comes of a case. As expected: a run that passes every check, or a refusal. Else a failure; or it is not
-# asked, for another reason or as too dear. The last is for what is not known yet, and no outcome of a run.
+# asked, for another reason or as too expensive. The last is for what is not known yet, and no outcome of a run.
 OUTCOMES = (*EXPECTED, "fails", "not asked", "too dear", "pending")
 PASSES, FAILS, NOT_ASKED, DEAR, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
 # For a reader.

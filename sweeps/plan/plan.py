@@ -111,7 +111,7 @@ class PlanData(Selection):
             ("cached", f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else "")),
             ("to do", f"{self.todo}"),
             ("file size", size(self.bytes)),
-            ("time to expect", f"{time} on one core" if self.seconds > 0 else time),
+            ("estimated time", f"{time} on one core" if self.seconds > 0 else time),
             ("at most", f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else ""),
             ("file", str(self.store or "")),
             (

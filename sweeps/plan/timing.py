@@ -14,7 +14,7 @@ PLACES = (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 
 
 def timed(plan: PlanData) -> float:
-    """The time to expect for a plan on one core, s, as a few points tell it; NaN if all of them fail.
+    """The estimated time of a plan on one core, s, as a few points tell it; NaN if all of them fail.
 
     The first batch pays for compilation and caches and tells nothing, unless it is all there is to do.
     """

@@ -42,7 +42,7 @@ def test_run_prints_numbers_and_leaves_file_and_figure(tmp_path):
     assert "onset = 1   2800    2802" in done.stdout
     assert written(tmp_path) == FILES
     assert FILES[0] in done.stderr
-    assert "time to expect" in done.stderr
+    assert "estimated time" in done.stderr
     # Nothing is drawn or coloured where there is no terminal.
     assert "\x1b" not in done.stdout + done.stderr
     assert "━" not in done.stderr

@@ -31,7 +31,7 @@ def test_plan_writes_nothing_and_computes_only_what_the_time_is_asked_of(tmp_pat
     assert done.returncode == 0
     for line in ("points          101", "distinct        101", "cached          0", "to do           101"):
         assert line in done.stdout
-    assert "time to expect  unknown: no earlier run tells" in done.stdout
+    assert "estimated time  unknown: no earlier run tells" in done.stdout
     assert calls == []
     assert "on one core" in here("plan", "fig5", "--time").stdout
     assert calls

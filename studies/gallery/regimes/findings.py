@@ -20,7 +20,7 @@ CLAIMS = tuple(Claim("regime", {"V": V}, kind, "2, 3.5.3") for V, kind in paper.
 MEDIANS: dict[str, tuple[str, str, float]] = {
     "stick": ("stick_fraction", ".3f", 1.0),
     "RMS mm/s": ("velocity_rms", ".2f", 1e3),
-    "main line Hz": ("dominant_frequency", ".0f", 1.0),
+    "dominant Hz": ("dominant_frequency", ".0f", 1.0),
     "99.9 % of N": ("normal_force_999", ".1f", 1.0),
 }
 # The verdicts as a reader says them.
@@ -86,7 +86,7 @@ def _of_scenes(dataset: xr.Dataset, most: float) -> Table:
     verdict, done = dataset["verdict"].values, dataset["status"].values == DONE
     cases = {text: verdict == VERDICTS.index(name) for name, text in MEANINGS.items()} | {
         "undecided": done & regimes.is_of(regimes.kinds(dataset), "undecided"),
-        f"uncertain: members differ and certainty below {CERTAIN:g}": uncertain(dataset),
+        f"uncertain: repeat runs differ and certainty below {CERTAIN:g}": uncertain(dataset),
         # Durations are kept to six digits.
         f"cut short at {most:g} s": dataset["duration"].values >= (1.0 - 1e-5) * most,
     }

@@ -32,7 +32,7 @@ COLUMNS: dict[str, Column] = {
     "vibration": regimes.kind,
     **regimes.SHARES,
     "RMS mm/s": ("velocity_rms", ".2f", 1e3),
-    "main line Hz": (regimes.main_line, ".0f"),
+    "dominant Hz": (regimes.main_line, ".0f"),
     "99.9 % of N": ("normal_force_999", ".1f"),
     "first slip ms": ("first_slip_time", ".1f", 1e3),
 }
@@ -84,7 +84,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     lines: list[Part] = [
         f"{count} scene{'s' if count > 1 else ''}{length} on {rig}, {transients.damping(given)}, {copies}.",
         *([] if length else [f"Each runs {ensembles.told(given)}."]),
-        f"Shares of time, RMS, main line and normal force: from {since} on.",
+        f"Shares of time, RMS, dominant frequency and normal force: from {since} on.",
         "",
         Table.of(points.isel(point=slice(MOST_ROWS)), "point", COLUMNS),
         *([f"and {count - MOST_ROWS} more in the file."] if count > MOST_ROWS else []),

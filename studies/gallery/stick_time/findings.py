@@ -35,7 +35,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     failed = int((dataset["status"] == FAILED).sum())
     return [
         f"Long sticks, theta = {given['theta']:g} degrees, mu = {float(at['mu']):g}, F = {float(at['F']):g} N, "
-        f"{dataset.sizes['member']} members a speed, {transients.damping(given)}; 95 % intervals over members.",
+        f"{dataset.sizes['member']} repeat runs a speed, {transients.damping(given)}; 95 % intervals over them.",
         f"Start-up: begun within {transients.SETTLING:g} s of the first slip; sustained: later.",
         "",
         Table.of(at, "V", SPEEDS),

@@ -43,7 +43,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "A mode is unstable that does not begin to grow by flutter within the band": unstable
         > inside.sum("window").values,
         f"More than {pairs} modes are unstable, and the {pairs} fastest are kept": unstable > pairs,
-        "The runs differ in regime, or their main lines lie far apart": (
+        "The runs differ in regime, or their dominant frequencies lie far apart": (
             (regime.max("member") > regime.min("member")) | rival
         ).values,
         f"The runs were cut short at most = {given['most']:g} s": dataset["duration"].values >= given["most"],
@@ -79,7 +79,7 @@ def _by_inclination(dataset: xr.Dataset) -> list[Part]:
         "run s": ("duration", ".2g"),
         "vibration": regimes.kind,
         "runs": (lambda at: at["regime_share"] * at.sizes["member"], ".0f"),
-        "main line Hz": ("dominant_frequency", ".0f"),
+        "dominant Hz": ("dominant_frequency", ".0f"),
         "of all": _lines,
         "RMS mm/s": ("velocity_rms", ".2f", 1e3),
         "stick": ("stick_fraction", ".3f"),
@@ -90,7 +90,7 @@ def _by_inclination(dataset: xr.Dataset) -> list[Part]:
         *([f"and {len(theta) - len(rows)} more in the file."] if len(rows) < len(theta) else []),
         "",
         "Unstable: frequencies with their growth rates; fastest: growth rate of the least stable mode.",
-        "Vibration: of most runs, and of how many; main line: median of the runs that vibrate, and range of all.",
+        "Vibration: of most runs, and of how many; dominant Hz: median of the runs that vibrate; range of all.",
     ]
 
 
@@ -100,7 +100,7 @@ def _pairs(at: xr.Dataset) -> str:
 
 
 def _lines(at: xr.Dataset) -> str:
-    """Lowest and highest main line of the runs that vibrate."""
+    """Lowest and highest dominant frequency of the runs that vibrate."""
     lines = at["member_dominant_frequency"]
     return "-" if lines.isnull().all() else f"{float(lines.min()):.0f}-{float(lines.max()):.0f}"
 

@@ -266,7 +266,10 @@ def test_what_a_user_may_act_on_is_told(angles):
     other = angles.copy(deep=True)
     other["member_regime"][0, 0] = INTERMITTENT
     other["member_dominant_frequency"][5] = [2000.0, 2600.0]
-    assert "The runs differ in regime, or their main lines lie far apart: theta = -5, 5 degrees." in shown(other)
+    assert (
+        "The runs differ in regime, or their dominant frequencies lie far apart: theta = -5, 5 degrees."
+        in shown(other)
+    )
     (one,) = ([row[0], row[7]] for row in table(other, "theta deg") if row[0] == "5")
     assert one == ["5", "2000-2600"]
     assert "A single inclination has no window" in shown(angles.isel(theta=[5], window=slice(0)))

@@ -10,6 +10,7 @@ from html import unescape
 from html.parser import HTMLParser
 from importlib.resources import files
 from itertools import pairwise
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -18,13 +19,16 @@ import xarray as xr
 from markupsafe import escape
 
 from studies import registry, runner, spec
+from studies.motion import transients
 from studies.plotting import figures
 from studies.report import page as report
+from studies.report.answers import ANSWERS, answers
 from studies.report.commands import again, in_python
 from studies.report.points import MOST_NUMBERS, points_of
 from sweeps.plan import batches
 
 HOSTILE = "</script><script>alert(1)</script><b onclick='x'>&amp;\"'"
+KEPT = Path(__file__).parents[3] / "results" / "reference"
 MAP = "map/growth_rate-contact_position-mu.nc"
 
 
@@ -60,7 +64,7 @@ def page(text):
 
 def changed(folder, tmp_path, name, change):
     """The page of a copy of one result, with something changed in its file."""
-    shutil.copytree(folder / name, tmp_path / name)
+    shutil.copytree(folder / name, tmp_path / name, dirs_exist_ok=True)
     with netCDF4.Dataset(tmp_path / name / f"{name}.nc", "a") as opened:
         change(opened)
     return written(tmp_path, name)
@@ -68,6 +72,11 @@ def changed(folder, tmp_path, name, change):
 
 def section(text, anchor):
     return re.search(rf'<section id="{anchor}".*?</section>', text, re.DOTALL)[0]
+
+
+def data_of(own):
+    """The points of a section, as its script reads them."""
+    return re.search(r'<script type="application/json"[^>]*>(.*?)</script>', own, re.DOTALL)[1]
 
 
 def lines_of(text):
@@ -90,8 +99,64 @@ def test_numbers_stand_beside_the_papers(text):
     assert re.search(r">2800</td><td[^>]*>2802</td><td[^>]*>\+0.1 %<", section(text, "fig5"))
 
 
+def test_every_section_is_in_the_index(page):
+    links = [a["href"] for a in page.of("a")]
+    sections = [f"#{a['id']}" for a in page.of("section")]
+    assert links[1:3] == sections[:2] == ["#found", "#rig"]
+    assert set(sections) <= set(links)
+    assert {link[1:] for link in links} <= {a["id"] for _, a in page.found if "id" in a}
+
+
+def test_answers_come_first_with_the_numbers_of_the_data(folder, tmp_path, text):
+    found = section(text, "found")
+    assert re.findall(r'<p class="more"><a href="#(.*?)"', found) == ["table4", "fig5"]
+    mu = runner.open_dataset("fig5", folder)["onset_mu"].values
+    assert f"unstable at μ = {mu[0]:.4f} (2802 Hz), " in found
+    assert "first unstable at 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz)" in found
+
+    def change(file):
+        file["onset_mu"][0] = 0.1
+        file.renameVariable("onset_frequency", "other")
+
+    def moved(file):
+        file["onset_mu"][0] = 0.1
+
+    assert "unstable at μ = 0.1000 (2802 Hz), " in section(changed(folder, tmp_path, "fig5", moved), "found")
+    # What a result lacks it does not answer; of another rig the paper claims nothing.
+    assert 'id="found"' not in changed(folder, tmp_path / "less", "fig5", change)
+    other = runner.run("fig5", {"mu": [0.1, 0.3], "p1_length": 0.06}, tmp_path / "rig").dataset
+    assert [each.paper for each in answers("fig5", other)] == [""]
+
+
+@pytest.mark.parametrize("name", [name for name in ANSWERS if (KEPT / name / f"{name}.nc").is_file()])
+def test_the_kept_results_answer(name):
+    """Each has a sentence, whatever its numbers are."""
+    found = answers(name, runner.open_dataset(KEPT / name / f"{name}.nc"))
+    assert found
+    for each in found:
+        assert re.search(r"\d", each.found + each.paper)
+        assert not re.search(r"\bnan\b", each.found)
+
+
+def test_the_rig_its_symbols_and_its_regimes_are_told_once(text):
+    own = section(text, "rig")
+    drawn = re.findall(r"<text[^>]*>([^<]*)</text>", own)
+    assert {"A", "B", "C", "D", "P1", "P2", "θ", "V", "F", "N", "T"} <= set(drawn)
+    assert "one constant coefficient μ" in own
+    for name in (*transients.REGIMES, "separation", "contact_position", "p1_length, p2_length"):
+        assert f"{name}<" in own, name
+    assert text.count('class="rig"') == 1
+
+
+def test_benchmarks_and_stress_are_folded(folder, tmp_path, text):
+    assert "fold" not in section(text, "fig5")
+    runner.run("stress", {"case": [registry.load("stress").texts["case"][0]]}, tmp_path)
+    own = section(written(tmp_path, "stress"), "stress")
+    assert own.index('<details class="fold">') < own.index("<figure>")
+
+
 def test_commands_go_to_the_folder_that_was_given(folder, text):
-    missing = text.partition('<section aria-labelledby="missing-title">')[2]
+    missing = section(text, "missing")
     left = [name for name in registry.NAMES if name not in ("table4", "fig5", "regimes", "scenes")]
     assert lines_of(missing) == [f"fiv run {name} --out {folder}" for name in left]
     asked = f"fiv query fig5 --out {folder} --where 'status == \"done\"' --format csv"
@@ -125,7 +190,7 @@ def test_nothing_is_fetched_and_all_can_be_read_aloud(page, text):
     for name, attributes in page.found:
         for key in ("src", "href"):
             assert (attributes.get(key) or "#").startswith(("#", "data:")), (name, attributes)
-    assert not re.search(r"@import|url\(", text)
+    assert not re.search(r"@import|url\((?!#)", text)
     policy = next(a["content"] for a in page.of("meta") if "http-equiv" in a)
     assert policy.startswith("default-src 'none'; ")
     assert dict(page.found[0:1]) == {"html": {"lang": "en"}}
@@ -168,10 +233,92 @@ def test_text_of_a_file_stays_text(folder, tmp_path, text):
 
 def test_only_the_projects_own_style_and_script_are_no_text():
     template = files("studies.report").joinpath("page.html.j2").read_text()
-    assert re.findall(r"[^{ ]+\s*\|\s*safe\b", template) == ["style|safe", "script|safe"]
+    assert re.findall(r"[^{ ]+\s*\|\s*safe\b", template) == ["style|safe", "rig|safe", "script|safe"]
     assert not re.search(r"autoescape|Markup|html_safe|\|\s*(?:forceescape|e)\b", template)
     for name in ("page.css", *report.SCRIPTS):
         assert "</" not in files("studies.report").joinpath(name).read_text()
+
+
+@pytest.mark.parametrize("name", ["a;b", "a$(touch x)", "a b", "a'b", '"><b>', "a`id`", "-a", "{V}"])
+def test_commands_quote_every_file_name(folder, tmp_path, name):
+    """A shell reads the name as one word, and no link leads out of the page."""
+    odd = tmp_path / name
+    shutil.copytree(folder / "fig5", odd / "fig5")
+    shutil.copytree(folder / "map", odd / "map")
+    file = odd / "map" / f"{name}.nc"
+    file.with_name(Path(MAP).name).rename(file)
+    for text in (written(odd), written(folder, str(file))):
+        found = Elements(text)
+        lines = [line for line in lines_of(text) if str(odd) in line]
+        assert lines + [each["data-command"] for each in found.of("div") if "data-command" in each]
+        for line in (*lines, *(each["data-command"] for each in found.of("div") if "data-command" in each)):
+            words = shlex.split(line)
+            assert words[0] == "fiv"
+            assert not {";", "$(touch", "x)"} & set(words)
+            assert all(
+                word.startswith(str(tmp_path)) or word.startswith(str(folder)) for word in words if "/" in word
+            )
+        assert all(each["href"].startswith("#") for each in found.of("a"))
+        assert not re.search(r"<b[ >]", text)
+
+
+def test_settings_and_axes_of_a_file_are_quoted(folder):
+    data = runner.open_dataset(folder / MAP)
+    configuration = json.loads(data.attrs["configuration"])
+    configuration["constants"]["quantity"] = "a; rm -rf x"
+    lines = again(data.assign_attrs(configuration=json.dumps(configuration)))
+    assert "; rm" not in lines.whole.replace("'a; rm -rf x'", "")
+    odd = data.rename({"mu": "m; x"})
+    assert again(odd) == ("", "")
+
+
+@pytest.mark.parametrize("content", [b"", b"<svg onload=alert(1)>", b"\x89PNG"])
+def test_only_a_png_is_embedded(folder, tmp_path, content):
+    """Even where what lies beside says that it shows the file."""
+    shutil.copytree(folder / "table4", tmp_path / "table4")
+    beside = tmp_path / "table4" / "table4.png"
+    beside.write_bytes(content + beside.read_bytes()[8:])
+    image = b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', written(tmp_path, "table4"))[1])
+    assert image.startswith(b"\x89PNG\r\n\x1a\n")
+    assert not content or not image.startswith(content + b"\0")
+
+
+def test_files_that_cannot_be_read_take_only_their_own_sections(folder, tmp_path):
+    """What is damaged, what lacks the most, and what no study made; and where nothing is left there is no page."""
+    shutil.copytree(folder / "table4", tmp_path / "table4")
+    (tmp_path / "map").mkdir()
+    whole = (folder / "fig5" / "fig5.nc").read_bytes()
+    for name, content in (("half", whole[: len(whole) // 2]), ("empty", b""), ("text", b"a,b")):
+        (tmp_path / "map" / f"{name}.nc").write_bytes(content)
+    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(tmp_path / "map" / "other.nc")
+    shutil.copy(folder / "fig5" / "fig5.nc", tmp_path / "map" / "less.nc")
+    with netCDF4.Dataset(tmp_path / "map" / "less.nc", "a") as file:
+        file.renameVariable("wall_time", "other")
+    said = []
+    text = report.write((), tmp_path, None, said.append).read_text()
+    assert len(said) == text.count("It cannot be shown: ") == 5
+    assert not any("\n" in line for line in said)
+    assert "<img" in section(text, "table4")
+
+
+@pytest.mark.parametrize("part", ["_figure", "_findings", "points_of", "_failures", "again", "_facts"])
+def test_what_fails_takes_only_its_own_section(folder, tmp_path, monkeypatch, part):
+    """Whatever is raised, the others are as they were, and a line says why."""
+    from studies.report import context
+
+    own = getattr(context, part)
+
+    def fails(first, *others, **named):
+        dataset = getattr(first, "dataset", first)
+        if getattr(dataset, "sizes", {}).get("onset") or (part == "_findings" and "Fig. 5" in others[0]):
+            raise RuntimeError("of no use\nat all")
+        return own(first, *others, **named)
+
+    monkeypatch.setattr(context, part, fails)
+    text = report.write((), folder, tmp_path / "page.html", lambda line: None).read_text()
+    assert text.count("of no use at all") >= 1
+    assert "<img" in section(text, "table4")
+    assert "of no use" not in section(text, "table4") + section(text, "regimes")
 
 
 def test_a_figure_of_other_numbers_is_never_shown(folder, tmp_path):
@@ -222,13 +369,17 @@ def test_an_older_file_without_a_figure_or_numbers_says_so(folder, tmp_path):
     assert "Table of 9 points" in text
 
 
-def test_what_is_no_result_is_told_and_left_out(folder, tmp_path):
+def test_what_is_no_result_takes_only_its_own_section(folder, tmp_path):
     (tmp_path / "map").mkdir()
     (tmp_path / "map" / "mine.nc").write_text("mine")
     (tmp_path / "table4").symlink_to(folder / "table4")
     said = []
-    assert "mine" not in report.write((), tmp_path, None, said.append).read_text()
-    assert said == [f"{tmp_path}/map/mine.nc: it is damaged or not netCDF"]
+    text = report.write((), tmp_path, None, said.append).read_text()
+    line = f"{tmp_path}/map/mine.nc: it is damaged or not netCDF"
+    assert said == [line]
+    (anchor,) = re.findall(r'<a href="#([^"]*)">mine.nc</a>', text)
+    assert f'<p class="note">It cannot be shown: {line}.</p>' in section(text, anchor)
+    assert "<img" in section(text, "table4")
 
 
 def test_a_million_points_are_bounded():
@@ -265,6 +416,43 @@ def test_embedded_values_are_those_of_the_file(folder):
     names = [each["name"] for each in (*modes["axes"], *modes["columns"])]
     assert "growth_rate_mode_1" in names
     assert all(map(str.isidentifier, names))
+
+
+def test_what_is_at_many_values_of_an_axis_has_a_row_for_each():
+    """One rig sample serves all frictions: of each inclination and friction there is a probability."""
+    data = runner.open_dataset(KEPT / "robust" / "robust.nc")
+    told = points_of(data).data
+    columns = {each["name"]: each for each in told["columns"]}
+    assert [axis["name"] for axis in told["axes"]] == ["theta", "mu"]
+    values = np.reshape(columns["probability_unstable"]["values"], [len(axis["values"]) for axis in told["axes"]])
+    assert np.allclose(values, data["probability_unstable"].transpose("theta", "mu"), atol=1e-6)
+    nominal = np.reshape(np.array(columns["nominal_onset_mu"]["values"], dtype=float), values.shape)
+    assert np.array_equal(np.isnan(nominal[:, 0]), np.isnan(data["nominal_onset_mu"]))
+    assert told["plane"]["first"] == "probability_unstable"
+
+
+def test_the_studies_of_scatter_have_figure_findings_and_rows(tmp_path):
+    for name in ("sensitivity", "robust"):
+        shutil.copytree(KEPT / name, tmp_path / name)
+    sampled = {"scatter": {"mu": "uniform:0.05:0.4"}, "samples": 8, "seed": 1}
+    table = tmp_path / "table.csv"
+    table.write_text("mu,theta,p1_length [mm]\n0.1,5,50\n0.2,8,51\n")
+    for asked in (sampled, {"points": table}):
+        runner.execute(runner.plan("fig5", {}, tmp_path, **asked), "sync")
+    text = written(tmp_path)
+    wanted = {
+        "sensitivity": "elasticity_mu_pair_1",
+        "robust": "probability_unstable",
+        "fig5-scatter": "growth_rate_mode_6",
+        "fig5-points": "p1_length",
+    }
+    for name, column in wanted.items():
+        own = section(text, name)
+        assert "<img" in own
+        assert own.count("<table>") >= 1
+        assert "There is no figure" not in own
+        assert column in [each["name"] for each in json.loads(data_of(own))["columns"]]
+        assert f"fiv query {name} " in own
 
 
 @pytest.mark.parametrize(
@@ -343,7 +531,7 @@ def test_the_lines_for_a_cell_give_its_point(file, place, names, folder, here):
 def test_the_command_writes_the_page_and_says_where(folder, tmp_path, here):
     done = here("report", "table4", "--out", str(folder), "--file", "deep/page.html")
     assert (done.returncode, done.stdout, done.stderr) == (0, "deep/page.html\n", "")
-    assert (tmp_path / "deep" / "page.html").read_text().count("<section") == 1
+    assert (tmp_path / "deep" / "page.html").read_text().count('<section id="table4"') == 1
 
 
 @pytest.mark.parametrize(

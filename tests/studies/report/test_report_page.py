@@ -2,9 +2,13 @@
 
 import json
 import re
+import shlex
 
+import numpy as np
 import pytest
 
+from studies import registry, runner
+from studies.query.query import query
 from studies.report import page as report
 from tests.helpers.browser import browser, printed, resize, scheme
 
@@ -93,7 +97,7 @@ def selected(page, study, which, text):
 
 def test_it_shows_every_result_and_requests_nothing_but_itself(page):
     assert page.title == "Friction-induced vibration: results"
-    assert len(page.find_elements("css selector", "main > section")) == 6
+    assert len(page.find_elements("css selector", "main > section")) == 8
     assert page.execute_script("return [...document.images].every((i) => i.complete && i.naturalWidth > 500)")
     address = page.current_url
     one(page, ".overview a[href='#regimes']").click()
@@ -130,18 +134,83 @@ def test_conditions_filter(page):
     box.clear()
     box.send_keys("nu > 0.2")
     (said,) = texts(page, f"{table} [role=status]")
-    assert re.fullmatch(
-        r"there is no column nu; there are V, mu, .*; all are shown. 9 of 9 points; 9 shown.", said
-    )
+    assert re.fullmatch(r"no such column: nu; there are V, mu, .*; all are shown. 9 of 9 points; 9 shown.", said)
+    box.clear()
+    box.send_keys("mu ((")
+    (said,) = texts(page, f"{table} [role=status]")
+    assert said.startswith("unexpected '(' at column 4; all are shown.")
     assert box.get_attribute("aria-invalid") == "true"
+
+
+def test_the_command_and_the_csv_follow_filter_columns_and_order(page, folder):
+    table = opened(page, "regimes")
+    asked = f"fiv query regimes --out {folder} --where "
+    assert texts(page, f"{table} .command code") == [f"{asked}'status == \"done\"' --format csv"]
+    one(page, f"{table} input[type=search]").send_keys("mu > 0.2 and regime != 'stuck'")
+    one(page, f"{table} .chooser summary").click()
+    page.find_elements("css selector", f"{table} .chooser button")[1].click()
+    for name in ("mu", "velocity_rms"):
+        boxes = page.find_elements("css selector", f"{table} .chooser label")
+        next(each for each in boxes if each.text == name).click()
+    assert [head for head in page.find_elements("css selector", f"{table} thead th") if head.is_displayed()] != []
+    heads = [each.text for each in page.find_elements("css selector", f"{table} thead th") if each.is_displayed()]
+    assert [head.split(" (")[0] for head in heads] == ["mu", "velocity_rms"]
+    head = f"{table} thead th:nth-child({place(page, table, 'velocity_rms')}) button"
+    one(page, head).click()
+    one(page, head).click()
+    (line,) = texts(page, f"{table} .command code")
+    where = """'mu > 0.2 and regime != "stuck"'"""
+    assert line == f"{asked}{where} --show mu,velocity_rms --sort -velocity_rms --format csv"
+    done = query(
+        runner.open_dataset("regimes", folder), shlex.split(line)[6], show="mu,velocity_rms", sort="-velocity_rms"
+    )
+    saved = page.execute_script(
+        "URL.createObjectURL = (blob) => { window.saved = blob; return '#'; };"
+        "document.querySelector(arguments[0]).click(); return window.saved.text()",
+        f"{table} > button:last-of-type",
+    )
+    first, *rows = saved.splitlines()
+    assert first == "mu,velocity_rms"
+    assert np.allclose([[float(cell) for cell in row.split(",")] for row in rows], done.to_numpy(), rtol=1e-5)
+
+
+def test_a_column_that_the_file_names_otherwise_has_no_command(page):
+    table = opened(page, "fig5")
+    one(page, f"{table} input[type=search]").send_keys("growth_rate_mode_6 > 0")
+    assert not one(page, f"{table} .command").is_displayed()
+    assert texts(page, f"{table} > .hint") == ["No command: a column of this page has no such name in the file."]
+    assert 0 < len(column(page, table, "mu")) < 51
+
+
+def test_a_link_to_what_is_folded_opens_it(page, tmp_path):
+    runner.run("stress", {"case": [registry.load("stress").texts["case"][0]]}, tmp_path)
+    page.get(report.write(["stress"], tmp_path, None, pytest.fail).as_uri())
+    assert not one(page, "#stress figure").is_displayed()
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    one(page, ".index a[href='#stress']").click()
+    WebDriverWait(page, 5.0, 0.02).until(lambda _: one(page, "#stress figure").is_displayed())
+
+
+def test_the_index_is_beside_wide_pages_and_above_narrow_ones(page):
+    boxes = (
+        "return ['.index', '#results'].map((each) => "
+        "document.querySelector(each).getBoundingClientRect().toJSON())"
+    )
+    index, results = page.execute_script(boxes)
+    assert index["right"] <= results["left"]
+    resize(page, 390, 844, mobile=True)
+    index, results = page.execute_script(boxes)
+    assert index["bottom"] <= results["top"]
 
 
 def test_a_long_table_is_shown_in_parts(page):
     table = opened(page, "fig5")
     assert len(column(page, table, "mu")) == 25
-    one(page, f"{table} > button").click()
+    more = one(page, f"{table} > button")
+    more.click()
     assert len(column(page, table, "mu")) == 51
-    assert not one(page, f"{table} > button").is_displayed()
+    assert not more.is_displayed()
 
 
 def test_a_cell_tells_its_scene_its_figures_and_its_lines(page):

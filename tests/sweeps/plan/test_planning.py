@@ -60,7 +60,7 @@ def test_planning_calls_nobody(tmp_path):
     plan = sweep(100).plan(tmp_path / "p.nc")
     assert CALLS == []
     assert math.isnan(plan.seconds)
-    assert "time to expect  unknown: no earlier run tells" in repr(plan)
+    assert "estimated time  unknown: no earlier run tells" in repr(plan)
     timed = plan.timed()
     assert 0 < sum(CALLS) < 100
     assert timed.seconds > 0.0
@@ -80,7 +80,7 @@ def test_earlier_runs_tell_the_time(path):
     plan = sweep(144, slow).plan(path)
     assert plan.todo == 44
     assert plan.seconds == pytest.approx(22.0)
-    assert "time to expect  22 s on one core" in repr(plan)
+    assert "estimated time  22 s on one core" in repr(plan)
 
 
 def test_plans_take_no_time(path):
