@@ -90,7 +90,7 @@ def _map(dataset: xr.Dataset) -> Again:
 
 
 def _options(texts: Mapping[str, str], option: str = "--set") -> str:
-    return "".join(f" {option} {shlex.quote(f'{name}={text}')}" for name, text in texts.items())
+    return "".join(f" {option} {shlex.quote(name)}={shlex.quote(text)}" for name, text in texts.items())
 
 
 def _slots(names: Iterable[str], option: str = "--set") -> str:
