@@ -13,6 +13,7 @@ import xarray as xr
 from studies import config, registry, spec
 from studies.maps import maps
 from studies.study import constants
+from sweeps import InputError
 
 # A point alone goes to a folder of its own, whatever the results folder holds.
 ELSEWHERE = " --out one-point --fresh"
@@ -89,12 +90,12 @@ def _map(dataset: xr.Dataset) -> Again:
 
 
 def _options(texts: Mapping[str, str], option: str = "--set") -> str:
-    return "".join(f" {option} {shlex.quote(f'{name}={text}')}" for name, text in texts.items())
+    return "".join(f" {option} {shlex.quote(name)}={shlex.quote(text)}" for name, text in texts.items())
 
 
 def _slots(names: Iterable[str], option: str = "--set") -> str:
     """Options with a slot for each value; a name that a shell would read as anything else is refused."""
     for name in names:
         if not name.isidentifier():
-            raise ValueError(name)
+            raise InputError(f"axis = {name!r}: it is no name")
     return "".join(f" {option} {name}={{{name}}}" for name in names)
