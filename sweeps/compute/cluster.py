@@ -54,6 +54,9 @@ CONFIGURATION = {
     # whoever needs the same arrays over and over. These keep up to 64 MB of it.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 24,
+    # Its web servers ask nobody who he is: they show nothing.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
 }
 # Dask gives a worker up for good that is not back within 15 s; restarting one on a busy machine may take longer.
 NEVER_GIVEN_UP = {"distributed.deploy.lost-worker-timeout": "1 day"}
@@ -99,9 +102,11 @@ def _theirs(address: str) -> Iterator[distributed.Client]:
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as problem:
+        start = "start one, or leave it out"
+        if address.startswith("tls://"):
+            start = f"{start}; its certificates must be in Dask's configuration, under distributed.comm.tls"
         raise SchedulerError(
-            f"scheduler = {address!r}: no Dask scheduler answers there ({type(problem).__name__}); start one, "
-            "or leave it out"
+            f"scheduler = {address!r}: no Dask scheduler answers there ({type(problem).__name__}); {start}"
         ) from None
     with client:
         try:
@@ -130,6 +135,9 @@ def _own(workers: int) -> Iterator[distributed.Client]:
                     processes=True,
                     dashboard_address=None,
                     silence_logs=logging.CRITICAL,
+                    # Whoever reaches a scheduler or a worker can have it execute anything, and everybody on the
+                    # machine reaches them: so they talk only to who has the key of this run.
+                    security=distributed.Security.temporary(),
                     # Nothing is spilled to a disk, and no worker killed for its size: it holds a batch or two.
                     memory_limit=0,
                     # What to do with a batch whose worker died is decided here. There is a web server in any case;
