@@ -30,6 +30,7 @@ def locked(store: Store) -> Iterator[None]:
     StoreError
         If nothing can be written there.
     """
+    store.check_parts()
     try:
         store.file.parent.mkdir(parents=True, exist_ok=True)
         file = _acquired(store.lock)

@@ -20,6 +20,9 @@ from sweeps.errors import StoreError
 from sweeps.storage.parts import PartFolder
 
 
+OTHER = "choose another folder"
+
+
 class Store:
     """The files of one sweep; nothing is touched before it is asked for."""
 
@@ -50,13 +53,19 @@ class Store:
         try:
             if path.is_dir():
                 raise StoreError(f"{path} is a folder; the results of {name} need a file there")
+            self.check_parts()
             folder = next(each for each in path.parents if each.is_symlink() or each.exists())
             if not folder.exists():
-                raise StoreError(f"{folder} is a link to nothing; choose another folder")
+                raise StoreError(f"{folder} is a link to nothing; {OTHER}")
             if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-                raise StoreError(f"{folder} cannot be written to; choose another folder")
+                raise StoreError(f"{folder} cannot be written to; {OTHER}")
         except OSError as problem:
-            raise StoreError(f"{path} cannot be used: {problem.strerror}; choose another folder") from None
+            raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
+
+    def check_parts(self) -> None:
+        """Refuse a link in the place of the parts: what it leads to is somebody's, and parts are removed."""
+        if self.parts.is_symlink():
+            raise StoreError(f"{self.parts} is a link, and parts need a folder of their own; remove it, or {OTHER}")
 
     def clear(self) -> None:
         """Remove the parts."""

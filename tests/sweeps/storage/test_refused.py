@@ -170,3 +170,19 @@ def test_damaged_values_are_noticed(tmp_path):
         with pytest.raises(StoreError, match=r"waves.nc.* damaged"):
             random(count).plan(path).run()
         assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_link_in_the_place_of_the_parts_is_refused_and_not_followed(path, tmp_path, fresh):
+    """Whoever made it: what it leads to is not ours to remove."""
+    other = tmp_path / "elsewhere" / "waves.nc"
+    interrupted(sweep().plan(other), 2)
+    (other.with_suffix(".parts") / "notes.txt").write_text("mine")
+    before = {each: each.read_bytes() for each in other.parent.rglob("*") if each.is_file()}
+    plan = sweep().plan(path, fresh=fresh)
+    path.with_suffix(".parts").symlink_to(other.with_suffix(".parts"))
+    for attempt in (lambda: sweep().plan(path, fresh=fresh), plan.run):
+        with pytest.raises(StoreError, match=r"sweep\.parts is a link, .*; remove it, or choose another folder$"):
+            attempt()
+    assert {each: each.read_bytes() for each in other.parent.rglob("*") if each.is_file()} == before
+    assert not path.exists()
