@@ -164,6 +164,13 @@ def test_a_manifest_of_another_shape(kept, tmp_path):
             check(kept(*command), "tiny.nc", "tiny.parts")
 
 
+def test_a_configuration_that_is_nested_too_deeply(here, tmp_path):
+    (tmp_path / "deep.toml").write_text("axes = " + "[" * 100_000)
+    done = here("plan", "fig5", "--config", "deep.toml")
+    assert done.returncode == 2
+    check(done, "deep.toml")
+
+
 def nested(path):
     path.write_text("[" * 100_000)
 
