@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import sweeps
 from studies import registry, spec
 from studies.study import Study, suggest
 from sweeps import InputError
@@ -100,11 +101,23 @@ class Config:
 
 def read_values(study: Study, given: Mapping[str, Any]) -> dict[str, Any]:
     """Values of axes and settings, of which texts may be a SPEC."""
+    check_counts(study, given)
     found = dict(given)
     for name, value in found.items():
         if isinstance(value, str):
             found[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
     return found
+
+
+def check_counts(study: Study, given: Mapping[str, Any]) -> None:
+    """Refuse more points than a plan can hold before their values are made; `given` are arrays, or SPECs."""
+    counts = {name: len(axis) for name, axis in study.axes.items()}
+    for name, value in given.items():
+        if name in counts:
+            # Whatever else it may be is refused later.
+            listed = value.size if isinstance(value, np.ndarray) else len(value) if isinstance(value, list) else 1
+            counts[name] = spec.count(value) if isinstance(value, str) else listed
+    sweeps.check_counts(counts)
 
 
 def read(file: str | Path) -> Config:

@@ -64,6 +64,14 @@ def parse(spec: str, name: str, units: str = "") -> NDArray[Any]:
         raise InputError(f"{name} = {given!r}: {problem}; the forms are {FORMS}") from None
 
 
+def count(spec: str) -> int:
+    """How many values SPEC stands for at most, without making them; 1 for what is none."""
+    if ":" not in spec:
+        return spec.count(",") + 1
+    digits = re.match(r"\s*\d{1,18}", spec.rpartition(":")[2], re.ASCII)
+    return max(int(digits[0]), 1) if digits else 1
+
+
 def converted(spec: str, units: str) -> str:
     """SPEC with plain numbers in `units`, of one in which each value bears a unit, or the end that of all."""
     head = "log:" if spec.startswith("log:") else ""

@@ -26,6 +26,7 @@ from sweeps.grid import (
     Axis,
     Grid,
     Variable,
+    check_counts,
 )
 from sweeps.plan.plan import duration
 from sweeps.plan.planning import check_size
@@ -65,6 +66,7 @@ __all__ = [
     "Variable",
     "blocks",
     "check_backend",
+    "check_counts",
     "check_free",
     "check_size",
     "duration",

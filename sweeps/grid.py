@@ -17,6 +17,8 @@ Points = dict[str, NDArray[Any]]
 Columns = list[NDArray[Any]]
 # Points that are made at a time, where they are only looked at.
 BLOCK = 1 << 18
+# A plan has a few flags of each point, all of them in memory.
+MOST_POINTS = 200_000_000
 
 # What has become of a point.
 PENDING, DONE, FAILED, SKIPPED, INTERPOLATED = range(5)
@@ -329,6 +331,22 @@ def _flat(along: Sequence[NDArray[np.intp]], shape: tuple[int, ...]) -> NDArray[
     """Points by their places along each dimension; -1 where one of these is."""
     flat = np.ravel_multi_index(along, shape, mode="clip")
     return np.where(np.logical_and.reduce([place >= 0 for place in along]), flat, -1)
+
+
+def check_counts(counts: Mapping[str, int]) -> None:
+    """Refuse a grid by the lengths of its dimensions, before anything is allocated for its points.
+
+    Raises
+    ------
+    InputError
+        If there are too many.
+    """
+    if (size := math.prod(counts.values())) > MOST_POINTS:
+        shape = " x ".join(f"{name} {count}" for name, count in counts.items())
+        raise InputError(
+            f"grid = {shape}: {size:.3g} points are more than the {MOST_POINTS:.3g} that one plan can hold; "
+            "take fewer values, or run parts of them into folders of their own"
+        )
 
 
 def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.errors import InputError, StoreError
-from sweeps.grid import Axis, Grid
+from sweeps.grid import Axis, Grid, check_counts
 
 METHODS = ("sobol", "latin", "random")
 DIM = "sample"
@@ -57,6 +57,7 @@ def Sample(
         Naming the argument.
     """
     _check(distributions, count, method, seed)
+    check_counts({DIM: count} | {name: len(axis) for name, axis in (axes or {}).items()})
     shares = unit_draws(len(distributions), count, method, seed)
     drawn: dict[str, Axis] = {}
     for (name, each), column in zip(distributions.items(), shares.T, strict=True):

@@ -162,6 +162,7 @@ def _planned(
     if asked.study not in ("", one.name, study):
         raise InputError(f"--config {config_file}: study = {asked.study!r}: STUDY is {one.name}; leave one out")
     options: dict[str, Any] = {}
+    config.check_counts(one, {**asked.axes, **dict(map(spec.split, assignments))})
     if standard_error is not None:
         assignments = (*assignments, f"standard_error={standard_error!r}")
     for text in assignments:

@@ -83,11 +83,7 @@ def sweep_of(
     elif scatter:
         raise InputError(f"--scatter: {quantity} is of one rig; choose --quantity probability_unstable")
     tolerance = _tolerance(definition, quantity, halvings, tolerance)
-    count = len(plane.xs) * len(plane.ys)
-    if count > MOST_POINTS:
-        raise InputError(
-            f"{len(plane.xs)} x {len(plane.ys)} values are {count} points: it must be at most {MOST_POINTS}"
-        )
+    _check_counts(len(plane.xs), len(plane.ys))
     _check(plane, definition, constants)
     if "members" in constants:
         constants |= {"members": int(constants["members"]), "method": transients.METHOD}
@@ -126,8 +122,15 @@ def _scatter(plane: Plane, constants: Mapping[str, Any], given: Mapping[str, str
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
     """The plane of two texts AXIS=SPEC, each interval halved so often."""
     across, up = spec.split(x, "--x"), spec.split(y, "--y")
+    _check_counts(*((spec.count(text) - 1) * 2**halvings + 1 for _, text in (across, up)))
     xs, ys = (spec.refined(text, name, halvings, _units(name)) for name, text in (across, up))
     return Plane(across[0], up[0], xs, ys)
+
+
+def _check_counts(across: int, up: int) -> None:
+    """Refuse more points than a map may have, at best before their values are made."""
+    if across * up > MOST_POINTS:
+        raise InputError(f"{across} x {up} values are {across * up} points: it must be at most {MOST_POINTS}")
 
 
 def line_along(x: str, quantity: str, fixed: dict[str, Any]) -> str:

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
 from sweeps.compute.values import rounded, scaled
-from sweeps.errors import InputError
 from sweeps.fingerprint.identity import configuration, fingerprint, metadata_digest
 from sweeps.fingerprint.provenance import versions, versions_differing
-from sweeps.grid import FAILED, PENDING, Embedding, Grid
+from sweeps.grid import FAILED, PENDING, Embedding, Grid, check_counts
 from sweeps.plan.declaration import Declaration
 from sweeps.plan.keys import factors, representatives
 from sweeps.plan.plan import PlanData, Selection
@@ -38,8 +37,6 @@ ENGINE = (rounded, scaled)
 ROW_BYTES = 16
 # What rounding and compression leave of a rounded float.
 COMPRESSED = 0.6
-# A plan has a few flags of each point, all of them in memory.
-MOST_POINTS = 200_000_000
 
 
 def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_failed: bool) -> PlanData:
@@ -114,19 +111,8 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
 
 
 def check_size(grid: Grid) -> None:
-    """Refuse a grid before anything is allocated for its points.
-
-    Raises
-    ------
-    InputError
-        If there are too many.
-    """
-    if grid.size > MOST_POINTS:
-        shape = " x ".join(f"{name} {len(axis)}" for name, axis in grid.axes.items())
-        raise InputError(
-            f"grid = {shape}: {grid.size:.3g} points are more than the {MOST_POINTS:.3g} that one plan can hold; "
-            "take fewer values, or run parts of them into folders of their own"
-        )
+    """Refuse a grid of too many points; see `check_counts`."""
+    check_counts(dict(zip(grid.dims, grid.shape, strict=True)))
 
 
 def _continued(before: Manifest, manifest: Manifest) -> Manifest:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import netCDF4
 
-from sweeps.errors import StoreError
+from sweeps.errors import InputError, StoreError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
 from sweeps.storage.manifest import LARGE, Manifest
@@ -110,6 +110,10 @@ def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
     with opened(path) as file:
         grid = Grid({axis: Axis(plain(file[axis])) for axis in stored["axes"]}, stored["groups"])
         present = [file[each] for each in stored["variables"] if each in file.variables]
+        every = [*present, file["status"], file["wall_time"]]
+        shapes = {each.shape[: len(grid.shape)] for each in every}
+        if shapes != {grid.shape}:
+            raise InputError(f"its variables have the shapes {shapes}, its axes {grid.shape}")
         row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)
         computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
     computed = computations > 0

@@ -23,6 +23,7 @@ from sweeps.compute.batch import Failure
 from sweeps.errors import InputError, MissingFileError, StoreError, reason
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED
+from sweeps.storage.checked import check_sizes
 from sweeps.storage.existing import sources_of
 from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.merge import Gathered, dataset, fill, gather
@@ -308,7 +309,9 @@ def open_results(path: str | Path) -> xr.Dataset:
         raise InputError(f"{path}: it cannot be read")
     try:
         data = _opened(store.file)
-    except (OSError, ValueError, RuntimeError):
+    except InputError as problem:
+        raise InputError(f"{path}: it is damaged: {problem}") from None
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError):
         raise InputError(f"{path}: it is damaged or not netCDF") from None
     try:
         json.loads(data.attrs["configuration"])["constants"]
@@ -319,6 +322,8 @@ def open_results(path: str | Path) -> xr.Dataset:
 
 def _opened(path: Path) -> xr.Dataset:
     with NETCDF:
+        with netCDF4.Dataset(path) as file:
+            check_sizes(file)
         data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF)
         if data.nbytes <= READ_AT_ONCE:
             with data:

@@ -8,6 +8,7 @@ meanwhile, and zlib lets other threads run.
 from __future__ import annotations
 
 import json
+import math
 import os
 import struct
 import zlib
@@ -19,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAGIC = b"sweeps-1"
+# Of an array; a few bytes may stand for any number of equal entries.
+MOST_BYTES = 1 << 34
 HEAD = struct.Struct("<8sII")
 # So much is read when a file is opened; one that is no longer is checked as a whole.
 READ_AT_ONCE = 1 << 16
@@ -112,8 +115,11 @@ class Packed:
             blob, dtype = self._bytes(self._start + offset, length), np.dtype(kind)
             if zlib.crc32(blob) != check:
                 raise ValueError(f"{name} in {self.path} is damaged")
+            if (size := math.prod(shape) * dtype.itemsize) > MOST_BYTES:
+                raise ValueError(f"{name} in {self.path} has the shape {shape}")
             if how == DEFLATED:
-                letters = np.frombuffer(zlib.decompress(blob), np.uint8).reshape(dtype.itemsize, -1)
+                whole = zlib.decompressobj().decompress(blob, size + 1)
+                letters = np.frombuffer(whole, np.uint8).reshape(dtype.itemsize, -1)
                 blob = letters.T.tobytes()
             values = np.frombuffer(blob, dtype)
             found[name] = np.full(shape, values[0], dtype) if how == CONSTANT else values.reshape(shape)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Failure
-from sweeps.grid import Variable
+from sweeps.grid import MOST_POINTS, Variable
 from sweeps.storage.packed import Packed, pack
 from sweeps.storage.replacing import replacing
 
@@ -122,6 +122,8 @@ class PartFolder:
         try:
             part = Packed(self.path / name)
             about, index = part.about, part.read([each for each in ("steps", "failed") if each in part.names])
+            if not 0 < about["rows"] <= MOST_POINTS:
+                return None
             points = np.cumsum(index["steps"]) if "steps" in index else about["first"] + np.arange(about["rows"])
             failed = index.get("failed", np.zeros(0, dtype=np.int64))
             return Contents(about["manifest"], points, failed, about["seconds"])

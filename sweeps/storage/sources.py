@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +23,7 @@ from sweeps.compute.batch import BatchResult, Failure
 from sweeps.compute.values import unscaled
 from sweeps.errors import StoreError
 from sweeps.grid import DONE, FAILED, Grid
+from sweeps.storage.checked import check_sizes
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.parts import PartFolder
 
@@ -80,10 +81,13 @@ class PartSource:
     def held(self, manifest: Manifest) -> Held:
         """The points of the manifest's grid that get something."""
         contents = self.folder.contents(self.name)
-        points = None if contents is None else manifest.located(contents.manifest, contents.points)
-        if contents is None or points is None:
-            raise DamagedError(self.name)
-        return _of_computations(manifest, points, contents.failed, contents.seconds)
+        if contents is not None:
+            # What is not of its grid is IndexError or ValueError.
+            with suppress(IndexError, ValueError):
+                points = manifest.located(contents.manifest, contents.points)
+                if points is not None:
+                    return _of_computations(manifest, points, contents.failed, contents.seconds)
+        raise DamagedError(self.name)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
         """Its rows with the values of some variables."""
@@ -231,12 +235,13 @@ def opened(path: Path) -> Iterator[Any]:
     """A netCDF file with everything as it is stored; if it is damaged, a StoreError."""
     try:
         with NETCDF, netCDF4.Dataset(path) as file:
+            check_sizes(file)
             file.set_auto_maskandscale(False)
             file.set_auto_chartostring(False)
             yield file
     except StoreError:
         raise
-    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as problem:
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError) as problem:
         text = f"{path} is damaged ({problem}); move it away, or start over with fresh (--fresh)"
         raise StoreError(text) from None
 

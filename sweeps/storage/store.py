@@ -19,7 +19,6 @@ from typing import Any
 from sweeps.errors import StoreError
 from sweeps.storage.parts import PartFolder
 
-
 OTHER = "choose another folder"
 
 
@@ -65,7 +64,7 @@ class Store:
     def check_parts(self) -> None:
         """Refuse a link in the place of the parts: what it leads to is somebody's, and parts are removed."""
         if self.parts.is_symlink():
-            raise StoreError(f"{self.parts} is a link, and parts need a folder of their own; remove it, or {OTHER}")
+            raise StoreError(f"{self.parts} is a link, where a folder of its own is needed; remove it, or {OTHER}")
 
     def clear(self) -> None:
         """Remove the parts."""

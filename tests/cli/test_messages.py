@@ -3,6 +3,7 @@
 In this process, through the command's own entry point: a second of imports is saved each time.
 """
 
+import time
 from dataclasses import replace
 
 import pytest
@@ -98,6 +99,37 @@ def test_wrong_input_is_one_clear_line(tmp_path, here, arguments, message):
     assert message in line
     assert done.stdout == ""
     assert written(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["plan", "scenes", "--set=V=1e-3:1e-2:10000000", "--set=mu=log:0.1:0.3:10000000"],
+            "fiv: grid = V 10000000 x theta 4 x mu 10000000 x F 2: ",
+        ),
+        (["plan", "scenes", "--config", "large.toml"], "fiv: grid = V 10000000 x theta 4 x mu 8000000 x F 2: "),
+        (
+            ["map", "--x=theta=0:20:1500", "--y=mu=0:0.5:1500", "--refine=12", "--quantity=growth_rate"],
+            "fiv: 6139905 x 6139905 values are 37698433409025 points: it must be at most 4000000",
+        ),
+        (
+            ["plan", "fig5", "--set", "p1_elements=1e12"],
+            "p1_elements = 1000000000000.0: it must be a whole number from 1 to 1000",
+        ),
+    ],
+)
+def test_what_is_far_too_much_is_refused_at_once(tmp_path, here, arguments, message):
+    """By what is asked for, before any value is made of it."""
+    large = 'axes = { V = "1e-3:1e-2:10000000", mu = "0.1:0.3:8000000" }\n'
+    (tmp_path / "large.toml").write_text(large)
+    here("list", "scenes")
+    begin = time.monotonic()
+    done = here(*arguments)
+    assert time.monotonic() - begin < 1.0
+    (line,) = [line for line in done.stderr.splitlines() if "compiling once" not in line]
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in line
 
 
 @pytest.mark.usefixtures("undrawn")

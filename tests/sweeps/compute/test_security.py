@@ -1,7 +1,6 @@
 """Who may talk to the processes of a run: nobody but the run; and clusters that ask for certificates."""
 
 import json
-import os
 import subprocess
 import sys
 
