@@ -127,7 +127,7 @@ def read(file: str | Path) -> Config:
         _check(content)
     except OSError as problem:
         raise InputError(f"--config {file}: it cannot be read: {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise InputError(f"--config {file}: it is not TOML: {problem}") from None
     except InputError as problem:
         raise InputError(f"--config {file}: {problem}") from None
@@ -167,15 +167,19 @@ def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sam
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
     """The configuration that makes a result again, or an `InputError` where the file does not say it."""
     try:
-        configuration = json.loads(dataset.attrs["configuration"])
-        # A study without settings asks for nothing besides its axes.
-        asked = configuration["request"] if configuration["constants"] else configuration.get("request", {})
-        # An axis may be within the results alone.
-        names = [*configuration["axes"], *asked.get("axes", ())]
-        axes = {name: dataset[name].values.tolist() for name in names}
-        along = dataset["status"].dims[0]
-    except (KeyError, TypeError, ValueError):
+        return _of_result(dataset)
+    except (LookupError, TypeError, ValueError, AttributeError):
         raise InputError(f"{whose}: it does not say what it was asked for; maps and older files do not") from None
+
+
+def _of_result(dataset: xr.Dataset) -> Config:
+    configuration = json.loads(dataset.attrs["configuration"])
+    # A study without settings asks for nothing besides its axes.
+    asked = configuration["request"] if configuration["constants"] else configuration.get("request", {})
+    # An axis may be within the results alone.
+    names = [*configuration["axes"], *asked.get("axes", ())]
+    axes = {name: dataset[name].values.tolist() for name in names}
+    along = dataset["status"].dims[0]
     name, asked = configuration["name"], {**asked, "record": tuple(asked.get("record", ()))}
     asked.pop("axes", None)
     drawn = [*asked.get("scatter", ()), *asked.get("points", ())]

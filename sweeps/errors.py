@@ -11,6 +11,26 @@ def reason(problem: BaseException) -> str:
     return f"{problem} (is the disk full?)" if "HDF error" in str(problem) else str(problem)
 
 
+# What reading a file may raise that is damaged or something else: also by values that are none, by what is nested
+# too deeply (RuntimeError), and by what is too large (MemoryError).
+UNREADABLE = (
+    OSError,
+    RuntimeError,
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    MemoryError,
+)
+
+
+def said(problem: BaseException) -> str:
+    """What was raised, in one line."""
+    kind = "" if isinstance(problem, InputError) else f"{type(problem).__name__}: "
+    return " ".join(f"{kind}{problem}".split())
+
+
 class StoreError(RuntimeError):
     """The place where results are to be kept cannot be used; the message says why."""
 

@@ -50,6 +50,9 @@ def _code_of(problem: Exception) -> int:
         if isinstance(problem, kind):
             click.echo(f"fiv: {problem}", err=True)
             return code
+    if isinstance(problem, MemoryError):
+        click.echo(f"fiv: out of memory: {problem or 'nothing more could be allocated'}; ask for less", err=True)
+        return WRONG_INPUT
     print_exception(problem)
     click.echo(f"fiv: internal error: {type(problem).__name__}; please report it with the lines above", err=True)
     return INTERNAL

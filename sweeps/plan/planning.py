@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
 from sweeps.compute.values import rounded, scaled
+from sweeps.errors import UNREADABLE
 from sweeps.fingerprint.identity import configuration, fingerprint, metadata_digest
 from sweeps.fingerprint.provenance import versions, versions_differing
 from sweeps.grid import FAILED, PENDING, Embedding, Grid, check_counts
@@ -91,7 +93,7 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         and present.attributes.get("presentation") == attributes["presentation"]
     )
     shapes = {name: manifest.shape(name) for name in sweep.variables}
-    stored = [json.loads(each.get("libraries", "{}")) for each in (present.attributes, attributes)]
+    stored = [_libraries(each) for each in (present.attributes, attributes)]
     return PlanData(
         **vars(selection),
         sweep=sweep,
@@ -113,6 +115,15 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
 def check_size(grid: Grid) -> None:
     """Refuse a grid of too many points; see `check_counts`."""
     check_counts(dict(zip(grid.dims, grid.shape, strict=True)))
+
+
+def _libraries(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Versions of the libraries that computed what is there; none where it does not say."""
+    try:
+        found = json.loads(attributes["libraries"])
+        return {name: str(version) for name, version in found.items()}
+    except UNREADABLE:
+        return {}
 
 
 def _continued(before: Manifest, manifest: Manifest) -> Manifest:

@@ -17,7 +17,7 @@ from sweeps.grid import MOST_POINTS
 def check_regular(path: Path) -> None:
     """Raise the `OSError` of a path at which there is no regular file: a pipe would be waited for, for ever."""
     if not stat.S_ISREG(os.stat(path).st_mode):
-        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+        raise OSError(errno.EINVAL, f"{path.name} is not a regular file")
 
 
 def check_sizes(file: Any) -> None:

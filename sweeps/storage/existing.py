@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import netCDF4
 
-from sweeps.errors import InputError, StoreError
+from sweeps.errors import UNREADABLE, InputError, StoreError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
+from sweeps.storage.checked import check_regular
 from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.sources import (
     COMPUTED,
@@ -126,9 +127,10 @@ def _owned(path: Path, name: str) -> dict[str, Any]:
     if not os.access(path, os.R_OK):
         raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
     try:
+        check_regular(path)
         with NETCDF, netCDF4.Dataset(path) as file:
-            attributes: dict[str, Any] = dict(vars(file))
-    except (OSError, RuntimeError):
+            attributes = {name: file.getncattr(name) for name in file.ncattrs()}
+    except UNREADABLE:
         raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
     owner = attributes.get("sweep")
     if owner != name:
@@ -141,7 +143,7 @@ def _check_same(path: Path, attributes: Mapping[str, Any], identity: dict[str, A
     otherwise = "start over with fresh (--fresh), or choose another folder (--out)"
     try:
         different = differences(json.loads(attributes["identity"]), identity)
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except UNREADABLE:
         raise StoreError(f"{path} does not say what made it; {otherwise}") from None
     if different:
         raise StoreError(f"{path} holds something else: {different}; {otherwise}")

@@ -12,6 +12,7 @@ from typing import BinaryIO
 from filelock import lock_descriptor, unlock_descriptor
 
 from sweeps.errors import LockedError, StoreError, reason
+from sweeps.storage.checked import check_regular
 from sweeps.storage.store import Store
 from sweeps.watch.monitor import owner, read_state, write_state
 
@@ -58,6 +59,8 @@ def locked(store: Store) -> Iterator[None]:
 
 def _acquired(path: Path) -> BinaryIO | None:
     """The lock's file, locked; None if somebody else has it."""
+    with suppress(FileNotFoundError):
+        check_regular(path)
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         with ExitStack() as stack:
@@ -79,6 +82,8 @@ def _names(path: Path, file: BinaryIO) -> bool:
 
 def is_locked(store: Store) -> bool:
     """Whether a run holds the store now."""
+    if not os.path.isfile(store.lock):
+        return False
     try:
         with open(store.lock, "r+b") as file:
             return not lock_descriptor(file.fileno(), blocking=False)

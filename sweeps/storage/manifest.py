@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.values import residual, scaled
-from sweeps.errors import InputError, StoreError, reason
+from sweeps.errors import UNREADABLE, InputError, StoreError, reason
 from sweeps.grid import STATUS_FLAGS, Axis, Embedding, Grid, Variable
 from sweeps.storage.packed import Packed, pack
 from sweeps.storage.replacing import replacing
@@ -186,7 +186,8 @@ class Manifest:
                 representative=arrays.get("representative"),
                 factors={name: arrays[f"factor {name}"] for name in about["factors"]},
             )
-        except (FileNotFoundError, NotADirectoryError, LookupError, TypeError, ValueError) as problem:
+        except UNREADABLE as problem:
+            # What is there and cannot be read now is no reason to begin anew.
+            if isinstance(problem, OSError) and not isinstance(problem, (FileNotFoundError, NotADirectoryError)):
+                raise StoreError(f"{path} cannot be read: {reason(problem)}") from None
             raise InputError(f"{path}: it is damaged or not the manifest of a sweep") from problem
-        except OSError as problem:
-            raise StoreError(f"{path} cannot be read: {reason(problem)}") from None

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from xarray.backends import NetCDF4DataStore
 
 from sweeps.compute.batch import Failure
-from sweeps.errors import InputError, MissingFileError, StoreError, reason
+from sweeps.errors import UNREADABLE, InputError, MissingFileError, StoreError, reason, said
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED
 from sweeps.storage.checked import check_sizes
@@ -91,7 +91,7 @@ def _history(store: Store, manifest: Manifest) -> str:
     """What a file that is completed said of its making."""
     if manifest.fresh or not store.file.is_file():
         return ""
-    with suppress(OSError, RuntimeError, AttributeError), NETCDF, netCDF4.Dataset(store.file) as file:
+    with suppress(*UNREADABLE), NETCDF, netCDF4.Dataset(store.file) as file:
         return str(file.history)
     return ""
 
@@ -301,23 +301,51 @@ def open_results(path: str | Path) -> xr.Dataset:
     """
     store = Store(path)
     if store.manifest.is_file():
-        with suppress(ValueError, StoreError):
+        try:
             return _unfinished(store)
-    if not store.file.is_file():
+        except UNREADABLE as problem:
+            # Unless the run has finished meanwhile.
+            if store.manifest.is_file() and not store.file.exists():
+                raise InputError(f"{store.manifest}: it is damaged: {said(problem)}") from None
+    if not store.file.exists():
         raise MissingFileError(f"{path}: there is no such file")
+    if not store.file.is_file():
+        raise InputError(f"{path}: it is not a regular file")
     if not os.access(store.file, os.R_OK):
         raise InputError(f"{path}: it cannot be read")
     try:
         data = _opened(store.file)
     except InputError as problem:
         raise InputError(f"{path}: it is damaged: {problem}") from None
-    except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError):
+    except UNREADABLE:
         raise InputError(f"{path}: it is damaged or not netCDF") from None
     try:
         json.loads(data.attrs["configuration"])["constants"]
-    except (KeyError, TypeError, ValueError):
+    except UNREADABLE:
         raise InputError(f"{path}: it is not the result of a sweep") from None
+    try:
+        _check_described(data)
+    except UNREADABLE as problem:
+        raise InputError(f"{path}: it is damaged: {said(problem)}") from None
     return data
+
+
+def _check_described(data: xr.Dataset) -> None:
+    """Raise one of UNREADABLE where a result does not say of itself what whoever reads it needs."""
+    configuration = json.loads(data.attrs["configuration"])
+    points = data["status"].dims
+    for name in configuration["axes"]:
+        # Where it is lacking, `data[name]` counts.
+        dims = data.variables[name].dims
+        if not set(dims) <= set(points):
+            raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
+    if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
+        raise InputError("its configuration is of another shape")
+    for name, variable in data.variables.items():
+        if "flag_values" in variable.attrs:
+            words = variable.attrs["flag_meanings"].split()
+            if len(words) != np.size(variable.attrs["flag_values"]):
+                raise InputError(f"{name} has {len(words)} words")
 
 
 def _opened(path: Path) -> xr.Dataset:
@@ -346,6 +374,7 @@ def _unfinished(store: Store) -> xr.Dataset:
             sources = [source for source in sources if source.name != problem.part]
     if not store.manifest.is_file():
         raise StoreError(f"{store.file} was finished while its parts were read")
+    _check_described(data)
     return data
 
 

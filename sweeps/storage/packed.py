@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps.storage.checked import check_regular
+
 MAGIC = b"sweeps-1"
 # Of an array; a few bytes may stand for any number of equal entries.
 MOST_BYTES = 1 << 34
@@ -81,6 +83,7 @@ class Packed:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        check_regular(path)
         with open(path, "rb") as file:
             self._begin = file.read(READ_AT_ONCE)
             size = os.fstat(file.fileno()).st_size

@@ -13,7 +13,6 @@ import os
 import re
 import threading
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import uuid4
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Failure
+from sweeps.errors import UNREADABLE, StoreError, reason
 from sweeps.grid import MOST_POINTS, Variable
 from sweeps.storage.packed import Packed, pack
 from sweeps.storage.replacing import replacing
@@ -89,10 +89,14 @@ class PartFolder:
 
     def names(self) -> list[str]:
         """The parts' names in the order in which their batches were handed out."""
-        with suppress(FileNotFoundError), os.scandir(self.path) as found:
-            names = [each.name for each in found if NAME.fullmatch(each.name) and each.is_file()]
-            return sorted(names, key=_number)
-        return []
+        try:
+            with os.scandir(self.path) as found:
+                names = [each.name for each in found if NAME.fullmatch(each.name) and each.is_file()]
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+        except OSError as problem:
+            raise StoreError(f"{self.path} cannot be read: {reason(problem)}") from None
+        return sorted(names, key=_number)
 
     def next_name(self) -> str:
         """A name that no other part has, of this run or of one before."""
@@ -127,7 +131,7 @@ class PartFolder:
             points = np.cumsum(index["steps"]) if "steps" in index else about["first"] + np.arange(about["rows"])
             failed = index.get("failed", np.zeros(0, dtype=np.int64))
             return Contents(about["manifest"], points, failed, about["seconds"])
-        except (OSError, LookupError, TypeError, ValueError):
+        except UNREADABLE:
             return None
 
     def read(self, name: str, variables: Collection[str], reasons: bool = True) -> BatchResult | None:
@@ -136,14 +140,12 @@ class PartFolder:
             part = Packed(self.path / name)
             failing = ["failed", "failures"] if reasons and "failed" in part.names else []
             found = part.read(["wall_time", *failing, *(f"value_{each}" for each in variables)])
-        except (OSError, LookupError, TypeError, ValueError):
+            texts = json.loads(found["failures"].tobytes()) if failing else []
+            rows = found["failed"].tolist() if failing else []
+            failures = {row: Failure(*each) for row, each in zip(rows, texts, strict=True)}
+        except UNREADABLE:
             return None
-        values = {each: found[f"value_{each}"] for each in variables}
-        failures = {}
-        if failing:
-            texts = json.loads(found["failures"].tobytes())
-            failures = {row: Failure(*each) for row, each in zip(found["failed"].tolist(), texts, strict=True)}
-        return BatchResult(values, found["wall_time"], failures)
+        return BatchResult({each: found[f"value_{each}"] for each in variables}, found["wall_time"], failures)
 
 
 def _number(name: str) -> int:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Failure
 from sweeps.compute.values import unscaled
-from sweeps.errors import StoreError
+from sweeps.errors import UNREADABLE, StoreError, said
 from sweeps.grid import DONE, FAILED, Grid
 from sweeps.storage.checked import check_sizes
 from sweeps.storage.manifest import Manifest
@@ -241,8 +241,8 @@ def opened(path: Path) -> Iterator[Any]:
             yield file
     except StoreError:
         raise
-    except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError) as problem:
-        text = f"{path} is damaged ({problem}); move it away, or start over with fresh (--fresh)"
+    except UNREADABLE as problem:
+        text = f"{path} is damaged ({said(problem)}); move it away, or start over with fresh (--fresh)"
         raise StoreError(text) from None
 
 

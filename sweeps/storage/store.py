@@ -50,8 +50,9 @@ class Store:
         """Refuse, before anything is computed, a place where the results of `name` cannot go."""
         path = self.file
         try:
-            if path.is_dir():
-                raise StoreError(f"{path} is a folder; the results of {name} need a file there")
+            if path.exists() and not path.is_file():
+                what = "a folder" if path.is_dir() else "not a regular file"
+                raise StoreError(f"{path} is {what}; the results of {name} need a file there")
             self.check_parts()
             folder = next(each for each in path.parents if each.is_symlink() or each.exists())
             if not folder.exists():
@@ -62,7 +63,12 @@ class Store:
             raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
 
     def check_parts(self) -> None:
-        """Refuse a link in the place of the parts: what it leads to is somebody's, and parts are removed."""
+        """Refuse a link in the place of the parts: what it leads to is somebody's, and parts are removed.
+
+        Neither can a file be there.
+        """
+        if self.parts.exists() and not self.parts.is_dir():
+            raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {OTHER}")
         if self.parts.is_symlink():
             raise StoreError(f"{self.parts} is a link, where a folder of its own is needed; remove it, or {OTHER}")
 

@@ -15,8 +15,15 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from sweeps.errors import UNREADABLE
+from sweeps.storage.checked import check_regular
+
 # The file is written at most this often, s.
 INTERVAL = 1.0
+# What a file holds, by type.
+OWNER = {"pid": int, "host": str, "started": str}
+COUNTS, TIMES = ("todo", "done", "failed"), ("elapsed", "rate", "left")
+SNAPSHOT: dict[str, Any] = {**dict.fromkeys(COUNTS, int), **dict.fromkeys(TIMES, (int, float)), "now": list}
 # So many of the batches under way are described.
 SHOWN = 4
 
@@ -130,7 +137,11 @@ def write_state(file: Path, state: dict[str, Any]) -> None:
 def read_state(file: Path) -> dict[str, Any]:
     """What a run has left; empty where there is nothing to be read."""
     try:
+        check_regular(file)
         state = json.loads(file.read_text())
-    except (OSError, ValueError):
+        # A store that is just taken has no more than its owner.
+        kinds = OWNER if "todo" not in state else OWNER | SNAPSHOT
+        sound = all(isinstance(state[name], kind) for name, kind in kinds.items())
+    except UNREADABLE:
         return {}
-    return state if isinstance(state, dict) else {}
+    return state if sound else {}

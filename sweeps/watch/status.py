@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.errors import StoreError
+from sweeps.errors import UNREADABLE
 from sweeps.grid import INTERPOLATED_FLAG, STATUS_FLAGS
 from sweeps.storage.existing import sources_of
 from sweeps.storage.lock import is_locked, taken
@@ -61,7 +61,7 @@ def status(path: str | Path) -> Status:
         manifest = Manifest.load(store.manifest)
         codes = surveyed(manifest, sources_of(store, manifest)).status
         state = "running" if running else "interrupted"
-    except (ValueError, StoreError):
+    except UNREADABLE:
         # There is none, or the run has finished meanwhile.
         codes = open_results(path)["status"].values
         state = "running" if running else "complete"

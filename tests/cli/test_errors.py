@@ -32,6 +32,7 @@ def fails(problem):
         (sweeps.MissingFileError("a.nc: there is no such file"), 2, "fiv: a.nc: there is no such file"),
         (InputError("mu = 9: it must be less"), 2, "fiv: mu = 9: it must be less"),
         (UnsolvedError("theta = 9: a branch is lost"), 2, "fiv: theta = 9: a branch is lost"),
+        (MemoryError("no 9 GiB"), 2, "fiv: out of memory: no 9 GiB; ask for less"),
         (ValueError("mu = 9"), 70, "fiv: internal error: ValueError; please report it with the lines above"),
         (None, 70, "fiv: internal error: ValueError; please report it with the lines above"),
         (KeyError("mu"), 70, "fiv: internal error: KeyError; please report it with the lines above"),

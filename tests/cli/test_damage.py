@@ -1,0 +1,225 @@
+"""Files that are damaged, or something else: one line with the file and the cause, whatever is asked of them."""
+
+import os
+import random
+import shutil
+import signal
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+
+from studies import registry, runner
+from studies.study import Setting, Study
+from sweeps import Axis, Variable
+from sweeps.storage.packed import Packed, pack
+from tests.helpers.waves import interrupted
+
+WORDS = {0: "calm", 1: "wild"}
+FILE = Path("results/tiny/tiny.nc")
+
+
+def tiny(points, gain):
+    """Numbers, words and a row of each point; one fails."""
+    x = points["x"]
+    if np.any(x == 3.0):
+        raise ValueError("three is not allowed")
+    return {"y": gain * x, "word": (x > 2.0).astype(int), "row": x[:, None] ** np.arange(3.0)}
+
+
+def draw(data):
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(1.0, 1.0))
+    axes = figure.subplots()
+    axes.plot(data["x"], data["y"])
+    axes.set_title(str(data["x"].attrs["units"]))
+    return figure
+
+
+STUDY = Study(
+    name="tiny",
+    title="A small study",
+    question="Does it last?",
+    paper="No word of it.",
+    axes={"x": Axis(np.arange(1.0, 6.0), "m", "place"), "kind": Axis(["one", "other"])},
+    settings={"gain": Setting(2.0, "1", "gain")},
+    function=tiny,
+    variables={
+        "y": Variable("m", "height", digits=6),
+        "word": Variable("1", "word", dtype="int8", flags=WORDS),
+        "row": Variable("1", "row", dims=("power",), dtype="float32"),
+    },
+    coords={"power": Axis([0, 1, 2])},
+    draw=draw,
+    findings=lambda data: ["nothing"],
+)
+COMMANDS = (
+    ("status", "tiny"),
+    ("status", "tiny", "--json"),
+    ("status", "tiny", "--toml"),
+    ("query", "tiny"),
+    ("query", "tiny", "--where", "word == 'wild'", "--show", "x,row,gain,status,error"),
+    ("plan", "tiny"),
+    ("plan", "tiny", "--set", "x=1:9:9"),
+    ("plan", str(FILE), "--fresh"),
+    ("plot", "tiny"),
+)
+OF_PARTS = [(*command, "--out", "half") for command in COMMANDS if command[1] == "tiny"]
+# Bits that are changed of a result; of each file of a run a tenth.
+FLIPS = 100
+
+
+@pytest.fixture
+def kept(here, tmp_path, monkeypatch):
+    """Run commands; there is a finished result, and in `half` one that was interrupted, with four points kept."""
+    monkeypatch.setattr(registry, "_given", {"tiny": STUDY})
+    monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 1.0)
+    assert here("run", "tiny", "-q").returncode == 1
+    interrupted(runner.plan(STUDY, {}, tmp_path / "half"), 4)
+    return here
+
+
+def check(done, *names):
+    """An answer, or one line that names what it is about, with an exit code that says whose fault it is."""
+    told = done.stderr.strip()
+    assert done.returncode in (0, 1, 2, 3), told
+    assert "Traceback" not in told
+    if done.returncode:
+        line, *more = [line for line in told.splitlines() if "compiling once" not in line]
+        assert (line.startswith("fiv: ") and not more) or done.returncode == 1
+        assert any(name in line for name in names), line
+
+
+def flipped(whole, count, seed):
+    """The content of a file with one bit changed, again and again."""
+    drawn = random.Random(seed)  # noqa: S311 - nobody is to be surprised
+    for _ in range(count):
+        content, place = bytearray(whole), drawn.randrange(8 * len(whole))
+        content[place // 8] ^= 1 << place % 8
+        yield place, bytes(content)
+
+
+def test_a_bit_of_a_result(kept):
+    whole, seen = FILE.read_bytes(), set()
+    for n, (place, content) in enumerate(flipped(whole, FLIPS, "result")):
+        FILE.write_bytes(content)
+        # All commands take turns.
+        for command in COMMANDS[n % 3 :: 3]:
+            print(place, *command)
+            done = kept(*command)
+            seen.add(done.returncode)
+            # A value that the file gives may be refused by its own name.
+            check(done, "tiny.nc", "kind = ", "gain = ", "STUDY = ")
+    assert {0, 2, 3} <= seen
+
+
+def test_a_bit_of_what_a_run_has_left(kept, tmp_path):
+    parts = tmp_path / "half" / "tiny" / "tiny.parts"
+    for path in sorted(parts.iterdir()):
+        whole = path.read_bytes()
+        for n, (place, content) in enumerate(flipped(whole, FLIPS // 10, path.name)):
+            path.write_bytes(content)
+            for command in OF_PARTS[n % 3 :: 3]:
+                print(path.name, place, *command)
+                check(kept(*command), "tiny.nc", "tiny.parts")
+        path.write_bytes(whole)
+
+
+TEXTS = ("", "[]", "3", "{}", '{"axes": 3}', '{"constants": [], "axes": {}}', "[" * 100_000)
+
+
+def test_what_a_result_says_of_itself_is_of_another_shape(kept):
+    whole = FILE.read_bytes()
+    with netCDF4.Dataset(FILE) as file:
+        attributes, variables = file.ncattrs(), list(file.variables)
+    changes = [lambda file, n=name, t=text: file.setncattr(n, t) for name in attributes for text in TEXTS]
+    changes += [lambda file, n=name: file.delncattr(n) for name in attributes]
+    changes += [lambda file, n=name: file.renameVariable(n, "else") for name in variables]
+    changes += [lambda file, n=name: file[n].setncattr("flag_values", np.int8([1])) for name in variables]
+    changes += [lambda file, n=name: file[n].setncattr("units", 3.0) for name in variables]
+    changes += [lambda file, n=name: file.renameDimension(n, "else") for name in ("x", "kind", "power")]
+    for number, change in enumerate(changes):
+        FILE.write_bytes(whole)
+        with netCDF4.Dataset(FILE, "a") as file:
+            change(file)
+        for command in COMMANDS[number % 3 :: 3]:
+            print(number, *command)
+            check(kept(*command), "tiny.nc", "STUDY = ", "show = ", "where = ")
+
+
+def test_a_manifest_of_another_shape(kept, tmp_path):
+    path = tmp_path / "half" / "tiny" / "tiny.parts" / "manifest"
+    file = Packed(path)
+    arrays = file.read(file.names)
+    wrong = [(file.about | {key: value}, arrays) for key in file.about for value in (None, [], 7, {"a": {}}, "a")]
+    wrong += [({k: v for k, v in file.about.items() if k != key}, arrays) for key in file.about]
+    wrong += [(file.about, arrays | {name: each[:1]}) for name, each in arrays.items()]
+    wrong += [(file.about, {k: v for k, v in arrays.items() if k != name}) for name in arrays]
+    for number, (about, others) in enumerate(wrong):
+        path.write_bytes(pack(about, others))
+        for command in OF_PARTS[number % 2 :: 2]:
+            print(number, *command)
+            check(kept(*command), "tiny.nc", "tiny.parts")
+
+
+def test_a_configuration_that_is_nested_too_deeply(here, tmp_path):
+    (tmp_path / "deep.toml").write_text("axes = " + "[" * 100_000)
+    done = here("plan", "fig5", "--config", "deep.toml")
+    assert done.returncode == 2
+    check(done, "deep.toml")
+
+
+def nested(path):
+    path.write_text("[" * 100_000)
+
+
+def listed(path):
+    path.write_text('[{"pid": "one", "todo": []}]')
+
+
+def shaped(path):
+    path.write_text('{"pid": 1, "host": "here", "started": "now", "todo": {}, "now": 3, "left": "long"}')
+
+
+def linked(path):
+    path.symlink_to(path.parent / "nowhere" / "at-all")
+
+
+KINDS = (os.mkfifo, os.mkdir, linked, nested, listed, shaped)
+
+
+@pytest.fixture
+def _hurry():
+    """Whoever waits for a pipe waits for ever."""
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.usefixtures("_hurry")
+@pytest.mark.parametrize("place", ["tiny.nc", "tiny.parts", "manifest", "progress.json", "part", ".tiny.nc.lock"])
+def test_something_else_in_the_place_of_a_file(kept, tmp_path, monkeypatch, place):
+    (tmp_path / "half").rename(tmp_path / "whole")
+    for kind in KINDS:
+        shutil.copytree(tmp_path / "whole", tmp_path / "half")
+        folder, parts = tmp_path / "half" / "tiny", tmp_path / "half" / "tiny" / "tiny.parts"
+        path = next(parts.glob("*.part")) if place == "part" else (folder if "tiny" in place else parts) / place
+        shutil.rmtree(path, ignore_errors=True)
+        path.unlink(missing_ok=True)
+        kind(path)
+        for command in OF_PARTS:
+            print(kind, *command)
+            check(kept(*command), "tiny.nc", "tiny.parts")
+        with monkeypatch.context() as patch:
+            patch.setattr("sweeps.watch.status.is_locked", lambda store: True)
+            for command in OF_PARTS[:2]:
+                check(kept(*command), "tiny.nc", "tiny.parts")
+        done = kept("run", "tiny", "-q", "--out", "half")
+        # It runs, and one point fails; or the place is refused.
+        assert done.returncode in (1, 3)
+        check(done, "tiny.nc", "tiny.parts", "failed: ")
+        shutil.rmtree(tmp_path / "half")
