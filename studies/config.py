@@ -114,7 +114,9 @@ def check_counts(study: Study, given: Mapping[str, Any]) -> None:
     counts = {name: len(axis) for name, axis in study.axes.items()}
     for name, value in given.items():
         if name in counts:
-            counts[name] = spec.count(value) if isinstance(value, str) else np.size(value)
+            # Whatever else it may be is refused later.
+            listed = value.size if isinstance(value, np.ndarray) else len(value) if isinstance(value, list) else 1
+            counts[name] = spec.count(value) if isinstance(value, str) else listed
     sweeps.check_counts(counts)
 
 
