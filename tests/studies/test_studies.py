@@ -41,6 +41,7 @@ SMALLER = {
     "stick_time": {"V": [1e-3, 2e-3], "member": [1, 2], "least": 0.3} | SCENE,
     "stability": {"theta": [-5.0, 5.0, 15.0], "mu": [0.0, 0.2, 0.4]},
     "sensitivity": {"theta": [-5.0, 5.0, 9.0]},
+    "robust": {"theta": [0.0, 5.0, 9.0], "samples": 64, "sobol_samples": 16},
     "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2]} | ENSEMBLE,
     "scenes": {"V": [2e-3, 5e-3], "duration": 0.1} | SCENE,
     "accuracy": {"method": "fast", "setting": ["default", "cut-off 0.4"], "scene": "5 mm/s", "members": 2}
