@@ -40,7 +40,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`uncertainty.errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
-      long-run value. NaN where statistics last for less than ten times the time in which the drive loads a stuck
+      long-run value. NaN where statistics last for less than 16 times the time in which the drive loads a stuck
       contact until it slips; for `mean_stick_time` with fewer than 12 sticks.
     """
     scene, F, duration = run.scene, run.scene.load, run.steps * run.step

@@ -176,7 +176,7 @@ class Columns:
             near = "did you mean elapsed?"
         else:
             near = hint(name, self.names)
-        raise InputError(f"{argument} = {name!r}: nothing is called so; {near}")
+        raise InputError(f"{argument} = {name!r}: no such column; {near}")
 
     def _is_word(self, name: str) -> bool:
         """Whether it is what a code stands for."""

@@ -215,7 +215,7 @@ def _misplaced(text: str, argument: str, start: int, end: int, hint: str = "") -
     part = text[start : max(end, start + 1)]
     if part:
         odd = ", ".join(f"U+{ord(letter):04X}" for letter in shortened(part) if not letter.isascii())
-        what = f"{shortened(part)!r}{f' ({odd})' if odd else ''} at letter {start + 1} cannot stand there"
+        what = f"unexpected {shortened(part)!r}{f' ({odd})' if odd else ''} at column {start + 1}"
     else:
         what = "something is missing at its end" if text else "it is empty"
     begin = max(min(start - SHOWN // 2, len(text) - SHOWN), 0)

@@ -69,12 +69,12 @@ def test_what_is_long_or_deep_is_refused_at_once():
 def test_of_a_long_expression_a_message_shows_what_is_about_the_spot():
     text = "x == 1 or " * 10 + "x = 1" + " or x == 1" * 10
     spot = text.index("= 1 or x = 1") + len("= 1 or x ")
-    about = f"where = ...{text[spot - 30 : spot + 30]!r}...: '=' at letter {spot + 1} cannot stand there; "
+    about = f"where = ...{text[spot - 30 : spot + 30]!r}...: unexpected '=' at column {spot + 1}; "
     assert refused(text).startswith(about)
     text = "x = 1" + " or x == 1" * 10
-    assert refused(text).startswith(f"where = {text[:60]!r}...: '=' at letter 3 cannot stand there; ")
+    assert refused(text).startswith(f"where = {text[:60]!r}...: unexpected '=' at column 3; ")
     text = "x == 1 or " * 10 + "x ="
-    assert refused(text).startswith(f"where = ...{text[-60:]!r}: '=' at letter 103 cannot stand there; ")
+    assert refused(text).startswith(f"where = ...{text[-60:]!r}: unexpected '=' at column 103; ")
     # Of 60 letters all are shown.
     assert refused("told == " + "1" * 60).endswith(f"told is a text and {'1' * 60} a number")
     assert refused("told == " + "1" * 61).endswith(f"told is a text and {'1' * 60}... a number")

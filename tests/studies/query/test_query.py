@@ -190,11 +190,11 @@ def test_a_part_of_a_result_and_one_opened_by_xarray(file, data):
 
 def test_what_is_not_known_is_told_with_the_nearest(data):
     for given, told in (
-        ({"where": "sise > 1"}, "where = 'sise': nothing is called so; did you mean size?"),
-        ({"show": "a,shar"}, "show = 'shar': nothing is called so; did you mean share?"),
-        ({"sort": "-knid"}, "sort = 'knid': nothing is called so; did you mean kind?"),
-        ({"where": "zzz == 1"}, "nothing is called so; there are a, b, size, "),
-        ({"where": "kind == calm"}, "nothing is called so; to compare with the word, write 'calm' in quotes"),
+        ({"where": "sise > 1"}, "where = 'sise': no such column; did you mean size?"),
+        ({"show": "a,shar"}, "show = 'shar': no such column; did you mean share?"),
+        ({"sort": "-knid"}, "sort = 'knid': no such column; did you mean kind?"),
+        ({"where": "zzz == 1"}, "no such column; there are a, b, size, "),
+        ({"where": "kind == calm"}, "no such column; to compare with the word, write 'calm' in quotes"),
         ({"show": ""}, "show = '': it must be one name or more"),
         ({"show": "a,,b"}, "show = 'a,,b': it must be one name or more"),
         ({"show": []}, r"show = \[\]: it must be one name or more"),
@@ -203,9 +203,9 @@ def test_what_is_not_known_is_told_with_the_nearest(data):
         ({"show": "a > 1"}, "show = 'a > 1': it is true or false; where = 'a > 1' chooses such rows"),
         ({"sort": "a > 1"}, "sort = 'a > 1': it is true or false"),
         ({"show": "'x'"}, "it is a text; a column has a name, or is calculated"),
-        ({"sort": "-a b"}, "sort = 'a b': 'b' at letter 3 cannot stand there"),
+        ({"sort": "-a b"}, "sort = 'a b': unexpected 'b' at column 3"),
         ({"sort": "-"}, "sort = '': it is empty"),
-        ({"by": "sise"}, "by = 'sise': nothing is called so; did you mean size?"),
+        ({"by": "sise"}, "by = 'sise': no such column; did you mean size?"),
         ({"by": ""}, "by = '': it must be one name or more"),
         ({"by": "a", "sort": "b"}, "sort = 'b': the grouped table has no such column; there are a, count"),
         ({"by": "a", "sort": "-coun"}, "sort = '-coun': the grouped table has no such column; did you mean count"),
@@ -221,7 +221,7 @@ def test_what_is_not_known_is_told_with_the_nearest(data):
 @pytest.mark.parametrize(("name", "near"), [("time", "elapsed"), ("velocity_A", "velocity_B")])
 def test_of_a_series_the_time_is_called_elapsed(name, near):
     data = runner.open_dataset(f"{HOME}/results/reference/fig7/fig7.nc")
-    with pytest.raises(ValueError, match=rf"nothing is called so; did you mean {near}\?$"):
+    with pytest.raises(ValueError, match=rf"no such column; did you mean {near}\?$"):
         query(data, f"{name} == 1")
 
 
@@ -372,7 +372,7 @@ def test_units_and_whole_numbers_of_groups(data):
         ("mean:", "with by it must be count"),
         ("sum:a", "with by it must be count"),
         ("size", "with by it must be count"),
-        ("mean:sise", "show = 'sise': nothing is called so; did you mean size?"),
+        ("mean:sise", "show = 'sise': no such column; did you mean size?"),
     ],
 )
 def test_statistics_that_there_are_not(data, show, message):

@@ -154,8 +154,8 @@ def test_an_empty_result_is_its_header(file, here):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (("--where", "sise > 1"), "where = 'sise': nothing is called so; did you mean size?"),
-        (("--show", "sise"), "show = 'sise': nothing is called so; did you mean size?"),
+        (("--where", "sise > 1"), "where = 'sise': no such column; did you mean size?"),
+        (("--show", "sise"), "show = 'sise': no such column; did you mean size?"),
         (("--limit", "-1"), "Invalid value for '--limit': -1 is not in the range x>=0."),
         (("--format", "xml"), "'xml' is not one of 'table', 'csv', 'json'."),
     ],
