@@ -72,7 +72,8 @@ def plan(
 ) -> sweeps.Plan:
     """The plan of a study (`registry.resolve`), with its file in the results folder.
 
-    Values that a rig like this hardly has are a warning, or, if it is `strict`, an `InputError`.
+    Values that a rig like this hardly has are a warning, or, if it is `strict`, an `InputError`; so are points
+    computed in several environments.
     `points` says where its points are if they are no grid: scatter, samples, seed, sampling; or points
     (`studies.scatter.study.scattered`).
 
@@ -98,7 +99,7 @@ def plan(
     sweep = replace(
         sweep, request=request(one, given, tuple(record), sample_rate), remark=remark(lines, strict=strict)
     )
-    return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed)
+    return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed, strict=strict)
 
 
 def remark(lines: Sequence[str], *, strict: bool) -> str:

@@ -43,6 +43,10 @@ class SweepStoppedError(RuntimeError):
     """A point failed and the sweep was to stop at once; what was finished is kept."""
 
 
+class MixedWarning(UserWarning):
+    """Points of one result are computed in different environments; the message says how these differ."""
+
+
 class InputError(ValueError):
     """What was given cannot be used; the message names it, its value and what would do."""
 

@@ -28,7 +28,17 @@ INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
 DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
 # What a sweep's file holds besides axes and results; names that begin with `failure_` are its own as well.
-RESERVED = ("status", "error", "wall_time", "traceback", "reproduce", "failure", "point", "computed")
+RESERVED = (
+    "status",
+    "error",
+    "wall_time",
+    "computed_by",
+    "traceback",
+    "reproduce",
+    "failure",
+    "point",
+    "computed",
+)
 
 
 @dataclass(frozen=True, eq=False)

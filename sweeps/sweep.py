@@ -24,7 +24,14 @@ class Sweep(Declaration):  # noqa: D101 - the docstring of its fields
         super().__post_init__()
         plain(self.constants)
 
-    def plan(self, store: str | Path | None = None, *, fresh: bool = False, retry_failed: bool = False) -> Plan:
+    def plan(
+        self,
+        store: str | Path | None = None,
+        *,
+        fresh: bool = False,
+        retry_failed: bool = False,
+        strict: bool = False,
+    ) -> Plan:
         """Decide everything before the first expensive call; the function is not called.
 
         Parameters
@@ -35,13 +42,17 @@ class Sweep(Declaration):  # noqa: D101 - the docstring of its fields
             Start over, whatever the store holds of this sweep.
         retry_failed : bool
             Compute again what failed.
+        strict : bool
+            Refuse to compute points in another environment than those at hand, or in several: with other versions
+            of Python, NumPy, SciPy, Numba or BLAS, or on another kind of processor. By default that is a
+            `MixedWarning`, and the variable `computed_by` of the result says which is whose.
 
         Raises
         ------
         StoreError
             If the store cannot be used or belongs to something else; the message says what differs.
         """
-        return Plan(**vars(make_plan(self, store, fresh, retry_failed)))
+        return Plan(**vars(make_plan(self, store, fresh, retry_failed, strict)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,6 +97,8 @@ class Plan(PlanData):  # noqa: D101 - the docstring of its fields
             If the file cannot be written, or another run holds it.
         SchedulerError
             If there is no such scheduler.
+        InputError
+            If it would mix environments and the plan is strict.
         SweepStoppedError
             With `fail_fast`, if a point failed.
         KeyboardInterrupt

@@ -71,14 +71,17 @@ def is_set(flag: str) -> bool:
 
 @contextmanager
 def warned() -> Iterator[None]:
-    """Say warnings about unusual values as the program says things."""
+    """Say warnings about unusual values, and about mixed environments, as the program says things."""
     from studies.plausible import UnusualWarning
+    from sweeps import MixedWarning
 
+    ours = UnusualWarning, MixedWarning
     with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always", UnusualWarning)
+        for category in ours:
+            warnings.simplefilter("always", category)
         yield
     for each in found:
-        if issubclass(each.category, UnusualWarning):
+        if issubclass(each.category, ours):
             say(f"fiv: {each.message}")
         else:
             warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)

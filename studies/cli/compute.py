@@ -104,7 +104,7 @@ def draw_map(
     check_free(file)
     for line in told(drawn):
         say(f"fiv: {line}")
-    carry_out(sweep.plan(file, fresh=fresh, retry_failed=retry_failed), **how)
+    carry_out(sweep.plan(file, fresh=fresh, retry_failed=retry_failed, strict=strict), **how)
 
 
 def _drawn(scatter: tuple[str, ...]) -> dict[str, str]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from studies.cli.app import is_set, say
+from studies.cli.app import is_set, say, warned
 from studies.cli.errors import INTERRUPTED, SOME_FAILED
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fa
         click.echo("fiv: nothing was done", err=True)
         sys.exit(INTERRUPTED)
     try:
-        with progress(planned.todo) as callback:
+        with warned(), progress(planned.todo) as callback:
             finished = runner.execute(planned, *backend, callback, fail_fast=fail_fast)
     except KeyboardInterrupt as interrupt:
         # One more changes nothing.

@@ -14,7 +14,9 @@ TARGET = click.argument("target", metavar="STUDY|PATH", shell_complete=completio
 OUT = click.option("--out", type=click.Path(), help="Folder for results; default: FIV_RESULTS, else ./results.")
 RETRY = click.option("--retry-failed", is_flag=True, help="Compute again the points that failed.")
 FRESH = click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it.")
-STRICT = click.option("--strict", is_flag=True, help="Refuse values that are unusual for such a rig.")
+STRICT = click.option(
+    "--strict", is_flag=True, help="Refuse unusual values, and points computed by other versions."
+)
 ERROR = click.option(
     "--standard-error", type=float, metavar="X", help="Runs go on until their shares of time are known so well."
 )

@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from sweeps.compute.reproduce import one_liner
 from sweeps.compute.values import fits, rounded
+from sweeps.fingerprint.provenance import environment
 from sweeps.grid import Points, Variable
 
 # A function may return these besides its results: what a point raised, and its own computing time.
@@ -48,11 +49,14 @@ class BatchResult:
         s.
     failures : dict of int to Failure
         By row.
+    environment : dict
+        Where it was computed (`sweeps.fingerprint.provenance`); empty if that is not known.
     """
 
     values: dict[str, NDArray[Any]]
     wall_time: NDArray[np.float64]
     failures: dict[int, Failure] = field(default_factory=dict)
+    environment: dict[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.wall_time)
@@ -97,7 +101,7 @@ class Task:
             name: np.full((count, *self.shapes[name]), variable.missing, dtype=variable.dtype)
             for name, variable in self.variables.items()
         }
-        return BatchResult(values, np.zeros(count))
+        return BatchResult(values, np.zeros(count), environment=environment())
 
     def _fill(self, result: BatchResult, every: Points, begin: int, end: int) -> None:
         points = {name: values[begin:end] for name, values in every.items()}

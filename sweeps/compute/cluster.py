@@ -34,6 +34,7 @@ from sweeps.compute.local import Job, Receipt, WorkerDied
 from sweeps.compute.reproduce import importable
 from sweeps.errors import SchedulerError
 from sweeps.fingerprint.code import digests
+from sweeps.fingerprint.provenance import environment
 from sweeps.storage.parts import PartFolder
 
 # Seconds to wait for a scheduler's answer and its first worker.
@@ -95,6 +96,22 @@ def cluster(address: str | None, workers: int, job: Job, parts: Path | None) -> 
                 client.unregister_worker_plugin(payload.name)
             if payload.probe is not None:
                 payload.probe.unlink(missing_ok=True)
+
+
+def environments_at(address: str) -> list[dict[str, str]]:
+    """The environments of the workers that the scheduler at an address has now.
+
+    Raises
+    ------
+    SchedulerError
+        If no scheduler answers, it has no workers, or they have another version of this code.
+    """
+    with silence_logging_cmgr(logging.CRITICAL), _theirs(address) as client:
+        try:
+            with _answering():
+                return list(client.run(environment).values())
+        except Exception as problem:  # noqa: BLE001 - whatever it is that workers lack
+            raise _in_our_words(problem) from None
 
 
 @contextmanager

@@ -13,6 +13,8 @@ from dask.local import SynchronousExecutor
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Task
+from sweeps.errors import SchedulerError
+from sweeps.fingerprint.provenance import Environment, environment, mixed
 from sweeps.grid import Grid
 from sweeps.storage.parts import encode
 
@@ -42,9 +44,15 @@ class Job:
     grid: Grid
     # Token of the manifest that parts name; "" where there is no store, and results stay in memory.
     manifest: str
+    # The only environment in which to compute; None: any.
+    only: Environment | None = None
 
     def compute(self, points: NDArray[np.intp]) -> Receipt:
         """Compute a batch; its part is in the receipt."""
+        if self.only is not None and (other := mixed([self.only, environment()])):
+            raise SchedulerError(
+                f"a worker joined whose environment is another ({other}); what was finished is kept"
+            )
         begin = time.perf_counter()
         result = self.task.compute(self.grid.points(points))
         return self.receipt(points, result, time.perf_counter() - begin)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import warnings
 from collections.abc import Collection, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -18,7 +19,16 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.local import Job, Local, Receipt, WorkerDied
-from sweeps.errors import AbandonedError, SchedulerError, StoreError, SweepStoppedError, reason
+from sweeps.errors import (
+    AbandonedError,
+    InputError,
+    MixedWarning,
+    SchedulerError,
+    StoreError,
+    SweepStoppedError,
+    reason,
+)
+from sweeps.fingerprint.provenance import Environment, environment, mixed
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.plan.planning import ROW_BYTES, select
@@ -45,8 +55,9 @@ def execute(
 ) -> xr.Dataset:
     """Run a plan; see `Plan.run`."""
     check_backend(scheduler, workers)
+    only = _checked_environment(plan, scheduler) if plan.todo else None
     if plan.store is None:
-        sources = _Run(plan, None, list(plan.sources), progress, fail_fast).compute(scheduler, workers)
+        sources = _Run(plan, None, list(plan.sources), progress, fail_fast, only).compute(scheduler, workers)
         found = gather(plan.manifest, sources, [*plan.manifest.variables, "wall_time"])
         return attach(plan.manifest, dataset(plan.manifest, found), plan.sweep.derive)
     store = Store(plan.store)
@@ -58,7 +69,7 @@ def execute(
         _check_unchanged(plan, store)
         sources = [source for source in plan.sources if source.name not in plan.damaged]
         _prepare(plan, store, {source.name for source in sources})
-        sources = _Run(plan, store, sources, progress, fail_fast).compute(scheduler, workers)
+        sources = _Run(plan, store, sources, progress, fail_fast, only).compute(scheduler, workers)
         try:
             write(store, plan.manifest, sources, plan.sweep.derive)
         except DamagedError as problem:
@@ -80,6 +91,23 @@ def check_backend(scheduler: str, workers: int | None) -> None:
     whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
     if workers is not None and not (whole and workers >= 1):
         raise SchedulerError(f"workers = {workers!r}: it must be a whole number, 1 or above")
+
+
+def _checked_environment(plan: PlanData, scheduler: str) -> Environment | None:
+    """The only environment in which to compute, if the plan is strict; otherwise several are a warning."""
+    here = [environment()]
+    if scheduler not in LOCAL:
+        # Imported here: it takes long, and few runs need it.
+        from sweeps.compute.cluster import environments_at
+
+        here = environments_at(scheduler)
+    every = [*plan.environments, *here]
+    if told := mixed(every):
+        text = f"{plan.store or plan.sweep.name}: not all points are computed in one environment: {told}"
+        if plan.strict:
+            raise InputError(f"{text}; choose another folder, start over with fresh, or leave strict out")
+        warnings.warn(f"{text}; computed_by says which are", MixedWarning, stacklevel=4)
+    return every[0] if plan.strict else None
 
 
 def _check_unchanged(plan: PlanData, store: Store) -> None:
@@ -145,6 +173,7 @@ class _Run:
     sources: list[Source]
     progress: Progress | None
     fail_fast: bool
+    only: Environment | None
     # Plain values: a signal's handler sets the flag, and must not wait for a lock.
     interrupted: bool = False
     failure: str = ""
@@ -152,7 +181,8 @@ class _Run:
     def __post_init__(self) -> None:
         plan, store = self.plan, self.store
         self.folder = None if store is None else store.folder
-        self.job = Job(plan.task, plan.manifest.grid, "" if store is None else plan.manifest.token)
+        token = "" if store is None else plan.manifest.token
+        self.job = Job(plan.task, plan.manifest.grid, token, self.only)
         self.monitor = Monitor(plan.todo, self.progress, None if store is None else store.progress)
         row = sum(plan.manifest.row_bytes(name) for name in plan.sweep.variables) + ROW_BYTES
         self.sizes = BatchSizes(row, plan.sweep.batch_multiple)

@@ -1,46 +1,94 @@
-"""Which versions made a result: of this project, and of the libraries that its code imports.
+"""What made a result: the version of this project, and the environment that decides the last bits of its values.
 
-Other versions of libraries do not make results stale: figures agree but for rounding. They are worth a warning.
+Another environment does not make results stale, but chaotic motion makes much of a last bit: where the points of a
+file have several, that is told, and each point is marked by its own.
 """
 
 from __future__ import annotations
 
+import json
 import platform
 import subprocess
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_info
 
 from sweeps.fingerprint.code import differing
-from sweeps.fingerprint.source import read, root
 
-# Compared whichever modules import them: they decide the last digits.
-ALWAYS = {"numpy", "scipy", "numba"}
+# What an environment is: by the versions of these, of Python and of BLAS with its core type, and by the processor.
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite")
+# What Linux says of a processor's kind, of x86 and of ARM.
+PROCESSOR = ("vendor_id", "cpu family", "model", "CPU implementer", "CPU part")
 
-
-def versions(modules: Iterable[str]) -> dict[str, str]:
-    """Versions of Python, NumPy, SciPy, Numba and of the packages that the `modules` of a fingerprint import."""
-    statements = [each for module in map(read, modules) if module is not None for each in module.statements]
-    tops = {root(source) for statement in statements for source, _ in statement.imports}
-    found = {name: _version(name) for name in sorted(ALWAYS | tops)}
-    return {"python": platform.python_version()} | {name: each for name, each in found.items() if each}
+Environment = Mapping[str, str]
 
 
-def versions_differing(stored: Mapping[str, str], present: Mapping[str, str]) -> str:
-    """One line that says which versions differ, or which only one side has; "" if none does."""
-    return "; ".join(
-        f"{name} {stored.get(name, 'none')} there, {present.get(name, 'none')} here"
-        for name in differing(stored, present)
-    )
+def environment() -> dict[str, str]:
+    """What decides the last bits here, by name."""
+    found = {"python": platform.python_version()} | {name: _version(name) for name in LIBRARIES}
+    return {name: each for name, each in (found | {"blas": _blas(), "processor": _processor()}).items() if each}
+
+
+def environments_of(attributes: Mapping[str, Any]) -> list[dict[str, str]]:
+    """The environments that the attributes of a file name; one of which nothing is known where there is none.
+
+    Older files have the versions of all libraries that their code imports.
+    """
+    if "environments" in attributes:
+        return [dict(each) for each in json.loads(attributes["environments"])]
+    known = json.loads(attributes.get("libraries", "{}"))
+    return [{name: each for name, each in known.items() if name in ("python", *LIBRARIES)}]
+
+
+def mixed(environments: Sequence[Environment]) -> str:
+    """One line that says in what other environments differ from the first; "" if none does."""
+    return "; ".join(filter(None, dict.fromkeys(_changes(environments[0], each) for each in environments[1:])))
+
+
+def _changes(before: Environment, now: Environment) -> str:
+    names = differing(before, now)
+    return ", ".join(f"{name} {before.get(name, 'unknown')} -> {now.get(name, 'unknown')}" for name in names)
+
+
+def listed(environments: Sequence[Environment]) -> str:
+    """Environments for a file's history."""
+    return "; ".join(" ".join(f"{name} {each}," for name, each in one.items())[:-1] for one in environments if one)
 
 
 @cache
 def _version(name: str) -> str:
-    try:
+    with suppress(PackageNotFoundError):
         return version(name)
-    except (PackageNotFoundError, ValueError):  # ValueError: of the empty name, `from . import`
-        return ""
+    return ""
+
+
+@cache
+def _blas() -> str:
+    """The BLAS of NumPy and of SciPy, with the core types whose code they have chosen for this processor."""
+    import scipy.linalg  # noqa: F401 - what is not loaded is not seen
+
+    found = [each for each in threadpool_info() if each["user_api"] == "blas"]
+    names = ("internal_api", "version", "architecture")
+    return " and ".join(sorted({" ".join(str(each[n]) for n in names if each.get(n)) for each in found}))
+
+
+@cache
+def _processor() -> str:
+    """Kind of the processor, and the widest instructions of it that NumPy knows: a virtual one may lack some."""
+    lines = list[str]()
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+    about = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+    kind = " ".join(about[name] for name in PROCESSOR if name in about) or platform.processor()
+    configuration: Any = np.show_config(mode="dicts")
+    found = configuration.get("SIMD Extensions", {}).get("found", [])
+    return " ".join(filter(None, [platform.machine(), kind, *found[-1:]]))
 
 
 @cache

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
+from sweeps.fingerprint.provenance import environment, mixed
 from sweeps.grid import Embedding
 from sweeps.plan.declaration import Declaration
 from sweeps.storage.manifest import Manifest
@@ -32,6 +33,8 @@ class Selection:
         Computing time that earlier runs tell for what is to do; NaN if they tell nothing.
     damaged : tuple of str
         Parts that cannot be used; what was in them is to do.
+    environments : tuple of dict
+        In which what is at hand was computed.
     """
 
     due: NDArray[np.bool_]
@@ -42,6 +45,7 @@ class Selection:
     todo: int
     seconds: float
     damaged: tuple[str, ...]
+    environments: tuple[dict[str, str], ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -73,8 +77,8 @@ class PlanData(Selection):
         The state of the store when this was planned.
     whole : bool
         Whether the file is already all that is requested.
-    versions : str
-        Which libraries have other versions than those that made what is at hand; "" if none has.
+    strict : bool
+        Whether a result may hold points of one environment only.
     """
 
     sweep: Declaration
@@ -89,7 +93,7 @@ class PlanData(Selection):
     sources: tuple[Source, ...]
     stamp: tuple[Any, ...]
     whole: bool
-    versions: str
+    strict: bool = False
 
     @property
     def most_seconds(self) -> float:
@@ -101,6 +105,7 @@ class PlanData(Selection):
     def __repr__(self) -> str:
         time = "unknown: no earlier run tells" if math.isnan(self.seconds) else duration(self.seconds)
         shape = " x ".join(f"{d} {n}" for d, n in zip(self.sweep.grid.dims, self.sweep.grid.shape, strict=True))
+        others = mixed([*self.environments, environment()])
         rows = [
             ("sweep", self.sweep.name),
             ("grid", shape),
@@ -114,10 +119,7 @@ class PlanData(Selection):
             ("estimated time", f"{time} on one core" if self.seconds > 0 else time),
             ("at most", f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else ""),
             ("file", str(self.store or "")),
-            (
-                "versions",
-                self.versions and f"{self.versions}; what is there is kept, for it agrees but for rounding",
-            ),
+            ("environment", others and f"{others}; what is there is kept"),
             *(("damaged", f"{name}: its points are computed again") for name in self.damaged),
         ]
         return "\n".join(f"{name:<15} {text}" for name, text in rows if text)

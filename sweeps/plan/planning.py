@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
 from sweeps.compute.values import rounded, scaled
-from sweeps.errors import UNREADABLE
 from sweeps.fingerprint.identity import configuration, fingerprint, metadata_digest
-from sweeps.fingerprint.provenance import versions, versions_differing
 from sweeps.grid import FAILED, PENDING, Embedding, Grid, check_counts
 from sweeps.plan.declaration import Declaration
 from sweeps.plan.keys import factors, representatives
@@ -41,7 +38,9 @@ ROW_BYTES = 16
 COMPRESSED = 0.6
 
 
-def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_failed: bool) -> PlanData:
+def make_plan(
+    sweep: Declaration, store: str | Path | None, fresh: bool, retry_failed: bool, strict: bool
+) -> PlanData:
     """The plan of a sweep; see `Sweep.plan`."""
     place = None if store is None else Store(store)
     attributes: dict[str, str] = {}
@@ -52,7 +51,6 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         attributes = {
             "identity": json.dumps(own),
             "presentation": metadata_digest(sweep),
-            "libraries": json.dumps(versions(own["sources"])),
         }
         if fresh:
             check_replaceable(place, sweep.name)
@@ -93,7 +91,6 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         and present.attributes.get("presentation") == attributes["presentation"]
     )
     shapes = {name: manifest.shape(name) for name in sweep.variables}
-    stored = [_libraries(each) for each in (present.attributes, attributes)]
     return PlanData(
         **vars(selection),
         sweep=sweep,
@@ -108,22 +105,13 @@ def make_plan(sweep: Declaration, store: str | Path | None, fresh: bool, retry_f
         sources=tuple(present.sources),
         stamp=stamp,
         whole=whole,
-        versions=versions_differing(*stored) if all(stored) else "",
+        strict=strict,
     )
 
 
 def check_size(grid: Grid) -> None:
     """Refuse a grid of too many points; see `check_counts`."""
     check_counts(dict(zip(grid.dims, grid.shape, strict=True)))
-
-
-def _libraries(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Versions of the libraries that computed what is there; none where it does not say."""
-    try:
-        found = json.loads(attributes["libraries"])
-        return {name: str(version) for name, version in found.items()}
-    except UNREADABLE:
-        return {}
 
 
 def _continued(before: Manifest, manifest: Manifest) -> Manifest:
@@ -174,6 +162,7 @@ def select(
         todo=todo,
         seconds=todo * seconds if todo else 0.0,
         damaged=tuple(found.damaged),
+        environments=tuple(found.made()[0]),
     )
 
 

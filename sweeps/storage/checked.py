@@ -1,4 +1,4 @@
-"""What a file must be before anything of it is used: a regular file, with sizes that a result may have."""
+"""What a file must be before anything of it is used: regular, as it was written, and not too large."""
 
 from __future__ import annotations
 
@@ -7,17 +7,50 @@ import json
 import math
 import os
 import stat
+import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from sweeps.errors import InputError
 from sweeps.grid import MOST_POINTS
+
+# What stands before the check sum at a file's end; bytes that are read at a time.
+SEAL, BLOCK = b"\nsweeps CRC-32 ", 1 << 20
 
 
 def check_regular(path: Path) -> None:
     """Raise the `OSError` of a path at which there is no regular file: a pipe would be waited for, for ever."""
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(errno.EINVAL, f"{path.name} is not a regular file")
+
+
+def seal(path: Path) -> None:
+    """Append the check sum of a netCDF file to it, where readers of HDF5 do not look.
+
+    HDF5 has check sums of large variables only, and whoever changes the file by it cuts the seal off.
+    """
+    with open(path, "r+b") as file:
+        file.write(_seal(file, os.fstat(file.fileno()).st_size))
+
+
+def check_seal(path: Path) -> None:
+    """Raise an `InputError` if a file has a seal, and it is that of another content."""
+    check_regular(path)
+    with open(path, "rb") as file:
+        size = os.fstat(file.fileno()).st_size - len(SEAL) - 8
+        file.seek(max(size, 0))
+        last = file.read()
+        file.seek(0)
+        if last.startswith(SEAL) and last != _seal(file, size):
+            raise InputError("its content is not what was written")
+
+
+def _seal(file: BinaryIO, size: int) -> bytes:
+    """What follows the first `size` bytes of a file, from its beginning."""
+    check = 0
+    for begin in range(0, size, BLOCK):
+        check = zlib.crc32(file.read(min(BLOCK, size - begin)), check)
+    return SEAL + b"%08x" % check
 
 
 def check_sizes(file: Any) -> None:

@@ -14,7 +14,7 @@ import netCDF4
 from sweeps.errors import UNREADABLE, InputError, StoreError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
-from sweeps.storage.checked import check_regular
+from sweeps.storage.checked import check_regular, check_seal
 from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.sources import (
     COMPUTED,
@@ -32,7 +32,7 @@ from sweeps.storage.store import Store
 class Existing(NamedTuple):
     """What a store holds already.
 
-    `attributes` is what it says of its sweep: `configuration`, `identity`, `presentation` and `libraries`.
+    `attributes` is what it says of its sweep: `configuration`, `identity` and `presentation`.
     `manifest` is that of a run that was not finished; None: everything is in the finished file.
     """
 
@@ -105,6 +105,12 @@ def _unfinished(store: Store, name: str) -> Manifest | None:
 
 def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
     """A finished file, in blocks that memory can hold."""
+    try:
+        check_seal(path)
+    except InputError as problem:
+        raise StoreError(f"{path} is damaged: {problem}; move it away or choose another folder") from None
+    except OSError:
+        pass  # `_owned` says why it cannot be read
     attributes = _owned(path, name)
     _check_same(path, attributes, identity)
     stored = json.loads(attributes["identity"])

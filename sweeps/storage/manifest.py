@@ -26,6 +26,7 @@ BESIDES = {
     "status": Variable("", "status of the point", dtype="int8", flags=STATUS_FLAGS),
     "error": Variable("", "why the point failed"),
     "wall_time": Variable("s", "computing time of the point"),
+    "computed_by": Variable("1", "number of the environment that computed the point", dtype="int16"),
 }
 
 # A variable with more bytes than this is never in memory as a whole.

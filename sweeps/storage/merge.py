@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -20,6 +21,8 @@ from sweeps.storage.sources import NETCDF, DamagedError, PartSource, Source, run
 
 # Letters of all error texts together, and of each at least.
 LETTERS, LEAST_LETTERS = 30_000_000, 60
+# Environment of a point that was not computed.
+NOWHERE = np.int16(-1)
 # Of so many failures, tracebacks and reproducing lines are kept.
 MOST_TRACEBACKS = 1000
 
@@ -36,6 +39,8 @@ class Choice:
         Computing time of all that is at hand, and of how many computations it is.
     damaged : list of str
         Parts that cannot be used.
+    environments : list of dict
+        In which points were computed.
     """
 
     def __init__(self, manifest: Manifest) -> None:
@@ -44,6 +49,9 @@ class Choice:
         if manifest.representative is not None:
             self.status[manifest.representative < 0] = SKIPPED
         self.seconds, self.computations, self.damaged = 0.0, 0, list[str]()
+        self.environments = list[dict[str, str]]()
+        # Of each point, as soon as there is more than one.
+        self._by: NDArray[np.int16] | None = None
 
     def take(self, source: Source) -> tuple[Indices, Indices, NDArray[np.bool_]]:
         """Points for which a source is better than those before, their rows, and which it computed as these.
@@ -60,8 +68,30 @@ class Choice:
         # Neither what failed nor what is known of a copy replaces what was done.
         better = (before == PENDING) | (before == FAILED) | (held.computed & ~held.failed)
         points = held.points[better]
+        self._mark(points, held.by[better], held.environments)
         self.status[points] = np.where(held.failed[better], np.int8(FAILED), np.int8(DONE))
         return points, held.rows[better], held.computed[better]
+
+    def _mark(self, points: Indices, by: NDArray[np.int16], environments: Sequence[dict[str, str]]) -> None:
+        """Enter in which of a source's environments points were computed."""
+        codes = np.unique(by).tolist() if len(environments) > 1 else [0] * min(len(by), 1)
+        self.environments += [environments[code] for code in codes if environments[code] not in self.environments]
+        if self._by is None and len(self.environments) > 1:
+            self._by = np.where((self.status == DONE) | (self.status == FAILED), np.int16(0), NOWHERE)
+        if self._by is not None and codes:
+            numbers = np.full(len(environments), NOWHERE)
+            numbers[codes] = [self.environments.index(environments[code]) for code in codes]
+            self._by[points] = numbers[by]
+
+    def made(self) -> tuple[list[dict[str, str]], NDArray[np.int16] | None]:
+        """The environments of what is there in the end, and where there are several the number of each point's."""
+        if self._by is None:
+            return self.environments, None
+        codes = [code for code in range(len(self.environments)) if (self._by == code).any()]
+        # NOWHERE finds the last.
+        numbers = np.full(len(self.environments) + 1, NOWHERE)
+        numbers[codes] = range(len(codes))
+        return [self.environments[code] for code in codes], numbers[self._by] if len(codes) > 1 else None
 
 
 def surveyed(manifest: Manifest, sources: Sequence[Source]) -> Choice:
@@ -88,12 +118,16 @@ class Gathered:
         Of the points that failed, cut to what a file has room for.
     failures : dict of int to Failure
         Of the computations that failed, by the point that is now computed for all of their copies.
+    environments : list of dict
+        In which the points were computed; where there are several, `by` has the number of each point's.
     """
 
     values: dict[str, Any]
     status: NDArray[np.int8]
     errors: dict[int, str] = field(default_factory=dict)
     failures: dict[int, Failure] = field(default_factory=dict)
+    environments: Sequence[dict[str, str]] = ()
+    by: NDArray[np.int16] | None = None
 
 
 def gather(
@@ -158,6 +192,7 @@ def fill(
                         target[(*outer, slice(last, last + end - begin))] = values
         if reasons and (result.failures or found.errors):
             _take_reasons(manifest, found, result.failures, points, rows)
+    found.environments, found.by = choice.made()
     return found
 
 
@@ -209,10 +244,12 @@ def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
         arrays["error"] = np.full(grid.size, "", dtype=object)
         arrays["error"][list(found.errors)] = list(found.errors.values())
     arrays["wall_time"] = found.values["wall_time"]
+    if found.by is not None:
+        arrays["computed_by"] = found.by
     data: dict[str, Any] = {}
     for name, values in arrays.items():
         described, encoding = manifest.described(name), {}
-        if values.dtype.kind == "i" and name != "status":
+        if values.dtype.kind == "i" and name not in ("status", "computed_by"):
             # As it will look when it is read again: a missing whole number is NaN, in single precision where that
             # holds every value of the type.
             encoding = {"dtype": described.dtype, "_FillValue": values.dtype.type(described.missing)}
@@ -220,8 +257,11 @@ def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
             values = np.where(values == described.missing, kind(np.nan), values.astype(kind))
         shaped = values.reshape(*grid.shape, *values.shape[1:])
         data[name] = ((*grid.dims, *described.dims), shaped, attributes(described, name), encoding)
+    if found.by is not None:
+        data["computed_by"][2]["comment"] = "as the attribute environments lists them, from 0; -1: not computed"
     data |= _failure_table(grid, found)
-    return xr.Dataset(data, {name: (dims, axis.values, attributes(axis, name)) for dims, name, axis in axes})
+    coords = {name: (dims, axis.values, attributes(axis, name)) for dims, name, axis in axes}
+    return xr.Dataset(data, coords, {"environments": json.dumps(found.environments)})
 
 
 def _failure_table(grid: Grid, found: Gathered) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """Parts: what has come of a batch, one file each, beside the result until it is whole.
 
 A part holds the results and computing times of its rows, which points of its manifest's grid they are, which of
-them failed, and why. It is written under a temporary name, flushed and renamed, so that it is whole or not there.
-Any process that sees the folder may write one: its name is decided by whoever hands the batch out, so that a batch
-computed twice is kept once.
+them failed, and why, and in what environment they were computed. It is written under a temporary name, flushed and
+renamed, so that it is whole or not there. Any process that sees the folder may write one: its name is decided by
+whoever hands the batch out, so that a batch computed twice is kept once.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ def encode(
         "rows": len(points),
         "failed": len(result.failures),
         "seconds": float(result.wall_time.sum()),
+        "environment": result.environment,
     }
     arrays: dict[str, NDArray[Any]] = {}
     if int(points[-1]) - int(points[0]) == len(points) - 1 and np.all(np.diff(points) == 1):
@@ -68,13 +69,15 @@ def encode(
 class Contents(NamedTuple):
     """What is read of a part before its values are wanted.
 
-    Its manifest's token, its points in that one's grid, rows that failed, and the computing time of all in s.
+    Its manifest's token, its points in that one's grid, rows that failed, the computing time of all in s, and the
+    environment in which they were computed.
     """
 
     manifest: str
     points: NDArray[np.intp]
     failed: NDArray[np.intp]
     seconds: float
+    environment: dict[str, str]
 
 
 class PartFolder:
@@ -130,7 +133,8 @@ class PartFolder:
                 return None
             points = np.cumsum(index["steps"]) if "steps" in index else about["first"] + np.arange(about["rows"])
             failed = index.get("failed", np.zeros(0, dtype=np.int64))
-            return Contents(about["manifest"], points, failed, about["seconds"])
+            where = about.get("environment", {})
+            return Contents(about["manifest"], points, failed, about["seconds"], where)
         except UNREADABLE:
             return None
 

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Failure
 from sweeps.compute.values import unscaled
-from sweeps.errors import UNREADABLE, StoreError, said
+from sweeps.errors import UNREADABLE, InputError, StoreError, said
+from sweeps.fingerprint.provenance import environments_of
 from sweeps.grid import DONE, FAILED, Grid
 from sweeps.storage.checked import check_sizes
 from sweeps.storage.manifest import Manifest
@@ -37,6 +38,8 @@ class _Lock(type(threading.RLock())):  # type: ignore[misc]
 
 # The netCDF library is not made for several threads at once; xarray is told to use the same lock.
 NETCDF = _Lock()
+# Of all points, where there is one environment.
+FIRST = np.int16(0)
 # The group of a file that holds computations as they were before they were scaled to their points.
 COMPUTED = "computed"
 
@@ -52,7 +55,7 @@ class DamagedError(StoreError):
 class Held(NamedTuple):
     """Points that a source holds: the row of each, whether it failed, and whether it was computed as this point.
 
-    `seconds` is the computing time of all of them.
+    `seconds` is the computing time of all of them, `by` the number of each point's environment in `environments`.
     """
 
     points: NDArray[np.intp]
@@ -60,15 +63,25 @@ class Held(NamedTuple):
     failed: NDArray[np.bool_]
     computed: NDArray[np.bool_]
     seconds: float
+    by: NDArray[np.int16]
+    environments: list[dict[str, str]]
 
 
-def _of_computations(manifest: Manifest, points: NDArray[np.intp], failed: Any, seconds: float) -> Held:
+def _of_computations(
+    manifest: Manifest,
+    points: NDArray[np.intp],
+    failed: Any,
+    seconds: float,
+    environments: list[dict[str, str]],
+    by: NDArray[np.int16] | None = None,
+) -> Held:
     """Every computation goes to its representative and to all copies of that; -1 goes nowhere."""
     stand_for = np.where(points >= 0, manifest.representatives(points), -1)
     every, rows = manifest.copies(stand_for)
     flags = np.zeros(len(points), dtype=bool)
     flags[failed] = True
-    return Held(every, rows, flags[rows], every == stand_for[rows], seconds)
+    own = np.broadcast_to(FIRST, rows.shape) if by is None else by[rows]
+    return Held(every, rows, flags[rows], every == stand_for[rows], seconds, own, environments)
 
 
 @dataclass(frozen=True)
@@ -86,7 +99,8 @@ class PartSource:
             with suppress(IndexError, ValueError):
                 points = manifest.located(contents.manifest, contents.points)
                 if points is not None:
-                    return _of_computations(manifest, points, contents.failed, contents.seconds)
+                    about = contents.failed, contents.seconds, [contents.environment]
+                    return _of_computations(manifest, points, *about)
         raise DamagedError(self.name)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
@@ -108,7 +122,8 @@ class ResultSource:
     def held(self, manifest: Manifest) -> Held:
         """The points of the manifest's grid that get something."""
         seconds = float(self.result.wall_time.sum())
-        return _of_computations(manifest, self.points, list(self.result.failures), seconds)
+        environments = [self.result.environment]
+        return _of_computations(manifest, self.points, list(self.result.failures), seconds, environments)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
         """The result."""
@@ -138,9 +153,16 @@ class FileSource:
         with opened(self.path) as file:
             status, spent = (self._rows(file, name) for name in ("status", "wall_time"))
             rows = np.flatnonzero((status == DONE) | (status == FAILED))
-            points = manifest.grid.embed(self.grid)(self._points(file)[rows])
+            own = self._points(file)
+            points = manifest.grid.embed(self.grid)(own[rows])
+            environments = environments_of(vars(file))
+            by = np.broadcast_to(FIRST, own.shape)
+            if len(environments) != 1:
+                by = np.asarray(file["computed_by"][...]).reshape(-1)[own]
+                if not np.isin(by[rows], range(len(environments))).all():
+                    raise InputError("computed_by has numbers of environments that are not listed")
         if self.computed:
-            return _of_computations(manifest, points, status == FAILED, float(spent.sum()))
+            return _of_computations(manifest, points, status == FAILED, float(spent.sum()), environments, by)
         rows, points = rows[points >= 0], points[points >= 0]
         # Copies have cost nothing.
         computed, seconds = spent[rows] > 0.0, float(np.nansum(spent[rows]))
@@ -151,7 +173,7 @@ class FileSource:
             points = np.concatenate([points, copies[new]])
             rows = np.concatenate([rows, rows[first[row[new]]]])
             computed = np.concatenate([computed, np.zeros(np.count_nonzero(new), dtype=bool)])
-        return Held(points, rows, status[rows] == FAILED, computed, seconds)
+        return Held(points, rows, status[rows] == FAILED, computed, seconds, by[rows], environments)
 
     def read(self, variables: Collection[str], reasons: bool = True) -> BatchResult:
         """Its rows with the values of some variables."""

@@ -13,6 +13,7 @@ import pytest
 from studies import registry, runner
 from studies.study import Setting, Study
 from sweeps import Axis, Variable
+from sweeps.storage.checked import SEAL
 from sweeps.storage.packed import Packed, pack
 from tests.helpers.waves import interrupted
 
@@ -101,8 +102,21 @@ def flipped(whole, count, seed):
         yield place, bytes(content)
 
 
-def test_a_bit_of_a_result(kept):
-    whole, seen = FILE.read_bytes(), set()
+def test_a_bit_of_a_result_changes_nothing_unseen(kept):
+    whole = FILE.read_bytes()
+    for n, (place, content) in enumerate(flipped(whole, FLIPS, "unseen")):
+        FILE.write_bytes(content)
+        for command in COMMANDS[n % 9 :: 9]:
+            print(place, *command)
+            done = kept(*command)
+            assert done.returncode in (2, 3)
+            check(done, "tiny.nc")
+            assert "damaged" in done.stderr
+
+
+def test_a_bit_of_a_result_without_a_seal(kept):
+    """An older one, or one that something else has changed."""
+    whole, seen = FILE.read_bytes().rpartition(SEAL)[0], set()
     for n, (place, content) in enumerate(flipped(whole, FLIPS, "result")):
         FILE.write_bytes(content)
         # All commands take turns.

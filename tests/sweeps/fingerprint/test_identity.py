@@ -16,7 +16,6 @@ from studies.gallery.scenes import study as scenes
 from sweeps import Axis, Grid, Sweep, Variable
 from sweeps.fingerprint.code import differing, digests
 from sweeps.fingerprint.identity import differences, fingerprint
-from sweeps.fingerprint.provenance import versions, versions_differing
 from tests import HOME
 from tests.helpers.identity_parts import HARMLESS, PROGRAM, edits, run
 
@@ -321,14 +320,3 @@ def test_the_code_of_a_constants_class_counts(package):
     assert set(before["sources"]) == {"ident.main", "ident.models", "numpy"}
     files.edit("models.py", "self.size**2", "self.size**3")
     assert differences(before, fingerprint(sweep, ())) == "the code of ident.models has changed"
-
-
-def test_versions_of_libraries_are_told_and_compared():
-    found = versions(["tests.helpers.waves", "fivcore.jit"])
-    assert {"python", "numpy", "scipy", "numba"} <= set(found)
-    assert not {"fivcore", "tests", "sys"} & set(found)
-    assert versions_differing(found, found) == ""
-    other = {**found, "numpy": "1.0"}
-    del other["scipy"]
-    told = f"numpy 1.0 there, {found['numpy']} here; scipy none there, {found['scipy']} here"
-    assert versions_differing(other, found) == told
