@@ -28,17 +28,8 @@ INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
 DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
 # What a sweep's file holds besides axes and results; names that begin with `failure_` are its own as well.
-RESERVED = (
-    "status",
-    "error",
-    "wall_time",
-    "computed_by",
-    "traceback",
-    "reproduce",
-    "failure",
-    "point",
-    "computed",
-)
+OF_POINTS = ("status", "error", "wall_time", "computed_by")
+RESERVED = (*OF_POINTS, "traceback", "reproduce", "failure", "point", "computed")
 
 
 @dataclass(frozen=True, eq=False)

@@ -261,7 +261,7 @@ def dataset(manifest: Manifest, found: Gathered) -> xr.Dataset:
         data["computed_by"][2]["comment"] = "as the attribute environments lists them, from 0; -1: not computed"
     data |= _failure_table(grid, found)
     coords = {name: (dims, axis.values, attributes(axis, name)) for dims, name, axis in axes}
-    return xr.Dataset(data, coords, {"environments": json.dumps(found.environments)})
+    return xr.Dataset(data, coords, {"environments": json.dumps(found.environments or [{}])})
 
 
 def _failure_table(grid: Grid, found: Gathered) -> dict[str, Any]:

@@ -5,6 +5,7 @@ The checker knows CF up to 1.11, which is what the files say they follow. No fin
 
 import re
 import shutil
+import warnings
 from functools import cache
 
 import netCDF4
@@ -17,7 +18,7 @@ from compliance_checker.runner import CheckSuite
 from studies import registry
 from studies.maps import maps
 from studies.scatter.study import scattered
-from sweeps import Axis, Grid, Sweep, Variable
+from sweeps import Axis, Grid, MixedWarning, Sweep, Variable
 from tests import HOME
 from tests.helpers import trials
 from tests.helpers.boundaries import refine
@@ -61,6 +62,14 @@ def fresh(tmp_path_factory):
         return {"z": points["size"], "error": [ValueError(c) if c == "µ = 0" else None for c in points["case"]]}
 
     Sweep("texts", picky, cases, {"z": Variable("m")}, title="Texts").plan(folder / "texts.nc").run("sync")
+    # Points of two environments.
+    for number, values in {"1": [1.0], "2": [1.0, 2.0]}.items():
+        grid = Grid({"x": Axis(values, "m", "place")})
+        mixed = Sweep("mixed", lambda points: {"z": points["x"]}, grid, {"z": Variable("m")}, title="Mixed")
+        with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+            warnings.simplefilter("ignore", MixedWarning)
+            patch.setattr("sweeps.fingerprint.provenance._version", lambda name, number=number: number)
+            assert ("computed_by" in mixed.plan(folder / "mixed.nc").run("sync")) == (number == "2")
     plane = maps.plane_of("V=2e-3,5e-3", "mu=0.1,0.2")
     maps.sweep_of(plane, "regime", {"members": 1.0, "most": 0.03}).plan(folder / "regime.nc").run("sync")
     given = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
@@ -104,7 +113,7 @@ def test_results_pass_the_checker(suite, path):
 
 
 @pytest.mark.parametrize(
-    "name", ["failures", "refined", "whole", "bare", "texts", "regime", "recorded", "drawn", "table"]
+    "name", ["failures", "refined", "whole", "bare", "texts", "regime", "recorded", "drawn", "table", "mixed"]
 )
 def test_what_is_written_now_passes_the_checker(suite, fresh, name):
     assert findings(suite, fresh / f"{name}.nc") == []
