@@ -57,8 +57,8 @@ def _changes(before: Environment, now: Environment) -> str:
 
 
 def listed(environments: Sequence[Environment]) -> str:
-    """Environments for a file's history."""
-    return "; ".join(" ".join(f"{name} {each}," for name, each in one.items())[:-1] for one in environments if one)
+    """Environments for a file's history; nothing of those of which nothing is known."""
+    return "; ".join(", ".join(" ".join(each) for each in one.items()) for one in environments if one)
 
 
 @cache
