@@ -70,11 +70,7 @@ def displacement(t: Array, speed: float, ramp: float) -> Array:
 
 
 def energy_at_hand(scene: Normalised, initial: State | None) -> float:
-    """Energy beside which a balance that turns over less is judged (F = 1).
-
-    A thousandth of what the load stores in the beams at rest, the kinetic energy of P2 at the speed of its clamp,
-    and what an initial state has beyond rest.
-    """
+    """Energy beside which a balance that turns over less is judged, as `energy_residual` says (F = 1)."""
     full = full_model(scene.rig, scene.theta)
     twice = 1e-3 * float(np.sum(full.stiffness * full.rest**2))
     twice += scene.speed_per_load**2 * float(np.sum(full.inertia**2))

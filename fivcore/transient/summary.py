@@ -36,7 +36,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
       slip and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
       at its end.
     - `regime`: see `regime_of`.
-    - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes, or, if it
+    - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes or, if it
       is larger, over a thousandth of what the load stores at rest, P2's kinetic energy at V and what an initial
       state has beyond rest (`energy_at_hand`). Of "paper" it has its own damping and its impacts, booked nowhere.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
