@@ -1,6 +1,6 @@
 """Whether an installation computes, stores and draws as it should: each check with what it found and its bound.
 
-What it compares with travels with the package. `python -m studies.check` takes that from the reference.
+What it compares with is in `known.json`; `python -m studies.check.installation` takes that from the reference.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fivcore import Scene, simulate
 from studies import registry, results, runner
 from sweeps import DONE, open_results
 
-KNOWN = Path(__file__).with_name("check.json")
+KNOWN = Path(__file__).with_name("known.json")
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
 # Of the reference: studies, values of an axis, and variables.
 TAKEN: Mapping[str, tuple[str, list[float], tuple[str, ...]]] = {
