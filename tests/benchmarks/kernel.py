@@ -127,7 +127,7 @@ def steps() -> Table:
         [what, taken, count, rate, rate / most]
         for (what, taken), count, rate in zip(times.items(), flops, rates, strict=True)
     ]
-    units = {"": "", "a scene and step": "s", "flops counted": "", "rate": "flop/s"}
+    units = {"what": "", "a scene and step": "s", "flops counted": "", "rate": "flop/s"}
     return Table([*(Column(*each) for each in units.items()), Column("of the peak", "%", ".0f")], rows)
 
 

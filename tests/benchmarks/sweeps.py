@@ -100,7 +100,7 @@ def peak():
 
 
 def overhead():
-    """A function that does nothing, planned, run through Dask's threads, stored; and again, with all of it there."""
+    """A function that does nothing, planned, run through Dask's threads, stored; and again, all of it there."""
     rows = []
     for count, wide in ((10_000, False), (100_000, False), (10_000, True), (100_000, True)):
         spent, resumed = [], []

@@ -77,12 +77,12 @@ def provenance() -> dict[str, Any]:
     changed = git("status", "--porcelain", "--", "fivcore", "sweeps", "studies", "tests/benchmarks")
     if changed:
         raise SystemExit(f"commit first, for the tables name the commit that was measured:\n{changed}")
-    versions = {name: version(name) for name in ("numpy", "scipy", "numba")}
+    versions = {name: version(name) for name in ("NumPy", "SciPy", "Numba")}
     return {
         "machine": machine(),
         "commit": git("rev-parse", "--short=7", "HEAD"),
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
-        "versions": {"python": platform.python_version()} | versions,
+        "versions": {"Python": platform.python_version()} | versions,
     }
 
 
