@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from llvmlite.binding import get_host_cpu_name
 
 from fivcore import Scene, simulate
 from studies import registry, results, runner
@@ -37,7 +36,7 @@ ROUNDING = 1e-6
 TRAJECTORY = 0.01
 # Until so long after the first slip trajectories are compared: the first separation, where chaos begins, is later.
 SLIPPING = 1e-3
-# That of `fast` with the paper's rig is a tenth of it (fivcore/README.md, order and energy balance).
+# Within this `fast` closes its balance with the paper's rig (fivcore/README.md, order and energy balance).
 ENERGY = 0.005
 STANDARD_ERRORS = 4.0
 # Sixty-four short scenes make four batches.
@@ -62,8 +61,7 @@ class _Interrupt(Exception):  # noqa: N818 - nothing goes wrong
 def machine() -> str:
     """Python, the packages and the processor, in a line."""
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
-    # What Numba compiles for.
-    where = f"{platform.system()} {platform.machine()} ({get_host_cpu_name()}), {os.cpu_count()} cores"
+    where = f"{platform.system()}, {platform.machine()}, {os.cpu_count()} cores"
     return f"Python {platform.python_version()}, {packages}; {where}"
 
 
@@ -74,7 +72,8 @@ def checks(folder: Path) -> Iterator[Found]:
         try:
             yield from check(folder, known)
         except Exception as problem:  # noqa: BLE001 - whatever an installation lacks: the others still tell
-            yield Found(check.__name__, f"{type(problem).__name__}: {problem}", "no error", False)
+            why = " ".join(f"{type(problem).__name__}: {problem}".split())
+            yield Found(check.__name__, why, "no error", False)
 
 
 def stability(folder: Path, known: Mapping[str, Any]) -> Iterator[Found]:
