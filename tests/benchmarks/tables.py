@@ -74,7 +74,8 @@ def git(*arguments: str) -> str:
 
 def provenance() -> dict[str, Any]:
     """Where and when something is measured, and with which code, which must be committed."""
-    changed = git("status", "--porcelain", "--", "fivcore", "sweeps", "studies", "tests/benchmarks")
+    folders = ("fivcore", "sweeps", "studies", "tests/benchmarks")
+    changed = git("status", "--porcelain", "-uall", "--", *(f"{folder}/*.py" for folder in folders))
     if changed:
         raise SystemExit(f"commit first, for the tables name the commit that was measured:\n{changed}")
     versions = {name: version(name) for name in ("NumPy", "SciPy", "Numba")}
