@@ -69,7 +69,9 @@ def command(part, *given):
 
 def apart(part, *given):
     """What a part prints in a process of its own."""
-    return subprocess.run(command(part, *given), stdout=subprocess.PIPE, text=True).stdout
+    done = subprocess.run(command(part, *given), stdout=subprocess.PIPE, text=True)
+    assert done.returncode in (0, -signal.SIGKILL)  # half-way one kills itself
+    return done.stdout
 
 
 def at_once(part):
