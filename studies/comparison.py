@@ -36,7 +36,7 @@ NAMED = 3
 
 def scatter(name: str) -> tuple[float, float] | None:
     """What two values of a chaotic variable may differ by; None where only the same bits could be asked."""
-    # The spread of four members is as uncertain as it is large, and so is a standard error.
+    # The spread of four runs is as uncertain as it is large, and so is a standard error.
     if name.startswith("member_") or name.endswith(("_std", "_se")):
         return None
     return next((limits for part, limits in SCATTER.items() if part in name), None)

@@ -24,8 +24,6 @@ from studies.study import constants
 from studies.tables import Column, Part, Table, apart, number
 from sweeps import FAILED
 
-# What a reader calls it.
-SAID = {"main line": "dominant frequency"}
 # Of scenes, in the order of the columns.
 GROUPS = {"paper's rig": True, "random rigs": False}
 MEANS = {"cost": "cpu_per_second", "known": "time_to_standard_error", "step": "step", "modes": "modes"}
@@ -97,15 +95,13 @@ def _scenes(data: xr.Dataset) -> list[Part]:
     heads = ["scene", "V mm/s", "theta", "mu", "F N", "P1 mm", "P2 mm", "at mm", "1 s known to"]
     return [
         f"Rigs are drawn at random by the seed {SEED}. Runs last {given['duration']:g} s; a scene has",
-        f"{given['members']} of fast, {given['dear_members']} of paper and exact.",
+        f"{given['members']} of fast, {given['members_expensive']} of paper and exact.",
         Table(heads, rows, 1),
     ]
 
 
 def _references(data: xr.Dataset) -> list[Part]:
-    tolerances = ", ".join(
-        f"{SAID.get(each.long_name, each.long_name)} {100.0 * each.tolerance:g} %" for each in FIGURES
-    )
+    tolerances = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in FIGURES)
     frame = table(data)
     return [
         f"Two references. fast with {PUBLISHED} is compared with the published scheme: paper on all",

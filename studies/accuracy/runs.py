@@ -22,9 +22,9 @@ from studies.motion import ensembles, transients
 
 Result = TypeVar("Result")
 
-# After a run this long everything is compiled that a dear method needs, and every basis built, s.
+# After a run this long everything is compiled that an expensive method needs, and every basis built, s.
 WARMING = 10e-3
-# What is kept of each member besides the time that its figures are of.
+# Figures kept of each repeat run besides the time that its figures are of.
 KEPT = (
     "stick_fraction", "slip_fraction", "separation_fraction", "dominant_frequency", "velocity_rms",
     "mean_stick_time", "long_sticks", "first_slip_time", "first_separation_time",
@@ -53,14 +53,14 @@ def measured(method: str, option: Option, scene: Scene, fixed: Mapping[str, Any]
     model = model_of(method, scene, options)
     own: dict[str, Any] = {"modes": len(model.stiffness)}
     if method == EVENTS:
-        end = 0.5 * fixed["ramp"] + ensembles.load_up(scene) + VIBRATION
+        end = 0.5 * fixed["ramp"] + ensembles.loading_time(scene) + VIBRATION
         run, cpu = timed(lambda: solve_ivp.run(scene, model, end, fixed["ramp"], TOLERANCE, np.zeros(0)))
         firsts = {name: _padded([first], fixed["members"]) for name, first in run.summary.items()}
         return own | firsts | {"cpu_per_second": cpu / end}
     if method in (FAST, PAPER):
         own["step"] = options.get("step", STEP if method == PAPER else model.default_step)
-    # What is dear has fewer runs.
-    count, duration = fixed["members" if method == FAST else "dear_members"], fixed["duration"]
+    # An expensive method has fewer repeat runs.
+    count, duration = fixed["members" if method == FAST else "members_expensive"], fixed["duration"]
     ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
     simulate(scene, duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
     runs, cpu = timed(lambda: simulate_many([scene] * count, duration, method, ramp=ramps, **options))

@@ -103,7 +103,7 @@ def query_rows(target: str, out: str | None, show: str | None, form: str, units:
     distance from its nearest neighbour, and of an axis with one value within a millionth of it. So theta ==
     5.0000001 finds 5. Where no value is so near, no row matches and a message has the nearest value.
 
-    The points of the sweep are the rows. A variable that has many entries at each point (of modes, members, in
+    The points of the sweep are the rows. A variable that has many entries at each point (of modes, runs, in
     time) makes a row of each entry where it is named; entries without a value are left out, unless EXPR has
     nan in it. Without --show the columns are the axes and all that has one value for each row; with it they are
     those, and whatever tells the entries apart.

@@ -57,7 +57,7 @@ CLAIMS = tuple(
 )
 # Columns of the figure; of more speeds it shows so many, evenly chosen.
 MOST_COLUMNS = 3
-# Periods of the main line that it shows, and the least share of one that a stick lasts which begins a period.
+# Periods of the dominant frequency that it shows; a period begins with a stick of at least this share of one.
 PERIODS = 2
 SHORTEST_STICK = 0.1
 # What the curve of the phase plane spans across and up, and where beside it a number may stand, points.
@@ -152,7 +152,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     """How hard the contact is loaded and how fast it slips, beside the paper's."""
     given = constants(dataset)
     speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
-    changes: Column = (lambda at: at["switches_per_second"] / regimes.main_line(at), ".0f")
+    changes: Column = (lambda at: at["switches_per_second"] / regimes.dominant_frequency(at), ".0f")
     peaks: dict[str, Column] = {"mean N": ("mean_normal_force", ".3f")}
     for unit, factor, names in (
         ("N", 1.0, ("normal_force_999", "max_normal_force", "start_up_normal_force")),

@@ -74,7 +74,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     columns: dict[str, Column] = {
         "theta deg": ("theta", "g"),
         "vibration": regimes.kind,
-        "main line Hz": (regimes.main_line, ".0f"),
+        "dominant Hz": (regimes.dominant_frequency, ".0f"),
         "RMS mm/s": ("velocity_rms", ".3f", 1e3),
         "fastest mode 1/s": ("mode_growth_rate", ".0f"),
         "at Hz": ("mode_frequency", ".0f"),
@@ -82,7 +82,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     return [
         f"Velocity of B, V = {1e3 * given['V']:g} mm/s, mu = {given['mu']:g}, F = {given['F']:g} N, "
         f"{given['duration']:g} s, {transients.damping(given)}; "
-        f"RMS and main line from {transients.SETTLING:g} s after the first slip on.",
+        f"RMS and dominant frequency from {transients.SETTLING:g} s after the first slip on.",
         "",
         Table.of(dataset, "theta", columns),
         "",
@@ -100,9 +100,9 @@ def draw(dataset: xr.Dataset) -> Figure:
     top, growth, tones = panels.values()
     for k, (colour, style) in zip(some, LOOKS, strict=False):
         at = dataset.isel(theta=k)
-        kind, main = regimes.kind(at), float(regimes.main_line(at))
+        kind, main = regimes.kind(at), float(regimes.dominant_frequency(at))
         label = f"{planes.named('theta', at['theta'])}: {kind}" + (
-            f", main line {main:.0f} Hz" if main > 0.0 else ""
+            f", dominant {main:.0f} Hz" if main > 0.0 else ""
         )
         if kind == "failed":
             top.plot([], [], color=colour, linestyle=style, label=label)

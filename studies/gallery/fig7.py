@@ -89,9 +89,9 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "last ends s": (_last_stick, ".3f"),
     }
     lines: dict[str, Column] = {
-        "dominant": (regimes.main_line, ".0f"),
-        "2nd": (lambda at: _line(at, "spectrum_vibrating", 2.0 * float(regimes.main_line(at))), ".0f"),
-        "3rd": (lambda at: _line(at, "spectrum_vibrating", 3.0 * float(regimes.main_line(at))), ".0f"),
+        "dominant": (regimes.dominant_frequency, ".0f"),
+        "2nd": (lambda at: _line(at, "spectrum_vibrating", 2.0 * float(regimes.dominant_frequency(at))), ".0f"),
+        "3rd": (lambda at: _line(at, "spectrum_vibrating", 3.0 * float(regimes.dominant_frequency(at))), ".0f"),
     }
     for f in paper.OTHER_LINES:
         lines[f"stuck, about {f:.0f}"] = (partial(_line, spectrum="spectrum_stuck", about=f), ".0f")
@@ -135,7 +135,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     for k, left, right in zip(rows, panels[::2], panels[1::2], strict=True):
         _draw_speed(left, right, dataset.isel(V=k))
         for lines, style, label in (
-            (paper.LINES, "--", "paper: main line and harmonics"),
+            (paper.LINES, "--", "paper: dominant frequency and harmonics"),
             (paper.OTHER_LINES, ":", "paper: other lines"),
         ):
             for f in lines if papers and float(dataset["V"][k]) in paper.SPEEDS else ():
@@ -176,7 +176,7 @@ def _draw_speed(left: Axes, right: Axes, at: xr.Dataset) -> None:
     right.plot(frequency, settled, color=figures.BLUE, linewidth=1.0, label="after settling")
     right.plot(frequency, stuck, color=figures.BLACK, linewidth=0.8, label="within long sticks")
     if np.isfinite(main):
-        right.set_title(f"main line {main:.0f} Hz", loc="left")
+        right.set_title(f"dominant frequency {main:.0f} Hz", loc="left")
 
 
 STUDY = Study(

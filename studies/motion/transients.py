@@ -95,8 +95,8 @@ def damping(given: Mapping[str, Any]) -> str:
     return said.get(given.get("numerical_damping", ""), "numerical damping of an older version")
 
 
-def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:
-    """What every scene of a sweep has in common: the rig, the run, and the settings called `names`."""
+def shared(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:
+    """Constants of every scene of a sweep: the rig, the options of the run, and the settings called `names`."""
     chosen = ("duration", "ramp", "cutoff", "leap", "numerical_damping", *names)
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
 
@@ -106,7 +106,7 @@ def constants(*names: str) -> Callable[[Mapping[str, float]], dict[str, Any]]:
 
     def of(settings: Mapping[str, float]) -> dict[str, Any]:
         rig, _ = rig_of({"theta": paper.THETA, **settings})
-        return held(settings, rig, *names)
+        return shared(settings, rig, *names)
 
     return of
 

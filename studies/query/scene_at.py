@@ -144,7 +144,7 @@ def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]
 
 
 def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float | Until:
-    """How long a member ran, s, or what ended it: as its study decided for the normalised scene."""
+    """How long a repeat run lasted, s, or what ended it: as its study decided for the normalised scene."""
     if dataset.attrs["sweep"] != "stick_time":
         return ensembles.own_duration(own, given["ramp"], given)
     (scene,) = normalised.scenes({name: np.array([getattr(own, name)]) for name in transients.SCENE}, own.rig)

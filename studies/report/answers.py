@@ -13,7 +13,7 @@ from studies.accuracy import findings as accuracy
 from studies.claims import Claim, answer
 from studies.gallery import contact, fig7, table4
 from studies.gallery.sensitivity import findings as sensitivity
-from studies.motion.regimes import STEADY, VIBRATING, is_of, main_line
+from studies.motion.regimes import STEADY, VIBRATING, dominant_frequency, is_of
 from studies.query.nearest import nearest
 from studies.study import constants
 from studies.tables import number, word
@@ -105,7 +105,7 @@ def _fig11(data: xr.Dataset) -> list[Answer]:
     found = []
     for theta in data["theta"].values.tolist():
         at = data.sel(theta=theta)
-        hertz = float(main_line(at))
+        hertz = float(dominant_frequency(at))
         found.append(f"{word(at['regime'])} at {theta:g}°" + (f" ({hertz:.0f} Hz)" if hertz > 0.0 else ""))
     said = [
         f"{hertz:.0f} Hz at {theta:g}°" if hertz > 0.0 else f"none at {theta:g}°" for theta, hertz in _angles()

@@ -82,7 +82,7 @@ OWN_MODES = {"paper": "it keeps all modes: it has no cut-off and no termination"
 ABSORBING = {"exact": "it needs the absorbing element and refuses another termination"}
 ENDS_EARLY = dict.fromkeys(("exact", "paper"), "only 'fast' ends a run early")
 # Cases that would take these methods longer than some 10 s of a core.
-TOO_DEAR = {
+TOO_EXPENSIVE = {
     "long P2": ("exact",),
     "absorbing, cut-off 1000 kHz": ("exact",),
     "1 s, vibrating": ("paper",),

@@ -1,4 +1,4 @@
-"""The battery as a table: what came of each group of cases by each method, the nearest check, and what failed."""
+"""The battery as a table: outcomes of each group of cases by method, the nearest check, and what failed."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from studies.stress.cases import CASES, EXPECTED
 from studies.tables import Part, Table
 from sweeps import DONE, FAILED
 
-# What comes of a case. As expected: a run that passes every check, or a refusal. Else a failure; or it is not
-# asked, for another reason or as too expensive. The last is for what is not known yet, and no outcome of a run.
-OUTCOMES = (*EXPECTED, "fails", "not asked", "too dear", "pending")
-PASSES, FAILS, NOT_ASKED, DEAR, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
-# For a reader.
-SAID = {"too dear": "skipped (too expensive)"}
+# Outcomes of a case. The expected ones: a run that passes every check, or a refusal. Else it fails, or it is not
+# asked of the method, or it is skipped. "pending" stands for points that are not computed yet.
+OUTCOMES = (*EXPECTED, "fails", "not asked", "skipped as too expensive", "pending")
+PASSES, FAILS, NOT_ASKED, EXPENSIVE, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
 
 DAMPING = "fast and exact without numerical damping, paper with its own"
 
 
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
-    """Of each case and method the place of its outcome in OUTCOMES, (case, method)."""
+    """The place in OUTCOMES of each case and method, (case, method)."""
     status, came = (dataset[name].transpose("case", "method").values for name in ("status", "came"))
     known = np.where(np.isfinite(came.astype(float)), came, FAILS).astype(np.intp)
     return np.where(status == FAILED, FAILS, np.where(status == DONE, known, PENDING))
@@ -44,11 +42,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     for group in dict.fromkeys(groups):
         mine, cells = np.flatnonzero(groups == group), []
         for m in range(len(methods)):
-            words = [
-                f"{n} {SAID.get(OUTCOMES[code], OUTCOMES[code])}"
-                for code, n in enumerate(np.bincount(outcome[mine, m]))
-                if n
-            ]
+            words = [f"{n} {OUTCOMES[code]}" for code, n in enumerate(np.bincount(outcome[mine, m])) if n]
             k = mine[np.argmax(np.where(outcome[mine, m] == PASSES, margin[mine, m], -1.0))]
             if outcome[k, m] == PASSES and margin[k, m] >= 0.01:
                 words[0] += f" ({check[k, m]} {margin[k, m]:.2g})"

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fivcore import ContactError, DivergenceError
 from studies.motion import transients
 from studies.stress.ask import not_stated, question_of
-from studies.stress.cases import CASES, EXPECTED, METHODS, PASSES, TOO_DEAR, Case
+from studies.stress.cases import CASES, EXPECTED, METHODS, PASSES, TOO_EXPENSIVE, Case
 from studies.stress.checks import CHECKS, judged
-from studies.stress.findings import DAMPING, DEAR, FAILS, NOT_ASKED, OUTCOMES, findings
+from studies.stress.findings import DAMPING, EXPENSIVE, FAILS, NOT_ASKED, OUTCOMES, findings
 from studies.stress.runs import gathered
 from studies.study import Study, deferred
 from sweeps import Axis, Variable
@@ -44,8 +44,8 @@ def put(case: Case, method: str) -> Answer:
     Raises AssertionError if the method refused what it should do, or did what it should refuse.
     """
     expected = case.expectation(method)
-    if method in case.not_asked or method in TOO_DEAR.get(case.name, ()):
-        return NOT_ASKED if method in case.not_asked else DEAR, 1, NOTHING, NOTHING
+    if method in case.not_asked or method in TOO_EXPENSIVE.get(case.name, ()):
+        return NOT_ASKED if method in case.not_asked else EXPENSIVE, 1, NOTHING, NOTHING
     question, value = question_of(case, method)
     if expected == PASSES:
         try:
@@ -82,7 +82,7 @@ def described(dataset: xr.Dataset) -> xr.Dataset:
 STUDY = Study(
     name="stress",
     title=TITLE,
-    question="Does each method do what it should at and past the edges of sense, and refuse what it cannot do?",
+    question="Does each method do what it should at and beyond physical limits, and refuse what it cannot do?",
     paper="Section 3.3 gives the step and the constants of the published scheme, from which its limits follow; no "
     "such test is in the paper.",
     axes={"case": Axis(list(CASES), long_name="case"), "method": Axis(METHODS, long_name=f"method: {DAMPING}")},

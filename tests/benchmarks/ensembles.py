@@ -1,6 +1,6 @@
 """Statistics of `fast`, with the published scheme's numerical damping, beside those of that scheme itself.
 
-Over ensembles whose members differ by the ramp.
+Over ensembles whose runs differ by the ramp.
 
 python -m tests.benchmarks.ensembles [--members 3] [--duration 2.4] [SCENE ...]
 

@@ -27,7 +27,7 @@ def seconds(scene: Scene, duration: float, method: str, **given: object) -> floa
 
 
 def together(scene: Scene, duration: float, count: int, **given: object) -> float:
-    """Wall time of one of many members side by side, which differ by the ramp."""
+    """Wall time of one of many repeat runs side by side, which differ by the ramp."""
     ramps = [1e-3 * (1.0 + 0.013 * (k % 64)) for k in range(count)]
     start = time.perf_counter()
     simulate_many([scene] * count, duration, ramp=ramps, **given)

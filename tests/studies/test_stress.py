@@ -19,9 +19,9 @@ from studies import tables
 from studies.plotting import figures
 from studies.stress import runs, study
 from studies.stress.ask import LIMITS, Question, question_of, stated
-from studies.stress.cases import CASES, METHODS, POINT, TOO_DEAR
+from studies.stress.cases import CASES, METHODS, POINT, TOO_EXPENSIVE
 from studies.stress.checks import CHECKS, judged
-from studies.stress.findings import DEAR, FAILS, NOT_ASKED, OUTCOMES
+from studies.stress.findings import EXPENSIVE, FAILS, NOT_ASKED, OUTCOMES
 from studies.stress.starts import RINGING, STARTS
 from tests import HOME
 
@@ -75,7 +75,7 @@ def expected(name, method):
     """The outcome expected of a case."""
     if method in CASES[name].not_asked:
         return NOT_ASKED
-    return DEAR if method in TOO_DEAR.get(name, ()) else OUTCOMES.index(CASES[name].expectation(method))
+    return EXPENSIVE if method in TOO_EXPENSIVE.get(name, ()) else OUTCOMES.index(CASES[name].expectation(method))
 
 
 def test_the_reference_holds_what_is_expected_of_every_case():
@@ -88,7 +88,7 @@ def test_the_reference_holds_what_is_expected_of_every_case():
 
 
 def test_every_limit_and_start_is_asked_for_and_cases_of_a_group_stand_together():
-    assert TOO_DEAR.keys() <= CASES.keys()
+    assert TOO_EXPENSIVE.keys() <= CASES.keys()
     assert {case.edge for case in CASES.values()} == {*LIMITS, ""}
     assert {case.start for case in CASES.values()} == {*STARTS, ""}
     groups = [case.group for case in CASES.values()]
@@ -181,7 +181,7 @@ def test_forces_a_hundredth_too_large_or_late_leave_a_gap(good):
         assert "gap" in failing(replayed(good, **of_plain), **own)
 
 
-def test_energy_from_nowhere_a_copy_that_differs_and_a_run_too_dear_fail(good):
+def test_energy_from_nowhere_a_copy_that_differs_and_a_run_too_expensive_fail(good):
     assert "energy" in failing(good, summary={**good.run.summary, "energy_residual": 0.3})
     assert "copy" not in failing(replace(good, original=good.summary))
     other = {**good.summary, "mean_normal_force": good.summary["mean_normal_force"] * (1.0 + 1e-9)}
@@ -368,6 +368,6 @@ def test_a_case_is_run_by_its_name():
     data = computed(case="theta = 90°", method=["paper", "fast"])
     assert data["method"].values.tolist() == ["fast", "paper"]
     assert [OUTCOMES[int(code)] for code in data["came"].values[0]] == ["ValueError", "ValueError"]
-    # What is not asked of a method is not what would be too dear.
+    # A case that is not asked of a method is not one that is skipped as too expensive.
     assert computed(case="step 0.5 of the largest", method="exact")["came"].item() == NOT_ASKED
-    assert computed(case="100 s, vibrating", method="paper")["came"].item() == DEAR
+    assert computed(case="100 s, vibrating", method="paper")["came"].item() == EXPENSIVE

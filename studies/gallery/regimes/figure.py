@@ -28,7 +28,7 @@ from sweeps import DONE
 # Shown beside the regimes: factor, what stands at the scale, and whether only a vibration has it.
 QUANTITIES = {
     "stick_fraction": (1.0, "share of time in stick", False),
-    "dominant_frequency": (1e-3, "main line of $v_B$ / kHz", True),
+    "dominant_frequency": (1e-3, "dominant frequency of $v_B$ / kHz", True),
     "velocity_rms": (1e3, "RMS of $v_B$ / (mm/s)", True),
 }
 # Lines that are seen on any colour.
@@ -38,7 +38,7 @@ ONSET: dict[str, Any] = {
     "linewidth": 1.0,
     "path_effects": [patheffects.withStroke(linewidth=2.0, foreground="white")],
 }
-# How cells are marked: those whose motion is not what stability says, of which members differ, and the paper's.
+# Marks of cells: whose motion is not what stability predicts, whose repeat runs differ, and the paper's own.
 RIM: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black"}
 VERDICT_MARKS: dict[str, dict[str, Any]] = {
     "subcritical": {"marker": "s", "color": figures.RED, "label": "subcritical: vibrates\nthough stable"},
@@ -46,7 +46,7 @@ VERDICT_MARKS: dict[str, dict[str, Any]] = {
     "quiet though unstable": {"marker": "X", "color": figures.ORANGE, "label": "steady sliding\nthough unstable"},
 }
 DIFFER: dict[str, Any] = RIM | {"marker": "o", "markersize": 2.4, "color": "black"}
-DIFFER |= {"markeredgecolor": "white", "markeredgewidth": 0.4, "label": "members differ"}
+DIFFER |= {"markeredgecolor": "white", "markeredgewidth": 0.4, "label": "repeat runs differ"}
 PAPER_MARKS = {"intermittent": "^", "periodic": "D"}
 # A scale leaves out this share of the cells at either end, single ones would take all of it; it is logarithmic
 # where its ends are so many times apart, else it has steps.
@@ -93,7 +93,7 @@ def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
     key.axis("off")
     said = "white: no vibration"
     if constants(at)["members"] > 1:
-        said = f"(b), (d): mean of the members\n(c): the one in the middle\n{said}"
+        said = f"(b), (d): mean of the repeat runs\n(c): the one in the middle\n{said}"
     key.text(0.0, 0.0, said, fontsize=8.0, linespacing=1.4)
     key.legend(handles=_in_order(_draw_regimes(top, at, x, y)), loc="upper left", borderaxespad=0.0)
     top.set_title("(a) regime", loc="left", fontsize=9.0)
@@ -213,7 +213,7 @@ def _shown(at: xr.Dataset, name: str) -> NDArray[Any]:
 
 
 def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
-    """The same along one axis: what members spread about, marked by the regime."""
+    """The same along one axis: the spread of the repeat runs, marked by the regime."""
     figure, panels = figures.panels(len(QUANTITIES), 1, 15.0, 16.0, sharex=True)
     values, found = planes.shown(x, at[x].values), regimes.kinds(at)
     for axes, (name, (factor, text, _)) in zip(panels, QUANTITIES.items(), strict=True):
@@ -232,6 +232,6 @@ def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     panels[-1].set_xlim(ends[0], ends[-1])
     panels[-1].set_xlabel(planes.label(x))
     figures.legend_below(figure, panels, 4)
-    note = "mean (of the line: middle) and standard deviation of the members"
+    note = "mean (of the frequency: middle) and standard deviation of the repeat runs"
     figure.suptitle(figures.fitted(f"Regimes: {about}\n{note}", 15.0))
     return figure

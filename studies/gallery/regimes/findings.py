@@ -42,7 +42,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         f"{everywhere.size} scene{'s' if everywhere.size > 1 else ''} on {rig}: "
         f"{where(dataset, everywhere, everything=True)}.",
         f"Runs of each: {given['members']}, {transients.damping(given)}, from the first slip and "
-        f"{transients.SETTLING:g} s on {ensembles.told(given)}.",
+        f"{transients.SETTLING:g} s on {ensembles.duration_text(given)}.",
         "",
         _of_regimes(dataset),
         "Of a regime's figures the medians over its scenes.",
@@ -70,7 +70,7 @@ def where(dataset: xr.Dataset, chosen: NDArray[np.bool_], everything: bool = Fal
 def _of_regimes(dataset: xr.Dataset) -> Table:
     """A row for each regime that occurs: its size, its uncertain scenes, and medians of figures."""
     kinds, unsure = regimes.kinds(dataset), uncertain(dataset)
-    figures = dataset.assign(dominant_frequency=regimes.main_line(dataset))
+    figures = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))
     rows = []
     for code in np.unique(kinds):
         inside = kinds == code

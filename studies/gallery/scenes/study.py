@@ -32,7 +32,7 @@ COLUMNS: dict[str, Column] = {
     "vibration": regimes.kind,
     **regimes.SHARES,
     "RMS mm/s": ("velocity_rms", ".2f", 1e3),
-    "dominant Hz": (regimes.main_line, ".0f"),
+    "dominant Hz": (regimes.dominant_frequency, ".0f"),
     "99.9 % of N": ("normal_force_999", ".1f"),
     "first slip ms": ("first_slip_time", ".1f", 1e3),
 }
@@ -66,7 +66,7 @@ def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
     rig, _ = rig_of({**settings, "theta": 0.0})
     settle = settings["settle"]
     rule = {name: settings[name] for name in ("standard_error", "least", "most")}
-    return transients.held(settings, rig) | rule | {"settle": None if settle < 0.0 else settle}
+    return transients.shared(settings, rig) | rule | {"settle": None if settle < 0.0 else settle}
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
@@ -83,7 +83,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     length = f" of {given['duration']:g} s" if given["duration"] else ""
     lines: list[Part] = [
         f"{count} scene{'s' if count > 1 else ''}{length} on {rig}, {transients.damping(given)}, {copies}.",
-        *([] if length else [f"Each runs {ensembles.told(given)}."]),
+        *([] if length else [f"Each runs {ensembles.duration_text(given)}."]),
         f"Shares of time, RMS, dominant frequency and normal force: from {since} on.",
         "",
         Table.of(points.isel(point=slice(MOST_ROWS)), "point", COLUMNS),

@@ -60,7 +60,7 @@ def _draw_times(axes: Axes, at: xr.Dataset) -> None:
         mean, low, high = 1e3 * _means(at, kind)
         bars = np.nan_to_num(np.stack([mean - low, high - mean]))
         axes.errorbar(1e3 * V, mean, bars, capsize=2.0, **LINE, **look)
-    once = 1e3 * at["load_up_time"].mean("member").values
+    once = 1e3 * at["loading_time"].mean("member").values
     axes.plot(1e3 * V, once, ":", color=figures.GREY, label="first stick, μF/(k V)")
     start = float(at["mean_stick_time"].sel(kind="start_up").interp(V=min(paper.SPEEDS)))
     if np.isfinite(start) and V[0] <= min(paper.SPEEDS) <= V[-1]:

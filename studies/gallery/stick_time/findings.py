@@ -89,8 +89,8 @@ def _laws(at: xr.Dataset) -> Table:
 
 def _first_stick(at: xr.Dataset) -> xr.DataArray:
     """By which share at most the first slip's time departs from the static law at each speed."""
-    late = at["first_slip_time"] - 0.5 * ramp_of(at["member"], constants(at)["ramp"]) - at["load_up_time"]
-    share: xr.DataArray = abs(late / at["load_up_time"]).max("member")
+    late = at["first_slip_time"] - 0.5 * ramp_of(at["member"], constants(at)["ramp"]) - at["loading_time"]
+    share: xr.DataArray = abs(late / at["loading_time"]).max("member")
     return share
 
 

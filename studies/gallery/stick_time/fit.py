@@ -1,6 +1,6 @@
-"""What sticks of an ensemble tell of a law T ~ V^n: means and exponents with bootstrap intervals over members.
+"""Fit of a law T ~ V^n to the sticks of repeat runs: means and exponents with bootstrap intervals over the runs.
 
-A member's sticks are not independent of each other, members are: what is drawn again and again is whole members.
+Sticks of one run are not independent of each other, repeat runs are: the bootstrap draws whole runs.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ DERIVED = {
 
 
 def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
-    """Add means over members, their intervals, and the exponents of the laws."""
+    """Add means over repeat runs, their intervals, and the exponents of the laws."""
     each = [
         [_laws(dataset.isel(mu=m, F=f)) for f in range(dataset.sizes["F"])] for m in range(dataset.sizes["mu"])
     ]
@@ -100,7 +100,7 @@ class Means:
     mean : ndarray, (speeds,)
         s; NaN where there is no stick.
     drawn : ndarray, (drawings, speeds)
-        Means of ensembles of as many members, drawn with replacement.
+        Means of ensembles of as many repeat runs, drawn with replacement.
     """
 
     mean: Array
@@ -108,7 +108,7 @@ class Means:
 
     @classmethod
     def of(cls, time: Array, count: Array) -> Means:
-        """From the total time (s) and the number of each member's sticks, (speeds, members)."""
+        """From the total time (s) and the number of each run's sticks, (speeds, runs)."""
         speeds, members = time.shape
         chosen = np.random.default_rng(SEED).integers(members, size=(DRAWINGS, speeds, members))
         row = np.arange(speeds)[None, :, None]

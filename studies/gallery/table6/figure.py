@@ -1,4 +1,4 @@
-"""Over the inclination: lines, growth rates, shares of time, windows of instability, and the paper's text."""
+"""Frequencies, growth rates, shares of time and windows of instability over the inclination, beside the paper."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ APART, MOST_BANDS = 2.0, 3
 LABEL = 0.12
 # Frequencies by angle that the paper's text gives, and how they are marked.
 PAPER: dict[str, tuple[dict[float, Any], str, float]] = {
-    "paper: main line measured": (paper.ANGLES_MEASURED, "D", 8.0),
-    "paper: main line simulated": (paper.ANGLES_SIMULATED, "x", 5.0),
+    "paper: dominant frequency, measured": (paper.ANGLES_MEASURED, "D", 8.0),
+    "paper: dominant frequency, simulated": (paper.ANGLES_SIMULATED, "x", 5.0),
     "paper: unstable pair": (paper.ANGLES_UNSTABLE, "^", 8.0),
 }
 # Where it says that the rig vibrates, but not in which regime; where it says nothing.
@@ -139,16 +139,18 @@ def branches(frequency: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 def _draw_lines(axes: Axes, dataset: xr.Dataset, points: dict[str, Array]) -> None:
-    """Unstable pairs and the runs' main lines, with the frequencies that the paper's text gives."""
+    """Unstable pairs and the runs' dominant frequencies, with the frequencies that the paper's text gives."""
     theta, frequency = dataset["theta"].values, dataset["frequency"].values
     _draw_branches(axes, theta, frequency, KHZ * frequency)
     each = KHZ * dataset["member_dominant_frequency"].values
     place = np.nonzero(np.isfinite(each))
     if len(place[0]):
         main = KHZ * dataset["dominant_frequency"].values
-        axes.plot(theta, main, "s", color=figures.BLUE, markersize=4.5, label="main line, median of the runs")
+        axes.plot(theta, main, "s", color=figures.BLUE, markersize=4.5, label="dominant frequency, median")
         look: dict[str, Any] = {"color": STEADY_COLOUR, "markeredgecolor": figures.BLUE, "markeredgewidth": 0.6}
-        axes.plot(theta[place[0]], each[place], "o", markersize=2.6, label="main line of each run", **look)
+        axes.plot(
+            theta[place[0]], each[place], "o", markersize=2.6, label="dominant frequency of each run", **look
+        )
     look = {"markerfacecolor": "none", "color": figures.RED, "markeredgewidth": 1.3, "zorder": 4.0}
     for label, places in points.items():
         _, marker, size = PAPER[label]

@@ -17,7 +17,7 @@ from studies.tables import Column, Part, Table, listed
 
 # Rows of the table of all inclinations.
 MOST_ROWS = 31
-# Members whose main lines lie further apart than this share have two rival lines, not one that scatters.
+# Runs whose dominant frequencies lie further apart than this share have two rival peaks, not one that scatters.
 RIVAL = 0.05
 AT: dict[str, Any] = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
 CLAIMS = (
