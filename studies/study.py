@@ -147,7 +147,7 @@ class Study:
         record : sequence of str
             Series of the motion to keep besides, of `studies.motion.recording.SERIES`; by default none.
         sample_rate : float, optional
-            Of what is recorded, Hz.
+            Sampling rate of recorded series, Hz.
 
         Raises
         ------

@@ -59,7 +59,7 @@ class Scatter:
         """The share of the distribution that was cut away."""
         return float(self.whole.cdf(self.low) + self.whole.sf(self.high))
 
-    def told(self, name: str) -> str:
+    def cut_note(self, name: str) -> str:
         """The share that was cut away, in words; "" for less than one in a million."""
         if self.cut < 1e-6:
             return ""

@@ -155,16 +155,16 @@ def _of_distributions(
         text = str(problem).replace("Sample: count", "--samples").replace("Sample: method", "--sampling")
         raise InputError(text.replace("Sample: seed", "--seed").removeprefix("Sample: ")) from None
     attributes = {
-        name: {"distribution": each.text, "cut_away": each.cut, "comment": each.told(name)}
+        name: {"distribution": each.text, "cut_away": each.cut, "comment": each.cut_note(name)}
         for name, each in drawn.items()
     }
     asked = {"scatter": {name: each.text for name, each in drawn.items()}, "seed": seed, "sampling": sampling}
     return _at(study, grid, SCATTER, asked, attributes)
 
 
-def told(scatter: Mapping[str, str]) -> list[str]:
-    """What was cut away of some distributions, a line each."""
-    return [line for name, text in scatter.items() if (line := distributions.parse(text, name).told(name))]
+def cut_notes(scatter: Mapping[str, str]) -> list[str]:
+    """A line for each distribution that is cut to physical values, with the share that is lost."""
+    return [line for name, text in scatter.items() if (line := distributions.parse(text, name).cut_note(name))]
 
 
 def _of_table(study: Study, given: Mapping[str, Any], points: str | Path | Mapping[str, Any]) -> Study:

@@ -363,7 +363,7 @@ def test_a_setting_is_right_within_tolerance_and_scatter_and_slips_when_it_shoul
     share = data.sel(figure="stick_fraction")
     assert float(share["figure_error"]) == pytest.approx(off)
     assert float(share["figure_standard_error"]) == pytest.approx(np.std(WOBBLE, ddof=1) * np.sqrt(0.5), rel=1e-6)
-    # Of the figures that there are: three shares, of which two are off, the line and the RMS.
+    # Of the figures that there are: three shares, of which two are off, the frequency and the RMS.
     assert float(data["mismatch"]) == pytest.approx(np.sqrt(2.0 * (off / 0.02) ** 2 / 5.0), abs=1e-12)
     assert float(data["first_slip_error"]) == pytest.approx(late)
     assert errors.WITHIN[int(data["within"])] == right

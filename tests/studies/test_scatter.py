@@ -89,16 +89,16 @@ def test_what_cannot_be_is_cut_away_and_told():
     scatter = parse("normal:0.05:0.02", "mu")
     share = stats.norm.cdf(-2.5)
     assert scatter.cut == pytest.approx(share, rel=1e-12)
-    assert scatter.told("mu") == "mu: 0.62 % of normal:0.05:0.02 is below 0 and was cut away"
+    assert scatter.cut_note("mu") == "mu: 0.62 % of normal:0.05:0.02 is below 0 and was cut away"
     left = stats.truncnorm(-2.5, math.inf, 0.05, 0.02)
     at = np.linspace(0.001, 0.999, 201)
     np.testing.assert_allclose(scatter.ppf(at), left.ppf(at), rtol=1e-9)
     np.testing.assert_allclose(scatter.cdf(scatter.ppf(at)), at, rtol=1e-12)
     assert scatter.ppf(0.0) == 0.0
-    assert parse("normal:0.2:0.02", "mu").told("mu") == ""
+    assert parse("normal:0.2:0.02", "mu").cut_note("mu") == ""
     both = parse("uniform:-0.5:1.5", "point_b")
     assert both.cut == pytest.approx(0.5)
-    assert both.told("point_b") == "point_b: 50 % of uniform:-0.5:1.5 is below 0 or above 1 and was cut away"
+    assert both.cut_note("point_b") == "point_b: 50 % of uniform:-0.5:1.5 is below 0 or above 1 and was cut away"
 
 
 def test_draws_keep_to_what_is_left():
