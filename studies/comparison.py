@@ -35,7 +35,7 @@ NAMED = 3
 
 
 def scatter(name: str) -> tuple[float, float] | None:
-    """What two values of a chaotic variable may differ by; None where only the same bits could be asked."""
+    """Limits on the difference of two values of a chaotic variable; None where it has none."""
     # The spread of four runs is as uncertain as it is large, and so is a standard error.
     if name.startswith("member_") or name.endswith(("_std", "_se")):
         return None
@@ -80,6 +80,6 @@ def _distance(study: str, name: str, ours: Any, theirs: Any) -> float:
 
 
 def _given(dataset: xr.Dataset) -> Any:
-    """What the function was given, to nine digits: what is computed from a request may differ by rounding."""
+    """Constants of the function to nine digits, for those computed from a request may differ by rounding."""
     text = dataset.attrs["configuration"]
     return json.loads(text, parse_float=lambda number: f"{float(number):.9g}", parse_constant=str)["constants"]

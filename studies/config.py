@@ -1,4 +1,4 @@
-"""What a run is asked for, as a TOML file: read for a run, and written so that it makes a result again."""
+"""The request of a run as a TOML file: read for a run, and written so that it reproduces a result."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ KEYS: dict[str, tuple[tuple[type, ...], str]] = {
 
 @dataclass(frozen=True)
 class Config:
-    """What a run is asked for.
+    """The request of a run.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ def _check(content: Mapping[str, Any]) -> None:
 
 
 def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sample_rate: float | None) -> Any:
-    """What makes a result again besides its axes, as JSON can hold it: it is kept in the file."""
+    """The request of a result besides its axes, which its file stores as JSON."""
     settings = {name: each.value for name, each in study.settings.items()}
     settings |= {name: np.asarray(given[name]).ravel()[0].item() for name in settings if name in given}
     if sample_rate is not None and "sample_rate" in settings:

@@ -1,4 +1,4 @@
-"""Values that a rig like this hardly has: most often a unit was forgotten. They are told, not refused."""
+"""Values that a rig like this hardly has: most often a unit was forgotten. They raise a warning, not an error."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class UnusualWarning(UserWarning):
 
 
 def unusual(values: Mapping[str, Any], units: Mapping[str, str], asked: Any = None) -> list[str]:
-    """What is unusual about the values of axes and settings, a line each.
+    """Find values of axes and settings that are unusual, and explain each in a line.
 
     Parameters
     ----------

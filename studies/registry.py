@@ -54,7 +54,7 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def catalogue() -> dict[str, dict[str, Any]]:
-    """What `fiv list` says of each predefined study, without its import: title, question, points, usual time."""
+    """Title, question, points and usual time of each predefined study, read without its import."""
     found: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
     return found
 

@@ -49,7 +49,7 @@ def is_reference(file: Path) -> bool:
 
 
 def notice(name: str | Path, out: str | Path | None = None) -> str:
-    """What to say where the reference stands in for a result of one's own; "" where it does not."""
+    """A note that the reference replaces a result that the folder lacks; "" where it does not."""
     text = os.fspath(name)
     if is_path(text) or not is_reference(file := results_file(text, out)):
         return ""

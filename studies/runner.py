@@ -32,7 +32,7 @@ FORMATS = ("png", "svg", "pdf")
 
 @dataclass(frozen=True, eq=False)
 class Finished:
-    """What a run leaves behind."""
+    """Result, file and figure of a finished run."""
 
     study: Study
     dataset: xr.Dataset
@@ -102,7 +102,7 @@ def plan(
 
 
 def remark(lines: Sequence[str], *, strict: bool) -> str:
-    """What a file's history says of unusual values, as a warning says it; an `InputError` if that is `strict`."""
+    """Warn about unusual values and return a text for the file's history; if `strict`, raise an `InputError`."""
     if lines and strict:
         raise InputError(f"{lines[0]}; leave --strict out to compute it all the same")
     for line in lines:
@@ -123,9 +123,9 @@ def run(
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:
-    """What `Plan.run` needs: as asked; else a cluster that Dask is configured for; else threads.
+    """Back end and workers for `Plan.run`: as requested; else Dask's configured cluster; else threads.
 
-    Workers without a scheduler are processes on this machine. What does not go together is an `InputError`.
+    Workers without a scheduler are processes on this machine. Other combinations raise an `InputError`.
     """
     if scheduler is None:
         import dask
@@ -175,7 +175,7 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
 
 
 def format_of(path: str | Path, form: str | None = None) -> str:
-    """What a figure is written as: as asked, else what its path ends with, else png; one of `FORMATS`."""
+    """Format of a figure, one of `FORMATS`: as requested, else the path's suffix, else png."""
     chosen = form or Path(path).suffix.removeprefix(".") or FORMATS[0]
     if chosen not in FORMATS:
         raise InputError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")

@@ -1,4 +1,4 @@
-"""What a study is: a question, the axes it varies, the function that answers, and how the answer is shown."""
+"""A study: a question, the axes it varies, the function that answers, and how the answer is shown."""
 
 from __future__ import annotations
 
@@ -104,11 +104,11 @@ class Study:
             raise InputError(f"study {self.name}: it must have one of function and build")
 
     def report(self, dataset: xr.Dataset) -> str:
-        """What is found, as text for a terminal."""
+        """The findings as text for a terminal."""
         return tables.text(self.findings(dataset))
 
     def statement(self) -> str:
-        """What the paper says and what can be varied, as lines."""
+        """The paper's statement, the axes and the settings, as lines."""
         lines = [f"Paper: {self.paper}"]
         for name, axis in self.axes.items():
             if name in self.texts:
@@ -209,7 +209,7 @@ def deferred(place: str) -> Callable[[xr.Dataset], Any]:
 
 
 def constants(dataset: xr.Dataset) -> dict[str, Any]:
-    """What a result's function was given besides its points, from the file's configuration."""
+    """Constants of a result's function, from the file's configuration."""
     found: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
     return found
 

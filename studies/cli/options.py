@@ -81,8 +81,7 @@ HOW = (
     click.option(
         "--scheduler",
         metavar="ADDRESS|threads|sync",
-        help="Back end, for example the tcp://host:port of a Dask scheduler; default: DASK_SCHEDULER_ADDRESS, else "
-        "threads.",
+        help="Back end; the tcp://host:port is a Dask scheduler's. Default: DASK_SCHEDULER_ADDRESS, else threads.",
     ),
     click.option(
         "--workers",

@@ -102,7 +102,7 @@ def intervals(overview: float) -> Axis:
 
 
 def within(run: Transient, times: np.ndarray) -> dict[str, Any]:
-    """What the contact does at `times`: the nearest step, so that force, speed and state belong together."""
+    """Series of the contact at the steps nearest to `times`, so that force, speed and state belong together."""
     whole = slice(max(int(np.searchsorted(run.time, times[0])) - 1, 0), None)
     time, slip = run.time[whole], run.slip_velocity[whole]
     nearest = np.searchsorted(0.5 * (time[1:] + time[:-1]), times)
@@ -238,7 +238,7 @@ def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) ->
 
 
 def shown(at: xr.Dataset) -> tuple[int, int, int]:
-    """What of the window is drawn: two periods from the beginning of a stick; the end of the first.
+    """Places of the drawn part of the window: its begin and end, two periods from a stick on; the first's end.
 
     Periods differ, so the first is the one that moves P1 on most nearly by what P2 does in a period.
     """

@@ -69,7 +69,7 @@ def fastest(scene: Scene) -> tuple[float, float]:
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """What the rig does at each inclination, what stability says, and what was measured."""
+    """Motion at each inclination, its linear stability, and the measured motion."""
     given = constants(dataset)
     columns: dict[str, Column] = {
         "theta deg": ("theta", "g"),

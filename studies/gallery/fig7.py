@@ -125,7 +125,7 @@ def _last_stick(at: xr.Dataset) -> float:
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """As in the paper: time on the left, spectra on the right, a row for each speed."""
+    """Draw time on the left and spectra on the right, a row for each speed, as the paper does."""
     given = constants(dataset)
     rows = transients.some(dataset.sizes["V"], MOST_ROWS)
     size: dict[str, Any] = {"width": 18.0, "height": 2.2 + 4.6 * len(rows)}

@@ -65,7 +65,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def _title(variable: xr.DataArray, about: list[str]) -> str:
-    """What is shown, and what is held."""
+    """The quantity, and below it the fixed values."""
     name = variable.attrs["long_name"]
     return f"{name[0].upper()}{name[1:]}\n{', '.join(about)}".rstrip()
 
@@ -173,7 +173,7 @@ def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list
 
 
 def _nearest_computed(status: NDArray[Any]) -> NDArray[Any]:
-    """Of interpolated points the status of the nearest that was computed: what surrounds them is alike."""
+    """Replace the status of interpolated points by that of the nearest computed one, which is alike."""
     interpolated = status == INTERPOLATED
     if not interpolated.any():
         return status

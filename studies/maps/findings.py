@@ -1,4 +1,4 @@
-"""What a map says in words: what was mapped, what was held, what was found."""
+"""A map in words: its quantity, its fixed values, and the range of what was computed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNITS = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "s-1": ("1/s", 1.0), "1": (""
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """What was mapped, how many of its points were computed, and what was found."""
+    """Name the quantity and the number of computed points, and summarise the values."""
     quantity = constants(dataset)["quantity"]
     values, status = dataset[quantity], dataset["status"].values
     about = held(dataset)
@@ -71,7 +71,7 @@ def _found(quantity: str, values: NDArray[Any]) -> list[str]:
 
 
 def held(dataset: xr.Dataset) -> list[str]:
-    """What was the same at all points and matters, for a reader; of the rig what is not the paper's."""
+    """Texts of the values that all points share and that matter; of the rig those unlike the paper's."""
     given = constants(dataset)
     # What scatters has no value.
     given = {name: value for name, value in given.items() if name not in given.get("scatter", ())}

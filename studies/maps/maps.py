@@ -141,7 +141,7 @@ def line_along(x: str, quantity: str, fixed: dict[str, Any]) -> str:
 
 
 def unusual_in(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> list[str]:
-    """What is unusual about the values that are asked for (`studies.plausible.unusual`)."""
+    """Warnings about unusual requested values (`studies.plausible.unusual`)."""
     values = defaults(quantity) | dict(fixed) | {plane.x: plane.xs, plane.y: plane.ys}
     return unusual(values, {name: _units(name) for name in values}, {plane.x, plane.y, *fixed})
 
@@ -153,7 +153,7 @@ def _units(name: str) -> str:
 
 
 def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
-    """What texts AXIS=VALUE fix.
+    """Parse the texts AXIS=VALUE of fixed values.
 
     Raises
     ------
@@ -191,12 +191,12 @@ def file_of(
 
 
 def defaults(quantity: str) -> dict[str, Any]:
-    """What can be fixed in a map of this quantity, by name, with the values that they have otherwise."""
+    """Default values, by name, of everything that a map of this quantity can fix."""
     return {name: each.value for name, each in (AXES | dict(_definition(quantity).settings)).items()}
 
 
 def changed(quantity: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """What of the given values can be fixed in a map of this quantity, and is not the default."""
+    """The values that a map of this quantity can fix and that differ from the default."""
     return {name: given[name] for name, own in defaults(quantity).items() if given.get(name, own) != own}
 
 
@@ -210,7 +210,7 @@ def _definition(quantity: str) -> Quantity:
 
 
 def _constants(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> dict[str, Any]:
-    """What is the same at all points."""
+    """Constants of all points of the map."""
     sides = {"x": plane.x, "y": plane.y}
     for side, name in sides.items():
         if name not in AXES:

@@ -32,7 +32,7 @@ class Job:
 
 
 def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
-    """For each job its `Transient`, or the `SceneError` of its scene; a bad argument of any raises `ValueError`.
+    """Run each job: its `Transient`, or the `SceneError` of its scene; a bad argument raises `ValueError`.
 
     Those whose options differ at most in PER_SCENE are simulated side by side.
     """

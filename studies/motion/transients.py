@@ -1,4 +1,4 @@
-"""What the studies of motion in time share: scenes run in batches, their series at even times, and spectra."""
+"""Shared parts of the studies of motion in time: runs in batches, series at even times, and spectra."""
 
 from __future__ import annotations
 
@@ -268,7 +268,7 @@ def some(count: int, most: int) -> list[int]:
 
 
 def of_all(shown: Sequence[int], count: int) -> str:
-    """What a title adds where not all points are shown."""
+    """The addition to a title where not all points are shown."""
     return f" ({len(shown)} of {count})" if len(shown) < count else ""
 
 

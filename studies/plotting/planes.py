@@ -72,12 +72,12 @@ def named(name: str, value: Any) -> str:
 
 
 def name(axis: str) -> str:
-    """What a reader calls an axis or a number of the rig."""
+    """The symbol of an axis or of a number of the rig."""
     return SYMBOLS[axis][0]
 
 
 def label(name: str) -> str:
-    """What stands at an axis."""
+    """The label of an axis: its symbol and unit."""
     symbol, unit, _ = SYMBOLS[name]
     return f"{symbol} / {f'({unit})' if '/' in unit else unit}" if unit else symbol
 
@@ -260,7 +260,7 @@ def shares(axes: Axes, ends: NDArray[Any], at: xr.Dataset) -> None:
 
 
 def patches(kinds: Any) -> list[Patch]:
-    """For a legend: the regimes that occur, by their places in KINDS."""
+    """Patches for a legend of the regimes that occur, by their places in KINDS."""
     from matplotlib.patches import Patch
 
     return [

@@ -39,12 +39,12 @@ class Statistic:
 
 
 def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
-    """What an entry of `show` means: "count", or a function and a column, like "mean:V*1000" or "share:regime".
+    """Parse an entry of `show`: "count", or a function and a column, like "mean:V*1000" or "share:regime".
 
     Raises
     ------
     ValueError
-        If it means nothing, or the column has no such statistic.
+        If it has another form, or the column has no such statistic.
     """
     if entry == "count":
         return [Statistic(Column("count", NUMBER, whole=True), "count")]
@@ -110,12 +110,12 @@ def grouped(
 
 
 def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:
-    """What a grouped table is sorted by.
+    """Parse the columns by which a grouped table is sorted.
 
     Raises
     ------
     ValueError
-        For a name that it does not have.
+        If the table has no column of a name.
     """
     known = {column.name: column for column in columns}
     for name in names:

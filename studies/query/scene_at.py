@@ -1,4 +1,4 @@
-"""What is behind a point of a result: its scene, and how that was run, both ready for `fivcore.simulate`."""
+"""The scene of a point of a result and the options of its run, ready for `fivcore.simulate`."""
 
 from __future__ import annotations
 

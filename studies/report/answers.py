@@ -1,4 +1,4 @@
-"""What was found, in a sentence each with numbers of the results, and what the paper says of it."""
+"""Answers to the studies' questions, in a sentence each with numbers of the results and of the paper."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Answer(NamedTuple):
 
 
 def answers(name: str, dataset: xr.Dataset) -> list[Answer]:
-    """What a result of the study called `name` answers; nothing where it lacks what that needs."""
+    """Answers from a result of the study called `name`; none where it lacks what they need."""
     if name not in ANSWERS:
         return []
     try:

@@ -32,14 +32,14 @@ BESIDE = {"beside": True}
 
 
 class Points(NamedTuple):
-    """What a page embeds of a result, as JSON: `axes`, `columns`, `settings`, `plane`; and how many points."""
+    """Data of a result embedded as JSON, `axes`, `columns`, `settings`, `plane`; and the number of points."""
 
     data: dict[str, Any]
     size: str
 
 
 def points_of(dataset: xr.Dataset, lines: Mapping[str, str] | None = None) -> Points:
-    """What the page shows of every point, or of a coarser grid; `lines` are those of a cell of a plane."""
+    """Values of every point for the page, or of a coarser grid; `lines` are those of a cell of a plane."""
     status = _rows(dataset)
     dims = [str(dim) for dim in status.dims]
     variables = _variables(dataset, status)

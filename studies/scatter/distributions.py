@@ -51,7 +51,7 @@ class Scatter:
 
     @property
     def described(self) -> str:
-        """What tells its draws from others'."""
+        """Text that identifies the distribution: its definition and its bounds."""
         return f"{self.text} from {self.low:g} to {self.high:g}"
 
     @property

@@ -1,4 +1,4 @@
-"""What a study at scattered points found: how its numbers scatter, and with which of those that were drawn."""
+"""Findings at scattered points: how the results scatter, and their correlation with the drawn values."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def series(dataset: xr.Dataset) -> tuple[list[Series], list[str]]:
 
 
 def _variables(dataset: xr.Dataset) -> Iterator[xr.DataArray]:
-    """What was computed at the draws, but for standard errors."""
+    """Variables computed at the draws, without standard errors."""
     along = dataset["status"].dims[0]
     for name, variable in dataset.data_vars.items():
         wanted = along in variable.dims and name not in MAKING and variable.dtype.kind in "iuf"
@@ -168,7 +168,7 @@ def _quantiles(values: NDArray[Any]) -> list[str]:
 
 
 def _shares(dataset: xr.Dataset) -> list[Part]:
-    """Of what has words, the share of each."""
+    """Shares of the draws by code, for each variable whose codes have words."""
     lines: list[Part] = []
     for variable in _variables(dataset):
         if "flag_values" not in variable.attrs or variable.dims != dataset["status"].dims:

@@ -1,4 +1,4 @@
-"""What a sweep at scattered points computes: a study's own function, for each row of its scattered settings."""
+"""Function of a sweep at scattered points: the study's own, for each row of its scattered settings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Points = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What of a study its scattered points need.
+    """Functions and names of a study that its scattered points need.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def _rows(found: Mapping[str, Any]) -> int:
 
 
 def of_axes(function: Callable[[Points], Any], axes: tuple[str, ...], points: Points) -> Any:
-    """What a study's function of points gives, which knows of no other axes than its own."""
+    """Call a study's function of points with its own axes only."""
     return function({name: points[name] for name in axes})
 
 

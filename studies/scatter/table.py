@@ -64,7 +64,7 @@ def table(study: Study, points: str | Path | Mapping[str, Any]) -> Table:
 
 
 def columns_of(study: Study) -> dict[str, Axis | Setting]:
-    """What can be a column: axes and settings."""
+    """Axes and settings, which may be columns."""
     return {**study.axes, **study.settings}
 
 

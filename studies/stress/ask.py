@@ -32,7 +32,7 @@ WITHOUT = {"cutoff": ("paper",), "reach": ("exact",)}
 
 @dataclass(frozen=True)
 class Question:
-    """What `fivcore.simulate` is asked."""
+    """Arguments of one call of `fivcore.simulate`."""
 
     method: str
     numbers: Mapping[str, float]  # V, theta, mu and F
@@ -84,7 +84,7 @@ class Question:
 
     @property
     def plain_cutoff(self) -> dict[str, Any]:
-        """What to add so that all of a run is taken with `model`: "fast" may take the onset with more modes."""
+        """Options that keep all of a run on `model`: "fast" may use more modes for the onset."""
         own = self.options.get("cutoff") is None and not self.start and "contact_motion" not in self.options
         refines = self.method == "fast" and own and self.options.get("termination") != "none"
         return {"cutoff": default_cutoff(self.rig)} if refines else {}

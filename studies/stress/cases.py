@@ -1,4 +1,4 @@
-"""What every method is asked under stress: the cases as data, one row each, by groups.
+"""Cases of the battery as data, one row each, by groups.
 
 A case is the operating point with something driven to an edge. Where the edge is the method's own (its largest
 step, its critical friction), the row says which share of it; `studies.stress.ask` computes the limit. A run must
@@ -45,7 +45,7 @@ class Case:
     group: str = ""
 
     def expectation(self, method: str) -> str:
-        """What is expected of a method."""
+        """The expected outcome with a method."""
         return self.expected if isinstance(self.expected, str) else self.expected.get(method, PASSES)
 
 

@@ -128,7 +128,7 @@ def _relaxation(T: Array, N: Array, mu: float, slips: Array, step: float) -> tup
 
 
 def _moved(question: Question, driven: float) -> float:
-    """What the clamp or the tip has moved, m: nothing in g_T is larger."""
+    """Displacement of the clamp or the tip, m: nothing in g_T is larger."""
     model, given = question.model, question.initial
     moved = driven + question.numbers["F"] * float(np.sum(np.abs(model.tangential * model.rest)))
     if given is not None:
@@ -158,7 +158,7 @@ def _gap(evidence: Evidence) -> Judged:
 
 
 def _exact_gap(evidence: Evidence) -> Judged:
-    """Of "exact", by its own states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N + u_N >= 0."""
+    """Error of "exact" by its states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N >= -u_N."""
     run, question, at = evidence.run, evidence.question, evidence.instants
     model, load = question.model, question.numbers["F"]
     assert evidence.states is not None

@@ -1,4 +1,4 @@
-"""What is gathered of a run before it is judged: records, a replay, the operating point, cost.
+"""Evidence of a run before it is judged: records, a replay, the operating point, cost.
 
 The replay moves the modes again by the recorded forces alone: a record has N and T at every step, not where the
 surfaces are, but between the forces the modes move freely. No contact law is in it: only the forces, the drive of
@@ -46,7 +46,7 @@ ATTEMPTS, ENOUGH = 4, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What the recorded forces did, per N of load."""
+    """Motion of the modes under the recorded forces, per N of load."""
 
     gap: Array  # g_N + u_N at each record, m: zero in contact, above it elsewhere
     closing: float  # largest speed at which the surfaces approach, m/s

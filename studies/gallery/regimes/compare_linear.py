@@ -46,7 +46,7 @@ def with_verdicts(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
 
 
 def verdicts(dataset: xr.Dataset) -> NDArray[np.float32]:
-    """Of each point the place of its verdict in VERDICTS; NaN where it is pending.
+    """The place in VERDICTS of each point's verdict; NaN where it is pending.
 
     - "agree": it slides steadily and all modes below the band's end decay, or it vibrates and one grows;
     - "subcritical": it vibrates though no mode grows, neither in the band nor, as far as is known, above;

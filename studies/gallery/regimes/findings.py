@@ -1,4 +1,4 @@
-"""What a plane of regimes says in numbers: how many scenes are in which, how sure, and against what."""
+"""A plane of regimes in numbers: scenes in each, how certain they are, and what the paper and stability say."""
 
 from __future__ import annotations
 

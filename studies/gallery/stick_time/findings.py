@@ -1,4 +1,4 @@
-"""What is said of the sticks: their laws beside the paper's, and how many there were."""
+"""Sticks in numbers: their laws beside the paper's, and their counts."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
 
 
 def _laws(at: xr.Dataset) -> dict[str, Any]:
-    """What DERIVED lists, for one mu and F."""
+    """Compute the variables of DERIVED for one mu and F."""
     at = at.transpose("V", "member", ...)
     V = at["V"].values
     early, late = (
@@ -146,7 +146,7 @@ class Means:
 
 
 def interval(drawn: Array) -> Array:
-    """What the middle of many drawings spans, (2, ...) of (drawings, ...); those without a value do not count."""
+    """Bounds of the middle COVERED share of drawings without missing values, (2, ...) from (drawings, ...)."""
     none = np.all(np.isnan(drawn), axis=0)
     ends = np.nanquantile(np.where(none, 0.0, drawn), [0.5 - 0.5 * COVERED, 0.5 + 0.5 * COVERED], axis=0)
     return np.asarray(np.where(none, np.nan, ends))
