@@ -136,8 +136,8 @@ def _compared(data: xr.Dataset, time: xr.DataArray, place: tuple[str, str]) -> l
         if figure.name == "mean_stick_time":
             values = values.where(data["long_sticks"].sum("member") >= LEAST_STICKS)
         own = Ensembles.of(values, time)
-        known = Ensembles(*(_at(part, *place) for part in own))
-        error, standard = (part / known.mean if figure.relative else part for part in own.minus(known))
+        reference = Ensembles(*(_at(part, *place) for part in own))
+        error, standard = (part / reference.mean if figure.relative else part for part in own.minus(reference))
         if figure.name == "dominant_frequency":
             error, standard = _line_error(data, place), 0.0 * standard
         pairs.append([error, standard])
@@ -153,10 +153,10 @@ def _compared(data: xr.Dataset, time: xr.DataArray, place: tuple[str, str]) -> l
 def _line_error(data: xr.Dataset, place: tuple[str, str]) -> xr.DataArray:
     """Smallest relative error of a run's dominant frequency, against the reference's runs and its rival peaks."""
     lines = data["dominant_frequency"]
-    known = _at(lines, *place).rename(member="line")
-    rivals = _at(data["rival_lines"], *GIVEN).rename(rival="line").where(known.notnull().any("line"))
-    known = xr.concat([known, rivals], "line")
-    return abs(lines / known - 1.0).min(("member", "line"))
+    reference = _at(lines, *place).rename(member="line")
+    rivals = _at(data["rival_lines"], *GIVEN).rename(rival="line").where(reference.notnull().any("line"))
+    reference = xr.concat([reference, rivals], "line")
+    return abs(lines / reference - 1.0).min(("member", "line"))
 
 
 def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArray) -> xr.DataArray:

@@ -90,8 +90,8 @@ def _scenes(data: xr.Dataset) -> list[Part]:
             V, others, p1, p2 = scene.V, [scene.theta, scene.mu, scene.F], scene.rig.p1, scene.rig.p2
             shape = [f"{1e3 * p1.length:.0f} x {1e3 * p1.thickness:.1f}"]
             shape += [f"{1e3 * length:.0f}" for length in (p2.length, scene.rig.contact_position)]
-        known = number(data["one_second_error"].sel(scene=name), ".4f")
-        rows.append([name, *map("{:.3g}".format, [1e3 * V, *others]), *shape, known])
+        second = number(data["one_second_error"].sel(scene=name), ".4f")
+        rows.append([name, *map("{:.3g}".format, [1e3 * V, *others]), *shape, second])
     heads = ["scene", "V mm/s", "theta", "mu", "F N", "P1 mm", "P2 mm", "at mm", "1 s known to"]
     return [
         f"Rigs are drawn at random by the seed {SEED}. Runs last {given['duration']:g} s; a scene has",

@@ -68,8 +68,8 @@ def constants(settings: Mapping[str, float]) -> dict[str, Any]:
     rig, _ = rig_of({**settings, "theta": paper.THETA})
     members = checks.count("members", settings["members"], MOST_MEMBERS)
     expensive = checks.count("members_expensive", settings["members_expensive"], members)
-    given = {name: settings[name] for name in SETTINGS}
-    return given | {"members": members, "members_expensive": expensive, "rig": rig}
+    own = {name: settings[name] for name in SETTINGS}
+    return own | {"members": members, "members_expensive": expensive, "rig": rig}
 
 
 def coords(*, members: int, **_: Any) -> dict[str, Axis]:

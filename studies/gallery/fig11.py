@@ -70,7 +70,7 @@ def fastest(scene: Scene) -> tuple[float, float]:
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Motion at each inclination, its linear stability, and the measured motion."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     columns: dict[str, Column] = {
         "theta deg": ("theta", "g"),
         "vibration": regimes.kind,
@@ -80,8 +80,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "at Hz": ("mode_frequency", ".0f"),
     }
     return [
-        f"Velocity of B, V = {1e3 * given['V']:g} mm/s, mu = {given['mu']:g}, F = {given['F']:g} N, "
-        f"{given['duration']:g} s, {transients.damping(given)}; "
+        f"Velocity of B, V = {1e3 * fixed['V']:g} mm/s, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
+        f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
         f"RMS and dominant frequency from {transients.SETTLING:g} s after the first slip on.",
         "",
         Table.of(dataset, "theta", columns),
@@ -93,7 +93,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """The histories as in the paper; below, how the vibration grows or dies, and the spectra."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     some = transients.some(dataset.sizes["theta"], len(LOOKS))
     layout = [["top", "top"], ["growth", "tones"]]
     figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.0, 1.1))
@@ -111,9 +111,9 @@ def draw(dataset: xr.Dataset) -> Figure:
         # A quiet trace would vanish under a loud one.
         above = 3.0 - 1e-3 * float(np.ptp(velocity[len(velocity) // 2 :]))
         figures.trace(top, at["elapsed"].values, velocity, color=colour, label=label, zorder=above)
-        _draw_growth(growth, at, colour, float(given["V"]))
+        _draw_growth(growth, at, colour, float(fixed["V"]))
         tones.plot(at["frequency"] / 1e3, figures.decibels(at["spectrum"]), style, color=colour, linewidth=1.0)
-    top.set(xlim=(0.0, given["duration"]), xlabel="time since the drive started / s")
+    top.set(xlim=(0.0, fixed["duration"]), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")
     growth.plot([], [], color=figures.RED, linestyle="--", label="growth of the fastest mode of steady sliding")
     growth.set(yscale="log", xlim=(0.0, FOLLOWED), xlabel="time since the first slip / s")
@@ -126,9 +126,9 @@ def draw(dataset: xr.Dataset) -> Figure:
     tones.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
     figures.letter((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
     figures.legend_below(figure, [top, growth, tones], 2)
-    where = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
+    where = ", ".join(planes.named(name, fixed[name]) for name in ("V", "mu", "F"))
     title = f"Velocity of B along x, {where}{transients.of_all(some, dataset.sizes['theta'])}"
-    figure.suptitle(f"{title}\n{transients.damping(given)}")
+    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
     return figure
 
 

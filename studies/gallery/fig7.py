@@ -126,7 +126,7 @@ def _last_stick(at: xr.Dataset) -> float:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Draw time on the left and spectra on the right, a row for each speed, as the paper does."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     rows = transients.some(dataset.sizes["V"], MOST_ROWS)
     size: dict[str, Any] = {"width": 18.0, "height": 2.2 + 4.6 * len(rows)}
     shared: dict[str, Any] = {"sharex": "col", "sharey": "col", "gridspec_kw": {"width_ratios": (1.35, 1.0)}}
@@ -140,15 +140,15 @@ def draw(dataset: xr.Dataset) -> Figure:
         ):
             for f in lines if papers and float(dataset["V"][k]) in paper.SPEEDS else ():
                 right.axvline(f / 1e3, color=figures.RED, linestyle=style, linewidth=1.0, zorder=1.5, label=label)
-    panels[0].set_xlim(0.0, given["duration"])
+    panels[0].set_xlim(0.0, fixed["duration"])
     top = panels[1].get_ylim()[1]
     panels[1].set(xlim=(0.0, transients.BAND / 1e3), ylim=(top - DECADES * 10.0, top))
     panels[-2].set_xlabel("time since the drive started / s")
     panels[-1].set_xlabel("frequency / kHz")
     figures.legend_below(figure, panels, 3)
-    where = ", ".join(planes.named(name, given[name]) for name in ("theta", "mu", "F"))
+    where = ", ".join(planes.named(name, fixed[name]) for name in ("theta", "mu", "F"))
     title = f"Velocity of B along x, {where}{transients.of_all(rows, dataset.sizes['V'])}"
-    figure.suptitle(f"{title}\n{transients.damping(given)}")
+    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
     return figure
 
 

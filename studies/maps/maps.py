@@ -109,14 +109,14 @@ def sweep_of(
     return refined(sweep, Refinement(quantity, halvings, tolerance, definition.thresholds))
 
 
-def _scatter(plane: Plane, constants: Mapping[str, Any], given: Mapping[str, str] | None) -> dict[str, str]:
+def _scatter(plane: Plane, constants: Mapping[str, Any], scatter: Mapping[str, str] | None) -> dict[str, str]:
     """How the numbers scatter that are no axis: as given, else as usual about the values that they have."""
-    if not given:
+    if not scatter:
         return instability.usual(constants)
-    for name in given:
+    for name in scatter:
         if name in (plane.x, plane.y):
             raise InputError(f"--scatter {name}: it is an axis of this map; leave it out")
-    return {name: each.text for name, each in instability.scatters(given).items()}
+    return {name: each.text for name, each in instability.scatters(scatter).items()}
 
 
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
@@ -148,8 +148,8 @@ def unusual_in(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> list[
 
 def _units(name: str) -> str:
     """Units of what may be an axis or fixed; "" for a name that there is not."""
-    found = (AXES | RUN).get(name)
-    return "" if found is None else found.units
+    setting = (AXES | RUN).get(name)
+    return "" if setting is None else setting.units
 
 
 def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
@@ -195,9 +195,9 @@ def defaults(quantity: str) -> dict[str, Any]:
     return {name: each.value for name, each in (AXES | dict(_definition(quantity).settings)).items()}
 
 
-def changed(quantity: str, given: Mapping[str, Any]) -> dict[str, Any]:
+def changed(quantity: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """The values that a map of this quantity can fix and that differ from the default."""
-    return {name: given[name] for name, own in defaults(quantity).items() if given.get(name, own) != own}
+    return {name: values[name] for name, own in defaults(quantity).items() if values.get(name, own) != own}
 
 
 def _definition(quantity: str) -> Quantity:

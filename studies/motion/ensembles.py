@@ -139,5 +139,5 @@ def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
 
 def middle(values: NDArray[Any]) -> float:
     """The lower median of the values there are: one of them, for half-way between two rival lines lies none."""
-    known = np.sort(values[np.isfinite(values)])
-    return float(known[(len(known) - 1) // 2]) if len(known) else float("nan")
+    ordered = np.sort(values[np.isfinite(values)])
+    return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else float("nan")

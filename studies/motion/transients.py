@@ -89,10 +89,10 @@ def run_settings(duration: float, numerical_damping: str = NONE) -> dict[str, Se
     }
 
 
-def damping(given: Mapping[str, Any]) -> str:
+def damping(fixed: Mapping[str, Any]) -> str:
     """Which of the two a result has, for a reader; files that do not say are older than the choice."""
-    said = {PUBLISHED: "with the published scheme's numerical damping", NONE: "without numerical damping"}
-    return said.get(given.get("numerical_damping", ""), "numerical damping of an older version")
+    texts = {PUBLISHED: "with the published scheme's numerical damping", NONE: "without numerical damping"}
+    return texts.get(fixed.get("numerical_damping", ""), "numerical damping of an older version")
 
 
 def shared(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:

@@ -203,14 +203,16 @@ def _figure(result: Result) -> bytes:
 
 def _findings(parts: Iterable[Part], title: str) -> list[Any]:
     """A study's report: tables, and paragraphs of lines, which an empty one ends."""
-    found: list[Any] = []
+    content: list[Any] = []
     for is_line, block in groupby(parts, lambda part: isinstance(part, str) and part != ""):
         if is_line:
-            found.append("\n".join(map(str, block)))
+            content.append("\n".join(map(str, block)))
             continue
         tables = (each for each in block if isinstance(each, Table))
-        found += [table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables]
-    return found
+        content += [
+            table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables
+        ]
+    return content
 
 
 def _failures(result: Result) -> dict[str, Any] | None:

@@ -99,9 +99,9 @@ def page(
         except Exception as problem:  # noqa: BLE001 - a file or a study of one's own takes no other section with it
             broken.append(Broken(result.target, f"{result.file}: {why(problem)}"))
     titles = {result.study.name: (result.anchor, result.title) for result, *_ in reversed(whole)}
-    told = {result.study.name: each for result, _, _, each in reversed(whole)}
+    findings = {result.study.name: each for result, _, _, each in reversed(whole)}
     names = dict(
-        [("found", "What we found")] * any(told.values())
+        [("found", "What we found")] * any(findings.values())
         + [("rig", "Rig, symbols, regimes"), ("overview", "Overview")]
         + [(result.anchor, result.short) for result, *_ in whole]
         + [(each.anchor, each.title) for each in broken]
@@ -115,7 +115,7 @@ def page(
         overview=table(OVERVIEW, [row for _, row, _, _ in whole], "What is in this page"),
         newest=max((result.made for result, *_ in whole), default=""),
         index=names.items(),
-        answers=[(*titles[name], each) for name in registry.MODULES for each in told.get(name, ())],
+        answers=[(*titles[name], each) for name in registry.MODULES for each in findings.get(name, ())],
         explained=(words := explained()),
         symbols=table(("symbol or name", "meaning", "the paper's value"), words["symbols"], "Symbols and names"),
         rig=_own("rig.svg"),

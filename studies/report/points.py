@@ -148,7 +148,7 @@ def _values(values: NDArray[Any]) -> list[Any]:
 def _plane(
     dataset: xr.Dataset,
     dims: Sequence[str],
-    given: Mapping[str, Any],
+    fixed: Mapping[str, Any],
     columns: Sequence[str],
     lines: Mapping[str, str],
 ) -> dict[str, Any] | None:
@@ -157,7 +157,7 @@ def _plane(
     if len(wide) < 2 or not set(dims) <= set(AXES):
         return None
     x, y = regimes_figure.arranged(dataset)[:2] if set(dims) == set(transients.SCENE) else wide[:2]
-    numbers = {name: given.get(name, each.value) for name, each in AXES.items() if name not in dims}
+    numbers = {name: fixed.get(name, each.value) for name, each in AXES.items() if name not in dims}
     return {
         "x": dims.index(x),
         "y": dims.index(y),

@@ -124,8 +124,8 @@ def _at(question: Question, edge: str, value: float) -> Question:
 
 def stated(message: str, word: str) -> float:
     """The number that follows a word in a message; NaN where none does."""
-    found = re.search(rf"\b{word} ([-+]?\d+\.?\d*(?:e[-+]?\d+)?)", message)
-    return float(found.group(1)) if found else float("nan")
+    match = re.search(rf"\b{word} ([-+]?\d+\.?\d*(?:e[-+]?\d+)?)", message)
+    return float(match.group(1)) if match else float("nan")
 
 
 def _refusal(question: Question, kind: type[Exception] = ValueError) -> str:

@@ -23,8 +23,8 @@ DAMPING = "fast and exact without numerical damping, paper with its own"
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
     """The place in OUTCOMES of each case and method, (case, method)."""
     status, came = (dataset[name].transpose("case", "method").values for name in ("status", "came"))
-    known = np.where(np.isfinite(came.astype(float)), came, FAILS).astype(np.intp)
-    return np.where(status == FAILED, FAILS, np.where(status == DONE, known, PENDING))
+    codes = np.where(np.isfinite(came.astype(float)), came, FAILS).astype(np.intp)
+    return np.where(status == FAILED, FAILS, np.where(status == DONE, codes, PENDING))
 
 
 def worst(dataset: xr.Dataset) -> tuple[NDArray[Any], NDArray[Any]]:

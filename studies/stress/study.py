@@ -33,8 +33,8 @@ Answer = tuple[int, int, NDArray[Any], NDArray[Any]]
 
 def battery(points: Mapping[str, Any]) -> dict[str, Any]:
     """Put each case to its method."""
-    asked = zip(points["case"].tolist(), points["method"].tolist(), strict=True)
-    rows = [put(CASES[case], method) for case, method in asked]
+    pairs = zip(points["case"].tolist(), points["method"].tolist(), strict=True)
+    rows = [put(CASES[case], method) for case, method in pairs]
     return dict(zip(VARIABLES, map(list, zip(*rows, strict=True)), strict=True))
 
 
@@ -49,13 +49,13 @@ def put(case: Case, method: str) -> Answer:
     question, value = question_of(case, method)
     if expected == PASSES:
         try:
-            found = judged(gathered(question, case.copy))
+            results = judged(gathered(question, case.copy))
         except (ValueError, ContactError, DivergenceError) as refusal:
             raise AssertionError(f"{case.name}, {method}: {type(refusal).__name__}: {refusal}") from refusal
     else:
-        found = {"message": (not_stated(case, question, value, expected), 0.0)}
-    values, bounds = np.array([found.get(name, (np.nan, np.nan)) for name in CHECKS]).T
-    good = all(value <= bound for value, bound in found.values())
+        results = {"message": (not_stated(case, question, value, expected), 0.0)}
+    values, bounds = np.array([results.get(name, (np.nan, np.nan)) for name in CHECKS]).T
+    good = all(value <= bound for value, bound in results.values())
     return EXPECTED.index(expected) if good else FAILS, int(good), values, bounds
 
 

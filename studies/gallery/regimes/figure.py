@@ -58,11 +58,11 @@ STEPS = 8
 def draw(dataset: xr.Dataset) -> Figure:
     """Regimes and figures of the motion over two axes, planes of regimes over more, or all along one axis."""
     x, y, others = arranged(dataset)
-    given = constants(dataset)
+    fixed = constants(dataset)
     single = [name for name in (*others, x, y) if dataset.sizes[name] == 1]
     held = ", ".join(named(name, dataset[name].values[0]) for name in single)
-    runs = f"{given['members']} run{'s' if given['members'] > 1 else ''} of each scene"
-    about = ", ".join(part for part in (held, runs, damping(given), _undecided(dataset)) if part)
+    runs = f"{fixed['members']} run{'s' if fixed['members'] > 1 else ''} of each scene"
+    about = ", ".join(part for part in (held, runs, damping(fixed), _undecided(dataset)) if part)
     if dataset.sizes[y] == 1:
         return _draw_along(dataset.isel({name: 0 for name in (y, *others)}), x, about)
     varying = [name for name in others if dataset.sizes[name] > 1]
@@ -91,10 +91,10 @@ def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
     figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.5, 1.0))
     top, key = panels.pop("regime"), panels.pop("key")
     key.axis("off")
-    said = "white: no vibration"
+    text = "white: no vibration"
     if constants(at)["members"] > 1:
-        said = f"(b), (d): mean of the repeat runs\n(c): the one in the middle\n{said}"
-    key.text(0.0, 0.0, said, fontsize=8.0, linespacing=1.4)
+        text = f"(b), (d): mean of the repeat runs\n(c): the one in the middle\n{text}"
+    key.text(0.0, 0.0, text, fontsize=8.0, linespacing=1.4)
     key.legend(handles=_in_order(_draw_regimes(top, at, x, y)), loc="upper left", borderaxespad=0.0)
     top.set_title("(a) regime", loc="left", fontsize=9.0)
     for letter, (name, axes) in zip("bcd", panels.items(), strict=True):
@@ -128,8 +128,8 @@ def _draw_planes(dataset: xr.Dataset, x: str, y: str, varying: Sequence[str], ab
 def _in_order(handles: Sequence[Any]) -> list[Any]:
     """Each entry of a legend once, the regimes in their order before anything else."""
     once = {handle.get_label(): handle for handle in handles}
-    known = [once.pop(kind) for kind in KINDS if kind in once]
-    return known + list(once.values())
+    ordered = [once.pop(kind) for kind in KINDS if kind in once]
+    return ordered + list(once.values())
 
 
 def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
@@ -186,17 +186,17 @@ def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
 def _draw_shades(axes: Axes, at: xr.Dataset, x: str, y: str, name: str) -> None:
     """One quantity over the plane, with its scale."""
     values = _shown(at, name)
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     norm, extend, ticks = Normalize(0.0, 1.0), "neither", None
-    if name != "stick_fraction" and len(known):
-        low, high = np.quantile(known, [RARE, 1.0 - RARE])
+    if name != "stick_fraction" and len(finite):
+        low, high = np.quantile(finite, [RARE, 1.0 - RARE])
         if 0.0 < WIDE * low < high:
             norm = LogNorm(low, high)
         else:
             levels = np.asarray(MaxNLocator(STEPS, steps=[1, 2, 5, 10]).tick_values(low, high))
             norm, ticks, low, high = BoundaryNorm(levels, 256), levels[::2], levels[0], levels[-1]
         extend = {(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(
-            (known.min() < low, known.max() > high), extend
+            (finite.min() < low, finite.max() > high), extend
         )
     mesh = planes.shades(axes, x, at[x].values, y, at[y].values, values, norm)
     bar = axes.figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend=extend, ticks=ticks)
@@ -215,10 +215,10 @@ def _shown(at: xr.Dataset, name: str) -> NDArray[Any]:
 def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     """The same along one axis: the spread of the repeat runs, marked by the regime."""
     figure, panels = figures.panels(len(QUANTITIES), 1, 15.0, 16.0, sharex=True)
-    values, found = planes.shown(x, at[x].values), regimes.kinds(at)
+    values, codes = planes.shown(x, at[x].values), regimes.kinds(at)
     for axes, (name, (factor, text, _)) in zip(panels, QUANTITIES.items(), strict=True):
         heights, spread = _shown(at, name), factor * at[f"{name}_std"].values
-        planes.along(axes, values, heights, found, spread)
+        planes.along(axes, values, heights, codes, spread)
         onset = at["onset_mu"].values
         if x == "mu" and np.isfinite(onset):
             axes.axvline(float(onset), **ONSET, label=f"onset of flutter\n{BELOW}")

@@ -132,7 +132,7 @@ def stability(scene: Scene, cutoff: float, numerical_damping: str) -> dict[str, 
     """
     theta, mu = scene.drive_theta, scene.mu
     rate, frequency, unstable = largest_growth(scene.rig, theta, mu, transients.BAND)
-    found = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
+    values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
     rig = with_numerical_damping(scene.rig, transients.METHOD, numerical_damping)
     model = reduced_model(rig, theta, cutoff or None, "absorbing")
     # Without an element only rounding holds the gap of a lasting contact: there is no such map.
@@ -141,7 +141,7 @@ def stability(scene: Scene, cutoff: float, numerical_damping: str) -> dict[str, 
     if steady is not None and len(steady.eigenvalues):
         top = steady.eigenvalues[np.argmax(steady.eigenvalues.real)]
         model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
-    return found | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
+    return values | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
 
 
 def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:

@@ -93,10 +93,10 @@ def _deciding(at: xr.Dataset, base: int) -> list[Part]:
 def _extremes(dataset: xr.Dataset) -> list[Part]:
     """Over all angles: where the scatter makes most of the difference."""
     share, nominal = (dataset[name].values for name in ("probability_unstable", "nominal_unstable"))
-    known = np.isfinite(share)
-    if not known.any():
+    finite = np.isfinite(share)
+    if not finite.any():
         return []
-    stable, unstable = known & (nominal == 0), known & (nominal == 1)
+    stable, unstable = finite & (nominal == 0), finite & (nominal == 1)
     parts = []
     for chosen, word, of in ((stable, "stable", share), (unstable, "unstable", 1.0 - share)):
         if chosen.any():

@@ -33,7 +33,7 @@ STYLES = ("-", "--", "-.", ":")
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Times, times by speed, their distribution, and all frictions and loads in one."""
-    at, given = reference(dataset), constants(dataset)
+    at, fixed = reference(dataset), constants(dataset)
     figure, (times, products, spread, collapse) = figures.panels(2, 2, 17.0, 15.5)
     _draw_times(times, at)
     _draw_products(products, at)
@@ -42,8 +42,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     titles = ("mean", "mean × speed", "distribution", "every friction and load")
     figures.letter((times, products, spread, collapse), titles)
     held = f"μ = {float(at['mu']):g}, F = {float(at['F']):g} N"
-    title = f"Duration of long sticks, θ = {given['theta']:g}°; (a) to (c) {held}"
-    figure.suptitle(f"{title}\n{transients.damping(given)}")
+    title = f"Duration of long sticks, θ = {fixed['theta']:g}°; (a) to (c) {held}"
+    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
     return figure
 
 

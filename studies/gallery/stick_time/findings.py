@@ -30,12 +30,12 @@ CLAIMS = (
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Sticks at each speed, the laws' exponents, the collapse over mu and F, and what the paper says."""
-    at, given = reference(dataset), constants(dataset)
+    at, fixed = reference(dataset), constants(dataset)
     early = _first_stick(at)
     failed = int((dataset["status"] == FAILED).sum())
     return [
-        f"Long sticks, theta = {given['theta']:g} degrees, mu = {float(at['mu']):g}, F = {float(at['F']):g} N, "
-        f"{dataset.sizes['member']} repeat runs a speed, {transients.damping(given)}; 95 % intervals over them.",
+        f"Long sticks, theta = {fixed['theta']:g} degrees, mu = {float(at['mu']):g}, F = {float(at['F']):g} N, "
+        f"{dataset.sizes['member']} repeat runs a speed, {transients.damping(fixed)}; 95 % intervals over them.",
         f"Start-up: begun within {transients.SETTLING:g} s of the first slip; sustained: later.",
         "",
         Table.of(at, "V", SPEEDS),

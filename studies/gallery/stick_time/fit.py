@@ -46,18 +46,18 @@ def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
     each = [
         [_laws(dataset.isel(mu=m, F=f)) for f in range(dataset.sizes["F"])] for m in range(dataset.sizes["mu"])
     ]
-    found = {}
+    derived = {}
     for name, (dims, units, text) in DERIVED.items():
         name, _, ends = name.partition(" ")
         for k, (suffix, whose) in enumerate(ENDS.items()):
             if not k or ends:
                 values = np.array([[one[name][k] if ends else one[name] for one in row] for row in each])
-                found[name + suffix] = (("mu", "F", *dims), values, {"units": units, "long_name": whose + text})
+                derived[name + suffix] = (("mu", "F", *dims), values, {"units": units, "long_name": whose + text})
     coords: dict[str, Any] = {
         "kind": ("kind", np.array(KINDS, dtype=object), {"long_name": "begun before or after the motion settled"}),
         "law": ("law", np.array(LAWS, dtype=object), {"long_name": "which sticks, over which speeds"}),
     }
-    return dataset.assign_coords(coords).assign(found)
+    return dataset.assign_coords(coords).assign(derived)
 
 
 def _laws(at: xr.Dataset) -> dict[str, Any]:
@@ -130,10 +130,10 @@ class Means:
 
     def local_exponents(self, V: Array) -> Array:
         """Exponent about each speed, from its neighbours, with the ends of its interval, (3, speeds)."""
-        place, found = np.arange(len(V)), np.full((3, len(V)), np.nan)
+        place, exponents = np.arange(len(V)), np.full((3, len(V)), np.nan)
         for k in np.flatnonzero(np.isfinite(self.mean)):
-            found[:, k] = self.exponent(V, np.abs(place - k) <= 1)
-        return found
+            exponents[:, k] = self.exponent(V, np.abs(place - k) <= 1)
+        return exponents
 
     def ratio(self, V: Array, over: float, under: float) -> Array:
         """Mean at one speed over that at another, and the ends of its interval, (3,); NaN if either is missing."""
@@ -163,8 +163,8 @@ def crossing(V: Array, share: Array, level: float) -> float:
 
     Between the last speed above and the next one the share is taken as linear in V.
     """
-    known = np.isfinite(share)
-    V, share = V[known], share[known]
+    finite = np.isfinite(share)
+    V, share = V[finite], share[finite]
     above = np.flatnonzero(share > level)
     if not len(above) or above[-1] == len(V) - 1:
         return float("nan")

@@ -76,9 +76,9 @@ def unstable_pairs(scene: Scene) -> dict[str, Any]:
     modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, transients.BAND)
     unstable = np.flatnonzero(modes.unstable)
     fastest = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
-    kept = np.sort(unstable[fastest])  # modes ascend in frequency
+    chosen = np.sort(unstable[fastest])  # modes ascend in frequency
     frequency, growth = np.full((2, PAIRS), np.nan)
-    frequency[: len(kept)], growth[: len(kept)] = modes.frequency[kept], modes.growth_rate[kept]
+    frequency[: len(chosen)], growth[: len(chosen)] = modes.frequency[chosen], modes.growth_rate[chosen]
     return {"unstable_modes": len(unstable), "frequency": frequency, "growth_rate": growth}
 
 
