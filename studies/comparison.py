@@ -60,12 +60,12 @@ def compared(study: str, dataset: xr.Dataset, reference: xr.Dataset) -> str:
     ours, theirs = xr.align(dataset[names], reference[names], join="inner")
     if not names or 0 in ours.sizes.values():
         return ""
-    found = {name: _distance(study, name, ours[name].values, theirs[name].values) for name in names}
-    largest = sorted(found, key=lambda name: -found[name])[:NAMED]
-    if not found[largest[0]]:
+    differences = {name: _distance(study, name, ours[name].values, theirs[name].values) for name in names}
+    largest = sorted(differences, key=lambda name: -differences[name])[:NAMED]
+    if not differences[largest[0]]:
         return "beside the reference: no difference"
     unit = "its scatter" if study in CHAOTIC else "its largest value"
-    listed = ", ".join(f"{name} {found[name]:.2g}" for name in largest if found[name])
+    listed = ", ".join(f"{name} {differences[name]:.2g}" for name in largest if differences[name])
     return f"beside the reference: largest differences, each in units of {unit}: {listed}"
 
 

@@ -102,11 +102,11 @@ class Config:
 def read_values(study: Study, given: Mapping[str, Any]) -> dict[str, Any]:
     """Values of axes and settings, of which texts may be a SPEC."""
     check_counts(study, given)
-    found = dict(given)
-    for name, value in found.items():
+    parsed = dict(given)
+    for name, value in parsed.items():
         if isinstance(value, str):
-            found[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
-    return found
+            parsed[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
+    return parsed
 
 
 def check_counts(study: Study, given: Mapping[str, Any]) -> None:
@@ -160,8 +160,8 @@ def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sam
     settings |= {name: np.asarray(given[name]).ravel()[0].item() for name in settings if name in given}
     if sample_rate is not None and "sample_rate" in settings:
         settings["sample_rate"], sample_rate = sample_rate, None
-    asked = {"settings": settings, "record": list(record), "sample_rate": sample_rate}
-    return {name: value for name, value in asked.items() if value} | dict(study.request)
+    request = {"settings": settings, "record": list(record), "sample_rate": sample_rate}
+    return {name: value for name, value in request.items() if value} | dict(study.request)
 
 
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
@@ -175,20 +175,20 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
 def _of_result(dataset: xr.Dataset) -> Config:
     configuration = json.loads(dataset.attrs["configuration"])
     # A study without settings asks for nothing besides its axes.
-    asked = configuration["request"] if configuration["constants"] else configuration.get("request", {})
+    request = configuration["request"] if configuration["constants"] else configuration.get("request", {})
     # An axis may be within the results alone.
-    names = [*configuration["axes"], *asked.get("axes", ())]
+    names = [*configuration["axes"], *request.get("axes", ())]
     axes = {name: dataset[name].values.tolist() for name in names}
     along = dataset["status"].dims[0]
-    name, asked = configuration["name"], {**asked, "record": tuple(asked.get("record", ()))}
-    asked.pop("axes", None)
-    drawn = [*asked.get("scatter", ()), *asked.get("points", ())]
+    name, request = configuration["name"], {**request, "record": tuple(request.get("record", ()))}
+    request.pop("axes", None)
+    drawn = [*request.get("scatter", ()), *request.get("points", ())]
     if drawn and registry.parted(name)[1]:
         # They tell how many there are, also where a file has grown.
         name = registry.parted(name)[0]
-        more = {"samples": len(axes[along])} if "scatter" in asked else {"points": {n: axes[n] for n in drawn}}
-        asked, axes = asked | more, {n: values for n, values in axes.items() if n not in (along, *drawn)}
-    return Config(name, axes, **asked)
+        more = {"samples": len(axes[along])} if "scatter" in request else {"points": {n: axes[n] for n in drawn}}
+        request, axes = request | more, {n: values for n, values in axes.items() if n not in (along, *drawn)}
+    return Config(name, axes, **request)
 
 
 def toml(config: Config) -> str:
@@ -198,8 +198,8 @@ def toml(config: Config) -> str:
         lines.append(f"record = {json.dumps(list(config.record))}")
     if config.sample_rate is not None:
         lines.append(f"sample_rate = {config.sample_rate!r}")
-    asked = {key: getattr(config, key) for key in ("samples", "seed", "sampling")}
-    lines += [f"{key} = {json.dumps(value)}" for key, value in asked.items() if value is not None]
+    draws = {key: getattr(config, key) for key in ("samples", "seed", "sampling")}
+    lines += [f"{key} = {json.dumps(value)}" for key, value in draws.items() if value is not None]
     tables = {"axes": config.axes, "settings": config.settings, "scatter": config.scatter}
     for name, values in tables.items():
         if values or name != "scatter":

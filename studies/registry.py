@@ -55,8 +55,8 @@ def installed() -> dict[str, EntryPoint]:
 
 def catalogue() -> dict[str, dict[str, Any]]:
     """Title, question, points and usual time of each predefined study, read without its import."""
-    found: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
-    return found
+    catalogue: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
+    return catalogue
 
 
 def names() -> list[str]:

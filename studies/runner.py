@@ -48,8 +48,8 @@ class Finished:
     def beside_reference(self) -> str:
         """How far it is from the reference, in a line; "" where there is none."""
         name = self.study.name
-        kept = file_of(name, reference_folder(self.file.parent.parent))
-        return compared(name, self.dataset, open_dataset(kept)) if kept.exists() else ""
+        reference = file_of(name, reference_folder(self.file.parent.parent))
+        return compared(name, self.dataset, open_dataset(reference)) if reference.exists() else ""
 
     @property
     def failed(self) -> int:

@@ -27,15 +27,15 @@ def assignment(
     return name, listed(spec, texts[name]) if name in texts else parse(spec, name, units(name))
 
 
-def listed(spec: str, known: Sequence[str]) -> list[str]:
+def listed(spec: str, texts: Sequence[str]) -> list[str]:
     """The texts of a list with commas, which known ones may contain themselves."""
-    parts, found = spec.split(","), list[str]()
+    parts, entries = spec.split(","), list[str]()
     while parts:
-        counts = (n for n in range(len(parts), 0, -1) if ",".join(parts[:n]).strip() in known)
+        counts = (n for n in range(len(parts), 0, -1) if ",".join(parts[:n]).strip() in texts)
         count = next(counts, len(parts))
-        found.append(",".join(parts[:count]).strip())
+        entries.append(",".join(parts[:count]).strip())
         parts = parts[count:]
-    return found
+    return entries
 
 
 def split(text: str, option: str = "--set", form: str = "AXIS=SPEC, for example mu=0:0.5:101") -> tuple[str, str]:

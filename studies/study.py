@@ -126,8 +126,8 @@ class Study:
 
     def units(self, name: str) -> str:
         """Units of an axis or a setting; "" for a name that there is not."""
-        found = self.axes.get(name) or self.settings.get(name)
-        return "" if found is None else found.units
+        declared = self.axes.get(name) or self.settings.get(name)
+        return "" if declared is None else declared.units
 
     @property
     def texts(self) -> dict[str, list[str]]:
@@ -167,9 +167,9 @@ class Study:
                 words = self.settings[name].words
                 settings[name] = one_word(name, value, words) if words else _one_number(self.name, name, value)
             else:
-                known = [*axes, *settings]
+                names = [*axes, *settings]
                 raise InputError(
-                    f"{name}: study {self.name} has no such axis; {suggest(name, known)}"
+                    f"{name}: study {self.name} has no such axis; {suggest(name, names)}"
                     f"its axes are {', '.join(axes)}; its settings are {', '.join(settings) or 'none'}"
                 )
         return self.build(axes, settings) if self.build else self._one_function(axes, settings)
@@ -210,13 +210,13 @@ def deferred(place: str) -> Callable[[xr.Dataset], Any]:
 
 def constants(dataset: xr.Dataset) -> dict[str, Any]:
     """Constants of a result's function, from the file's configuration."""
-    found: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
-    return found
+    values: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
+    return values
 
 
-def suggest(name: str, known: list[str]) -> str:
+def suggest(name: str, names: list[str]) -> str:
     """'did you mean ...? ' for a near miss, else nothing."""
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"did you mean {near[0]}? " if near else ""
 
 

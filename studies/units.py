@@ -56,7 +56,7 @@ def _unit(text: str) -> Any:
         raise unknown
     powers = POWER.sub(r"**\1", text.strip())
     try:
-        found = _registry().Quantity(1.0, re.sub(r"\s*(\*\*|[*/])\s*|[\s.]+", lambda m: m[1] or "*", powers))
+        quantity = _registry().Quantity(1.0, re.sub(r"\s*(\*\*|[*/])\s*|[\s.]+", lambda m: m[1] or "*", powers))
     except Exception:  # noqa: BLE001 - pint raises of many kinds for a text that it does not understand
         raise unknown from None
-    return found
+    return quantity

@@ -105,7 +105,7 @@ def with_errors(dataset: xr.Dataset, **_: Any) -> xr.Dataset:
         "one_second_error": (second, "largest standard error of a share of time over a simulated second", "1"),
         "time_to_standard_error": (
             data["cpu_per_second"] * (second / STANDARD_ERROR) ** 2,
-            f"processor time until every share of time has a standard error of {STANDARD_ERROR:g}",
+            f"CPU time until every share of time has a standard error of {STANDARD_ERROR:g}",
             "s",
         ),
     }

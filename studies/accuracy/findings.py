@@ -26,7 +26,7 @@ from sweeps import FAILED
 
 # Of scenes, in the order of the columns.
 GROUPS = {"paper's rig": True, "random rigs": False}
-MEANS = {"cost": "cpu_per_second", "known": "time_to_standard_error", "step": "step", "modes": "modes"}
+MEANS = {"cost": "cpu_per_second", "time": "time_to_standard_error", "step": "step", "modes": "modes"}
 
 
 def _right(group: str) -> Column:
@@ -38,8 +38,8 @@ COLUMNS: dict[str, Column] = {
     "setting": lambda row: str(row["setting"].item()),
     "step us": ("step", ".3f", 1e6),
     "modes": ("modes", ".0f"),
-    "s / s": ("cost", ".3g"),
-    "known s": ("known", ".3g"),
+    "CPU s / s": ("cost", ".3g"),
+    "CPU s to SE": ("time", ".3g"),
     "paper / it": ("ratio", ".4g"),
 }
 for _group in GROUPS:
@@ -50,9 +50,9 @@ for _group in GROUPS:
         "right " + _group.split()[0]: _right(_group),
     }
 EXPLAINED = (
-    "s / s: processor time of the thread per simulated second, with nothing else of the run beside it, mean over",
+    "CPU s / s: CPU time of the thread per simulated second, with nothing else of the run beside it, mean over",
     "scenes (SciPy: of a short run, most of it before the first slip, so that it is a lower bound).",
-    f"known s: processor time until every share of time has a standard error of {STANDARD_ERROR:g}; that of one",
+    f"CPU s to SE: CPU time until every share of time has a standard error of {STANDARD_ERROR:g}; that of one",
     "simulated second is the motion's, one for all methods. paper / it: ratio of costs at common scenes.",
     "error: errors in units of their tolerances, root mean square over figures and scenes; scatter: by chance",
     "alone; share: of the shares of time the largest error, points; right: at how many scenes.",
@@ -92,7 +92,7 @@ def _scenes(data: xr.Dataset) -> list[Part]:
             shape += [f"{1e3 * length:.0f}" for length in (p2.length, scene.rig.contact_position)]
         second = number(data["one_second_error"].sel(scene=name), ".4f")
         rows.append([name, *map("{:.3g}".format, [1e3 * V, *others]), *shape, second])
-    heads = ["scene", "V mm/s", "theta", "mu", "F N", "P1 mm", "P2 mm", "at mm", "1 s known to"]
+    heads = ["scene", "V mm/s", "theta", "mu", "F N", "P1 mm", "P2 mm", "at mm", "SE of 1 s"]
     return [
         f"Rigs are drawn at random by the seed {SEED}. Runs last {given['duration']:g} s; a scene has",
         f"{given['members']} of fast, {given['members_expensive']} of paper and exact.",
@@ -117,7 +117,7 @@ def _references(data: xr.Dataset) -> list[Part]:
 def table(data: xr.Dataset) -> pd.DataFrame:
     """Methods and settings of which a cost is known, in the file's order.
 
-    Over scenes `cost`, `known`, `step` and `modes` are means; `ratio` is the cost of `paper` by default over it,
+    Over scenes `cost`, `time`, `step` and `modes` are means; `ratio` is the cost of `paper` by default over it,
     the geometric mean over scenes that both have. By group of scenes: root mean square of `mismatch` and
     `scatter`, the largest error of a `share`, and the number of `right` and of `compared` scenes.
     """

@@ -33,7 +33,7 @@ KEPT = (
 VIBRATION = 20e-3
 # Its relative tolerance.
 TOLERANCE = 1e-6
-# So many lines of the reference are kept which have at least this share of the main one's power; the rate at
+# So many peaks of the reference are stored which have at least this share of the largest one's power; the rate at
 # which the velocity of B is taken for them, Hz.
 RIVALS, STRONG, RATE = 3, 0.5, 50e3
 # On this machine one thread of one process holds it (a user's number is none on Windows, where the folder is
@@ -42,7 +42,7 @@ TURN = FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{getattr(os, 'getuid'
 
 
 def timed(compute: Callable[[], Result]) -> tuple[Result, float]:
-    """A result and the thread's own processor time, s, to which nothing else adds."""
+    """A result and the thread's own CPU time, s, to which nothing else adds."""
     start = time.thread_time()
     return compute(), time.thread_time() - start
 
@@ -75,7 +75,7 @@ def measured(method: str, option: Option, scene: Scene, fixed: Mapping[str, Any]
 
 
 def rival_lines(scene: Scene, duration: float, options: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Strongest lines of the velocity of B outside long sticks, (RIVALS,), Hz; NaN where there are fewer."""
+    """Strongest peaks of the velocity of B outside long sticks, (RIVALS,), Hz; NaN where there are fewer."""
     run = simulate(scene, duration, record=True, sample_rate=transients.OVERSAMPLING * RATE, **options)
     times = transients.even_times(duration, RATE).values
     chosen = transients.settled(run, times) & ~transients.long_sticks(run, times)

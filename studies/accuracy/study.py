@@ -21,9 +21,7 @@ from sweeps import Axis, Variable
 
 MOST_MEMBERS = 100
 # This alone is not the same whenever it is computed.
-COSTS = {
-    "cpu_per_second": Variable("1", "processor time of a run per simulated second, nothing of the run beside it")
-}
+COSTS = {"cpu_per_second": Variable("1", "CPU time of a run per simulated second, nothing of the run beside it")}
 VARIABLES = {
     **COSTS,
     "step": Variable("s", "time step"),

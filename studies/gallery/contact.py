@@ -163,7 +163,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     return [
         f"The contact, theta = {fixed['theta']:g} degrees, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
         f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
-        f"from {transients.SETTLING:g} s after the first slip on unless said otherwise.",
+        f"from {transients.SETTLING:g} s after the first slip on unless stated otherwise.",
         "",
         "Shares of time, and changes of state in a period of the dominant frequency "
         "(stick, slip, separation, slip: 4).",

@@ -166,7 +166,7 @@ STUDY = Study(
     axes={"theta": Axis(np.array(sorted(paper.ANGLES)), "degree", "inclination of P1")},
     settings={"V": Setting(paper.ANGLES_SPEED, "m s-1", "velocity of P2's clamp")}
     | transients.run_settings(1.0, transients.PUBLISHED)
-    | {"sample_rate": Setting(40e3, "Hz", "of the series kept")}
+    | {"sample_rate": Setting(40e3, "Hz", "sampling rate of the recorded series")}
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},
     function=histories,
     variables=VARIABLES,

@@ -73,7 +73,7 @@ def with_glued_modes(dataset: xr.Dataset, *, rig: Rig, theta: float, **_: Any) -
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Kind of vibration, lines of the spectra and long sticks, beside the paper's."""
+    """Kind of vibration, peaks of the spectra and long sticks, beside the paper's."""
     given, glued = constants(dataset), dataset["glued_frequency"].values
     near = [f"{glued[np.abs(glued - f).argmin()]:.0f} Hz nearest to {f:.0f}" for f in paper.OTHER_LINES]
     speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
@@ -107,7 +107,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "",
         Table.of(dataset, "V", speed | motion),
         "",
-        "Lines of the spectra, Hz: three while vibrating, two within long sticks, where the glued rig rings "
+        "Peaks of the spectra, Hz: three while vibrating, two within long sticks, where the glued rig rings "
         f"(modes: {', '.join(near)}).",
         tones,
         *beside(dataset, CLAIMS),
@@ -136,7 +136,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         _draw_speed(left, right, dataset.isel(V=k))
         for lines, style, label in (
             (paper.LINES, "--", "paper: dominant frequency and harmonics"),
-            (paper.OTHER_LINES, ":", "paper: other lines"),
+            (paper.OTHER_LINES, ":", "paper: other peaks"),
         ):
             for f in lines if papers and float(dataset["V"][k]) in paper.SPEEDS else ():
                 right.axvline(f / 1e3, color=figures.RED, linestyle=style, linewidth=1.0, zorder=1.5, label=label)
@@ -189,7 +189,7 @@ STUDY = Study(
     "Section 3.5.4.2: sticking phases half as long at 2 mm/s as at 1 mm/s.",
     axes={"V": Axis(np.array(paper.SPEEDS), "m s-1", "velocity of P2's clamp")},
     settings=transients.run_settings(2.5, transients.PUBLISHED)
-    | {"sample_rate": Setting(25e3, "Hz", "of the series kept")}
+    | {"sample_rate": Setting(25e3, "Hz", "sampling rate of the recorded series")}
     | rig_settings(),
     function=histories,
     variables=VARIABLES,

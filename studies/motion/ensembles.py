@@ -138,6 +138,6 @@ def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
 
 
 def middle(values: NDArray[Any]) -> float:
-    """The lower median of the values there are: one of them, for half-way between two rival lines lies none."""
+    """The lower median of the values there are: one of them, for half-way between two rival peaks lies none."""
     ordered = np.sort(values[np.isfinite(values)])
     return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else float("nan")

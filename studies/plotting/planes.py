@@ -276,8 +276,8 @@ def banded(values: NDArray[Any]) -> tuple[Normalize, NDArray[Any]]:
     from matplotlib.colors import FuncNorm
     from matplotlib.ticker import MaxNLocator
 
-    known = np.unique(values[np.isfinite(values)])
-    parts = np.split(known, np.flatnonzero(known[1:] >= GAP * known[:-1]) + 1)
+    ordered = np.unique(values[np.isfinite(values)])
+    parts = np.split(ordered, np.flatnonzero(ordered[1:] >= GAP * ordered[:-1]) + 1)
     ends = np.concatenate([part[[0, -1]] + [0.0, 1e-6 * part[-1]] for part in parts])
     places = (np.arange(len(parts))[:, None] + [0.0, 0.7]).ravel()
     ticks = [MaxNLocator(4).tick_values(part[0], part[-1]) for part in parts]

@@ -106,11 +106,11 @@ def column_of(
     return Column(name, NUMBER, dims, "" if units == "1" else units, None, whole, axis, values)
 
 
-def hint(name: str, known: Sequence[str]) -> str:
+def hint(name: str, names: Sequence[str]) -> str:
     """A hint for a message on an unknown name: the nearest known one, else all."""
     from studies.study import suggest
 
-    return suggest(name, list(known)).strip() or f"there are {', '.join(known)}"
+    return suggest(name, list(names)).strip() or f"there are {', '.join(names)}"
 
 
 class Columns:

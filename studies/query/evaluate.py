@@ -287,9 +287,9 @@ class _Meaning:
         return _known(left, compare, right)
 
     def _note_text(self, axis: Column, text: str) -> None:
-        known = np.ravel(np.asarray(axis.values)).tolist()
-        if text not in known:
-            self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
+        texts = np.ravel(np.asarray(axis.values)).tolist()
+        if text not in texts:
+            self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, texts)}")
 
     def _at(self, column: Column, sign: str, number: float, text: str) -> Evaluate:
         """Where an axis has the value nearest to a number, if that is near enough."""

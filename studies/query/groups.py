@@ -50,9 +50,9 @@ def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
         return [Statistic(Column("count", NUMBER, whole=True), "count")]
     function, _, text = (part.strip() for part in entry.partition(":"))
     if function not in (*NUMERIC, "share") or not text:
-        known = ", ".join(NUMERIC)
+        functions = ", ".join(NUMERIC)
         raise InputError(
-            f"show = {entry!r}: with by it must be count, or {known} or share of a column, like mean:V"
+            f"show = {entry!r}: with by it must be count, or {functions} or share of a column, like mean:V"
         )
     of, name = find(text), f"{function}:{text}"
     if function != "share" and of.kind == NUMBER:
@@ -117,9 +117,9 @@ def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:
     ValueError
         If the table has no column of a name.
     """
-    known = {column.name: column for column in columns}
+    by_name = {column.name: column for column in columns}
     for name in names:
-        if name.removeprefix("-") not in known:
-            near = hint(name.removeprefix("-"), [*known])
+        if name.removeprefix("-") not in by_name:
+            near = hint(name.removeprefix("-"), [*by_name])
             raise InputError(f"sort = {name!r}: the grouped table has no such column; {near}")
-    return tuple((known[name.removeprefix("-")], name.startswith("-")) for name in names)
+    return tuple((by_name[name.removeprefix("-")], name.startswith("-")) for name in names)

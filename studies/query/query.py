@@ -261,8 +261,8 @@ def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...
 
 def _axes(every: Columns, dims: tuple[str, ...], results: Sequence[Column]) -> list[Column]:
     """The axes that rows run along, and the names that their values have."""
-    found = (every.find(name, "show") for name in every.axes)
-    axes = [column for column in found if set(column.dims) <= set(dims)]
+    every_axis = (every.find(name, "show") for name in every.axes)
+    axes = [column for column in every_axis if set(column.dims) <= set(dims)]
     named = {f"{column.name}_name" for column in axes}
     return axes + [column for column in results if column.name in named]
 

@@ -162,14 +162,14 @@ def _stick_time(data: xr.Dataset) -> list[Answer]:
 def _stability(data: xr.Dataset) -> list[Answer]:
     at = data.transpose("theta", "mu", ...)
     growth, theta, mu = at["growth_rate"].values, at["theta"].values, at["mu"].values
-    known, grows = np.isfinite(growth), growth > 0.0
+    finite, grows = np.isfinite(growth), growth > 0.0
     tangent = np.tan(np.radians(theta))[:, None]
     outside = int((grows & ~((tangent > 0.0) & (tangent < mu))).sum())
-    if not known.any():
+    if not finite.any():
         return []
     return [
         Answer(
-            f"Steady sliding is unstable at {100.0 * grows.sum() / known.sum():.1f} % of the plane θ from "
+            f"Steady sliding is unstable at {100.0 * grows.sum() / finite.sum():.1f} % of the plane θ from "
             f"{theta.min():g}° to {theta.max():g}°, μ from {mu.min():g} to {mu.max():g}, and at {outside} of "
             "its points outside 0 < tan θ < μ.",
             f"At μ = {paper.MU:g} it is unstable at {paper.THETA:g}°; it has no map over both.",

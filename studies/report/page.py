@@ -85,7 +85,7 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
 
 
 def page(
-    found: Sequence[Result],
+    every: Sequence[Result],
     missing: Sequence[str],
     out: str | Path | None = None,
     broken: list[Broken] | None = None,
@@ -93,7 +93,7 @@ def page(
     """The whole page; the same results give the same bytes. What turns out to be `broken` is added there."""
     broken = [] if broken is None else broken
     whole = []
-    for result in found:
+    for result in every:
         try:
             whole.append((result, overview(result), shown(result), answers(result.study.name, result.dataset)))
         except Exception as problem:  # noqa: BLE001 - a file or a study of one's own takes no other section with it

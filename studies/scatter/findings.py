@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 QUANTILES = (0.05, 0.5, 0.95)
-# A variable with more values at each draw is not told, but kept.
+# A variable with more values at each draw is left out of the report.
 MOST_BESIDE = 12
 # Rows of a table.
 MOST_ROWS = 24
@@ -62,7 +62,7 @@ def draws(dataset: xr.Dataset) -> list[str]:
 
 def series(dataset: xr.Dataset) -> tuple[list[Series], list[str]]:
     """Every variable of numbers, one series for each of its few values at a draw; and those that have too many."""
-    found, left = list[Series](), list[str]()
+    every, left = list[Series](), list[str]()
     for variable in _variables(dataset):
         name, along = str(variable.name), dataset["status"].dims[0]
         if "flag_values" in variable.attrs:
@@ -75,8 +75,8 @@ def series(dataset: xr.Dataset) -> tuple[list[Series], list[str]]:
         for place in product(*(range(variable.sizes[dim]) for dim in beside)):
             at = dict(zip(beside, place, strict=True))
             values = np.asarray(variable.isel(at).values, dtype=float)
-            found.append(Series(name, _told(dataset, at), units, values))
-    return found, left
+            every.append(Series(name, _place_text(dataset, at), units, values))
+    return every, left
 
 
 def _variables(dataset: xr.Dataset) -> Iterator[xr.DataArray]:
@@ -88,8 +88,8 @@ def _variables(dataset: xr.Dataset) -> Iterator[xr.DataArray]:
             yield variable
 
 
-def _told(dataset: xr.Dataset, at: dict[str, int]) -> str:
-    """Where along further dimensions; one of a single value goes without saying."""
+def _place_text(dataset: xr.Dataset, at: dict[str, int]) -> str:
+    """The place along further dimensions in words; those of a single value are left out."""
     several = {dim: k for dim, k in at.items() if dataset.sizes[dim] > 1}
     labels = {dim: dataset[dim].values[k] if dim in dataset else k for dim, k in several.items()}
     return ", ".join(

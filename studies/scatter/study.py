@@ -168,10 +168,10 @@ def cut_notes(scatter: Mapping[str, str]) -> list[str]:
 
 
 def _of_table(study: Study, values: Mapping[str, Any], points: str | Path | Mapping[str, Any]) -> Study:
-    known, read = columns_of(study), table(study, points)
+    columns, read = columns_of(study), table(study, points)
     _check_apart(values, read.columns, "--points")
     axes = {ROW: Axis(np.arange(1, len(read.places) + 1), long_name="row of the table")}
-    axes |= {name: Axis(each, known[name].units, known[name].long_name) for name, each in read.columns.items()}
+    axes |= {name: Axis(each, columns[name].units, columns[name].long_name) for name, each in read.columns.items()}
     grid = Grid(axes, zipped=tuple(axes), drawn={"drawn by": "a table"})
     return _at(study, grid, POINTS, {"points": list(read.columns)}, {}, read.places)
 

@@ -22,8 +22,8 @@ DAMPING = "fast and exact without numerical damping, paper with its own"
 
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
     """The place in OUTCOMES of each case and method, (case, method)."""
-    status, came = (dataset[name].transpose("case", "method").values for name in ("status", "came"))
-    codes = np.where(np.isfinite(came.astype(float)), came, FAILS).astype(np.intp)
+    status, outcome = (dataset[name].transpose("case", "method").values for name in ("status", "outcome"))
+    codes = np.where(np.isfinite(outcome.astype(float)), outcome, FAILS).astype(np.intp)
     return np.where(status == FAILED, FAILS, np.where(status == DONE, codes, PENDING))
 
 
@@ -50,7 +50,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         rows.append([str(group), *cells])
     lines = ["", f"Runs: {DAMPING}."]
     lines.append("In brackets: the check that came nearest to failing, cost apart, in units of its bound. Cases:")
-    lines.append('fiv query stress --where "margin > 0.5" --show case,method,check,margin,asked')
+    lines.append('fiv query stress --where "margin > 0.5" --show case,method,check,margin,task')
     reasons = {CASES[str(dataset["case"].values[k])].not_asked[methods[m]]: methods[m]
                for k, m in np.argwhere(outcome == NOT_ASKED)}  # fmt: skip
     lines += [f"Not asked of '{method}': {reason}." for reason, method in reasons.items()]

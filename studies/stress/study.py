@@ -1,4 +1,4 @@
-"""A battery that tries to break each method: what was asked, what came, and how near each check was to failing."""
+"""A battery that tries to break each method: the tasks, the outcomes, and how near each check was to failing."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from studies.study import Study, deferred
 from sweeps import Axis, Variable
 
 TITLE = "What each method does under stress"
-PASSED = "whether what came is what was expected, and every check passed"
+PASSED = "whether the outcome is the expected one, and every check passed"
 VARIABLES = {
-    "came": Variable("1", "what came", (), "int8", flags=dict(enumerate(OUTCOMES[:-1]))),
+    "outcome": Variable("1", "outcome", (), "int8", flags=dict(enumerate(OUTCOMES[:-1]))),
     "passed": Variable("1", PASSED, (), "int8", flags={0: "no", 1: "yes"}),
-    "value": Variable("1", "what each check found", ("check",)),
-    "bound": Variable("1", "what it may be", ("check",)),
+    "value": Variable("1", "value of each check", ("check",)),
+    "bound": Variable("1", "largest allowed value of each check", ("check",)),
 }
 NOTHING = np.full(len(CHECKS), np.nan)
 Answer = tuple[int, int, NDArray[Any], NDArray[Any]]
@@ -60,20 +60,20 @@ def put(case: Case, method: str) -> Answer:
 
 
 def described(dataset: xr.Dataset) -> xr.Dataset:
-    """Add what was asked and expected, and what each check found in units of what it may be."""
+    """Add the task, the expected outcome, and the margin of each check: its value over its bound."""
     cases = [CASES[str(name)] for name in dataset["case"].values]
     expected = [[EXPECTED.index(case.expectation(str(m))) for m in dataset["method"].values] for case in cases]
     value, bound = dataset["value"].values, dataset["bound"].values
     with np.errstate(divide="ignore", invalid="ignore"):
         # Where nothing is allowed, anything is infinitely much.
         margin = np.where((bound == 0.0) & (value == 0.0), 0.0, value / bound)
-    about = {"units": "1", "long_name": "what each check found in units of what it may be; above 1 it fails"}
+    about = {"units": "1", "long_name": "value of each check over its bound; above 1 it fails"}
     codes, point = np.array(expected, dtype=np.int8), ("case", "method")
     dataset = dataset.assign(
         group=("case", [case.group for case in cases], {"long_name": "group of the case"}),
-        asked=("case", [case.asks for case in cases], {"long_name": "what is asked"}),
-        about=("check", list(CHECKS.values()), {"long_name": "what the check finds"}),
-        expected=(point, codes, {"long_name": "what is expected where it is asked"}),
+        task=("case", [case.asks for case in cases], {"long_name": "task"}),
+        about=("check", list(CHECKS.values()), {"long_name": "quantity of the check"}),
+        expected=(point, codes, {"long_name": "expected outcome where the case is asked of the method"}),
         margin=((*point, "check"), margin, about),
     )
     return transients.with_flags(dataset, expected=EXPECTED)

@@ -25,7 +25,7 @@ from studies.stress.findings import EXPENSIVE, FAILS, NOT_ASKED, OUTCOMES
 from studies.stress.starts import RINGING, STARTS
 from tests import HOME
 
-# A handful of every kind; all others are run under `slow`, and what came of them all is in the reference.
+# A handful of every kind; all others are run under `slow`, and the outcomes of all are in the reference.
 SOON = {
     "fast": ["step 0.9 of the largest", "step 1.001 of the largest", "1.001 of critical mu, 20°",
              "theta = 89.9999°", "in the mirror", "F = 1e+06 N, same V/F", "tangent", "preload 10000 F",
@@ -65,10 +65,10 @@ def wrong(answer):
     ("name", "method"), [*QUICK, *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)]
 )
 def test_a_method_does_what_is_expected(name, method):
-    came, passed, *_ = answer = study.put(CASES[name], method)
+    outcome, passed, *_ = answer = study.put(CASES[name], method)
     assert wrong(answer) == {}
     assert passed == 1
-    assert came == expected(name, method)
+    assert outcome == expected(name, method)
 
 
 def expected(name, method):
@@ -81,9 +81,9 @@ def expected(name, method):
 def test_the_reference_holds_what_is_expected_of_every_case():
     """It is of this code (tests/docs/test_project.py)."""
     with xr.open_dataset(HOME / "results" / "reference" / "stress" / "stress.nc") as file:
-        came, passed = (file[name].load().to_series() for name in ("came", "passed"))
-    assert [*came.index] == [(name, method) for name in CASES for method in METHODS]
-    assert [*came] == [expected(*each) for each in came.index]
+        outcome, passed = (file[name].load().to_series() for name in ("outcome", "passed"))
+    assert [*outcome.index] == [(name, method) for name in CASES for method in METHODS]
+    assert [*outcome] == [expected(*each) for each in outcome.index]
     assert (passed == 1).all()
 
 
@@ -312,27 +312,27 @@ def small():
 def broken(small):
     """The same as if one case failed a check, one broke down and one was not computed yet."""
     data = small.copy(deep=True)
-    data["came"] = data["came"].astype(float)
-    data["came"][0, 0], data["passed"][0, 0] = FAILS, 0
+    data["outcome"] = data["outcome"].astype(float)
+    data["outcome"][0, 0], data["passed"][0, 0] = FAILS, 0
     gap = list(CHECKS).index("gap")
     data["value"][0, 0, gap], data["bound"][0, 0, gap], data["margin"][0, 0, gap] = 0.5, 0.25, 2.0
     data["error"] = data["error"].astype(object)
     data["error"][3, 1] = "ZeroDivisionError: division by zero"
     data["status"][3, 1], data["status"][3, 2] = 2, 0
-    for name in ("came", "value", "bound", "margin"):
+    for name in ("outcome", "value", "bound", "margin"):
         data[name][3, 1:] = np.nan
     return data
 
 
 def test_a_file_says_in_words_what_was_asked_and_came(small):
-    assert small["came"].dims == ("case", "method")
+    assert small["outcome"].dims == ("case", "method")
     assert small["value"].dims == ("case", "method", "check")
     assert small["method"].values.tolist() == list(METHODS)
     assert small["check"].values.tolist() == list(CHECKS)
-    assert small["asked"].sel(case="theta = 90°").item() == "P1 at 90 degrees"
+    assert small["task"].sel(case="theta = 90°").item() == "P1 at 90 degrees"
     assert np.all(small["passed"] == 1)
-    words = small["came"].attrs["flag_meanings"].split()
-    code = small["came"].sel({"case": "theta = 90°", "method": "paper"}).item()
+    words = small["outcome"].attrs["flag_meanings"].split()
+    code = small["outcome"].sel({"case": "theta = 90°", "method": "paper"}).item()
     assert (words[0], words[int(code)]) == ("passes", "ValueError")
     margin = small["margin"].values
     assert np.nanmax(margin) < 1.0
@@ -367,7 +367,7 @@ def test_figures_of_few_cases_and_of_failures(small, broken, pick):
 def test_a_case_is_run_by_its_name():
     data = computed(case="theta = 90°", method=["paper", "fast"])
     assert data["method"].values.tolist() == ["fast", "paper"]
-    assert [OUTCOMES[int(code)] for code in data["came"].values[0]] == ["ValueError", "ValueError"]
+    assert [OUTCOMES[int(code)] for code in data["outcome"].values[0]] == ["ValueError", "ValueError"]
     # A case that is not asked of a method is not one that is skipped as too expensive.
-    assert computed(case="step 0.5 of the largest", method="exact")["came"].item() == NOT_ASKED
-    assert computed(case="100 s, vibrating", method="paper")["came"].item() == EXPENSIVE
+    assert computed(case="step 0.5 of the largest", method="exact")["outcome"].item() == NOT_ASKED
+    assert computed(case="100 s, vibrating", method="paper")["outcome"].item() == EXPENSIVE

@@ -134,13 +134,13 @@ def _in_order(handles: Sequence[Any]) -> list[Any]:
 
 def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
     """The plane of regimes and what is to be said of its cells; the handles of its legend."""
-    found, xs, ys = regimes.kinds(at), at[x].values, at[y].values
-    planes.classes(axes, x, xs, y, ys, found, COLOURS)
+    codes, xs, ys = regimes.kinds(at), at[x].values, at[y].values
+    planes.classes(axes, x, xs, y, ys, codes, COLOURS)
     figures.one_two_five(axes.xaxis, axes.yaxis)
     ends = planes.edges(planes.shown(x, xs)), planes.edges(planes.shown(y, ys))
-    failed = np.ma.masked_not_equal(found, KINDS.index("failed"))
+    failed = np.ma.masked_not_equal(codes, KINDS.index("failed"))
     axes.pcolor(*ends, failed, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
-    handles: list[Any] = planes.patches(np.unique(found))
+    handles: list[Any] = planes.patches(np.unique(codes))
     if _draw_onset(axes, at, x, y):
         handles.append(Line2D([], [], **ONSET, label=f"onset of flutter\n{BELOW}"))
 
@@ -177,7 +177,9 @@ def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
         return []
     handles = []
     for kind, marker in PAPER_MARKS.items():
-        places = [(float(planes.shown("V", V)), paper.MU) for V, said in paper.VIBRATION.items() if said == kind]
+        places = [
+            (float(planes.shown("V", V)), paper.MU) for V, regime in paper.VIBRATION.items() if regime == kind
+        ]
         look = RIM | {"marker": marker, "color": "white", "markersize": 6.0, "label": f"paper: {kind}"}
         handles += planes.marks(axes, places, **look)
     return handles

@@ -13,7 +13,7 @@ from studies.scatter import instability
 from studies.study import constants
 from studies.tables import Part, Table
 
-# Probabilities for which the friction is told.
+# Probabilities for which the friction is listed.
 RISKS = (0.01, 0.05, 0.5, 0.95, 0.99)
 # From this total index on a number matters.
 MATTERS = 0.05
