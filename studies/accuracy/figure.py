@@ -66,7 +66,7 @@ SCENES = {group: DOT | {"color": colour, "markerfacecolor": fill} for group, col
 SMALL = 7.5
 # Errors that are smaller are drawn as this.
 LEAST = 0.05
-COST, MISMATCH = "CPU time per simulated time", "error / tolerance, rms"
+COST, MISMATCH = "CPU time / simulated time", "error / tolerance, rms"
 # Whose time to a standard error is drawn.
 TIMED = (
     (FAST, DEFAULT), (FAST, PUBLISHED), (FAST, CONVERGED), (EXACT, DEFAULT), (PAPER, DEFAULT), (PAPER, MODEL),

@@ -28,7 +28,7 @@ from sweeps import DONE
 # Shown beside the regimes: factor, what stands at the scale, and whether only a vibration has it.
 QUANTITIES = {
     "stick_fraction": (1.0, "share of time in stick", False),
-    "dominant_frequency": (1e-3, "dominant frequency of $v_B$ / kHz", True),
+    "dominant_frequency": (1e-3, "dominant frequency / kHz", True),
     "velocity_rms": (1e3, "RMS of $v_B$ / (mm/s)", True),
 }
 # Lines that are seen on any colour.

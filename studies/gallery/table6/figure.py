@@ -30,8 +30,8 @@ APART, MOST_BANDS = 2.0, 3
 LABEL = 0.12
 # Frequencies by angle that the paper's text gives, and how they are marked.
 PAPER: dict[str, tuple[dict[float, Any], str, float]] = {
-    "paper: dominant frequency, measured": (paper.ANGLES_MEASURED, "D", 8.0),
-    "paper: dominant frequency, simulated": (paper.ANGLES_SIMULATED, "x", 5.0),
+    "paper: dominant, measured": (paper.ANGLES_MEASURED, "D", 8.0),
+    "paper: dominant, simulated": (paper.ANGLES_SIMULATED, "x", 5.0),
     "paper: unstable pair": (paper.ANGLES_UNSTABLE, "^", 8.0),
 }
 # Where it says that the rig vibrates, but not in which regime; where it says nothing.
@@ -146,10 +146,10 @@ def _draw_lines(axes: Axes, dataset: xr.Dataset, points: dict[str, Array]) -> No
     place = np.nonzero(np.isfinite(each))
     if len(place[0]):
         main = KHZ * dataset["dominant_frequency"].values
-        axes.plot(theta, main, "s", color=figures.BLUE, markersize=4.5, label="dominant frequency, median")
+        axes.plot(theta, main, "s", color=figures.BLUE, markersize=4.5, label="dominant, median of runs")
         look: dict[str, Any] = {"color": STEADY_COLOUR, "markeredgecolor": figures.BLUE, "markeredgewidth": 0.6}
         axes.plot(
-            theta[place[0]], each[place], "o", markersize=2.6, label="dominant frequency of each run", **look
+            theta[place[0]], each[place], "o", markersize=2.6, label="dominant, each run", **look
         )
     look = {"markerfacecolor": "none", "color": figures.RED, "markeredgewidth": 1.3, "zorder": 4.0}
     for label, places in points.items():

@@ -164,8 +164,8 @@ def test_the_papers_text_stands_beside_the_model(angles):
     assert "Table 6 is not at hand" in shown(angles)
     points = figure.paper_points(angles["theta"].values)
     assert {label: places.tolist() for label, places in points.items()} == {
-        "paper: dominant frequency, measured": [[5.0, 2700.0], [10.0, 2700.0]],
-        "paper: dominant frequency, simulated": [[5.0, 2700.0]],
+        "paper: dominant, measured": [[5.0, 2700.0], [10.0, 2700.0]],
+        "paper: dominant, simulated": [[5.0, 2700.0]],
         "paper: unstable pair": [[5.0, 400.0], [5.0, 2800.0]],
     }
     assert {*figure.PAPER, "paper: vibrates", "paper: says nothing"} <= labels_of(angles)
