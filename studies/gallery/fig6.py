@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # The pair is followed from its onset, at most at MU_MAX, in steps of mu so small that what is nearest to it is
-# itself; as far as needed, in whole pieces, so that few paths serve all batches.
-MU_MAX, STEP, PIECE, MOST_MU = 1.0, 2e-4, 0.2, 4.0
+# itself; as far as needed, in whole intervals, so that few paths serve all batches.
+MU_MAX, STEP, INTERVAL, MOST_MU = 1.0, 2e-4, 0.2, 4.0
 CLAIMS = (
     Claim("frequency", {"mode": 5, "mu": 0.0}, paper.MODES_5_AND_6[0], "3.4.2, Fig. 6a"),
     Claim("frequency", {"mode": 6, "mu": 0.0}, paper.MODES_5_AND_6[1], "3.4.2, Fig. 6a"),
@@ -38,7 +38,7 @@ CLAIMS = (
 def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float) -> dict[str, Any]:
     """Frequency and growth rate of the two modes that lock in first; NaN where they have left the band."""
     mu = points["mu"]
-    followed = path(rig, theta, fmax, int(np.ceil(mu.max() / PIECE)))
+    followed = path(rig, theta, fmax, int(np.ceil(mu.max() / INTERVAL)))
     modes = sliding_modes(rig, theta, mu, fmax)
     frequency, growth = np.full((2, len(mu), 2), np.nan)
     for m, near in enumerate(np.rint(mu / STEP)):
@@ -61,10 +61,10 @@ def lock_in(rig: Rig, theta: float, fmax: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=8)
-def path(rig: Rig, theta: float, fmax: float, pieces: int) -> np.ndarray:
-    """The pair's eigenvalues lambda at multiples of STEP, (mu, 2), over so many pieces of mu or to its onset."""
+def path(rig: Rig, theta: float, fmax: float, intervals: int) -> np.ndarray:
+    """The pair's eigenvalues lambda at multiples of STEP, (mu, 2), over so many intervals or to its onset."""
     onset, frequency = lock_in(rig, theta, fmax)
-    mu = STEP * np.arange(round(max(pieces, np.ceil(onset / PIECE)) * PIECE / STEP) + 1)
+    mu = STEP * np.arange(round(max(intervals, np.ceil(onset / INTERVAL)) * INTERVAL / STEP) + 1)
     modes = sliding_modes(rig, theta, mu, fmax)
     followed = np.full((len(mu), 2), complex(np.nan, np.nan))
     start = int(np.abs(mu - onset).argmin())

@@ -222,10 +222,10 @@ def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Ar
         if size < length // 8:
             continue
         hann = np.hanning(size)
-        pieces = np.lib.stride_tricks.sliding_window_view(series[begin:end], size)[:: max(size // 2, 1)]
-        centred = pieces - pieces.mean(axis=1, keepdims=True)
+        windows = np.lib.stride_tricks.sliding_window_view(series[begin:end], size)[:: max(size // 2, 1)]
+        centred = windows - windows.mean(axis=1, keepdims=True)
         total += np.sum(np.abs(np.fft.rfft(centred * hann, 2 * length, axis=1)) ** 2, axis=0)
-        weight += len(pieces) * float(np.sum(hann**2))
+        weight += len(windows) * float(np.sum(hann**2))
     count = len(frequencies(sample_rate))
     return 2.0 * total[:count] / (weight * sample_rate) if weight else np.full(count, np.nan)
 

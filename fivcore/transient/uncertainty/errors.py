@@ -67,19 +67,19 @@ def standard_errors(blocks: Blocks, cosines: int, monitor: Monitor, sticks: Arra
     deviation = (x[:, SQUARE] - 2.0 * mean * x[:, VELOCITY]) / (2.0 * (rms or np.nan))
     names = ("stick_fraction", "slip_fraction", "separation_fraction", "switches_per_second", "velocity_rms")
     errors = errors_of_means(np.column_stack([blocks.shares(), x[:, SWITCHES], deviation]), cosines)
-    found = dict(zip(names, errors.tolist(), strict=True))
+    values = dict(zip(names, errors.tolist(), strict=True))
     momentum = np.cumsum(x[:, FORCE] - 1.0)[:: max(len(x) // 128, 1)]
     within = np.quantile(np.abs(momentum[:, None] - momentum), HELD) if cosines and len(x) else np.nan
-    found["mean_normal_force"] = 0.5 * float(within) / max(len(x), 1)
+    values["mean_normal_force"] = 0.5 * float(within) / max(len(x), 1)
     for name, histogram, largest in (
         ("normal_force_999", monitor.forces, blocks.forces),
         ("slip_speed_999", monitor.speeds, blocks.speeds),
     ):
         (error,) = errors_of_means(largest.above(histogram.quantile(0.999), len(x)), cosines)
         if np.isnan(error):
-            found[name] = np.nan
+            values[name] = np.nan
             continue
         error = min(float(error), 0.001)
-        found[name] = 0.5 * (histogram.quantile(0.999 + error) - histogram.quantile(0.999 - error))
-    found["mean_stick_time"] = float(errors_of_means(sticks[:, None], FEWEST)[0])
-    return found
+        values[name] = 0.5 * (histogram.quantile(0.999 + error) - histogram.quantile(0.999 - error))
+    values["mean_stick_time"] = float(errors_of_means(sticks[:, None], FEWEST)[0])
+    return values

@@ -148,9 +148,7 @@ def _draw_lines(axes: Axes, dataset: xr.Dataset, points: dict[str, Array]) -> No
         main = KHZ * dataset["dominant_frequency"].values
         axes.plot(theta, main, "s", color=figures.BLUE, markersize=4.5, label="dominant, median of runs")
         look: dict[str, Any] = {"color": STEADY_COLOUR, "markeredgecolor": figures.BLUE, "markeredgewidth": 0.6}
-        axes.plot(
-            theta[place[0]], each[place], "o", markersize=2.6, label="dominant, each run", **look
-        )
+        axes.plot(theta[place[0]], each[place], "o", markersize=2.6, label="dominant, each run", **look)
     look = {"markerfacecolor": "none", "color": figures.RED, "markeredgewidth": 1.3, "zorder": 4.0}
     for label, places in points.items():
         _, marker, size = PAPER[label]
