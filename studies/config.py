@@ -43,7 +43,7 @@ class Config:
     Attributes
     ----------
     study : str
-        Its name or file; "" if it is not said.
+        Its name or file; "" if it is not given.
     axes, settings : mapping
         SPEC, a number, or a list of numbers or texts; of a setting a number, a word or SPEC.
     record : tuple of str

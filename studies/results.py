@@ -103,7 +103,7 @@ def command(verb: str, study: str, out: str | Path | None = None) -> str:
 
 
 def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
-    """The study that a dataset is the result of, or an `InputError` if no name that is known stands for it."""
+    """The study that a dataset is the result of, or an `InputError` if no study has its name."""
     name = str(dataset.attrs.get("sweep", ""))
     try:
         return registry.load(name)

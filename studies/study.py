@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Setting:
-    """A number, or one of some `words`, that a study holds fixed unless asked otherwise."""
+    """A number, or one of some `words`, that a study holds fixed unless it is set."""
 
     value: Any
     units: str
@@ -32,7 +32,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study: `fiv run` computes it, stores it, draws it and prints what it found.
+    """A study: `fiv run` computes it, stores it, draws it and prints its findings.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Study:
     draw : callable
         `draw(dataset)` returns the figure, from what the file holds and nothing else (`deferred` imports it late).
     findings : callable
-        `findings(dataset)` returns what was found, as lines and tables.
+        `findings(dataset)` returns the findings as lines and tables.
     function : callable, optional
         `function(points, **constants)` computes a batch: `points` holds an array for each axis, one entry a point;
         it returns an array for each variable, the batch first.

@@ -160,7 +160,7 @@ def _line_error(data: xr.Dataset, place: tuple[str, str]) -> xr.DataArray:
 
 
 def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArray) -> xr.DataArray:
-    """Whether every figure that is known is within its tolerance and scatter; unknown where none is."""
+    """Whether every finite figure is within its tolerance and scatter; "unknown" where none is finite."""
     wrong = (abs(error) > TOLERANCES + ERRORS_ALLOWED * standard.fillna(0.0)).any("figure")
     wrong |= abs(first_slip) > FIRST_SLIP
     codes = xr.full_like(first_slip, WITHIN.index("yes"), dtype=np.int8).where(~wrong, WITHIN.index("no"))
@@ -168,5 +168,5 @@ def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArra
 
 
 def root_mean_square(values: xr.DataArray, dim: str = "scene") -> xr.DataArray:
-    """Root mean square of what is known; NaN where nothing is."""
+    """Root mean square of the finite values; NaN where there are none."""
     return (values**2).mean(dim) ** 0.5

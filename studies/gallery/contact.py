@@ -133,7 +133,7 @@ def start_peaks(run: Transient) -> dict[str, Any]:
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Refuse, before anything is planned, what cannot be run or kept."""
+    """Refuse, before anything is planned, runs that cannot be simulated or stored."""
     transients.check(axes, fixed)
     most = transients.MOST_SAMPLES / RECORDED
     checks.between("window", fixed["window"], 1e-5, 0.1, "s")

@@ -46,7 +46,7 @@ def modes(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float) -> 
 
 
 def onsets(rig: Rig, theta: float, fmax: float, largest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Friction and frequency of the flutter onsets up to the largest mu, found as roots and not on the grid."""
+    """Friction and frequency of the flutter onsets up to the largest mu, computed as roots and not on the grid."""
     if largest == 0.0:
         return np.empty(0), np.empty(0)
     onsets = flutter_onsets(rig, theta, fmax, largest)

@@ -178,9 +178,9 @@ def file_of(
     fixed: Mapping[str, float] | None = None,
     scatter: Mapping[str, str] | None = None,
 ) -> Path:
-    """Where a map is kept: its name tells what is fixed at other values than the paper's, and what scatters.
+    """The file of a map, named after values that are fixed at others than the paper's, and after what scatters.
 
-    So maps that differ in that are kept beside each other, whatever the order it was given in.
+    So maps that differ in these have files of their own, whatever the order of the options.
     """
     other = [f"{key}={spec.typed(value)}" for key, value in changed(quantity, fixed or {}).items()]
     other += [f"{key}={text}" for key, text in sorted((scatter or {}).items())]

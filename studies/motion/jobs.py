@@ -20,7 +20,7 @@ PER_SCENE = ("ramp", "settle", "initial", "numerical_damping")
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One run to be simulated, for `duration` seconds or until it is known well enough.
+    """One run to be simulated, for `duration` seconds or until its statistics are certain enough.
 
     `options` are further arguments of `fivcore.simulate`, `method` among them; values are hashable or arrays, or
     PER_SCENE.

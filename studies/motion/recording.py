@@ -1,4 +1,4 @@
-"""Series of the motion that are kept besides a study's own variables: their names, times and declaration.
+"""Series of the motion that are recorded besides a study's own variables: their names, times and declaration.
 
 A series holds samples, not averages: at each of its times the value that the motion has there, on the line
 between two of the solver's steps. Frequencies above half the sample rate fold into those below; spikes of
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Hz, by default.
 SAMPLE_RATE = 50e3
-# Of runs that are recorded where none is asked for, s.
+# Duration of recorded runs where none is set, s.
 DURATION = 1.0
 # Of one series of one scene.
 MOST_SAMPLES = 1_000_000
@@ -48,7 +48,7 @@ FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "a
 
 
 def options(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
-    """Options of `simulate` for these series; nothing is kept where nothing is recorded."""
+    """Options of `simulate` for these series; none where no series is recorded."""
     return {"record": tuple(record), "sample_times": times} if record else {"record": False}
 
 

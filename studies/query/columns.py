@@ -121,7 +121,7 @@ class Columns:
     dataset : xarray.Dataset
         Of a sweep, as `studies.open`, `sweeps.open_results` or plain xarray give it, or a part of one.
     note : callable
-        Called with a sentence on a value that is asked for and that no axis has.
+        Called with a sentence on a requested value that no axis has.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Commands that compute a result or one of its points again, by what the file says it was asked for."""
+"""Commands that compute a result or one of its points again, from the request in its file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ELSEWHERE = " --out one-point --fresh"
 class Again(NamedTuple):
     """Commands that make a result again, and one of its points, with {V} where the value of the axis V goes.
 
-    A command is "" where the file does not say what it was asked for; `whole` also where its axes are too long.
+    A command is "" where the file has no request; `whole` also where its axes are too long.
     """
 
     whole: str = ""
@@ -75,7 +75,7 @@ def _spec(values: Any) -> str:
 
 
 def _map(dataset: xr.Dataset) -> Again:
-    """A map's constants are what it was asked for."""
+    """The commands of a map, whose constants are its request."""
     constant = constants(dataset)
     refinement = json.loads(dataset.attrs["configuration"])["refinement"]
     quantity, levels, tolerance = str(constant["quantity"]), int(refinement["levels"]), refinement["tolerance"]

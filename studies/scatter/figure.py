@@ -1,4 +1,4 @@
-"""The figure of a study at scattered points: what it found over what was drawn, with running medians."""
+"""The figure of a study at scattered points: results over drawn values, with running medians."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def scattered(
     Raises
     ------
     InputError
-        For what does not go together, and what cannot be scattered.
+        If arguments exclude each other, or a name cannot be scattered.
     """
     if study.scatters and points is None:
         return _by_itself(study, scatter or {}, {"samples": samples, "seed": seed}, sampling)

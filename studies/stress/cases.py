@@ -27,7 +27,7 @@ DURATION = 30e-3
 
 @dataclass(frozen=True)
 class Case:
-    """One thing asked of every method."""
+    """One task for every method."""
 
     name: str
     asks: str  # for a reader
@@ -76,7 +76,7 @@ def _mesh(asks: str, p1: int, p2: int, **more: Any) -> Case:
     return _rig(f"{p1} and {p2} elements", asks, rig, **more)
 
 
-# Methods of which something is not asked, and why.
+# Methods that a case is not asked of, and why.
 NO_STEP = {"exact": "it has no step to be stable: its grid is only where statistics are read"}
 OWN_MODES = {"paper": "it keeps all modes: it has no cut-off and no termination"}
 ABSORBING = {"exact": "it needs the absorbing element and refuses another termination"}

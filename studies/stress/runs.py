@@ -58,7 +58,7 @@ class Replay:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One run and what else is known of it."""
+    """One run with its records, replay and cost."""
 
     question: Question
     run: Transient  # recorded at every step, from the beginning as far as MOST_ROWS go

@@ -133,7 +133,7 @@ def _in_order(handles: Sequence[Any]) -> list[Any]:
 
 
 def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
-    """The plane of regimes and what is to be said of its cells; the handles of its legend."""
+    """Draw the plane of regimes and the marks of its cells; return the handles of its legend."""
     codes, xs, ys = regimes.kinds(at), at[x].values, at[y].values
     planes.classes(axes, x, xs, y, ys, codes, COLOURS)
     figures.one_two_five(axes.xaxis, axes.yaxis)

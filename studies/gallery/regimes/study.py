@@ -31,7 +31,7 @@ MIDDLE = ("dominant_frequency", "stuck_frequency")
 HOW = dict.fromkeys((f"{name}_se" for name in transients.ESTIMATED), "of the mean over repeat runs")
 HOW |= dict.fromkeys(LARGEST, "largest of the repeat runs") | dict.fromkeys(MIDDLE, "of the middle repeat run")
 FIGURES = tuple(name for name in transients.SUMMARY if name != "regime")
-# Of these the spread over repeat runs is kept too.
+# Figures whose standard deviation over repeat runs is stored too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
 
 
@@ -163,7 +163,7 @@ STUDY = Study(
     name="regimes",
     title="Regimes: kind of vibration over V and mu",
     question="Where does the rig slide steadily, vibrate, or stick and burst, with the published scheme's "
-    "numerical damping, and does linear stability tell?",
+    "numerical damping, and does linear stability predict it?",
     paper="Sections 2 and 3.5.3, at mu = 0.2: intermittent vibration at 1 and 2 mm/s, periodic at 5 mm/s; by "
     "Section 3.4.2 steady sliding is unstable from mu = 0.12 on. A plane of regimes is not in it.",
     axes={

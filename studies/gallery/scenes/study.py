@@ -1,4 +1,4 @@
-"""Any grid of scenes over V, theta, mu and F: the motion of each in time, as figures and, if asked, as series."""
+"""Any grid of scenes over V, theta, mu and F: figures of the motion in time and, with --record, series."""
 
 from __future__ import annotations
 

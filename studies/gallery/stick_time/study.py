@@ -18,7 +18,7 @@ from studies.spec import evenly
 from studies.study import Setting, Study, deferred
 from sweeps import Axis, Variable
 
-# Of one run so many sticks are kept one by one; its counts and totals are of all.
+# So many sticks of a run are stored one by one; its counts and totals are of all.
 KEPT = 64
 # Five times the default, Hz: where bursts are rare, a stick is only as right as they are. At 0.5 mm/s T V is 61 um
 # by default, 67 with 1.4 times the cut-off, 70 with twice and with three times; at 0.25 mm/s it is 57 with twice,
@@ -58,7 +58,7 @@ def sticks(points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
 
 
 def of_sticks(scene: Scene, summary: Mapping[str, Any], duration: float) -> dict[str, Any]:
-    """A run's long sticks, told apart by whether the motion had settled when they began."""
+    """A run's long sticks, by whether the motion had settled when they began."""
     first, long = summary["first_slip_time"], summary["stick_times"]
     early = summary["stick_starts"] - first < transients.SETTLING
     return {

@@ -364,7 +364,7 @@ def test_the_digest_is_of_all_that_a_figure_shows(folder, monkeypatch):
 
 def test_an_older_file_without_a_figure_or_numbers_says_so(folder, tmp_path):
     text = changed(folder, tmp_path, "regimes", lambda file: file.renameVariable("verdict", "other"))
-    assert "They cannot be told of what is there: it lacks" in text
+    assert "They cannot be computed from the result: it lacks" in text
     assert "There is no figure: regimes.nc: it lacks verdict, which the figure shows" in text
     assert "Table of 9 points" in text
 
