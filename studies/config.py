@@ -121,7 +121,7 @@ def check_counts(study: Study, given: Mapping[str, Any]) -> None:
 
 
 def read(file: str | Path) -> Config:
-    """The configuration of a TOML file; an `InputError` says what is wrong with it."""
+    """The configuration of a TOML file; `InputError` if it is invalid."""
     try:
         content = tomllib.loads(Path(file).expanduser().read_text(encoding="utf-8"))
         _check(content)
@@ -165,7 +165,7 @@ def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sam
 
 
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
-    """The configuration that makes a result again, or an `InputError` where the file does not say it."""
+    """The configuration that makes a result again, or an `InputError` where the file has none."""
     try:
         return _of_result(dataset)
     except (LookupError, TypeError, ValueError, AttributeError):

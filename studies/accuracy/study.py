@@ -102,7 +102,7 @@ STUDY = Study(
     "error are not in the paper.",
     axes={
         "method": Axis(choices.METHODS, long_name="method of integration"),
-        "setting": Axis(list(choices.OPTIONS), long_name="what is not as by default, and its value"),
+        "setting": Axis(list(choices.OPTIONS), long_name="setting that differs from the default, and its value"),
         "scene": Axis(choices.SCENES, long_name="scene: the paper's rig by speed, rigs drawn at random by number"),
     },
     settings=SETTINGS | {name: each for name, each in rig_settings().items() if name != "theta"},

@@ -53,7 +53,7 @@ VARIABLES = (
 def histories(
     points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
 ) -> dict[str, Any]:
-    """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
+    """Velocity of B, its spectrum, the summary figures, linear stability, and further recorded series."""
 
     def values(run: Transient, series: np.ndarray, times: np.ndarray) -> dict[str, Any]:
         spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)

@@ -148,7 +148,7 @@ def _alone(stable: NDArray[Any]) -> NDArray[Any]:
 
 
 def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list[Any]:
-    """Hatch what failed; say what else is white."""
+    """Hatch failed cells, and explain the white ones in the legend."""
     handles: list[Any] = []
     computed = _nearest_computed(status)
     failed = (computed == FAILED) & ~np.isfinite(values)

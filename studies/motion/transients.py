@@ -90,7 +90,7 @@ def run_settings(duration: float, numerical_damping: str = NONE) -> dict[str, Se
 
 
 def damping(fixed: Mapping[str, Any]) -> str:
-    """Which of the two a result has, for a reader; files that do not say are older than the choice."""
+    """The numerical damping of a result in words; files without the setting are older than the choice."""
     texts = {PUBLISHED: "with the published scheme's numerical damping", NONE: "without numerical damping"}
     return texts.get(fixed.get("numerical_damping", ""), "numerical damping of an older version")
 

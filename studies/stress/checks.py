@@ -60,7 +60,7 @@ CHECKS = {
 
 
 def judged(evidence: Evidence) -> dict[str, tuple[float, float]]:
-    """Every check that applies: value and bound. No denormals and no event storms is what the cost says."""
+    """Value and bound of every check that applies. The cost excludes denormal numbers and event storms."""
     results = _contact_law(evidence) | {
         "finite": (_not_finite(evidence), 0.0),
         "gap": _gap(evidence) if evidence.states is None else _exact_gap(evidence),

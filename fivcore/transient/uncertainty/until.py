@@ -15,7 +15,7 @@ from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
 from fivcore.transient.uncertainty.blocks import Blocks
 from fivcore.transient.uncertainty.errors import LOADING_TIMES, cosines_for, errors_of_means
 
-# Each look is later than the last by this factor of the time since settling.
+# Each check is later than the last by this factor of the time since settling.
 LATER = 1.25
 
 
@@ -23,7 +23,7 @@ LATER = 1.25
 class Until:
     """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
 
-    The run is looked at after times that grow by a quarter, and ends where at two looks in a row no share has a
+    The run is checked after times that grow by a quarter, and ends where at two checks in a row no share has a
     larger standard error (`uncertainty.errors`): one that is too small by chance does not end it. Statistics last
     for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady sliding is
     proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
@@ -52,7 +52,7 @@ class Until:
 
 
 class Watch:
-    """Ends a run in time: `known` says whether its shares were known well enough at the last look."""
+    """Ends a run in time: `known` says whether its shares were certain enough at the last check."""
 
     def __init__(self, run: Any, until: Until) -> None:
         self._run, self._until, self.known = run, until, False
@@ -61,7 +61,7 @@ class Watch:
         self._plan()
 
     def _plan(self) -> None:
-        """Let the run go on to the next look, where samples and segments end together."""
+        """Let the run go on to the next check, where samples and segments end together."""
         run, record, grid = self._run, self._run.record, MAX_SKIP / self._run.rate
         start, time = 0.0, max(self._until.least, self._stuck)
         if not np.isnan(record["first_slip"][0]):

@@ -28,7 +28,7 @@ CLAIMS = (
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Branches of onsets, windows, the unstable share of the plane, and what the paper's text says."""
+    """Branches of onsets, windows, the unstable share of the plane, and the paper's statements."""
     theta, mu = dataset["theta"].values, dataset["mu"].values
     return [
         f"Steady sliding, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), mu from "

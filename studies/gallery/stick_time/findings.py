@@ -29,7 +29,7 @@ CLAIMS = (
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Sticks at each speed, the laws' exponents, the collapse over mu and F, and what the paper says."""
+    """Sticks at each speed, the laws' exponents, the collapse over mu and F, and the paper's statements."""
     at, fixed = reference(dataset), constants(dataset)
     early = _first_stick(at)
     failed = int((dataset["status"] == FAILED).sum())

@@ -79,7 +79,7 @@ def key(points: Mapping[str, Any]) -> np.ndarray:
 
 
 def _speed_per_load(points: Mapping[str, Any]) -> np.ndarray:
-    """V / F as the solver rounds it, m/s/N: it alone tells scenes of one theta and mu apart."""
+    """V / F as the solver rounds it, m/s/N: scenes of one theta and mu differ in it alone."""
     return normalised.coordinates({**points, "theta": np.zeros(len(points["V"]))})[0]
 
 

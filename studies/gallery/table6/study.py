@@ -1,4 +1,4 @@
-"""Table 6: over the inclination, what stability says of steady sliding and how the rig moves in time."""
+"""Table 6: linear stability of steady sliding, and the motion in time, over the inclination."""
 
 from __future__ import annotations
 
