@@ -65,7 +65,7 @@ def names() -> list[str]:
 
 
 def resolve(text: str | Study) -> Study:
-    """The study for the argument STUDY: a name, or the path of a Python file that defines STUDY, which is run for it."""
+    """The study of the argument STUDY: a name, or the path of a Python file that defines STUDY and is run."""
     from studies.study import Study
     from sweeps import InputError, load_script
 
