@@ -75,14 +75,14 @@ def _fig5(data: xr.Dataset) -> list[Answer]:
 
 def _fig7(data: xr.Dataset) -> list[Answer]:
     kinds = _each(data, fig7.CLAIMS, "regime", word)
-    lines = _each(data, fig7.CLAIMS, "dominant_frequency", lambda at: number(at, ".0f"))
+    lines = _each(data, fig7.CLAIMS, "dominant_frequency", lambda at: number(at, ".0f"), " Hz")
     parts = []
     if kinds:
         parts.append(Answer(f"The vibration is {kinds[0]}.", f"It is {kinds[1]}."))
     if lines:
         parts.append(
             Answer(
-                f"The dominant frequency of the vibration is, in Hz, {lines[0]}.",
+                f"The dominant frequency of the vibration is {lines[0]}.",
                 f"Its simulation has {paper.SIMULATED_LINE:.0f} Hz at each speed.",
             )
         )
@@ -90,12 +90,12 @@ def _fig7(data: xr.Dataset) -> list[Answer]:
 
 
 def _contact(data: xr.Dataset) -> list[Answer]:
-    forces = _each(data, contact.CLAIMS, "normal_force_999", lambda at: number(at, ".1f"))
+    forces = _each(data, contact.CLAIMS, "normal_force_999", lambda at: number(at, ".1f"), " N")
     return (
         [
             Answer(
-                f"For 99.9 % of the time the normal force is below, in N, {forces[0]}.",
-                f"It reaches, in N, {forces[1]}.",
+                f"For 99.9 % of the time the normal force is below {forces[0]}.",
+                f"It reaches {forces[1]}.",
             )
         ]
         if forces
@@ -170,8 +170,8 @@ def _stability(data: xr.Dataset) -> list[Answer]:
     return [
         Answer(
             f"Steady sliding is unstable at {100.0 * grows.sum() / finite.sum():.1f} % of the plane θ from "
-            f"{theta.min():g}° to {theta.max():g}°, μ from {mu.min():g} to {mu.max():g}, and at {outside} of "
-            "its points outside 0 < tan θ < μ.",
+            f"{theta.min():g}° to {theta.max():g}°, μ from {mu.min():g} to {mu.max():g}, and at "
+            f"{outside or 'none'} of its points outside 0 < tan θ < μ.",
             f"At μ = {paper.MU:g} it is unstable at {paper.THETA:g}°; it has no map over both.",
         )
     ]
@@ -248,16 +248,16 @@ ANSWERS: dict[str, Callable[[xr.Dataset], list[Answer]]] = {
 
 
 def _each(
-    data: xr.Dataset, claims: Sequence[Claim], name: str, text: Callable[[xr.DataArray], str]
+    data: xr.Dataset, claims: Sequence[Claim], name: str, text: Callable[[xr.DataArray], str], unit: str = ""
 ) -> tuple[str, str] | None:
     """A variable at each speed of the paper's claims: here, and there; None where the result answers none."""
     pairs = [(claim, at) for claim in claims if claim.variable == name and (at := answer(data, claim)) is not None]
     if not pairs:
         return None
     speeds = [f"at {1e3 * float(claim.at['V']):g} mm/s" for claim, _ in pairs]  # type: ignore[arg-type]
-    here = _joined(f"{text(at)} {speed}" for speed, (_, at) in zip(speeds, pairs, strict=True))
+    here = _joined(f"{text(at)}{unit} {speed}" for speed, (_, at) in zip(speeds, pairs, strict=True))
     claimed = [claim.value if isinstance(claim.value, str) else f"{claim.value:g}" for claim, _ in pairs]
-    return here, _joined(f"{value} {speed}" for value, speed in zip(claimed, speeds, strict=True))
+    return here, _joined(f"{value}{unit} {speed}" for value, speed in zip(claimed, speeds, strict=True))
 
 
 def _at_point(data: xr.Dataset, *names: str) -> xr.Dataset | None:

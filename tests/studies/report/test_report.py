@@ -173,7 +173,7 @@ def test_where_the_reference_stands_in_the_page_says_so(folder, tmp_path):
     shutil.copytree(folder / "fig5", tmp_path / "reference" / "fig5")
     shutil.copytree(folder / "table4", tmp_path / "table4")
     text = written(tmp_path)
-    note = "This is the reference that the project brings along"
+    note = "This is the reference that comes with the project"
     assert text.count(note) == section(text, "fig5").count(note) == text.count("Z, the reference</td>") == 1
     assert lines_of(section(text, "fig5"))[0] == f"fiv run fig5 --out {tmp_path}"
     # Who names the reference's file is told nothing new.
