@@ -48,7 +48,7 @@ def compared(study: str, dataset: xr.Dataset, reference: xr.Dataset) -> str:
     Of each variable the largest difference at a common point counts, in units of its largest value, or of its
     scatter where the motion is chaotic.
     """
-    if _given(dataset) != _given(reference):
+    if _constants(dataset) != _constants(reference):
         return ""
     names = [
         str(name)
@@ -79,7 +79,7 @@ def _distance(study: str, name: str, ours: Any, theirs: Any) -> float:
     return float(np.max(apart / np.maximum(absolute + relative * size, np.finfo(float).tiny)))
 
 
-def _given(dataset: xr.Dataset) -> Any:
+def _constants(dataset: xr.Dataset) -> Any:
     """Constants of the function to nine digits, for those computed from a request may differ by rounding."""
     text = dataset.attrs["configuration"]
     return json.loads(text, parse_float=lambda number: f"{float(number):.9g}", parse_constant=str)["constants"]

@@ -71,7 +71,7 @@ class Config:
     scheduler: str | None = None
     workers: int | None = None
 
-    def given(self, study: Study) -> dict[str, Any]:
+    def values_of(self, study: Study) -> dict[str, Any]:
         """Values of the study's axes and settings, as `Study.sweep` takes them."""
         for what, other in (("axes", "settings"), ("settings", "axes")):
             own: list[str] = list(getattr(study, what))
@@ -99,20 +99,20 @@ class Config:
         return replace(other, **ours)
 
 
-def read_values(study: Study, given: Mapping[str, Any]) -> dict[str, Any]:
+def read_values(study: Study, values: Mapping[str, Any]) -> dict[str, Any]:
     """Values of axes and settings, of which texts may be a SPEC."""
-    check_counts(study, given)
-    parsed = dict(given)
+    check_counts(study, values)
+    parsed = dict(values)
     for name, value in parsed.items():
         if isinstance(value, str):
             parsed[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
     return parsed
 
 
-def check_counts(study: Study, given: Mapping[str, Any]) -> None:
+def check_counts(study: Study, values: Mapping[str, Any]) -> None:
     """Refuse more points than a plan can hold before their values are made; `given` are arrays, or SPECs."""
     counts = {name: len(axis) for name, axis in study.axes.items()}
-    for name, value in given.items():
+    for name, value in values.items():
         if name in counts:
             # Whatever else it may be is refused later.
             listed = value.size if isinstance(value, np.ndarray) else len(value) if isinstance(value, list) else 1
@@ -154,10 +154,10 @@ def _check(content: Mapping[str, Any]) -> None:
             raise InputError(f"{name} = {value!r}: it must be a number, SPEC or a list")
 
 
-def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sample_rate: float | None) -> Any:
+def request(study: Study, values: Mapping[str, Any], record: tuple[str, ...], sample_rate: float | None) -> Any:
     """The request of a result besides its axes, which its file stores as JSON."""
     settings = {name: each.value for name, each in study.settings.items()}
-    settings |= {name: np.asarray(given[name]).ravel()[0].item() for name in settings if name in given}
+    settings |= {name: np.asarray(values[name]).ravel()[0].item() for name in settings if name in values}
     if sample_rate is not None and "sample_rate" in settings:
         settings["sample_rate"], sample_rate = sample_rate, None
     request = {"settings": settings, "record": list(record), "sample_rate": sample_rate}

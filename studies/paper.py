@@ -75,5 +75,5 @@ def is_rig(dataset: xr.Dataset) -> bool:
 
 def is_point(dataset: xr.Dataset, **point: float) -> bool:
     """Whether a result is of the paper's own rig and was made with these values of its constants."""
-    given = constants(dataset)
-    return is_rig(dataset) and all(given[name] == value for name, value in point.items())
+    fixed = constants(dataset)
+    return is_rig(dataset) and all(fixed[name] == value for name, value in point.items())

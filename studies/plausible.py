@@ -54,9 +54,9 @@ def unusual(values: Mapping[str, Any], units: Mapping[str, str], names: Any = No
         Names that are checked; by default all.
     """
     lines = []
-    for name, given in values.items():
+    for name, value in values.items():
         kind = name.removeprefix("p1_").removeprefix("p2_")
-        sizes = np.abs(np.atleast_1d(np.asarray(given))) if kind in USUAL else np.zeros(0)
+        sizes = np.abs(np.atleast_1d(np.asarray(value))) if kind in USUAL else np.zeros(0)
         if not len(sizes) or sizes.dtype.kind not in "iuf" or (names is not None and name not in names):
             continue
         low, high = USUAL[kind]

@@ -112,14 +112,14 @@ def remark(lines: Sequence[str], *, strict: bool) -> str:
 
 def run(
     study: str | Study,
-    given: Mapping[str, Any],
+    values: Mapping[str, Any],
     out: str | Path | None = None,
     *,
     fresh: bool = False,
     **points: Any,
 ) -> Finished:
     """Plan and execute a study, by its name, the file that defines it, or as it is."""
-    return execute(plan(study, given, out, fresh=fresh, **points), *backend(None, None))
+    return execute(plan(study, values, out, fresh=fresh, **points), *backend(None, None))
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:

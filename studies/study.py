@@ -136,7 +136,7 @@ class Study:
         return axes | {name: list(each.words) for name, each in self.settings.items() if each.words}
 
     def sweep(
-        self, given: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
+        self, values: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
     ) -> Sweep:
         """The study's sweep with the `given` values in place of its own.
 
@@ -158,9 +158,9 @@ class Study:
         if len(record) or sample_rate is not None:
             if self.record is None:
                 raise InputError(f"study {self.name} has no motion in time to record")
-            return self.record(self, given, record, sample_rate)
+            return self.record(self, values, record, sample_rate)
         axes, settings = dict(self.axes), {name: s.value for name, s in self.settings.items()}
-        for name, value in given.items():
+        for name, value in values.items():
             if name in axes:
                 axes[name] = _axis(name, value, axes[name])
             elif name in settings:
@@ -226,8 +226,8 @@ def _axis(name: str, value: Any, own: Axis) -> Axis:
         texts = np.atleast_1d(np.asarray(value, dtype=object))
         for text in texts.ravel().tolist():
             if text not in own.values.tolist():
-                known = own.values.tolist()
-                near = suggest(str(text), known) or f"it must be one of {', '.join(known[:8])}"
+                every = own.values.tolist()
+                near = suggest(str(text), every) or f"it must be one of {', '.join(every[:8])}"
                 raise InputError(f"{name} = {text!r}: there is no such {name}; {near.rstrip()}")
         return replace(own, values=own.values[np.isin(own.values, texts.astype(str))])
     values = _numbers(name, value, "a number or a list of numbers")
@@ -253,10 +253,10 @@ def _numbers(name: str, value: Any, allowed: str) -> np.ndarray:
 
 def one_word(name: str, value: Any, words: Sequence[str]) -> str:
     """The one of the words that is asked for, alone or as a list of one."""
-    given = np.atleast_1d(np.asarray(value, dtype=object)).ravel().tolist()
-    if len(given) != 1 or given[0] not in words:
-        raise InputError(f"{name} = {', '.join(map(repr, given))}: it must be one of {', '.join(words)}")
-    return str(given[0])
+    entries = np.atleast_1d(np.asarray(value, dtype=object)).ravel().tolist()
+    if len(entries) != 1 or entries[0] not in words:
+        raise InputError(f"{name} = {', '.join(map(repr, entries))}: it must be one of {', '.join(words)}")
+    return str(entries[0])
 
 
 def _one_number(study: str, name: str, value: Any) -> float:

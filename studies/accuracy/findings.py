@@ -80,7 +80,7 @@ def _rows(frame: pd.DataFrame) -> Table:
 
 
 def _scenes(data: xr.Dataset) -> list[Part]:
-    given, rows = constants(data), []
+    fixed, rows = constants(data), []
     for name in data["scene"].values.tolist():
         if name in OWN:
             V, *others = OWN[name]
@@ -94,8 +94,8 @@ def _scenes(data: xr.Dataset) -> list[Part]:
         rows.append([name, *map("{:.3g}".format, [1e3 * V, *others]), *shape, second])
     heads = ["scene", "V mm/s", "theta", "mu", "F N", "P1 mm", "P2 mm", "at mm", "SE of 1 s"]
     return [
-        f"Rigs are drawn at random by the seed {SEED}. Runs last {given['duration']:g} s; a scene has",
-        f"{given['members']} of fast, {given['members_expensive']} of paper and exact.",
+        f"Rigs are drawn at random by the seed {SEED}. Runs last {fixed['duration']:g} s; a scene has",
+        f"{fixed['members']} of fast, {fixed['members_expensive']} of paper and exact.",
         Table(heads, rows, 1),
     ]
 

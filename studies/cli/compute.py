@@ -172,7 +172,7 @@ def _planned(
         options[axis] = values
     if writing:
         check_free(results.file_of(named(one, requested.scatter, requested.points), out))
-    values = requested.given(one) | options
+    values = requested.values_of(one) | options
     series: dict[str, Any] = {"record": requested.record, "sample_rate": requested.sample_rate}
     how: dict[str, Any] = {"fresh": fresh, "retry_failed": retry_failed, "strict": strict}
     with warned():

@@ -77,10 +77,10 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Onsets beside the paper's, and what is unstable at the paper's friction."""
-    given, ends = constants(dataset), dataset["mu"].values[[0, -1]]
+    fixed, ends = constants(dataset), dataset["mu"].values[[0, -1]]
     lines: list[Part] = [
-        f"Steady sliding, theta = {given['theta']:g} degrees, mu from {ends[0]:g} to {ends[1]:g} "
-        f"({dataset.sizes['mu']}), modes below {given['fmax'] / 1e3:g} kHz.",
+        f"Steady sliding, theta = {fixed['theta']:g} degrees, mu from {ends[0]:g} to {ends[1]:g} "
+        f"({dataset.sizes['mu']}), modes below {fixed['fmax'] / 1e3:g} kHz.",
         "",
     ]
     if dataset.sizes["onset"]:

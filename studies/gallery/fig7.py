@@ -74,7 +74,7 @@ def with_glued_modes(dataset: xr.Dataset, *, rig: Rig, theta: float, **_: Any) -
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Kind of vibration, peaks of the spectra and long sticks, beside the paper's."""
-    given, glued = constants(dataset), dataset["glued_frequency"].values
+    fixed, glued = constants(dataset), dataset["glued_frequency"].values
     near = [f"{glued[np.abs(glued - f).argmin()]:.0f} Hz nearest to {f:.0f}" for f in paper.OTHER_LINES]
     speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
     motion: dict[str, Column] = {
@@ -100,8 +100,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         measured = [f"{f:.0f}" for f in (*paper.LINES, *paper.OTHER_LINES)]
         tones = Table(tones.heads, [*tones.rows, ["paper", *measured]])
     return [
-        f"Velocity of B, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
-        f"{given['duration']:g} s, {transients.damping(given)}; "
+        f"Velocity of B, theta = {fixed['theta']:g} degrees, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
+        f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
         f"shares of time, RMS, coherence (autocorrelation after 20 periods) and spectra "
         f"from {transients.SETTLING:g} s after the first slip on.",
         "",

@@ -35,7 +35,11 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         if (count := int(np.count_nonzero(status == code)))
     ]
     lines += ["", f"{status.size} points: {', '.join(counts)}."]
-    return [*lines, *_found(quantity, values.values[np.isfinite(values.values)]), *_scattered(constants(dataset))]
+    return [
+        *lines,
+        *_values_text(quantity, values.values[np.isfinite(values.values)]),
+        *_scattered(constants(dataset)),
+    ]
 
 
 def _scattered(fixed: dict[str, Any]) -> list[Part]:
@@ -51,7 +55,7 @@ def _scattered(fixed: dict[str, Any]) -> list[Part]:
     ]
 
 
-def _found(quantity: str, values: NDArray[Any]) -> list[str]:
+def _values_text(quantity: str, values: NDArray[Any]) -> list[str]:
     """The range of a number, or the share of each class."""
     if not len(values):
         return ["No point has a value."]

@@ -284,7 +284,7 @@ class _Meaning:
             elif axis is not None and sign == "==":
                 self._note_text(axis, text)
             left, right = one, Term(TEXT, other.text, lambda values: text)
-        return _known(left, compare, right)
+        return _comparison(left, compare, right)
 
     def _note_text(self, axis: Column, text: str) -> None:
         texts = np.ravel(np.asarray(axis.values)).tolist()
@@ -318,7 +318,7 @@ def _wide(values: Any) -> Any:
     return np.asarray(values, dtype=float)
 
 
-def _known(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
+def _comparison(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
     """Where two terms compare so: NaN is unequal to everything, but nothing is known of what is missing."""
 
     def compared(values: Values) -> Any:

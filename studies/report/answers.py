@@ -25,7 +25,7 @@ MATTER = 3
 class Answer(NamedTuple):
     """A finding, and the paper's claim; "" where it makes none, or where the result is not of its rig."""
 
-    found: str
+    finding: str
     paper: str = ""
 
 

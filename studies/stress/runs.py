@@ -87,8 +87,8 @@ def gathered(question: Question, is_copy: bool = False) -> Evidence:
     replay, states, instants = None, None, np.zeros(0, dtype=np.intp)
     if question.method == "exact":
         instants = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int))
-        scene, model, given = Normalised.of(question.scene), question.model, question.initial
-        initial = None if given is None else State(given[0] / scene.load, given[1] / scene.load, given[2])
+        scene, model, start = Normalised.of(question.scene), question.model, question.initial
+        initial = None if start is None else State(start[0] / scene.load, start[1] / scene.load, start[2])
         own: dict[str, Any] = {"cutoff": question.options.get("cutoff"), "initial": initial, "ramp": question.ramp}
         n = len(model.rest)
         q, v, u = np.split(states_at(scene, run.time[instants], **own), [n, 2 * n], axis=1)
@@ -180,12 +180,12 @@ def replayed(question: Question, time: Array, N: Array, T: Array) -> Replay:
         moved = np.full_like(model.stiffness, 0.5 * step)
         moved[elastic] = (1.0 - flow[0, elastic]) / (model.stiffness[elastic] * step)
         forced = np.stack([moved, flow[1] / step])
-    load, given, dropped = question.numbers["F"], question.initial, ~model.kept
+    load, initial, dropped = question.numbers["F"], question.initial, ~model.kept
     # From rest under the load, where N = 1: the element is as far compressed as that asks.
     q, v, u = np.zeros(len(model.rest)), np.zeros(len(model.rest)), -float(model.normal @ model.rest)
-    if given is not None:
-        first = given[0] / load
-        q, v = first[model.kept] - model.rest, (given[1] / load)[model.kept]
+    if initial is not None:
+        first = initial[0] / load
+        q, v = first[model.kept] - model.rest, (initial[1] / load)[model.kept]
         u = float(full_model(question.rig, question.theta).normal[dropped] @ first[dropped])
     ramp, speed_per_load = question.ramp, abs(question.numbers["V"]) / load
     begun = q

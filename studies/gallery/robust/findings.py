@@ -23,20 +23,20 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     """Frictions by risk at the angle next to the paper's and where all is safe; indices; distributions."""
     at = dataset.sel(theta=paper.THETA, method="nearest")
     theta, mu = dataset["theta"].values, dataset["mu"].values
-    given, count = constants(dataset), dataset.sizes["sample"]
+    fixed, count = constants(dataset), dataset.sizes["sample"]
     lines: list[Part] = [
         f"{count} rigs, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), mu from "
         f"{mu.min():g} to {mu.max():g} ({len(mu)}), modes below {transients.BAND / 1e3:g} kHz; seed "
-        f"{given['seed']}.",
+        f"{fixed['seed']}.",
         "",
         *_by_risk(at),
         "",
-        *_deciding(at, given["sobol_samples"]),
+        *_deciding(at, fixed["sobol_samples"]),
         "",
         *_extremes(dataset),
         *regimes.failures(dataset),
         "",
-        instability.table(given["scatter"]),
+        instability.table(fixed["scatter"]),
     ]
     return lines
 

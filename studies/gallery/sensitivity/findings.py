@@ -34,12 +34,12 @@ RESULTS = {"elasticity_mu": (0, 0, 0, 0), "elasticity_frequency": (0, 0, -1, 0)}
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Numbers that matter at one inclination, the same over all, and how far the derivatives hold."""
-    given, theta, at = constants(dataset), dataset["theta"].values, reference(dataset)
+    fixed, theta, at = constants(dataset), dataset["theta"].values, reference(dataset)
     has_onset, angle = dataset["elasticity_mu"].notnull(), float(at["theta"])
     pairs = at["pair"].values[has_onset.sel(theta=angle).any("parameter")]
     lines: list[Part] = [
         f"Flutter onsets of three pairs, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), "
-        f"modes below {given['fmax'] / 1e3:g} kHz, mu up to {given['mu_max']:g}.",
+        f"modes below {fixed['fmax'] / 1e3:g} kHz, mu up to {fixed['mu_max']:g}.",
         "",
     ]
     if not len(pairs):

@@ -45,7 +45,7 @@ PEAK = ("frequency", "theta", "growth_rate")
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Frequencies, growth rates and shares of time over theta; at the foot windows, runs and the paper's text."""
-    given, theta = constants(dataset), dataset["theta"].values
+    fixed, theta = constants(dataset), dataset["theta"].values
     of_paper = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
     points = paper_points(theta) if of_paper else {}
     lines = [dataset[name].values.ravel() for name in ("frequency", "member_dominant_frequency")]
@@ -89,16 +89,16 @@ def draw(dataset: xr.Dataset) -> Figure:
             axes.legend(ncols=4 if axes is growth else 3, columnspacing=1.2, **above)
     strips.set_xlim(edges[0], edges[-1])
     strips.set_xlabel(planes.label("theta"))
-    point = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
-    figure.suptitle(f"Stability and motion over the inclination, {point}\n{damping(given)}")
+    point = ", ".join(planes.named(name, fixed[name]) for name in ("V", "mu", "F"))
+    figure.suptitle(f"Stability and motion over the inclination, {point}\n{damping(fixed)}")
     return figure
 
 
 def paper_points(theta: Array) -> dict[str, Array]:
     """The paper's frequencies at some of the angles: by label, (angle in degrees, Hz) in rows."""
     points = {
-        label: np.array([(angle, f) for angle in theta for f in np.atleast_1d(given.get(float(angle), []))])
-        for label, (given, _, _) in PAPER.items()
+        label: np.array([(angle, f) for angle in theta for f in np.atleast_1d(frequencies.get(float(angle), []))])
+        for label, (frequencies, _, _) in PAPER.items()
     }
     return {label: places for label, places in points.items() if len(places)}
 

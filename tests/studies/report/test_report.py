@@ -134,8 +134,8 @@ def test_the_kept_results_answer(name):
     found = answers(name, runner.open_dataset(KEPT / name / f"{name}.nc"))
     assert found
     for each in found:
-        assert re.search(r"\d", each.found + each.paper)
-        assert not re.search(r"\bnan\b", each.found)
+        assert re.search(r"\d", each.finding + each.paper)
+        assert not re.search(r"\bnan\b", each.finding)
 
 
 def test_the_rig_its_symbols_and_its_regimes_are_told_once(text):
