@@ -1,6 +1,6 @@
 """Statistics of `fast`, with the published scheme's numerical damping, beside those of that scheme itself.
 
-Over ensembles whose members differ by the ramp.
+Over ensembles whose runs differ by the ramp.
 
 The first four scenes and that of the aluminium P2 were looked at while the reduced model was made (the latter
 for its default cut-off); the others were not.

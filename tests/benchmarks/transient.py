@@ -23,7 +23,7 @@ def seconds(scene: Scene, duration: float, method: str, **given: object) -> floa
 
 
 def together(scene: Scene | list[Scene], duration: float, count: int, **given: object) -> float:
-    """Wall time of one of many scenes side by side, or of many members of one, which differ by the ramp."""
+    """Wall time of one of many scenes side by side, or of many repeat runs of one, which differ by the ramp."""
     scenes = scene if isinstance(scene, list) else [scene] * count
     ramps = [1e-3 * (1.0 + 0.013 * (k % 64)) for k in range(count)]
     start = time.perf_counter()

@@ -210,7 +210,7 @@ def accuracy():
     yield "| --- " * (4 + len(groups)) + "|"
     for at, name in DEFAULTS.items():
         row = rows.loc[at]
-        cells = [number(row["cost"], ".3g"), number(row["known"], ".2g"), number(row["ratio"], ".4g")]
+        cells = [number(row["cost"], ".3g"), number(row["time"], ".2g"), number(row["ratio"], ".4g")]
         for group in GROUPS:
             cells += [number(row[f"mismatch {group}"], ".2f"), right(row, group)]
         yield f"| {name} | {' | '.join(cells)} |"
