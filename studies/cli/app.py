@@ -52,9 +52,9 @@ def command(
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         @wraps(function)
-        def run(quiet: bool, verbose: bool, **given: Any) -> None:
+        def run(quiet: bool, verbose: bool, **arguments: Any) -> None:
             with InputErrors(verbose):
-                function(**given)
+                function(**arguments)
 
         decorated: Callable[..., Any] = run
         for option in (*reversed(options), verbose, quiet):
@@ -76,11 +76,11 @@ def warned() -> Iterator[None]:
     from sweeps import MixedWarning
 
     ours = UnusualWarning, MixedWarning
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as caught:
         for category in ours:
             warnings.simplefilter("always", category)
         yield
-    for each in found:
+    for each in caught:
         if issubclass(each.category, ours):
             say(f"fiv: {each.message}")
         else:

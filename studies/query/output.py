@@ -111,8 +111,8 @@ def print_rows(chosen: Selected, form: str, narrow: bool, units: bool, note: Cal
     if narrow and form == "table" and sys.stdout.isatty():
         write = partial(write_table, width=shutil.get_terminal_size().columns, note=note)
     if units and form == "json":
-        known = {column.name: column.units for column in columns if column.units}
-        sys.stdout.write(f'{{"units": {json.dumps(known)},\n"rows": ')
+        units_of = {column.name: column.units for column in columns if column.units}
+        sys.stdout.write(f'{{"units": {json.dumps(units_of)},\n"rows": ')
     count = write(columns, rows, sys.stdout)
     sys.stdout.write("}\n" if units and form == "json" else "")
     if not count:

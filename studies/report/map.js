@@ -138,12 +138,12 @@ class PlaneMap {
     const bottom = EDGE.top + this.box.height;
     context.font = "12px system-ui, sans-serif";
     context.textAlign = "right";
-    for (const k of this.ticks(this.y, this.box.height / 32)) {
-      context.fillText(this.read(this.y, k), EDGE.left - 6, bottom - (k + 0.5) * h + 4);
+    for (const [k, text] of this.ticks(this.y, this.box.height / 32)) {
+      context.fillText(text, EDGE.left - 6, bottom - (k + 0.5) * h + 4);
     }
     context.textAlign = "center";
-    for (const k of this.ticks(this.x, this.box.width / 64)) {
-      context.fillText(this.read(this.x, k), EDGE.left + (k + 0.5) * w, bottom + 16);
+    for (const [k, text] of this.ticks(this.x, this.box.width / 64)) {
+      context.fillText(text, EDGE.left + (k + 0.5) * w, bottom + 16);
     }
     context.fillText(this.name(this.x), EDGE.left + this.box.width / 2, height - 6);
     context.save();
@@ -153,10 +153,20 @@ class PlaneMap {
     context.restore();
   }
 
+  // Places along an axis, counted in cells, and their labels: every cell's where there is room, otherwise round values.
   ticks(dim, room) {
-    const count = this.points.shape[dim];
-    const step = Math.max(1, Math.ceil(count / Math.max(room, 2)));
-    return Array.from({ length: Math.ceil(count / step) }, (_, k) => k * step);
+    const axis = this.points.axes[dim];
+    const values = axis.values.map((value) => value * (axis.factor || 1));
+    const cells = values.map((_, k) => [k, this.read(dim, k)]);
+    if (cells.length <= room) return cells;
+    if (!values.every((value, k) => k === 0 || value > values[k - 1])) {
+      return cells.filter((_, k) => k % Math.ceil(cells.length / room) === 0);
+    }
+    return round(values[0], values.at(-1), room, values[values.length >> 1]).map((value) => {
+      const above = Math.max(values.findIndex((one) => one >= value), 1);
+      const [low, high] = [values[above - 1], values[above]];
+      return [above - 1 + (value - low) / (high - low), String(value)];
+    });
   }
 
   listen() {
@@ -200,6 +210,20 @@ class PlaneMap {
     ]);
     this.cell.replaceChildren(element("h4", {}, "The scene"), list(scene), element("h4", {}, "What was found"), more, ...lines);
   }
+}
+
+// At most so many round values between two limits; of decades where the value in the middle says that these are even.
+function round(low, high, most, middle) {
+  const tidy = (value) => Number(value.toPrecision(12));
+  if (low > 0 && middle < 0.25 * high) {
+    const decades = Array.from({ length: Math.ceil(Math.log10(high / low)) + 2 }, (_, k) => 10 ** (Math.floor(Math.log10(low)) + k));
+    const within = (factors) => decades.flatMap((ten) => factors.map((factor) => tidy(factor * ten))).filter((value) => value >= low && value <= high);
+    return [[1, 2, 5], [1, 3], [1]].map(within).find((values) => values.length <= most) || within([1]);
+  }
+  const ten = 10 ** Math.floor(Math.log10((high - low) / most));
+  const step = ten * ([1, 2, 5].find((factor) => (high - low) / (factor * ten) <= most) || 10);
+  const first = Math.ceil(low / step - 1e-9);
+  return Array.from({ length: Math.floor(high / step + 1e-9) - first + 1 }, (_, k) => tidy((first + k) * step));
 }
 
 for (const box of document.querySelectorAll(".plane")) new PlaneMap(box);

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fivcore import Transient
 from fivcore.contact.reduced import ReducedModel, reduced_model
 from fivcore.transient import published
+from fivcore.transient.normalised import Normalised, energy_at_hand
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 from studies.motion.normalised import SCALED
 from studies.stress.ask import Question
@@ -24,8 +25,8 @@ Array = NDArray[Any]
 Judged = tuple[float, float] | None
 
 EPS = float(np.finfo(float).eps)
-# Rounding, in units of the largest force; of a copy, the same motion times a number; and of stored energy.
-ROUNDING, COPY, STORED = 1e-12, 1e-12, 16.0 * EPS
+# Rounding, in units of the largest force, and of a copy, the same motion times a number.
+ROUNDING, COPY = 1e-12, 1e-12
 SOLVED = 1e-9  # a relation that the published scheme solves for, relative to the terms in it
 # Energy unaccounted for: of "exact", what rounding leaves; of "fast", what landing within a step leaves, per
 # default step; of "paper", beyond what its own damping and the impacts take.
@@ -60,8 +61,8 @@ CHECKS = {
 
 
 def judged(evidence: Evidence) -> dict[str, tuple[float, float]]:
-    """Every check that applies: value and bound. No denormals and no event storms is what the cost says."""
-    found = _contact_law(evidence) | {
+    """Value and bound of every check that applies. The cost excludes denormal numbers and event storms."""
+    results = _contact_law(evidence) | {
         "finite": (_not_finite(evidence), 0.0),
         "gap": _gap(evidence) if evidence.states is None else _exact_gap(evidence),
         "energy": _energy(evidence),
@@ -70,7 +71,7 @@ def judged(evidence: Evidence) -> dict[str, tuple[float, float]]:
         "record": (_changed(evidence), 0.0) if evidence.whole else None,
         "cost": (evidence.cost, COST[evidence.question.method]),
     }
-    return {name: each for name, each in found.items() if each is not None}
+    return {name: each for name, each in results.items() if each is not None}
 
 
 def _not_finite(evidence: Evidence) -> float:
@@ -128,14 +129,14 @@ def _relaxation(T: Array, N: Array, mu: float, slips: Array, step: float) -> tup
 
 
 def _moved(question: Question, driven: float) -> float:
-    """What the clamp or the tip has moved, m: nothing in g_T is larger."""
-    model, given = question.model, question.initial
+    """Displacement of the clamp or the tip, m: nothing in g_T is larger."""
+    model, initial = question.model, question.initial
     moved = driven + question.numbers["F"] * float(np.sum(np.abs(model.tangential * model.rest)))
-    if given is not None:
+    if initial is not None:
         # The rigid mode's angular frequency is taken as the lowest of the others.
         omega = np.sqrt(model.stiffness)
         omega = np.where(omega > 0.0, omega, omega[omega > 0.0].min())
-        moved += float(np.abs(model.tangential) @ (np.abs(given[0]) + np.abs(given[1]) / omega))
+        moved += float(np.abs(model.tangential) @ (np.abs(initial[0]) + np.abs(initial[1]) / omega))
     return moved
 
 
@@ -158,7 +159,7 @@ def _gap(evidence: Evidence) -> Judged:
 
 
 def _exact_gap(evidence: Evidence) -> Judged:
-    """Of "exact", by its own states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N + u_N >= 0."""
+    """Error of "exact" by its states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N >= -u_N."""
     run, question, at = evidence.run, evidence.question, evidence.instants
     model, load = question.model, question.numbers["F"]
     assert evidence.states is not None
@@ -176,28 +177,23 @@ def _energy(evidence: Evidence) -> Judged:
     """Of "fast": what landing and taking off within a step leaves, which grows with it.
 
     Of "paper": its own damping and its impacts are not in its balance; the replay says what they take, and what is
-    left over counts. Of all: what rounding leaves of the stored energy, where hardly any is exchanged.
+    left over counts.
     """
     question, run, replay = evidence.question, evidence.run, evidence.replay
-    is_paper = question.method == "paper"
-    model = _usual(question)
-    stored = float(np.sum(model.stiffness * model.rest**2))
+    residual, bound = float(run.summary["energy_residual"]), BALANCE[question.method]
+    if question.method != "paper":
+        bound *= max(question.step / question.model.default_step, 1.0) if question.method == "fast" else 1.0
+        return max(residual, float(evidence.summary["energy_residual"])), bound
+    if replay is None:
+        return None
     load, step = question.numbers["F"], question.step
     T, slip = run.tangential_force / load, run.slip_velocity / load
     drive = question.numbers["V"] / load * np.minimum(run.time / max(question.ramp, 1e-300), 1.0)
     work, friction = step * float(T @ drive), -step * float(T @ slip)
-    residual, bound = float(run.summary["energy_residual"]), BALANCE[question.method]
-    if is_paper:
-        if replay is None:
-            return None
-        taken, given, lost = replay.added + replay.struck, work + replay.carried, friction + replay.damped
-        exchanged = abs(given) + abs(lost) + abs(given - lost - taken)
-        residual = abs(residual - abs(taken) / max(exchanged, 1e-300))
-    else:
-        residual = max(residual, float(evidence.summary["energy_residual"]))
-        exchanged = abs(work) + abs(friction)
-        bound *= max(step / question.model.default_step, 1.0) if question.method == "fast" else 1.0
-    return residual, bound + (STORED * stored / exchanged if exchanged > 0.0 else 0.0)
+    taken, given, lost = replay.added + replay.struck, work + replay.carried, friction + replay.damped
+    exchanged = abs(given) + abs(lost) + abs(given - lost - taken)
+    exchanged = max(exchanged, energy_at_hand(Normalised.of(question.scene), question.state))
+    return abs(residual - abs(taken) / exchanged), bound
 
 
 def _mean(run: Transient, F: float) -> Judged:

@@ -255,6 +255,20 @@ def test_the_map_is_drawn_in_the_colours_of_its_legend(page):
     assert "m s-1" in texts(page, "#regimes .legend")[0]
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "most", "middle", "values"),
+    [
+        (-10, 20, 9, 5, [-10, -5, 0, 5, 10, 15, 20]),
+        (0, 0.5, 12, 0.25, [0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5]),
+        (0.37, 1.21, 5, 0.8, [0.4, 0.6, 0.8, 1, 1.2]),
+        (0.5, 30, 9, 4, [0.5, 1, 2, 5, 10, 20]),
+        (0.02, 300, 6, 2.5, [0.1, 1, 10, 100]),
+    ],
+)
+def test_a_map_has_round_ticks(page, low, high, most, middle, values):
+    assert page.execute_script(f"return round({low}, {high}, {most}, {middle})") == values
+
+
 def test_other_axes_are_chosen_beside_the_map(page):
     assert len(page.find_elements("css selector", "#scenes .choose select")) == 3
     assert cell(page, "scenes")["θ / °"] == "5"
