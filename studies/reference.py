@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from studies import registry, results, runner
+from studies.cli.output import show
 from sweeps import duration, open_results
 
 
@@ -34,7 +35,7 @@ def main(names: list[str]) -> None:
     known = registry.catalogue()
     for name in names or registry.NAMES:
         plan = runner.plan(registry.load(name), {}, folder, fresh=True, reference=True)
-        print(runner.execute(plan).file)
+        show(str(runner.execute(plan).file))
         known[name] = entry(name, folder)
     ordered = {name: known[name] for name in registry.NAMES if name in known}
     text = json.dumps(ordered, indent=1, ensure_ascii=False)

@@ -86,6 +86,8 @@ class Plan(PlanData):  # noqa: D101 - the docstring of its fields
             If the file cannot be written, or another run holds it.
         SchedulerError
             If there is no such scheduler.
+        ClusterLostError
+            If it went, or all its workers, while they computed; what was finished is kept in the file's folder.
         SweepStoppedError
             With `fail_fast`, if a point failed.
         KeyboardInterrupt

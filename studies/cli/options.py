@@ -142,6 +142,7 @@ QUERY = (
     click.option("--where", metavar="EXPR", help="Which rows; by default all."),
     click.option(
         "--show",
+        "columns",
         metavar="A,B,...",
         shell_complete=completion.COLUMNS,
         help="Which columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",
