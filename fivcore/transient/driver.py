@@ -129,6 +129,13 @@ class Job:
         return Transient(self._scene, summary, **self._series.whole())
 
 
+def located(error: SceneError, scene: Scene) -> SceneError:
+    """The error with the scene that it belongs to."""
+    text = f"V = {scene.V:g} m/s, theta = {scene.theta:g} degrees, mu = {scene.mu:g}, F = {scene.F:g} N"
+    rig = "" if scene.rig == Rig() else f", rig = {scene.rig}"
+    return type(error)(f"{error}; scene {text}{rig}", scene).with_traceback(error.__traceback__)
+
+
 def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient | SceneError]:
     """Take runs of one method from start to end; return the result of each, or the error that it ends with."""
     results: list[Any] = [None] * len(requests)
@@ -153,12 +160,6 @@ def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient |
                     continue
                 results[k] = jobs[k].result()
             except SceneError as error:
-                scene = requests[k][0]
-                text = (
-                    f"V = {scene.V:g} m/s, theta = {scene.theta:g} degrees, mu = {scene.mu:g}, F = {scene.F:g} N"
-                )
-                rig = "" if scene.rig == Rig() else f", rig = {scene.rig}"
-                located = type(error)(f"{error}; scene {text}{rig}", scene)
-                results[k] = located.with_traceback(error.__traceback__)
+                results[k] = located(error, requests[k][0])
             jobs.pop(k, None)
     return results

@@ -24,7 +24,7 @@ from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
-from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
+from fivcore.transient.moving_contact import ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.record import SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
@@ -116,6 +116,7 @@ class FastRun:
             elastic = model.stiffness > 0.0
             push = model.inertia[elastic] * scene.speed_per_load / self._ramp
             self._shift[elastic] = push / model.stiffness[elastic]
+            self.record["work"] -= self._ramp_work(q)
         else:
             v += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(q, v, u)
@@ -218,7 +219,7 @@ class FastRun:
             if now >= self._until:
                 last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
                 if motion is not None:
-                    last = min(now + max(int(SEGMENT_LENGTH / (abs(motion.speed) * self.step)), 1), self.steps)
+                    last = min(now + motion.segment_steps(self.step), self.steps)
                 self._until = min(last, ramp_ends) if now < ramp_ends else last
                 if motion is not None:
                     self._follow(motion, now, self._until)
@@ -284,7 +285,7 @@ class FastRun:
         push = model.inertia * self.scene.speed_per_load / ramp * (ramp - self._ramp_ends * self.step)
         q, v = _move(model, self._shift, push, 0.5 * self.step)
         before_q, before_v = self._between(self._solver)
-        self.record["work"] += np.sum(model.stiffness * self._shift * (before_q + self._shift))
+        self.record["work"] += self._ramp_work(before_q + self._shift)
         self.record["work"] += np.sum(push * (before_v + 0.5 * push))
         self._shift = np.zeros(len(q))
         self._place(self._row(at.Q) + q, self._row(at.V) + v)
@@ -392,6 +393,7 @@ class FastRun:
         # The modes that are not kept do work too when their shapes change under the contact force: the element's
         # energy at the same u changes by that.
         softer = self._solver.impulse.stiffness
+        self.record["work"] += self._ramp_work(model.rest - self.model.rest)
         self._use(Solver(model, self.scene.mu, self.step))
         self.record["work"] += 0.5 * float(u @ (self._solver.impulse.stiffness - softer) @ u)
         put(self.blocks, at.SLIDE_N, normal)
@@ -409,8 +411,13 @@ class FastRun:
         return np.array([self.record["u_N"][0], self.record["u_T"][0]])
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the element and the load, normalised."""
-        return self._energy_of(self._row(at.Q) + self._shift, self._row(at.V), self._element)
+        """Energy of the modes about the equilibrium, the element, the load and the ramp's push, normalised."""
+        q = self._row(at.Q) + self._shift
+        return self._energy_of(q, self._row(at.V), self._element) - self._ramp_work(q)
+
+    def _ramp_work(self, q: Array) -> float:
+        """Work of the accelerating clamp on the inertia of P2 over modal displacements."""
+        return float(np.sum(self.model.stiffness * self._shift * q))
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
         model, K = self.model, self._solver.impulse.stiffness

@@ -69,6 +69,17 @@ def displacement(t: Array, speed: float, ramp: float) -> Array:
     return np.where(t < ramp, 0.5 * speed * np.square(t) / ramp, speed * (t - 0.5 * ramp))
 
 
+def energy_at_hand(scene: Normalised, initial: State | None) -> float:
+    """Energy beside which a balance that turns over less is judged, as `energy_residual` says (F = 1)."""
+    full = full_model(scene.rig, scene.theta)
+    twice = 1e-3 * float(np.sum(full.stiffness * full.rest**2))
+    twice += scene.speed_per_load**2 * float(np.sum(full.inertia**2))
+    if initial is not None:
+        q = initial.displacement - full.rest
+        twice += float(np.sum(full.stiffness * q**2 + initial.velocity**2)) + 2.0 * abs(float(full.normal @ q))
+    return 0.5 * twice
+
+
 def slip_distance(scene: Normalised) -> float:
     """Static displacement of the clamp at which the contact slips, m per N of load (F = 1, N = 1)."""
     full = full_model(scene.rig, scene.theta)

@@ -27,7 +27,7 @@ from fivcore.contact.step_map import at_most
 from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array, inlined, kernel
 from fivcore.rig import Rig
-from fivcore.transient.moving_contact import SEGMENT_LENGTH, ContactMotion, moved_model
+from fivcore.transient.moving_contact import ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
@@ -87,7 +87,7 @@ class PaperRun(SteppedRun):
             raise not_unique(scene.mu, critical)
         direction, ramp, speed = options.contact_motion, options.ramp, scene.speed_per_load
         self._motion = ContactMotion(scene, ramp, direction) if direction else None
-        length = SEGMENT_LENGTH / (abs(self._motion.speed) * dt) if self._motion else round(SEGMENT / dt)
+        length = self._motion.segment_steps(dt) if self._motion else round(SEGMENT / dt)
         super().__init__(scene, options, dt, length, SCENE)
         self._slide = np.zeros((2, 0))
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
@@ -298,11 +298,13 @@ def advance(
             predicted = (f[j] - k[j] * x - c[j] * star) * inverse[j]
             q[j], vs[j], a[j] = x, star, predicted
             free[j] = x + dt * (star + b * dt * predicted) + 0.5 * dt * dt * predicted
-        along = 0.0
+        across, along = 0.0, 0.0
         for j in range(slide.shape[1]):
             normal[j] += slide[0, j]
             tangential[j] += slide[1, j]
+            across += slide[0, j] * q[j]
             along += slide[1, j] * q[j]
+        scene.work -= N * across
         scene.gap_N, scene.gap_T = _gaps(normal, tangential, free)
         # A change of g_T by the change of its shape is no slip.
         scene.last_gT += along

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import Array
-from fivcore.transient.normalised import displacement, slip_distance
+from fivcore.transient.normalised import displacement, energy_at_hand, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
 from fivcore.transient.uncertainty.blocks import Blocks
@@ -36,7 +36,9 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
       slip and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
       at its end.
     - `regime`: see `regime_of`.
-    - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes.
+    - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes or, if it
+      is larger, over a thousandth of what the load stores at rest, P2's kinetic energy at V and what an initial
+      state has beyond rest (`energy_at_hand`). Of "paper" it has its own damping and its impacts, booked nowhere.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`uncertainty.errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
@@ -80,6 +82,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
         errors |= {f"{state}_fraction": 0.0 for state in states}
     released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
     exchanged = float(np.abs([work, released, *lost]).sum())
+    exchanged = max(exchanged, energy_at_hand(scene, run.options.initial))
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,
@@ -98,7 +101,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
         "stick_times": lengths,
         "stick_starts": sticks[:, 0].copy(),
         "censored_sticks": censored,
-        "energy_residual": abs(work + released - sum(lost)) / max(exchanged, 1e-300),
+        "energy_residual": abs(work + released - sum(lost)) / exchanged,
         "regime": regime,
         "simulated_time": duration,
         "settled_early": further > 0,

@@ -61,7 +61,7 @@ SUMMARY = {
     "first_separation_time": Variable("s", "time of the first separation"),
     "long_sticks": Variable("1", "number of long sticks after the first slip", (), "int32"),
     "mean_stick_time": Variable("s", "mean duration of the long sticks"),
-    "energy_residual": Variable("1", "energy unaccounted for"),
+    "energy_residual": Variable("1", "energy unaccounted for, over that turned over or at hand"),
 }
 # Statistics of a run that have a standard error, X_se.
 ESTIMATED = (

@@ -15,7 +15,7 @@ from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, re
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import published
 from fivcore.transient.exact import STEP as GRID
-from fivcore.transient.normalised import Normalised, slip_distance
+from fivcore.transient.normalised import Normalised, State, slip_distance
 from studies.stress.cases import CONTACT, DIVERGENCE, DURATION, POINT, VALUE, Case
 from studies.stress.starts import STARTS
 
@@ -81,6 +81,12 @@ class Question:
         """Modal displacements, velocities and contact state; None for rest under the load."""
         start = STARTS.get(self.start)
         return start and start.build(self.scene, self.model.kept, *start.arguments)
+
+    @property
+    def state(self) -> State | None:
+        """The initial state, per N of load."""
+        given, load = self.initial, self.numbers["F"]
+        return None if given is None else State(given[0] / load, given[1] / load, given[2])
 
     @property
     def plain_cutoff(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fivcore import Transient
 from fivcore.contact.reduced import ReducedModel, reduced_model
 from fivcore.transient import published
+from fivcore.transient.normalised import Normalised, energy_at_hand
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 from studies.motion.normalised import SCALED
 from studies.stress.ask import Question
@@ -24,8 +25,8 @@ Array = NDArray[Any]
 Judged = tuple[float, float] | None
 
 EPS = float(np.finfo(float).eps)
-# Rounding, in units of the largest force; of a copy, the same motion times a number; and of stored energy.
-ROUNDING, COPY, STORED = 1e-12, 1e-12, 16.0 * EPS
+# Rounding, in units of the largest force, and of a copy, the same motion times a number.
+ROUNDING, COPY = 1e-12, 1e-12
 SOLVED = 1e-9  # a relation that the published scheme solves for, relative to the terms in it
 # Energy unaccounted for: of "exact", what rounding leaves; of "fast", what landing within a step leaves, per
 # default step; of "paper", beyond what its own damping and the impacts take.
@@ -176,28 +177,23 @@ def _energy(evidence: Evidence) -> Judged:
     """Of "fast": what landing and taking off within a step leaves, which grows with it.
 
     Of "paper": its own damping and its impacts are not in its balance; the replay says what they take, and what is
-    left over counts. Of all: what rounding leaves of the stored energy, where hardly any is exchanged.
+    left over counts.
     """
     question, run, replay = evidence.question, evidence.run, evidence.replay
-    is_paper = question.method == "paper"
-    model = _usual(question)
-    stored = float(np.sum(model.stiffness * model.rest**2))
+    residual, bound = float(run.summary["energy_residual"]), BALANCE[question.method]
+    if question.method != "paper":
+        bound *= max(question.step / question.model.default_step, 1.0) if question.method == "fast" else 1.0
+        return max(residual, float(evidence.summary["energy_residual"])), bound
+    if replay is None:
+        return None
     load, step = question.numbers["F"], question.step
     T, slip = run.tangential_force / load, run.slip_velocity / load
     drive = question.numbers["V"] / load * np.minimum(run.time / max(question.ramp, 1e-300), 1.0)
     work, friction = step * float(T @ drive), -step * float(T @ slip)
-    residual, bound = float(run.summary["energy_residual"]), BALANCE[question.method]
-    if is_paper:
-        if replay is None:
-            return None
-        taken, given, lost = replay.added + replay.struck, work + replay.carried, friction + replay.damped
-        exchanged = abs(given) + abs(lost) + abs(given - lost - taken)
-        residual = abs(residual - abs(taken) / max(exchanged, 1e-300))
-    else:
-        residual = max(residual, float(evidence.summary["energy_residual"]))
-        exchanged = abs(work) + abs(friction)
-        bound *= max(step / question.model.default_step, 1.0) if question.method == "fast" else 1.0
-    return residual, bound + (STORED * stored / exchanged if exchanged > 0.0 else 0.0)
+    taken, given, lost = replay.added + replay.struck, work + replay.carried, friction + replay.damped
+    exchanged = abs(given) + abs(lost) + abs(given - lost - taken)
+    exchanged = max(exchanged, energy_at_hand(Normalised.of(question.scene), question.state))
+    return abs(residual - abs(taken) / exchanged), bound
 
 
 def _mean(run: Transient, F: float) -> Judged:

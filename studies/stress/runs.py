@@ -28,7 +28,7 @@ from fivcore.contact.impulse import Impulse
 from fivcore.contact.reduced import full_model
 from fivcore.jit import kernel
 from fivcore.transient.exact import states_at
-from fivcore.transient.normalised import Normalised, State
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.published import BETA2
 from studies.stress.ask import Question
 from studies.stress.cases import POINT
@@ -87,9 +87,9 @@ def gathered(question: Question, is_copy: bool = False) -> Evidence:
     replay, states, instants = None, None, np.zeros(0, dtype=np.intp)
     if question.method == "exact":
         instants = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int))
-        scene, model, given = Normalised.of(question.scene), question.model, question.initial
-        initial = None if given is None else State(given[0] / scene.load, given[1] / scene.load, given[2])
-        own: dict[str, Any] = {"cutoff": question.options.get("cutoff"), "initial": initial, "ramp": question.ramp}
+        scene, model = Normalised.of(question.scene), question.model
+        own: dict[str, Any] = {"cutoff": question.options.get("cutoff"), "ramp": question.ramp}
+        own["initial"] = question.state
         n = len(model.rest)
         q, v, u = np.split(states_at(scene, run.time[instants], **own), [n, 2 * n], axis=1)
         states = np.stack([(q + model.rest) @ model.normal, v @ model.normal, q @ model.normal + u[:, 0]])

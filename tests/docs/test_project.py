@@ -105,7 +105,7 @@ def test_studies_are_loaded_without_matplotlib():
 
 def test_the_core_is_small_and_needs_nothing_within_numba():
     files = [file.read_text() for file in (HOME / "fivcore").rglob("*.py")]
-    assert sum(text.count("\n") for text in files) <= 7170
+    assert sum(text.count("\n") for text in files) <= 7200
     assert not imported("fivcore") & {"llvmlite", "ctypes"}
     assert not any(re.search(r"numba\.(core|extending|types|np)\b", text) for text in files)
 

@@ -1,14 +1,17 @@
 """Jobs of the studies: each has the result that `simulate` gives it, whatever the other jobs ask for."""
 
 from dataclasses import replace
+from functools import partial
 from traceback import extract_tb
 
 import numpy as np
 import pytest
 
 from fivcore import ContactError, Rig, Scene, Transient, simulate, simulate_many
+from fivcore.contact.ablation import with_relaxation_time
 from studies.motion import jobs as runs
-from studies.motion.jobs import Job, outcomes, run_all
+from studies.motion.jobs import BALANCE, BalanceError, Job, outcomes, run_all
+from sweeps import Axis, Grid, Sweep, Variable
 
 SCENE, SLOW = Scene(5e-3, 5.0, 0.2, 9.0), Scene(1e-3, 12.0, 0.35, 9.0)
 TIMES = np.linspace(0.0, 5e-3, 7)
@@ -79,3 +82,36 @@ def test_a_point_fails_with_the_first_error_of_its_runs():
     assert whole["wall_time"][0] == pytest.approx(0.11 / 0.05 * whole["wall_time"][1])
     with pytest.raises(ContactError, match="mu = 5"):
         outcomes([[UNSOLVABLE]], values)
+
+
+def relaxed(points):
+    """The energy residual at points whose contact element has its own relaxation time."""
+    options = [
+        {"method": "fast", "modify": partial(with_relaxation_time, tau=float(tau))} for tau in points["tau"]
+    ]
+    return outcomes([[Job(SCENE, 0.1, each)] for each in options], lambda _, runs: {"left": residual(runs[0])})
+
+
+def residual(run):
+    return run.summary["energy_residual"]
+
+
+def test_a_point_whose_energy_does_not_add_up_fails_with_the_reason():
+    """An element that relaxes a hundred times too slowly takes steps as small."""
+    grid = Grid({"tau": Axis([1e-7, 1e-5], "s")})
+    data = Sweep("relaxed", relaxed, grid, {"left": Variable("1")}).plan().run("sync")
+    left = simulate(SCENE, 0.1, modify=partial(with_relaxation_time, tau=1e-5)).summary["energy_residual"]
+    assert data["left"][0] < BALANCE["fast"] < left
+    assert data["status"].values.tolist() == [1, 2]
+    assert np.isnan(data["left"][1])
+    error = str(data["error"].values[1])
+    assert error.startswith(f"BalanceError: energy_residual = {left:.3g}: of method 'fast' at most 0.1 counts; ")
+    assert "a smaller step or method 'exact'; scene V = 0.005 m/s" in error
+    # A point alone ends as the line that reproduces it does.
+    with pytest.raises(BalanceError, match=r"^energy_residual = 0\.\d+: "):
+        relaxed({"tau": [1e-5]})
+    # What the message advises helps.
+    assert (
+        simulate(SCENE, 0.1, modify=partial(with_relaxation_time, tau=1e-5), step=1e-7).summary["energy_residual"]
+        < BALANCE["fast"]
+    )

@@ -43,7 +43,7 @@ def plainly(function, *given):
 
 def figures_of(counted, monitor, duration, sticks=None, steadiness=0.0, released=0.0):
     """Summary of a made run."""
-    made = SimpleNamespace(scene=SCENE, options=SimpleNamespace(ramp=1e-3), steps=1, step=duration)
+    made = SimpleNamespace(scene=SCENE, options=SimpleNamespace(ramp=1e-3, initial=None), steps=1, step=duration)
     made.record, made.released_energy = np.array([counted]), lambda: released
     blocks = Blocks()
     blocks.spread = lambda start: steadiness * SCENE.speed_per_load

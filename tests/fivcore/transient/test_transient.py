@@ -21,7 +21,9 @@ from fivcore import (
 from fivcore.contact import step_map as step_limit
 from fivcore.contact.reduced import DAMPING, default_cutoff, full_model, reduced_model
 from fivcore.rig import P1, P2
-from fivcore.transient import fast
+from fivcore.transient import fast, moving_contact
+from fivcore.transient.moving_contact import ContactMotion, moved_model
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.published import STEP, TAU
 from studies.accuracy.rigs import drawn_scene
 from tests.benchmarks.ensembles import FRACTIONS, compare, members
@@ -419,3 +421,19 @@ def test_energy_is_kept_while_the_contact_point_moves(theta, place, direction, d
     """Over an element of P2 and more, through vibration and through steady sliding."""
     scene = Scene(1.0, theta, 0.2, 9.0, Rig(contact_position=place))
     assert simulate(scene, duration, contact_motion=direction).summary["energy_residual"] < bound
+
+
+def test_the_cost_of_a_fast_contact_point_is_that_of_its_path(monkeypatch):
+    """At 0.02 m/s a segment is 5 um long; a hundred times as fast it is ten times as long, and moves B as well."""
+    slow, quick = (ContactMotion(Normalised.of(paper_scene(V)), 0.0, 1) for V in (0.02, 2.0))
+    assert [each.segment_steps(1e-6) for each in (slow, quick)] == [250, 25]
+    scene, made = Scene(2.0, -5.0, 0.2, 9.0), []
+    monkeypatch.setattr(fast, "moved_model", lambda *given: made.append(given) or moved_model(*given))
+    run = simulate(scene, 4e-3, contact_motion=1, record=True)
+    # Two models a segment.
+    path = 2.0 * (4e-3 - 0.5e-3)
+    assert len(made) <= 2.0 * (path / 45e-6 + 20)
+    monkeypatch.setattr(moving_contact, "MOST", 5e-6)
+    fine = simulate(scene, 4e-3, contact_motion=1, record=True)
+    assert len(made) > 1000
+    assert np.abs(run.velocity_B - fine.velocity_B).max() < 0.02 * np.abs(fine.velocity_B).max()
