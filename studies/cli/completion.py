@@ -40,7 +40,10 @@ def answer(program: click.Command, asked: str) -> int:
     except (LookupError, ValueError):
         answered = False
     if not answered:
-        show(f"fiv: _FIV_COMPLETE = {asked!r}: it is for shells; they set COMP_WORDS and COMP_CWORD too", err=True)
+        show(
+            f"fiv: _FIV_COMPLETE = {asked!r}: it is for shells; they set COMP_WORDS, and COMP_CWORD to a number",
+            err=True,
+        )
     return 0 if answered else WRONG_INPUT
 
 

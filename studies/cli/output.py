@@ -12,7 +12,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from typing import Any
 
 # Controls but \n and \t, what ends a line or turns its direction round elsewhere, and halves of surrogate pairs.
@@ -35,13 +35,8 @@ def show(text: str, err: bool = False) -> None:
 
     What standard error does not take is lost: there is nobody to tell.
     """
-    if not err:
-        _write(harmless(text) + "\n")
-        sys.stdout.flush()
-        return
-    with suppress(OSError):
-        sys.stderr.write(harmless(text) + "\n")
-        sys.stderr.flush()
+    with suppress(OSError) if err else nullcontext():
+        print(harmless(text), file=sys.stderr if err else sys.stdout, flush=True)
 
 
 class Rows:
@@ -62,11 +57,7 @@ class Rows:
 
     def write(self, text: str) -> int:
         """Print a text."""
-        return _write(text if self.as_they_are else harmless(text))
-
-
-def _write(text: str) -> int:
-    return sys.stdout.write(text)
+        return sys.stdout.write(text if self.as_they_are else harmless(text))
 
 
 @contextmanager

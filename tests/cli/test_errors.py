@@ -146,7 +146,7 @@ def test_a_shell_that_asks_wrongly_is_told_in_one_line(here, monkeypatch, asked,
         monkeypatch.setenv("COMP_WORDS", "fiv li")
         monkeypatch.setenv("COMP_CWORD", words)
     done = here()
-    told = f"fiv: _FIV_COMPLETE = {asked!r}: it is for shells; they set COMP_WORDS and COMP_CWORD too\n"
+    told = f"fiv: _FIV_COMPLETE = {asked!r}: it is for shells; they set COMP_WORDS, and COMP_CWORD to a number\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", told)
 
 
