@@ -54,16 +54,16 @@ def band(value: Any) -> float:
 def array(name: str, value: Any, each: Callable[[Any], float]) -> NDArray[np.float64]:
     """Return a copy of `value` as a float array after checking it; a message names the first bad element."""
     try:
-        given = np.asarray(value)
+        array = np.asarray(value)
     except (TypeError, ValueError):
-        given = np.array(None)
-    if given.ndim == 0:
+        array = np.array(None)
+    if array.ndim == 0:
         return np.array(each(value))
-    if given.size == 0:
-        return np.zeros(given.shape)
-    if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
+    if array.size == 0:
+        return np.zeros(array.shape)
+    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         raise InputError(f"{name} = {short(value)}: it must be a number or an array of numbers")
-    result = given.astype(float)
+    result = array.astype(float)
     # If any element is bad, then one that is not finite, the smallest or the largest.
     for element in (*result[~np.isfinite(result)][:1], result.min(), result.max()):
         each(float(element))

@@ -1,4 +1,4 @@
-"""What can be wrong with an argument, with a search for roots, and with a transient, which carries its scene."""
+"""Errors of arguments, of searches for roots, and of transients, which carry their scene."""
 
 from __future__ import annotations
 

@@ -169,10 +169,10 @@ class Rig:
             elif beam in PAPER and field in BEAM_NUMBERS:
                 beams[beam] = _changed(beam, beams[beam], {field: value})
             else:
-                known = [*RIG_NUMBERS, *(f"{beam}_{field}" for beam in PAPER for field in BEAM_NUMBERS), *PAPER]
-                near = difflib.get_close_matches(name, known, 1)
+                names = [*RIG_NUMBERS, *(f"{beam}_{field}" for beam in PAPER for field in BEAM_NUMBERS), *PAPER]
+                near = difflib.get_close_matches(name, names, 1)
                 hint = f"did you mean {near[0]}? " if near else ""
-                raise InputError(f"{name}: a rig has no such number; {hint}it has {', '.join(known)}")
+                raise InputError(f"{name}: a rig has no such number; {hint}it has {', '.join(names)}")
         try:
             return cls(**beams, **own)
         except InputError as problem:

@@ -43,11 +43,11 @@ def run(
     Parameters
     ----------
     study : str or Study
-        As `fiv list` shows it; or one's own (`studies.study.Study`).
+        A name that `fiv list` shows, or a `studies.study.Study`.
     record : sequence of str
         Time series to keep, such as "velocity_B" and "normal_force".
     sample_rate : float, optional
-        Of what is recorded, Hz.
+        Sampling rate of recorded series, Hz.
     scheduler : str, optional
         "threads", "sync", or a Dask scheduler's address; by default what Dask is configured for, else threads.
     workers : int, optional
@@ -63,7 +63,7 @@ def run(
         Axes and settings to draw from distributions: ``{"mu": "normal:0.2:0.02"}``. The result is called as the
         study with `-scatter` behind it.
     samples, seed : int, optional
-        Of what is drawn; by default 1024 and 0.
+        Number and seed of the draws; by default 1024 and 0.
     sampling : str, optional
         "sobol" (the default), "latin" or "random".
     points : path or mapping, optional
@@ -80,7 +80,7 @@ def run(
     Raises
     ------
     ValueError
-        For an unknown study or axis, or a value out of range; nothing is written then.
+        If a study or an axis is unknown, or a value is out of range; nothing is written then.
     sweeps.StoreError
         If the results folder cannot be used, or holds the study with other settings.
     """
@@ -115,17 +115,17 @@ def map(  # shadows the built-in only as studies.map
     x, y : str
         AXIS=SPEC as on the command line: ``x="theta=-10:20:61"``, ``y="p1_thickness=1.5mm:3mm:40"``.
     quantity : str
-        As `fiv map --help` lists them.
+        A name that `fiv map --help` lists.
     fix : mapping, optional
         Other axes and settings, numbers or texts with units: ``{"theta": 8, "p1_length": "60mm"}``.
     refine : int
         How often intervals are halved where the quantity changes.
     tolerance : float, optional
-        Of interpolation in a refined map.
+        Largest estimated error of interpolation in a refined map, as a share of the range of the values.
     scatter : mapping of str to str, optional
         For ``quantity="probability_unstable"``: ``{"p1_length": "normal:50:0.1mm"}``.
     scheduler, workers, progress, out, fresh
-        As in `run`.
+        The same as in `run`.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def map(  # shadows the built-in only as studies.map
     Raises
     ------
     ValueError, sweeps.StoreError
-        As `run`.
+        The same as in `run`.
     """
     from dataclasses import replace
 
@@ -142,30 +142,30 @@ def map(  # shadows the built-in only as studies.map
     from studies.maps import maps
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    held = maps.fixed_of([f"{name}={value}" for name, value in (fix or {}).items()])
-    plane = maps.plane_of(x, y or maps.line_along(x, quantity, held), refine)
-    sweep = maps.sweep_of(plane, quantity, held, refine, tolerance, scatter)
-    sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, held), strict=False))
-    planned = sweep.plan(maps.file_of(plane, quantity, out, held, scatter), fresh=fresh)
+    constants = maps.fixed_of([f"{name}={value}" for name, value in (fix or {}).items()])
+    plane = maps.plane_of(x, y or maps.line_along(x, quantity, constants), refine)
+    sweep = maps.sweep_of(plane, quantity, constants, refine, tolerance, scatter)
+    sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, constants), strict=False))
+    planned = sweep.plan(maps.file_of(plane, quantity, out, constants, scatter), fresh=fresh)
     return _executed(planned, scheduler, workers, progress)
 
 
 def _executed(planned: Plan, scheduler: str | None, workers: int | None, progress: bool | Progress) -> xr.Dataset:
-    """Carry a plan out."""
+    """Execute a plan and return the dataset of its file."""
     from contextlib import nullcontext
 
     from studies import runner
     from studies.cli.progress import bar
 
     shown = bar(planned.todo) if progress is True else nullcontext(progress or None)
-    with shown as tell:
-        return runner.execute(planned, *runner.backend(scheduler, workers), tell).dataset
+    with shown as callback:
+        return runner.execute(planned, *runner.backend(scheduler, workers), callback).dataset
 
 
 def open(name: str, out: str | Path | None = None) -> xr.Dataset:  # shadows the built-in only as studies.open
     """Open the kept results of a study: by its name, in the results folder `out`, or by the path of its file.
 
-    Where nothing of one's own is there, the reference is opened, with a warning.
+    If the folder lacks it, the reference is opened, with a warning.
     """
     from warnings import warn
 

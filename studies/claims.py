@@ -60,7 +60,7 @@ def answer(dataset: xr.Dataset, claim: Claim, cells: bool = False) -> xr.DataArr
     """The value that a claim speaks of, or all of its values; None where the result does not hold it."""
     if claim.variable not in dataset:
         return None
-    given, answer = constants(dataset), dataset[claim.variable]
+    fixed, answer = constants(dataset), dataset[claim.variable]
     for name, value in (POINT | dict(claim.at)).items():
         if isinstance(value, tuple):
             if name not in answer.dims:
@@ -81,7 +81,7 @@ def answer(dataset: xr.Dataset, claim: Claim, cells: bool = False) -> xr.DataArr
                 return None
             # Counted from 1 where it is named.
             answer = answer.isel({name: int(value)}).assign_coords({name: int(value) + 1})
-        elif name in given and given[name] != value:
+        elif name in fixed and fixed[name] != value:
             return None
     return answer
 

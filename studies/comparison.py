@@ -35,8 +35,8 @@ NAMED = 3
 
 
 def scatter(name: str) -> tuple[float, float] | None:
-    """What two values of a chaotic variable may differ by; None where only the same bits could be asked."""
-    # The spread of four members is as uncertain as it is large, and so is a standard error.
+    """Limits on the difference of two values of a chaotic variable; None where it has none."""
+    # The spread of four runs is as uncertain as it is large, and so is a standard error.
     if name.startswith("member_") or name.endswith(("_std", "_se")):
         return None
     return next((limits for part, limits in SCATTER.items() if part in name), None)
@@ -48,7 +48,7 @@ def compared(study: str, dataset: xr.Dataset, reference: xr.Dataset) -> str:
     Of each variable the largest difference at a common point counts, in units of its largest value, or of its
     scatter where the motion is chaotic.
     """
-    if _given(dataset) != _given(reference):
+    if _constants(dataset) != _constants(reference):
         return ""
     # Entries without a coordinate, such as onsets, have partners only where there are as many.
     paired = {
@@ -67,12 +67,12 @@ def compared(study: str, dataset: xr.Dataset, reference: xr.Dataset) -> str:
     ours, theirs = xr.align(dataset[names], reference[names], join="inner")
     if not names or 0 in ours.sizes.values():
         return ""
-    found = {name: _distance(study, name, ours[name].values, theirs[name].values) for name in names}
-    largest = sorted(found, key=lambda name: -found[name])[:NAMED]
-    if not found[largest[0]]:
+    differences = {name: _distance(study, name, ours[name].values, theirs[name].values) for name in names}
+    largest = sorted(differences, key=lambda name: -differences[name])[:NAMED]
+    if not differences[largest[0]]:
         return "beside the reference: no difference"
     unit = "its scatter" if study in CHAOTIC else "its largest value"
-    listed = ", ".join(f"{name} {found[name]:.2g}" for name in largest if found[name])
+    listed = ", ".join(f"{name} {differences[name]:.2g}" for name in largest if differences[name])
     return f"beside the reference: largest differences, each in units of {unit}: {listed}"
 
 
@@ -86,7 +86,7 @@ def _distance(study: str, name: str, ours: Any, theirs: Any) -> float:
     return float(np.max(apart / np.maximum(absolute + relative * size, np.finfo(float).tiny)))
 
 
-def _given(dataset: xr.Dataset) -> Any:
-    """What the function was given, to nine digits: what is computed from a request may differ by rounding."""
+def _constants(dataset: xr.Dataset) -> Any:
+    """Constants of the function to nine digits, for those computed from a request may differ by rounding."""
     text = dataset.attrs["configuration"]
     return json.loads(text, parse_float=lambda number: f"{float(number):.9g}", parse_constant=str)["constants"]

@@ -1,4 +1,4 @@
-"""What a run is asked for, as a TOML file: read for a run, and written so that it makes a result again."""
+"""The request of a run as a TOML file: read for a run, and written so that it reproduces a result."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ KEYS: dict[str, tuple[tuple[type, ...], str]] = {
 
 @dataclass(frozen=True)
 class Config:
-    """What a run is asked for.
+    """The request of a run.
 
     Attributes
     ----------
     study : str
-        Its name or file; "" if it is not said.
+        Its name or file; "" if it is not given.
     axes, settings : mapping
         SPEC, a number, or a list of numbers or texts; of a setting a number, a word or SPEC.
     record : tuple of str
@@ -71,7 +71,7 @@ class Config:
     scheduler: str | None = None
     workers: int | None = None
 
-    def given(self, study: Study) -> dict[str, Any]:
+    def values_of(self, study: Study) -> dict[str, Any]:
         """Values of the study's axes and settings, as `Study.sweep` takes them."""
         for what, other in (("axes", "settings"), ("settings", "axes")):
             own: list[str] = list(getattr(study, what))
@@ -99,20 +99,20 @@ class Config:
         return replace(other, **ours)
 
 
-def read_values(study: Study, given: Mapping[str, Any]) -> dict[str, Any]:
+def read_values(study: Study, values: Mapping[str, Any]) -> dict[str, Any]:
     """Values of axes and settings, of which texts may be a SPEC."""
-    check_counts(study, given)
-    found = dict(given)
-    for name, value in found.items():
+    check_counts(study, values)
+    parsed = dict(values)
+    for name, value in parsed.items():
         if isinstance(value, str):
-            found[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
-    return found
+            parsed[name] = [value] if name in study.texts else spec.parse(value, name, study.units(name))
+    return parsed
 
 
-def check_counts(study: Study, given: Mapping[str, Any]) -> None:
+def check_counts(study: Study, values: Mapping[str, Any]) -> None:
     """Refuse more points than a plan can hold before their values are made; `given` are arrays, or SPECs."""
     counts = {name: len(axis) for name, axis in study.axes.items()}
-    for name, value in given.items():
+    for name, value in values.items():
         if name in counts:
             # Whatever else it may be is refused later.
             listed = value.size if isinstance(value, np.ndarray) else len(value) if isinstance(value, list) else 1
@@ -121,7 +121,7 @@ def check_counts(study: Study, given: Mapping[str, Any]) -> None:
 
 
 def read(file: str | Path) -> Config:
-    """The configuration of a TOML file; an `InputError` says what is wrong with it."""
+    """The configuration of a TOML file; `InputError` if it is invalid."""
     try:
         content = tomllib.loads(registry.expanded(file).read_text(encoding="utf-8"))
         _check(content)
@@ -154,18 +154,18 @@ def _check(content: Mapping[str, Any]) -> None:
             raise InputError(f"{name} = {value!r}: it must be a number, SPEC or a list")
 
 
-def request(study: Study, given: Mapping[str, Any], record: tuple[str, ...], sample_rate: float | None) -> Any:
-    """What makes a result again besides its axes, as JSON can hold it: it is kept in the file."""
+def request(study: Study, values: Mapping[str, Any], record: tuple[str, ...], sample_rate: float | None) -> Any:
+    """The request of a result besides its axes, which its file stores as JSON."""
     settings = {name: each.value for name, each in study.settings.items()}
-    settings |= {name: np.asarray(given[name]).ravel()[0].item() for name in settings if name in given}
+    settings |= {name: np.asarray(values[name]).ravel()[0].item() for name in settings if name in values}
     if sample_rate is not None and "sample_rate" in settings:
         settings["sample_rate"], sample_rate = sample_rate, None
-    asked = {"settings": settings, "record": list(record), "sample_rate": sample_rate}
-    return {name: value for name, value in asked.items() if value} | dict(study.request)
+    request = {"settings": settings, "record": list(record), "sample_rate": sample_rate}
+    return {name: value for name, value in request.items() if value} | dict(study.request)
 
 
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
-    """The configuration that makes a result again, or an `InputError` where the file does not say it."""
+    """The configuration that makes a result again, or an `InputError` where the file has none."""
     try:
         return _of_result(dataset)
     except (LookupError, TypeError, ValueError, AttributeError):
@@ -175,20 +175,20 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Config:
 def _of_result(dataset: xr.Dataset) -> Config:
     configuration = json.loads(dataset.attrs["configuration"])
     # A study without settings asks for nothing besides its axes.
-    asked = configuration["request"] if configuration["constants"] else configuration.get("request", {})
+    request = configuration["request"] if configuration["constants"] else configuration.get("request", {})
     # An axis may be within the results alone.
-    names = [*configuration["axes"], *asked.get("axes", ())]
+    names = [*configuration["axes"], *request.get("axes", ())]
     axes = {name: dataset[name].values.tolist() for name in names}
     along = dataset["status"].dims[0]
-    name, asked = configuration["name"], {**asked, "record": tuple(asked.get("record", ()))}
-    asked.pop("axes", None)
-    drawn = [*asked.get("scatter", ()), *asked.get("points", ())]
+    name, request = configuration["name"], {**request, "record": tuple(request.get("record", ()))}
+    request.pop("axes", None)
+    drawn = [*request.get("scatter", ()), *request.get("points", ())]
     if drawn and registry.parted(name)[1]:
         # They tell how many there are, also where a file has grown.
         name = registry.parted(name)[0]
-        more = {"samples": len(axes[along])} if "scatter" in asked else {"points": {n: axes[n] for n in drawn}}
-        asked, axes = asked | more, {n: values for n, values in axes.items() if n not in (along, *drawn)}
-    return Config(name, axes, **asked)
+        more = {"samples": len(axes[along])} if "scatter" in request else {"points": {n: axes[n] for n in drawn}}
+        request, axes = request | more, {n: values for n, values in axes.items() if n not in (along, *drawn)}
+    return Config(name, axes, **request)
 
 
 def toml(config: Config) -> str:
@@ -198,8 +198,8 @@ def toml(config: Config) -> str:
         lines.append(f"record = {json.dumps(list(config.record))}")
     if config.sample_rate is not None:
         lines.append(f"sample_rate = {config.sample_rate!r}")
-    asked = {key: getattr(config, key) for key in ("samples", "seed", "sampling")}
-    lines += [f"{key} = {json.dumps(value)}" for key, value in asked.items() if value is not None]
+    draws = {key: getattr(config, key) for key in ("samples", "seed", "sampling")}
+    lines += [f"{key} = {json.dumps(value)}" for key, value in draws.items() if value is not None]
     tables = {"axes": config.axes, "settings": config.settings, "scatter": config.scatter}
     for name, values in tables.items():
         if values or name != "scatter":

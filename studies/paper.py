@@ -36,11 +36,11 @@ MODES_5_AND_6 = (2500.0, 3100.0)
 LOAD = 9.0
 SPEEDS = (1e-3, 2e-3, 5e-3)
 
-# Section 2, Fig. 3: lines of the measured spectra (Hz), the main one with its harmonics, and others.
+# Section 2, Fig. 3: peaks of the measured spectra (Hz), the dominant one with its harmonics, and others.
 LINES = (2700.0, 5400.0, 8100.0)
 OTHER_LINES = (2080.0, 6500.0)
 
-# Section 3.5.3: the main line of the simulated spectra, Hz.
+# Section 3.5.3: the dominant frequency of the simulated spectra, Hz.
 SIMULATED_LINE = 2700.0
 
 # Sections 2 and 3.5.3, Figs. 2 and 7: kind of vibration by speed (m/s).
@@ -58,9 +58,9 @@ ANGLES_SPEED = 2e-3
 ANGLES = {10.0: 2700.0, 15.0: float("nan")}
 
 # Table 6, whose body is not at hand: what the text says of single inclinations (degrees) at mu = 0.2 and F = 9 N.
-# Sections 2 and 3.6: main line measured at 2 mm/s, Hz.
+# Sections 2 and 3.6: dominant frequency measured at 2 mm/s, Hz.
 ANGLES_MEASURED = {5.0: 2700.0, 10.0: ANGLES[10.0]}
-# Section 3.5.3: main line of the simulation, Hz.
+# Section 3.5.3: dominant frequency of the simulation, Hz.
 ANGLES_SIMULATED = {5.0: 2700.0}
 # Section 3.4.2: frequencies of the unstable pairs of the stability analysis, Hz.
 ANGLES_UNSTABLE = {5.0: (400.0, 2800.0)}
@@ -75,5 +75,5 @@ def is_rig(dataset: xr.Dataset) -> bool:
 
 def is_point(dataset: xr.Dataset, **point: float) -> bool:
     """Whether a result is of the paper's own rig and was made with these values of its constants."""
-    given = constants(dataset)
-    return is_rig(dataset) and all(given[name] == value for name, value in point.items())
+    fixed = constants(dataset)
+    return is_rig(dataset) and all(fixed[name] == value for name, value in point.items())

@@ -1,4 +1,4 @@
-"""Values that a rig like this hardly has: most often a unit was forgotten. They are told, not refused."""
+"""Values that a rig like this hardly has: most often a unit was forgotten. They raise a warning, not an error."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ class UnusualWarning(UserWarning):
     """A value that a rig like this hardly has."""
 
 
-def unusual(values: Mapping[str, Any], units: Mapping[str, str], asked: Any = None) -> list[str]:
-    """What is unusual about the values of axes and settings, a line each.
+def unusual(values: Mapping[str, Any], units: Mapping[str, str], names: Any = None) -> list[str]:
+    """Find values of axes and settings that are unusual, and explain each in a line.
 
     Parameters
     ----------
     values : mapping of str to array_like
-        All that are known, by name.
+        Values of axes and settings, by name.
     units : mapping of str to str
-    asked : container of str, optional
-        Names that are judged; by default all.
+    names : container of str, optional
+        Names that are checked; by default all.
     """
     lines = []
-    for name, given in values.items():
+    for name, value in values.items():
         kind = name.removeprefix("p1_").removeprefix("p2_")
-        sizes = np.abs(np.atleast_1d(np.asarray(given))) if kind in USUAL else np.zeros(0)
-        if not len(sizes) or sizes.dtype.kind not in "iuf" or (asked is not None and name not in asked):
+        sizes = np.abs(np.atleast_1d(np.asarray(value))) if kind in USUAL else np.zeros(0)
+        if not len(sizes) or sizes.dtype.kind not in "iuf" or (names is not None and name not in names):
             continue
         low, high = USUAL[kind]
         # A range may begin near zero.
@@ -68,7 +68,7 @@ def unusual(values: Mapping[str, Any], units: Mapping[str, str], asked: Any = No
             lines.append(f"{line}; {HINTS[kind]}" if kind in HINTS else line)
     for beam in ("p1", "p2"):
         sides = [f"{beam}_length", f"{beam}_thickness"]
-        if all(side in values for side in sides) and (asked is None or any(side in asked for side in sides)):
+        if all(side in values for side in sides) and (names is None or any(side in names for side in sides)):
             ratio = float(np.min(values[sides[0]]) / np.max(values[sides[1]]))
             if ratio < SLENDER:
                 lines.append(

@@ -32,12 +32,12 @@ def entry(name: str, folder: Path) -> dict[str, Any]:
 def main(names: list[str]) -> None:
     """Make the reference."""
     folder = Path("results") / results.FOLDER
-    known = registry.catalogue()
+    catalogue = registry.catalogue()
     for name in names or registry.NAMES:
         plan = runner.plan(registry.load(name), {}, folder, fresh=True, reference=True)
         show(str(runner.execute(plan).file))
-        known[name] = entry(name, folder)
-    ordered = {name: known[name] for name in registry.NAMES if name in known}
+        catalogue[name] = entry(name, folder)
+    ordered = {name: catalogue[name] for name in registry.NAMES if name in catalogue}
     text = json.dumps(ordered, indent=1, ensure_ascii=False)
     registry.CATALOGUE.write_text(text + "\n", encoding="utf-8")
 

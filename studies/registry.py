@@ -44,7 +44,7 @@ GROUP = "fiv.studies"
 SUFFIXES = {"-scatter": "--scatter NAME=DISTRIBUTION", "-points": "--points FILE.csv"}
 CATALOGUE = Path(__file__).with_name("catalogue.json")
 # Studies of one's own that this process was given, by name.
-_given: dict[str, Study] = {}
+_registered: dict[str, Study] = {}
 
 
 @cache
@@ -54,9 +54,9 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def catalogue() -> dict[str, dict[str, Any]]:
-    """What `fiv list` says of each predefined study, without its import: title, question, points, usual time."""
-    found: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
-    return found
+    """Title, question, points and usual time of each predefined study, read without its import."""
+    catalogue: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
+    return catalogue
 
 
 def names() -> list[str]:
@@ -65,18 +65,18 @@ def names() -> list[str]:
 
 
 def resolve(text: str | Study) -> Study:
-    """The study that STUDY says: a name, or the path of a Python file that defines STUDY, which is run for it."""
+    """The study of the argument STUDY: a name, or the path of a Python file that defines STUDY and is run."""
     from studies.study import Study
     from sweeps import InputError, load_script
 
     if isinstance(text, Study):
-        return given(text)
+        return register(text)
     if not (isinstance(text, str) and is_file(text)):
         return load(text)
     study = getattr(load_script(expanded(text)), "STUDY", None)
     if not isinstance(study, Study):
         raise InputError(f"{text}: it defines no study; it must have one called STUDY (studies.study.Study)")
-    return given(study, text)
+    return register(study, text)
 
 
 def expanded(path: str | Path) -> Path:
@@ -94,8 +94,8 @@ def is_file(text: str) -> bool:
     return text.endswith(".py")
 
 
-def given(study: Study, where: str = "name") -> Study:
-    """A study of one's own, which this process knows by its name from now on.
+def register(study: Study, where: str = "name") -> Study:
+    """Register a study of a user, which this process then finds by its name.
 
     An `InputError` refuses the name of another, and one that no folder can have.
     """
@@ -107,7 +107,7 @@ def given(study: Study, where: str = "name") -> Study:
         raise InputError(f"{where}: a predefined study is called {study.name!r}; choose another name")
     if not re.fullmatch(r"\w[\w-]*", study.name) or study.name == "reference":
         raise InputError(f"{where}: a study cannot be called {study.name!r}; use letters, digits, _ and -")
-    _given[study.name] = study
+    _registered[study.name] = study
     return study
 
 
@@ -129,13 +129,13 @@ def load(name: str) -> Study:
     if name in MODULES:
         study: Study = import_module(f"studies.{MODULES[name]}").STUDY
         return study
-    if name in _given:
-        return _given[name]
+    if name in _registered:
+        return _registered[name]
     if name in installed():
-        found = installed()[name].load()
-        if not isinstance(found, Study) or found.name != name:
+        loaded = installed()[name].load()
+        if not isinstance(loaded, Study) or loaded.name != name:
             raise InputError(f"STUDY = {name!r}: the entry point {installed()[name].value} is no study called so")
-        return given(found)
+        return register(loaded)
     base, suffix = parted(str(name))
     if suffix:
         at_points: Study = import_module("studies.scatter.study").derived(load(base), suffix)

@@ -49,7 +49,7 @@ def is_reference(file: Path) -> bool:
 
 
 def notice(name: str | Path, out: str | Path | None = None) -> str:
-    """What to say where the reference stands in for a result of one's own; "" where it does not."""
+    """A note that the reference replaces a result that the folder lacks; "" where it does not."""
     text = os.fspath(name)
     if is_path(text) or not is_reference(file := results_file(text, out)):
         return ""
@@ -103,7 +103,7 @@ def command(verb: str, study: str, out: str | Path | None = None) -> str:
 
 
 def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
-    """The study that a dataset is the result of, or an `InputError` if no name that is known stands for it."""
+    """The study that a dataset is the result of, or an `InputError` if no study has its name."""
     name = str(dataset.attrs.get("sweep", ""))
     try:
         return registry.load(name)

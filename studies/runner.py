@@ -32,7 +32,7 @@ FORMATS = ("png", "svg", "pdf")
 
 @dataclass(frozen=True, eq=False)
 class Finished:
-    """What a run leaves behind."""
+    """Result, file and figure of a finished run."""
 
     study: Study
     dataset: xr.Dataset
@@ -48,8 +48,8 @@ class Finished:
     def beside_reference(self) -> str:
         """How far it is from the reference, in a line; "" where there is none."""
         name = self.study.name
-        kept = file_of(name, reference_folder(self.file.parent.parent))
-        return compared(name, self.dataset, open_dataset(kept)) if kept.exists() else ""
+        reference = file_of(name, reference_folder(self.file.parent.parent))
+        return compared(name, self.dataset, open_dataset(reference)) if reference.exists() else ""
 
     @property
     def failed(self) -> int:
@@ -102,7 +102,7 @@ def plan(
 
 
 def remark(lines: Sequence[str], *, strict: bool) -> str:
-    """What a file's history says of unusual values, as a warning says it; an `InputError` if that is `strict`."""
+    """Warn about unusual values and return a text for the file's history; if `strict`, raise an `InputError`."""
     if lines and strict:
         raise InputError(f"{lines[0]}; leave --strict out to compute it all the same")
     for line in lines:
@@ -112,20 +112,20 @@ def remark(lines: Sequence[str], *, strict: bool) -> str:
 
 def run(
     study: str | Study,
-    given: Mapping[str, Any],
+    values: Mapping[str, Any],
     out: str | Path | None = None,
     *,
     fresh: bool = False,
     **points: Any,
 ) -> Finished:
     """Plan and execute a study, by its name, the file that defines it, or as it is."""
-    return execute(plan(study, given, out, fresh=fresh, **points), *backend(None, None))
+    return execute(plan(study, values, out, fresh=fresh, **points), *backend(None, None))
 
 
 def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:
-    """What `Plan.run` needs: as asked; else a cluster that Dask is configured for; else threads.
+    """Back end and workers for `Plan.run`: as requested; else Dask's configured cluster; else threads.
 
-    Workers without a scheduler are processes on this machine. What does not go together is an `InputError`.
+    Workers without a scheduler are processes on this machine. Other combinations raise an `InputError`.
     """
     if scheduler is None:
         import dask
@@ -175,7 +175,7 @@ def drawn(study: Study, dataset: xr.Dataset, whose: str = "dataset") -> Figure:
 
 
 def format_of(path: str | Path, form: str | None = None) -> str:
-    """What a figure is written as: as asked, else what its path ends with, else png; one of `FORMATS`."""
+    """Format of a figure, one of `FORMATS`: as requested, else the path's suffix, else png."""
     chosen = form or Path(path).suffix.removeprefix(".") or FORMATS[0]
     if chosen not in FORMATS:
         raise InputError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")

@@ -27,15 +27,15 @@ def assignment(
     return name, listed(spec, texts[name]) if name in texts else parse(spec, name, units(name))
 
 
-def listed(spec: str, known: Sequence[str]) -> list[str]:
+def listed(spec: str, texts: Sequence[str]) -> list[str]:
     """The texts of a list with commas, which known ones may contain themselves."""
-    parts, found = spec.split(","), list[str]()
+    parts, entries = spec.split(","), list[str]()
     while parts:
-        counts = (n for n in range(len(parts), 0, -1) if ",".join(parts[:n]).strip() in known)
+        counts = (n for n in range(len(parts), 0, -1) if ",".join(parts[:n]).strip() in texts)
         count = next(counts, len(parts))
-        found.append(",".join(parts[:count]).strip())
+        entries.append(",".join(parts[:count]).strip())
         parts = parts[count:]
-    return found
+    return entries
 
 
 def split(text: str, option: str = "--set", form: str = "AXIS=SPEC, for example mu=0:0.5:101") -> tuple[str, str]:
@@ -54,14 +54,14 @@ def parse(spec: str, name: str, units: str = "") -> NDArray[Any]:
     ValueError
         If it is none of the forms; the message names the axis, what was written, why, and the forms.
     """
-    given = spec
+    text = spec
     try:
         spec = converted(spec, units)
         if ":" in spec:
             return _range(spec.removeprefix("log:").split(":"), spec.startswith("log:"))
         return np.array([finite(part) for part in spec.split(",")])
     except ValueError as problem:
-        raise InputError(f"{name} = {given!r}: {problem}; the forms are {FORMS}") from None
+        raise InputError(f"{name} = {text!r}: {problem}; the forms are {FORMS}") from None
 
 
 def count(spec: str) -> int:
@@ -77,23 +77,24 @@ def converted(spec: str, units: str) -> str:
     head = "log:" if spec.startswith("log:") else ""
     separator = ":" if ":" in spec else ","
     parts = [QUANTITY.fullmatch(part) for part in spec.removeprefix(head).split(separator)]
-    given = [part[2] if part and part[2] else "" for part in parts]
-    if not any(given) or not all(parts):
+    own_units = [part[2] if part and part[2] else "" for part in parts]
+    if not any(own_units) or not all(parts):
         return spec
     numbers = [part[1] for part in parts if part]
     # The last of a range is its count.
-    values = len(given) - (separator == ":")
-    *first, last = given
+    values = len(own_units) - (separator == ":")
+    *first, last = own_units
     if last and not any(first):
-        given = [last] * values
-    if not all(given[:values]) or any(given[values:]):
+        own_units = [last] * values
+    if not all(own_units[:values]) or any(own_units[values:]):
         raise InputError("each value must bear its unit, or the end that of all")
     if not units:
-        raise InputError(f"nothing is known of its unit; leave {given[0]!r} out")
+        raise InputError(f"nothing is known of its unit; leave {own_units[0]!r} out")
     from studies.units import convert
 
     texts = [
-        typed(convert(float(number), unit, units)) for number, unit in zip(numbers, given[:values], strict=False)
+        typed(convert(float(number), unit, units))
+        for number, unit in zip(numbers, own_units[:values], strict=False)
     ]
     return head + separator.join([*texts, *numbers[values:]])
 

@@ -1,4 +1,4 @@
-"""What a study is: a question, the axes it varies, the function that answers, and how the answer is shown."""
+"""A study: a question, the axes it varies, the function that answers, and how the answer is shown."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Setting:
-    """A number, or one of some `words`, that a study holds fixed unless asked otherwise."""
+    """A number, or one of some `words`, that a study holds fixed unless it is set."""
 
     value: Any
     units: str
@@ -32,7 +32,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study: `fiv run` computes it, stores it, draws it and prints what it found.
+    """A study: `fiv run` computes it, stores it, draws it and prints its findings.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Study:
     draw : callable
         `draw(dataset)` returns the figure, from what the file holds and nothing else (`deferred` imports it late).
     findings : callable
-        `findings(dataset)` returns what was found, as lines and tables.
+        `findings(dataset)` returns the findings as lines and tables.
     function : callable, optional
         `function(points, **constants)` computes a batch: `points` holds an array for each axis, one entry a point;
         it returns an array for each variable, the batch first.
@@ -104,11 +104,11 @@ class Study:
             raise InputError(f"study {self.name}: it must have one of function and build")
 
     def report(self, dataset: xr.Dataset) -> str:
-        """What is found, as text for a terminal."""
+        """The findings as text for a terminal."""
         return tables.text(self.findings(dataset))
 
     def statement(self) -> str:
-        """What the paper says and what can be varied, as lines."""
+        """The paper's statement, the axes and the settings, as lines."""
         lines = [f"Paper: {self.paper}"]
         for name, axis in self.axes.items():
             if name in self.texts:
@@ -126,8 +126,8 @@ class Study:
 
     def units(self, name: str) -> str:
         """Units of an axis or a setting; "" for a name that there is not."""
-        found = self.axes.get(name) or self.settings.get(name)
-        return "" if found is None else found.units
+        declared = self.axes.get(name) or self.settings.get(name)
+        return "" if declared is None else declared.units
 
     @property
     def texts(self) -> dict[str, list[str]]:
@@ -136,7 +136,7 @@ class Study:
         return axes | {name: list(each.words) for name, each in self.settings.items() if each.words}
 
     def sweep(
-        self, given: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
+        self, values: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
     ) -> Sweep:
         """The study's sweep with the `given` values in place of its own.
 
@@ -147,7 +147,7 @@ class Study:
         record : sequence of str
             Series of the motion to keep besides, of `studies.motion.recording.SERIES`; by default none.
         sample_rate : float, optional
-            Of what is recorded, Hz.
+            Sampling rate of recorded series, Hz.
 
         Raises
         ------
@@ -158,18 +158,18 @@ class Study:
         if len(record) or sample_rate is not None:
             if self.record is None:
                 raise InputError(f"study {self.name} has no motion in time to record")
-            return self.record(self, given, record, sample_rate)
+            return self.record(self, values, record, sample_rate)
         axes, settings = dict(self.axes), {name: s.value for name, s in self.settings.items()}
-        for name, value in given.items():
+        for name, value in values.items():
             if name in axes:
                 axes[name] = _axis(name, value, axes[name])
             elif name in settings:
                 words = self.settings[name].words
                 settings[name] = one_word(name, value, words) if words else _one_number(self.name, name, value)
             else:
-                known = [*axes, *settings]
+                names = [*axes, *settings]
                 raise InputError(
-                    f"{name}: study {self.name} has no such axis; {suggest(name, known)}"
+                    f"{name}: study {self.name} has no such axis; {suggest(name, names)}"
                     f"its axes are {', '.join(axes)}; its settings are {', '.join(settings) or 'none'}"
                 )
         return self.build(axes, settings) if self.build else self._one_function(axes, settings)
@@ -209,14 +209,14 @@ def deferred(place: str) -> Callable[[xr.Dataset], Any]:
 
 
 def constants(dataset: xr.Dataset) -> dict[str, Any]:
-    """What a result's function was given besides its points, from the file's configuration."""
-    found: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
-    return found
+    """Constants of a result's function, from the file's configuration."""
+    values: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
+    return values
 
 
-def suggest(name: str, known: list[str]) -> str:
+def suggest(name: str, names: list[str]) -> str:
     """'did you mean ...? ' for a near miss, else nothing."""
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"did you mean {near[0]}? " if near else ""
 
 
@@ -226,8 +226,8 @@ def _axis(name: str, value: Any, own: Axis) -> Axis:
         texts = np.atleast_1d(np.asarray(value, dtype=object))
         for text in texts.ravel().tolist():
             if text not in own.values.tolist():
-                known = own.values.tolist()
-                near = suggest(str(text), known) or f"it must be one of {', '.join(known[:8])}"
+                every = own.values.tolist()
+                near = suggest(str(text), every) or f"it must be one of {', '.join(every[:8])}"
                 raise InputError(f"{name} = {text!r}: there is no such {name}; {near.rstrip()}")
         return replace(own, values=own.values[np.isin(own.values, texts.astype(str))])
     values = _numbers(name, value, "a number or a list of numbers")
@@ -253,10 +253,10 @@ def _numbers(name: str, value: Any, allowed: str) -> np.ndarray:
 
 def one_word(name: str, value: Any, words: Sequence[str]) -> str:
     """The one of the words that is asked for, alone or as a list of one."""
-    given = np.atleast_1d(np.asarray(value, dtype=object)).ravel().tolist()
-    if len(given) != 1 or given[0] not in words:
-        raise InputError(f"{name} = {', '.join(map(repr, given))}: it must be one of {', '.join(words)}")
-    return str(given[0])
+    entries = np.atleast_1d(np.asarray(value, dtype=object)).ravel().tolist()
+    if len(entries) != 1 or entries[0] not in words:
+        raise InputError(f"{name} = {', '.join(map(repr, entries))}: it must be one of {', '.join(words)}")
+    return str(entries[0])
 
 
 def _one_number(study: str, name: str, value: Any) -> float:

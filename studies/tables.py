@@ -88,7 +88,7 @@ Part = str | Table
 
 
 def text(parts: Iterable[Part]) -> str:
-    """What a terminal shows of a report."""
+    """A report as text for a terminal."""
     return "\n".join(map(str, parts))
 
 

@@ -40,7 +40,7 @@ def forgetful(tmp_path, monkeypatch):
     from studies import registry
 
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(registry, "_given", {})
+    monkeypatch.setattr(registry, "_registered", {})
     yield
     for name, module in list(sys.modules.items()):
         if tmp_path in Path(getattr(module, "__file__", None) or "").parents:

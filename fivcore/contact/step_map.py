@@ -82,6 +82,6 @@ def largest_stable_step(model: ReducedModel, mu: float, step: float) -> float:
 
 
 def at_most(limit: float, digits: int = 4) -> str:
-    """A limit for a reader, rounded down: what is told to be allowed must be."""
+    """A limit as text, rounded down, so that the printed value is allowed itself."""
     unit = 10.0 ** (np.floor(np.log10(limit)) - digits + 1)
     return f"{np.floor(limit / unit) * unit:.{digits}g}"

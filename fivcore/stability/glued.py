@@ -39,12 +39,12 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     """
     checks.instance("rig", rig, Rig)
     stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
-    wanted = checks.count("count", count, len(stiffness) - 2)
+    number = checks.count("count", count, len(stiffness) - 2)
     # Two constraints raise the k-th eigenvalue, at most to the free one two places above. Each mode has a bracket
     # of its own, so that its bits do not depend on the count.
     free = np.sort(stiffness)
     low, high = np.maximum(free * (1.0 - 1e-9), free[free > 0.0][0] * 1e-24), free[2:] * (1.0 + 1e-9)
-    squares = [_eigenvalue(k, low[k], high[k], stiffness, normal, tangential) for k in range(wanted)]
+    squares = [_eigenvalue(k, low[k], high[k], stiffness, normal, tangential) for k in range(number)]
     return np.asarray(np.sqrt(squares) / (2.0 * np.pi))
 
 

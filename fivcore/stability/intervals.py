@@ -361,8 +361,8 @@ def _counterpart(p: Point, own: list[Point], others: list[Point]) -> Point | Non
 def _locate(sampler: Sampler, near: Sequence[Point], theta: float) -> Point:
     """The point at `theta` of the branch that passes through some neighbours, ascending in theta."""
     place = np.interp(theta, [point.theta for point in near], [point.place for point in near])
-    known = [point for point in near if point.theta == theta]
-    points = known or [point for point in sampler(theta)[1] if point.rises == near[0].rises]
+    same_angle = [point for point in near if point.theta == theta]
+    points = same_angle or [point for point in sampler(theta)[1] if point.rises == near[0].rises]
     if not points:
         raise UnsolvedError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
     return min(points, key=lambda point: abs(point.place - place))

@@ -32,7 +32,7 @@ FAR, NODES = 25.0, 12
 ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
 POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
-CHUNK = 256
+BATCH = 256
 # Numbers of a beam, and those of a rig and theta: the columns of `rig_table`.
 BEAM, OWN = (
     ("length", "width", "thickness", "young_modulus", "density"),
@@ -114,7 +114,7 @@ def flutter_onsets_many(
     beams = [unit_cantilever(beam.elements) for beam in (rig.p1, rig.p2)]
 
     def search(start: int) -> tuple[Array, Array]:
-        crossings, divergence, failed = _crossings(table[start : start + CHUNK], 2.0 * np.pi * band, most, *beams)
+        crossings, divergence, failed = _crossings(table[start : start + BATCH], 2.0 * np.pi * band, most, *beams)
         if failed >= 0:
             raise UnsolvedError(
                 f"flutter_onsets_many: no friction up to mu_max = {most:g} can be told apart in row "
@@ -124,12 +124,12 @@ def flutter_onsets_many(
         return crossings, divergence
 
     with ThreadPoolExecutor(workers) as pool:
-        found = list(pool.map(search, range(0, len(table), CHUNK)))
-    crossings = np.concatenate([np.empty((4, 0)), *(part for part, _ in found)], axis=1)
+        solutions = list(pool.map(search, range(0, len(table), BATCH)))
+    crossings = np.concatenate([np.empty((4, 0)), *(part for part, _ in solutions)], axis=1)
     crossings = crossings[:, np.lexsort(crossings[1::-1])] * [[1.0], [1.0], [band], [1.0]]
     rises = crossings[3] > 0.0
     tables = [*_padded(crossings[:3, rises], len(table)), *_padded(crossings[:3, ~rises], len(table))]
-    divergence = np.concatenate([np.empty(0), *(part for _, part in found)])
+    divergence = np.concatenate([np.empty(0), *(part for _, part in solutions)])
     return ManyFlutterOnsets(tables[0], tables[1], tables[2], tables[3], divergence, most)
 
 
@@ -190,11 +190,11 @@ def _crossings(table: Array, unit: float, mu_max: float, upper: Any, lower: Any)
     def evaluated(omega: Array, k: Any) -> Array:
         return _evaluate(omega, brackets[k.astype(int)], systems, sizes, damping)
 
-    found = find_root(lambda *at: evaluated(*at)[0], (low, high), args=(index,), tolerances={"xrtol": 1e-14})
-    if failed < 0 and not np.all(found.success):
-        failed = int(row[np.argmin(found.success)])
-    mu, rise = evaluated(found.x, index)[1], evaluated(high, index)[0]
-    return np.stack([row, mu, found.x, rise])[:, (mu > 0.0) & (mu <= mu_max)], divergence, failed
+    solution = find_root(lambda *at: evaluated(*at)[0], (low, high), args=(index,), tolerances={"xrtol": 1e-14})
+    if failed < 0 and not np.all(solution.success):
+        failed = int(row[np.argmin(solution.success)])
+    mu, rise = evaluated(solution.x, index)[1], evaluated(high, index)[0]
+    return np.stack([row, mu, solution.x, rise])[:, (mu > 0.0) & (mu <= mu_max)], divergence, failed
 
 
 @kernel
@@ -217,7 +217,7 @@ def _isolate_rows(
     rows = len(table)
     systems = np.empty((rows, 3, upper[0].shape[1] + lower[0].shape[1] + 1 + NODES))
     sizes, divergence = np.zeros(rows, dtype=np.int64), np.full(rows, np.nan)
-    found, total, brackets = np.empty((rows, 4)), 0, np.empty((MOST_INTERVALS, 3))
+    roots, total, brackets = np.empty((rows, 4)), 0, np.empty((MOST_INTERVALS, 3))
     for k in range(rows):
         d1, d2 = table[k, 3] / unit, table[k, 4] * unit
         x, y = axis_point(1.0, d1, d2)
@@ -236,15 +236,15 @@ def _isolate_rows(
             divergence[k] = -h_nn / h_nt
         count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
         if judged == MOST_INTERVALS:
-            return systems, sizes, found[:0], divergence, k
-        if total + count > len(found):
-            last, found = found, np.empty((2 * len(found) + count, 4))
-            found[:total] = last[:total]
+            return systems, sizes, roots[:0], divergence, k
+        if total + count > len(roots):
+            last, roots = roots, np.empty((2 * len(roots) + count, 4))
+            roots[:total] = last[:total]
         for i in range(count):
-            found[total, 0], found[total, 1] = k, brackets[i, 0]
-            found[total, 2], found[total, 3] = brackets[i, 1], brackets[i, 2]
+            roots[total, 0], roots[total, 1] = k, brackets[i, 0]
+            roots[total, 2], roots[total, 3] = brackets[i, 1], brackets[i, 2]
             total += 1
-    return systems, sizes, found[:total], divergence, -1
+    return systems, sizes, roots[:total], divergence, -1
 
 
 @kernel

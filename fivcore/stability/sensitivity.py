@@ -156,9 +156,9 @@ def sliding_sensitivity(rig: Rig, theta: float, mu: float, fmax: float = 10e3) -
     width = rig.d1 + rig.d2 * value
     divisor = 2.0 * phi + width
     double |= np.abs(divisor) <= DOUBLE * (2.0 * np.abs(phi) + np.abs(width))
-    known = np.where(double, np.nan, 1.0)
+    defined = np.where(double, np.nan, 1.0)
     pair.slope[double] = divisor[double] = 1.0
-    through, damping = known * (1.0 + rig.d2 * phi) / (pair.slope * divisor), -known * phi / divisor
+    through, damping = defined * (1.0 + rig.d2 * phi) / (pair.slope * divisor), -defined * phi / divisor
     partial = _partial(rig, angle, frictions, value, pair) | {"mu": pair.friction}
     gradient = {p: each * through for p, each in partial.items()} | {"d1": damping, "d2": damping * value}
     at = _numbers(rig, angle) | {"mu": friction}
@@ -231,7 +231,7 @@ def _partial(rig: Rig, theta: float, mu: Array, value: Complex, pair: _Pair) -> 
     # The support's reaction along x is -lambda times the momentum, less the force at the contact.
     support = value * (y_momentum * x_support + y_support * x_momentum) + mu * pair.force * y_support
     angle = support + pair.force * (y_across - mu * y_up) - pair.reaction * x_across
-    found = {"theta": np.pi / 180.0 * angle, "head_mass": head, **_beam("p1", p1, bending, axial, inertia)}
+    derivatives = {"theta": np.pi / 180.0 * angle, "head_mass": head, **_beam("p1", p1, bending, axial, inertia)}
     # P2's slope at the contact, from the element that holds it.
     h, count = p2.length / p2.elements, 2 * p2.elements
     e = min(int(np.searchsorted(lower.nodes[:, 0], 0.0, "right")) - 1, p2.elements - 1)
@@ -243,10 +243,10 @@ def _partial(rig: Rig, theta: float, mu: Array, value: Complex, pair: _Pair) -> 
     product = y[:, split:] * x[:, split:]
     strain = product * lower.stiffness
     bending, axial = strain[:, :count].sum(axis=1), strain[:, count:].sum(axis=1)
-    found |= {"contact_position": position, **_beam("p2", p2, bending, axial, -value * product.sum(axis=1))}
+    derivatives |= {"contact_position": position, **_beam("p2", p2, bending, axial, -value * product.sum(axis=1))}
     # In a longer P2 the contact lies nearer to the clamp, as a share of the length.
-    found["p2_length"] -= rig.contact_position / p2.length * position
-    return found
+    derivatives["p2_length"] -= rig.contact_position / p2.length * position
+    return derivatives
 
 
 def _beam(name: str, beam: Beam, bending: Complex, axial: Complex, inertia: Complex) -> dict[str, Complex]:

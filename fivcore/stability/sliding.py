@@ -120,11 +120,11 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     angles, frictions = angles.copy(), frictions.copy()
     problems = {angle: sliding_problem(rig, angle, band) for angle in np.unique(angles).tolist()}
     points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))
-    found = [(problems[angle], sliding_roots(problems[angle], friction)) for angle, friction in points]
-    places = max((len(roots) + len(problem.hidden) for problem, roots in found), default=0)
-    values = np.full((len(found), places), complex(np.nan, np.nan))
+    solved = [(problems[angle], sliding_roots(problems[angle], friction)) for angle, friction in points]
+    places = max((len(roots) + len(problem.hidden) for problem, roots in solved), default=0)
+    values = np.full((len(solved), places), complex(np.nan, np.nan))
     hidden = np.zeros(values.shape, dtype=bool)
-    for row, uncoupled, (problem, roots) in zip(values, hidden, found, strict=True):
+    for row, uncoupled, (problem, roots) in zip(values, hidden, solved, strict=True):
         count = len(roots) + len(problem.hidden)
         row[: len(roots)], row[len(roots) : count] = roots, problem.hidden
         uncoupled[len(roots) : count] = True

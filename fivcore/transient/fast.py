@@ -446,9 +446,9 @@ def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, 
 
 def aligned(count: int) -> Array:
     """Numbers none of whose blocks lie across lines of the processor's cache."""
-    room = np.empty(count + 8)
-    start = -room.ctypes.data % 64 // 8
-    return room[start : start + count]
+    buffer = np.empty(count + 8)
+    start = -buffer.ctypes.data % 64 // 8
+    return buffer[start : start + count]
 
 
 def _reserve(scenes: Any, name: str, every: str) -> int:

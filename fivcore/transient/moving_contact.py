@@ -50,13 +50,13 @@ class ContactMotion:
         """Raise ValueError where D would leave P2 within `duration`, s, or has no room to move."""
         beam, start = self.scene.rig.p2, self.scene.rig.contact_position
         # The element next to the clamp hardly moves: contact there is contact with the wall.
-        room = start - beam.length / beam.elements if self.direction < 0 else beam.length - start
-        if room <= 0.0:
+        distance = start - beam.length / beam.elements if self.direction < 0 else beam.length - start
+        if distance <= 0.0:
             raise InputError(
                 f"contact_motion = {self.direction}: it must be 0 for a contact at P2's end, {start:g} m"
             )
         # D moves by speed t^2 / (2 ramp) within the ramp and by speed (t - ramp / 2) after it.
-        half, longest = 0.5 * self.ramp, room / abs(self.speed)
+        half, longest = 0.5 * self.ramp, distance / abs(self.speed)
         longest = longest + half if longest > half else 2.0 * float(np.sqrt(half * longest))
         if duration > longest:
             end = "P2's clamp" if self.direction < 0 else "P2's free end"

@@ -65,36 +65,36 @@ class Options:
 
 def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any]) -> Options:
     """Check the arguments of `fivcore.simulate`, by name; a `ValueError` names the first that is wrong."""
-    given = dict(arguments)
-    if isinstance(given["duration"], Until):
-        given |= {"until": given["duration"], "duration": given["duration"].most}
+    options = dict(arguments)
+    if isinstance(options["duration"], Until):
+        options |= {"until": options["duration"], "duration": options["duration"].most}
     for name, limits in BOUNDS.items():
-        if name in ("duration", "sample_rate") or given[name] is not None:
-            given[name] = checks.between(name, given[name], *limits)
-    duration, rate, times = given["duration"], given["sample_rate"], given["sample_times"]
+        if name in ("duration", "sample_rate") or options[name] is not None:
+            options[name] = checks.between(name, options[name], *limits)
+    duration, rate, times = options["duration"], options["sample_rate"], options["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
-    ramp = checks.number("ramp", given["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
-    given |= law_options(**{name: given[name] for name in signature(law_options).parameters})
+    ramp = checks.number("ramp", options["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
+    options |= law_options(**{name: options[name] for name in signature(law_options).parameters})
     allowed = "0, -1 (towards P2's clamp) or 1 (away)"
-    motion = int(checks.number("contact_motion", given["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
-    record = _names(given["record"])
+    motion = int(checks.number("contact_motion", options["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
+    record = _names(options["record"])
     for name in ("end_early", "leap"):
-        checks.instance(name, given[name], bool)
+        checks.instance(name, options[name], bool)
     if record and times is None and duration * rate > 1e8:
         raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     checks.between("V / F", normalised.speed_per_load, 1e-12, 1e8, "m/s per N")
-    given |= {"ramp": ramp, "contact_motion": motion, "record": record, "skip": given.pop("leap")}
-    if given["initial"] is not None:
-        given["initial"] = _state(given["initial"], scene, normalised)
+    options |= {"ramp": ramp, "contact_motion": motion, "record": record, "skip": options.pop("leap")}
+    if options["initial"] is not None:
+        options["initial"] = _state(options["initial"], scene, normalised)
     if times is not None:
-        given["sample_times"] = _times(times, record, duration)
+        options["sample_times"] = _times(times, record, duration)
     if motion:
         ContactMotion(normalised, ramp, motion).check(duration)
-        if given["method"] == "exact":
+        if options["method"] == "exact":
             raise InputError(f"contact_motion = {motion}: for method 'exact' it must be 0")
-    if given["method"] == "paper" and given["cutoff"] is not None:
-        raise InputError(f"cutoff = {given['cutoff']:g}: the published scheme keeps all modes; leave it out")
-    return Options(**given)
+    if options["method"] == "paper" and options["cutoff"] is not None:
+        raise InputError(f"cutoff = {options['cutoff']:g}: the published scheme keeps all modes; leave it out")
+    return Options(**options)
 
 
 def law_options(method: Any, termination: Any, modify: Any, numerical_damping: Any, beta2: Any) -> dict[str, Any]:

@@ -67,14 +67,14 @@ class Record:
 
     def _keep(self, rows: Array, t: Array | None = None) -> None:
         """Keep the series at the rows or at times `t`; the nearest row stands for what lies outside of all."""
-        known = rows[:, 0]
-        self._parts["time"].append(known.copy() if t is None else t)
+        reached = rows[:, 0]
+        self._parts["time"].append(reached.copy() if t is None else t)
         for name, factor in self._factors.items():
             values = factor * rows[:, SERIES[name]]
             if t is not None and name == "state":
-                values = values[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)]
+                values = values[np.maximum(np.searchsorted(reached, t, side="right") - 1, 0)]
             elif t is not None:
-                values = np.interp(t, known, values)
+                values = np.interp(t, reached, values)
             self._parts[name].append(values.astype(np.int8) if name == "state" else values)
 
     def whole(self) -> dict[str, Any]:

@@ -212,9 +212,9 @@ class Monitor:
         self._parts.append((len(t), float(velocity.mean()), len(t) * float(velocity.var())))
         self.correlation.add(velocity)
         within = sticks[(sticks[:, 1] > t[0]) & (sticks[:, 0] <= t[-1])]
-        pieces = np.split(velocity, np.searchsorted(t, within).ravel())
-        for k, piece in enumerate(pieces):
-            (self.stuck if k % 2 else self.moving).add(piece)
+        segments = np.split(velocity, np.searchsorted(t, within).ravel())
+        for k, segment in enumerate(segments):
+            (self.stuck if k % 2 else self.moving).add(segment)
 
     def close(self, sticks: Array) -> None:
         """Work on the samples that still wait."""

@@ -8,8 +8,8 @@ and its error says whether the two are the same (on more rigs `tests/fivcore/tra
 does).
 
 After the first burst motion is chaotic, so figures are compared over ensembles. The variance of a figure falls
-with the time it is taken over; that time and the number of members may differ, so variances are pooled per unit
-of time, and the standard error of a difference follows from both ensembles.
+with the time it is taken over; that time and the number of repeat runs may differ, so variances are pooled per
+unit of time, and the standard error of a difference follows from both ensembles.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ STANDARD_ERROR = 0.005
 
 
 class Figure(NamedTuple):
-    """A figure that is compared: a variable of each member."""
+    """A figure that is compared: a variable of each repeat run."""
 
     name: str
     # Whether its error is over the reference's value.
@@ -47,7 +47,7 @@ class Figure(NamedTuple):
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
 FIGURES = (
     *(Figure(name, False, 0.02, name.removesuffix("_fraction")) for name in SHARES),
-    Figure("dominant_frequency", True, 0.015, "main line"),
+    Figure("dominant_frequency", True, 0.015, "dominant frequency"),
     Figure("velocity_rms", True, 0.10, "RMS of v_B"),
     Figure("mean_stick_time", True, 0.10, "mean stick"),
 )
@@ -64,7 +64,7 @@ class Ensembles(NamedTuple):
 
     @classmethod
     def of(cls, values: xr.DataArray, time: xr.DataArray | float = 1.0) -> Ensembles:
-        """Of values along "member"; NaN where there is none."""
+        """Summarise values along "member"; a point without values has NaN for its mean."""
         number = values.count("member").astype(float)
         mean = values.sum("member") / number.where(number > 0.0)
         squares = ((values - mean) ** 2).sum("member")
@@ -72,7 +72,7 @@ class Ensembles(NamedTuple):
         return cls(number, mean, variance, xr.zeros_like(mean) + time)
 
     def minus(self, reference: Ensembles) -> tuple[xr.DataArray, xr.DataArray]:
-        """Difference of the means and its standard error; NaN where either has no value or nothing tells."""
+        """Difference of the means and its standard error; NaN where either cannot be computed."""
         one, other = ((each.number - 1.0).clip(min=0.0) for each in (self, reference))
         spread = one * self.variance * self.time + other * reference.variance * reference.time
         per_time = spread / (one + other).where(one + other > 0.0)
@@ -105,7 +105,7 @@ def with_errors(dataset: xr.Dataset, **_: Any) -> xr.Dataset:
         "one_second_error": (second, "largest standard error of a share of time over a simulated second", "1"),
         "time_to_standard_error": (
             data["cpu_per_second"] * (second / STANDARD_ERROR) ** 2,
-            f"processor time until every share of time has a standard error of {STANDARD_ERROR:g}",
+            f"CPU time until every share of time has a standard error of {STANDARD_ERROR:g}",
             "s",
         ),
     }
@@ -136,8 +136,8 @@ def _compared(data: xr.Dataset, time: xr.DataArray, place: tuple[str, str]) -> l
         if figure.name == "mean_stick_time":
             values = values.where(data["long_sticks"].sum("member") >= LEAST_STICKS)
         own = Ensembles.of(values, time)
-        known = Ensembles(*(_at(part, *place) for part in own))
-        error, standard = (part / known.mean if figure.relative else part for part in own.minus(known))
+        reference = Ensembles(*(_at(part, *place) for part in own))
+        error, standard = (part / reference.mean if figure.relative else part for part in own.minus(reference))
         if figure.name == "dominant_frequency":
             error, standard = _line_error(data, place), 0.0 * standard
         pairs.append([error, standard])
@@ -151,16 +151,16 @@ def _compared(data: xr.Dataset, time: xr.DataArray, place: tuple[str, str]) -> l
 
 
 def _line_error(data: xr.Dataset, place: tuple[str, str]) -> xr.DataArray:
-    """Smallest error of a member's main line over one of the reference's members' or a rival peak."""
+    """Smallest relative error of a run's dominant frequency, against the reference's runs and its rival peaks."""
     lines = data["dominant_frequency"]
-    known = _at(lines, *place).rename(member="line")
-    rivals = _at(data["rival_lines"], *GIVEN).rename(rival="line").where(known.notnull().any("line"))
-    known = xr.concat([known, rivals], "line")
-    return abs(lines / known - 1.0).min(("member", "line"))
+    reference = _at(lines, *place).rename(member="line")
+    rivals = _at(data["rival_lines"], *GIVEN).rename(rival="line").where(reference.notnull().any("line"))
+    reference = xr.concat([reference, rivals], "line")
+    return abs(lines / reference - 1.0).min(("member", "line"))
 
 
 def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArray) -> xr.DataArray:
-    """Whether every figure that is known is within its tolerance and scatter; unknown where none is."""
+    """Whether every finite figure is within its tolerance and scatter; "unknown" where none is finite."""
     wrong = (abs(error) > TOLERANCES + ERRORS_ALLOWED * standard.fillna(0.0)).any("figure")
     wrong |= abs(first_slip) > FIRST_SLIP
     codes = xr.full_like(first_slip, WITHIN.index("yes"), dtype=np.int8).where(~wrong, WITHIN.index("no"))
@@ -168,5 +168,5 @@ def _within(error: xr.DataArray, standard: xr.DataArray, first_slip: xr.DataArra
 
 
 def root_mean_square(values: xr.DataArray, dim: str = "scene") -> xr.DataArray:
-    """Root mean square of what is known; NaN where nothing is."""
+    """Root mean square of the finite values; NaN where there are none."""
     return (values**2).mean(dim) ** 0.5

@@ -66,7 +66,7 @@ SCENES = {group: DOT | {"color": colour, "markerfacecolor": fill} for group, col
 SMALL = 7.5
 # Errors that are smaller are drawn as this.
 LEAST = 0.05
-COST, MISMATCH = "processor s per simulated s", "error / tolerance, rms"
+COST, MISMATCH = "CPU time / simulated time", "error / tolerance, rms"
 # Whose time to a standard error is drawn.
 TIMED = (
     (FAST, DEFAULT), (FAST, PUBLISHED), (FAST, CONVERGED), (EXACT, DEFAULT), (PAPER, DEFAULT), (PAPER, MODEL),
@@ -91,8 +91,8 @@ def draw(data: xr.Dataset) -> Figure:
     panels["c"].set(xlabel=MISMATCH)
     chosen = [pair for pair in zip(frame["method"], frame["setting"], strict=True) if pair in TIMED]
     _draw_scenes(panels["d"], data["time_to_standard_error"], pd.DataFrame(chosen, columns=["method", "setting"]))
-    panels["d"].set(xlabel="processor s")
-    until = f"until the shares of time are known to {STANDARD_ERROR:g}"
+    panels["d"].set(xlabel="CPU time / s")
+    until = f"CPU time to a standard error of {STANDARD_ERROR:g} of the shares of time"
     figures.letter(panels.values(), (*GROUPS, "every setting at each scene", until))
     figures.legend_below(figure, list(panels.values()), 3)
     figure.suptitle("Run time against error")

@@ -24,11 +24,9 @@ from studies.study import constants
 from studies.tables import Column, Part, Table, apart, number
 from sweeps import FAILED
 
-# What a reader calls it.
-SAID = {"main line": "dominant frequency"}
 # Of scenes, in the order of the columns.
 GROUPS = {"paper's rig": True, "random rigs": False}
-MEANS = {"cost": "cpu_per_second", "known": "time_to_standard_error", "step": "step", "modes": "modes"}
+MEANS = {"cost": "cpu_per_second", "time": "time_to_standard_error", "step": "step", "modes": "modes"}
 
 
 def _right(group: str) -> Column:
@@ -40,8 +38,8 @@ COLUMNS: dict[str, Column] = {
     "setting": lambda row: str(row["setting"].item()),
     "step us": ("step", ".3f", 1e6),
     "modes": ("modes", ".0f"),
-    "s / s": ("cost", ".3g"),
-    "known s": ("known", ".3g"),
+    "CPU s / s": ("cost", ".3g"),
+    "CPU s to SE": ("time", ".3g"),
     "paper / it": ("ratio", ".4g"),
 }
 for _group in GROUPS:
@@ -52,9 +50,9 @@ for _group in GROUPS:
         "right " + _group.split()[0]: _right(_group),
     }
 EXPLAINED = (
-    "s / s: processor time of the thread per simulated second, with nothing else of the run beside it, mean over",
+    "CPU s / s: CPU time of the thread per simulated second, with nothing else of the run beside it, mean over",
     "scenes (SciPy: of a short run, most of it before the first slip, so that it is a lower bound).",
-    f"known s: processor time until every share of time has a standard error of {STANDARD_ERROR:g}; that of one",
+    f"CPU s to SE: CPU time until every share of time has a standard error of {STANDARD_ERROR:g}; that of one",
     "simulated second is the motion's, one for all methods. paper / it: ratio of costs at common scenes.",
     "error: errors in units of their tolerances, root mean square over figures and scenes; scatter: by chance",
     "alone; share: of the shares of time the largest error, points; right: at how many scenes.",
@@ -82,7 +80,7 @@ def _rows(frame: pd.DataFrame) -> Table:
 
 
 def _scenes(data: xr.Dataset) -> list[Part]:
-    given, rows = constants(data), []
+    fixed, rows = constants(data), []
     for name in data["scene"].values.tolist():
         if name in OWN:
             V, *others = OWN[name]
@@ -92,20 +90,18 @@ def _scenes(data: xr.Dataset) -> list[Part]:
             V, others, p1, p2 = scene.V, [scene.theta, scene.mu, scene.F], scene.rig.p1, scene.rig.p2
             shape = [f"{1e3 * p1.length:.0f} x {1e3 * p1.thickness:.1f}"]
             shape += [f"{1e3 * length:.0f}" for length in (p2.length, scene.rig.contact_position)]
-        known = number(data["one_second_error"].sel(scene=name), ".4f")
-        rows.append([name, *map("{:.3g}".format, [1e3 * V, *others]), *shape, known])
-    heads = ["scene", "V mm/s", "theta", "mu", "F N", "P1 mm", "P2 mm", "at mm", "1 s known to"]
+        second = number(data["one_second_error"].sel(scene=name), ".4f")
+        rows.append([name, *map("{:.3g}".format, [1e3 * V, *others]), *shape, second])
+    heads = ["scene", "V mm/s", "theta", "mu", "F N", "P1 mm", "P2 mm", "at mm", "SE of 1 s"]
     return [
-        f"Rigs are drawn at random by the seed {SEED}. Runs last {given['duration']:g} s; a scene has",
-        f"{given['members']} of fast, {given['dear_members']} of paper and exact.",
+        f"Rigs are drawn at random by the seed {SEED}. Runs last {fixed['duration']:g} s; a scene has",
+        f"{fixed['members']} of fast, {fixed['members_expensive']} of paper and exact.",
         Table(heads, rows, 1),
     ]
 
 
 def _references(data: xr.Dataset) -> list[Part]:
-    tolerances = ", ".join(
-        f"{SAID.get(each.long_name, each.long_name)} {100.0 * each.tolerance:g} %" for each in FIGURES
-    )
+    tolerances = ", ".join(f"{each.long_name} {100.0 * each.tolerance:g} %" for each in FIGURES)
     frame = table(data)
     return [
         f"Two references. fast with {PUBLISHED} is compared with the published scheme: paper on all",
@@ -121,7 +117,7 @@ def _references(data: xr.Dataset) -> list[Part]:
 def table(data: xr.Dataset) -> pd.DataFrame:
     """Methods and settings of which a cost is known, in the file's order.
 
-    Over scenes `cost`, `known`, `step` and `modes` are means; `ratio` is the cost of `paper` by default over it,
+    Over scenes `cost`, `time`, `step` and `modes` are means; `ratio` is the cost of `paper` by default over it,
     the geometric mean over scenes that both have. By group of scenes: root mean square of `mismatch` and
     `scatter`, the largest error of a `share`, and the number of `right` and of `compared` scenes.
     """

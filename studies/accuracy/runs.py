@@ -22,9 +22,9 @@ from studies.motion import ensembles, transients
 
 Result = TypeVar("Result")
 
-# After a run this long everything is compiled that a dear method needs, and every basis built, s.
+# After a run this long everything is compiled that an expensive method needs, and every basis built, s.
 WARMING = 10e-3
-# What is kept of each member besides the time that its figures are of.
+# Figures kept of each repeat run besides the time that its figures are of.
 KEPT = (
     "stick_fraction", "slip_fraction", "separation_fraction", "dominant_frequency", "velocity_rms",
     "mean_stick_time", "long_sticks", "first_slip_time", "first_separation_time",
@@ -33,7 +33,7 @@ KEPT = (
 VIBRATION = 20e-3
 # Its relative tolerance.
 TOLERANCE = 1e-6
-# So many lines of the reference are kept which have at least this share of the main one's power; the rate at
+# So many peaks of the reference are stored which have at least this share of the largest one's power; the rate at
 # which the velocity of B is taken for them, Hz.
 RIVALS, STRONG, RATE = 3, 0.5, 50e3
 # On this machine one thread of one process holds it (a user's number is none on Windows, where the folder is
@@ -42,7 +42,7 @@ TURN = FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{getattr(os, 'getuid'
 
 
 def timed(compute: Callable[[], Result]) -> tuple[Result, float]:
-    """A result and the thread's own processor time, s, to which nothing else adds."""
+    """A result and the thread's own CPU time, s, to which nothing else adds."""
     start = time.thread_time()
     return compute(), time.thread_time() - start
 
@@ -53,14 +53,14 @@ def measured(method: str, option: Option, scene: Scene, fixed: Mapping[str, Any]
     model = model_of(method, scene, options)
     own: dict[str, Any] = {"modes": len(model.stiffness)}
     if method == EVENTS:
-        end = 0.5 * fixed["ramp"] + ensembles.load_up(scene) + VIBRATION
+        end = 0.5 * fixed["ramp"] + ensembles.loading_time(scene) + VIBRATION
         run, cpu = timed(lambda: solve_ivp.run(scene, model, end, fixed["ramp"], TOLERANCE, np.zeros(0)))
         firsts = {name: _padded([first], fixed["members"]) for name, first in run.summary.items()}
         return own | firsts | {"cpu_per_second": cpu / end}
     if method in (FAST, PAPER):
         own["step"] = options.get("step", STEP if method == PAPER else model.default_step)
-    # What is dear has fewer runs.
-    count, duration = fixed["members" if method == FAST else "dear_members"], fixed["duration"]
+    # An expensive method has fewer repeat runs.
+    count, duration = fixed["members" if method == FAST else "members_expensive"], fixed["duration"]
     ramps = [ensembles.ramp_of(number, fixed["ramp"]) for number in range(1, count + 1)]
     simulate(scene, duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
     runs, cpu = timed(lambda: simulate_many([scene] * count, duration, method, ramp=ramps, **options))
@@ -75,7 +75,7 @@ def measured(method: str, option: Option, scene: Scene, fixed: Mapping[str, Any]
 
 
 def rival_lines(scene: Scene, duration: float, options: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Strongest lines of the velocity of B outside long sticks, (RIVALS,), Hz; NaN where there are fewer."""
+    """Strongest peaks of the velocity of B outside long sticks, (RIVALS,), Hz; NaN where there are fewer."""
     run = simulate(scene, duration, record=True, sample_rate=transients.OVERSAMPLING * RATE, **options)
     times = transients.even_times(duration, RATE).values
     chosen = transients.settled(run, times) & ~transients.long_sticks(run, times)

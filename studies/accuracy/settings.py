@@ -1,4 +1,4 @@
-"""What is compared: scenes, methods, and the settings that each method is run with."""
+"""Scenes, methods, and the settings that each method is run with."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OWN = {f"{1e3 * V:g} mm/s": (V, paper.THETA, paper.MU, paper.LOAD) for V in pape
 SEED = 2010
 DRAWN = {f"rig {number}": number for number in range(8)}
 SCENES = (*OWN, *DRAWN)
-# Where there is the published scheme, and where what is dearer still.
+# Scenes of the published scheme, and of the methods that are more expensive still.
 REFERRED = (*OWN, "rig 0", "rig 1")
 CHECKED = ("5 mm/s", "rig 0")
 

@@ -47,7 +47,7 @@ def systems(model: ReducedModel, mu: float) -> list[System]:
     unit, one = np.eye(size + 3), size
     v, u, clamp = unit[n : 2 * n], unit[2 * n : size], unit[size + 1]
     rate_N, rate_T = model.normal @ v, model.tangential @ v - clamp
-    found = list[System]()
+    regimes = list[System]()
     for regime, m in ((SEPARATION, 0.0), (STICK, 0.0), (SLIP_UP, mu), (SLIP_DOWN, -mu)):
         if regime == SEPARATION:
             load = np.stack([unit[one], 0.0 * unit[one]])
@@ -71,8 +71,8 @@ def systems(model: ReducedModel, mu: float) -> list[System]:
         whole[2 * n :] = rate
         gap = model.normal @ unit[:n] + u[0]
         signals = np.stack([force[0] + unit[one], force[1], gap, rate_T + rate[1]])
-        found.append(System(whole[:, :size], whole[:, size:], signals[:, :size], signals[:, size:]))
-    return found
+        regimes.append(System(whole[:, :size], whole[:, size:], signals[:, :size], signals[:, size:]))
+    return regimes
 
 
 def run(
@@ -98,7 +98,7 @@ def run(
 
         while t < end:
             system = regimes[regime]
-            found = integrate.solve_ivp(
+            solution = integrate.solve_ivp(
                 lambda t, y, system=system, drive=drive: system.A @ y + system.B @ drive(t),
                 (t, end),
                 y,
@@ -107,21 +107,21 @@ def run(
                 dense_output=True,
                 events=_events(regime, system, mu, drive),
             )
-            read = (times >= t) & (times < found.t[-1])
+            read = (times >= t) & (times < solution.t[-1])
             if read.any():
-                velocity[read] = scene.F * (model.point_b @ found.sol(times[read])[n : 2 * n])
-            idle = idle + 1 if found.t[-1] - t < NO_TIME else 0
-            t, y = float(found.t[-1]), found.y[:, -1]
-            if found.status < 0 or idle == MOST_EVENTS:
-                raise DivergenceError(f"SciPy's solve_ivp cannot go on at {t:g} s: {found.message}", scene)
-            if found.status == 1:
-                hit = next(k for k, each in enumerate(found.t_events) if len(each))
+                velocity[read] = scene.F * (model.point_b @ solution.sol(times[read])[n : 2 * n])
+            idle = idle + 1 if solution.t[-1] - t < NO_TIME else 0
+            t, y = float(solution.t[-1]), solution.y[:, -1]
+            if solution.status < 0 or idle == MOST_EVENTS:
+                raise DivergenceError(f"SciPy's solve_ivp cannot go on at {t:g} s: {solution.message}", scene)
+            if solution.status == 1:
+                hit = next(k for k, each in enumerate(solution.t_events) if len(each))
                 regime = _after(regime, hit, mu, [each.signals @ y + each.drift @ drive(t) for each in regimes])
                 name = f"first_{'separation' if regime == SEPARATION else 'slip'}_time"
                 if regime != STICK and np.isnan(firsts[name]):
                     firsts[name] = t
-    known = times < duration
-    return Transient(scene, firsts, times[known], velocity[known])
+    reached = times < duration
+    return Transient(scene, firsts, times[reached], velocity[reached])
 
 
 def _events(regime: int, system: System, mu: float, drive: Callable[[float], Array]) -> list[Callable[..., float]]:

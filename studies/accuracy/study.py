@@ -21,20 +21,20 @@ from sweeps import Axis, Variable
 
 MOST_MEMBERS = 100
 # This alone is not the same whenever it is computed.
-COSTS = {
-    "cpu_per_second": Variable("1", "processor time of a run per simulated second, nothing of the run beside it")
-}
+COSTS = {"cpu_per_second": Variable("1", "CPU time of a run per simulated second, nothing of the run beside it")}
 VARIABLES = {
     **COSTS,
     "step": Variable("s", "time step"),
     "modes": Variable("1", "number of modes"),
     **{
-        name: Variable(each.units, f"{each.long_name}, of each member", ("member",))
+        name: Variable(each.units, f"{each.long_name}, of each repeat run", ("member",))
         for name, each in transients.SUMMARY.items()
         if name in runs.KEPT
     },
-    "observed_time": Variable("s", "time simulated after settling, of each member", ("member",)),
-    "rival_lines": Variable("Hz", "lines at least half as strong as the main one, of the reference", ("rival",)),
+    "observed_time": Variable("s", "time simulated after settling, of each repeat run", ("member",)),
+    "rival_lines": Variable(
+        "Hz", "peaks of the reference at least half as strong as the dominant one", ("rival",)
+    ),
 }
 
 
@@ -65,24 +65,24 @@ def constants(settings: Mapping[str, float]) -> dict[str, Any]:
     """The rig, and the settings that do not belong to it."""
     rig, _ = rig_of({**settings, "theta": paper.THETA})
     members = checks.count("members", settings["members"], MOST_MEMBERS)
-    dear = checks.count("dear_members", settings["dear_members"], members)
-    given = {name: settings[name] for name in SETTINGS}
-    return given | {"members": members, "dear_members": dear, "rig": rig}
+    expensive = checks.count("members_expensive", settings["members_expensive"], members)
+    own = {name: settings[name] for name in SETTINGS}
+    return own | {"members": members, "members_expensive": expensive, "rig": rig}
 
 
 def coords(*, members: int, **_: Any) -> dict[str, Axis]:
-    """What the variables of a point run over."""
+    """The repeat runs and the rival peaks, counted from 1."""
     return {
-        "member": Axis(np.arange(1, members + 1), "1", "member; members differ by the drive's ramp"),
-        "rival": Axis(np.arange(1, runs.RIVALS + 1), "1", "line, by its strength"),
+        "member": Axis(np.arange(1, members + 1), "1", "repeat run, by the ramp of the drive"),
+        "rival": Axis(np.arange(1, runs.RIVALS + 1), "1", "peak, by its strength"),
     }
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
     """Refuse, before anything is planned, runs that are too short or all alike."""
-    checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for members differ by it")
+    checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for repeat runs differ by it")
     names = axes["scene"].values.tolist()
-    loading = max(ensembles.load_up(choices.scene_of(name, fixed["rig"])) for name in names)
+    loading = max(ensembles.loading_time(choices.scene_of(name, fixed["rig"])) for name in names)
     # After settling the slowest has some windows of its spectrum.
     longest = fixed["ramp"] + loading + transients.SETTLING + 4.0 * transients.WINDOW
     checks.between("duration", fixed["duration"], longest, 1e3, "s, for the slowest scene to have settled")
@@ -91,7 +91,7 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
 SETTINGS = {
     "duration": Setting(1.2, "s", "simulated time of each run"),
     "members": Setting(10.0, "1", "runs of each scene and setting of fast"),
-    "dear_members": Setting(1.0, "1", "runs of each scene and setting of paper and exact"),
+    "members_expensive": Setting(1.0, "1", "runs of each scene and setting of paper and exact"),
     "ramp": Setting(1e-3, "s", "time in which P2's clamp reaches its velocity"),
 }
 STUDY = Study(
@@ -102,7 +102,7 @@ STUDY = Study(
     "error are not in the paper.",
     axes={
         "method": Axis(choices.METHODS, long_name="method of integration"),
-        "setting": Axis(list(choices.OPTIONS), long_name="what is not as by default, and its value"),
+        "setting": Axis(list(choices.OPTIONS), long_name="setting that differs from the default, and its value"),
         "scene": Axis(choices.SCENES, long_name="scene: the paper's rig by speed, rigs drawn at random by number"),
     },
     settings=SETTINGS | {name: each for name, each in rig_settings().items() if name != "theta"},

@@ -64,9 +64,9 @@ def command(
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         @wraps(function)
-        def run(quiet: bool, verbose: bool, **given: Any) -> None:
+        def run(quiet: bool, verbose: bool, **arguments: Any) -> None:
             with InputErrors(verbose):
-                function(**given)
+                function(**arguments)
 
         decorated: Callable[..., Any] = run
         for option in (*reversed(options), verbose, quiet):
@@ -86,10 +86,10 @@ def warned() -> Iterator[None]:
     """Say warnings about unusual values as the program says things."""
     from studies.plausible import UnusualWarning
 
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UnusualWarning)
         yield
-    for each in found:
+    for each in caught:
         if issubclass(each.category, UnusualWarning):
             say(f"fiv: {each.message}")
         else:

@@ -1,6 +1,6 @@
-"""What a shell offers when the tab key is pressed: studies, axes, settings, series, quantities and columns.
+"""Completion of names in a shell: studies, axes, settings, series, quantities and columns.
 
-Whatever goes wrong meanwhile offers nothing: a shell that completes is no place for errors.
+Any error while names are looked up yields no names: a shell cannot show it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]
 
 
 def script(program: click.Command, shell: str) -> str:
-    """The shell's own words by which it asks `fiv` for what may come next."""
+    """The script by which a shell asks `fiv` for completions."""
     from click.shell_completion import get_completion_class
 
     kind = get_completion_class(shell)
@@ -50,7 +50,7 @@ def answer(program: click.Command, asked: str) -> int:
 def _offering(
     names: Callable[[click.Context], Iterable[str]], *, end: str = "", listed: bool = False, signed: bool = False
 ) -> Completer:
-    """Offer names, each with `end` behind it; of a list with commas, the last entry, whose minus may be a sign."""
+    """Complete names and append `end`; `listed`: the last entry of a list; `signed`: also after a minus."""
 
     def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
         before, comma, begun = incomplete.rpartition(",") if listed else ("", "", incomplete)
@@ -58,7 +58,7 @@ def _offering(
         begun = begun.removeprefix(sign)
         try:
             every = list(names(context))
-        except Exception:  # noqa: BLE001 - no place for errors
+        except Exception:  # noqa: BLE001 - a shell cannot show it
             return []
         return [
             CompletionItem(f"{before}{comma}{sign}{name}{end}")
@@ -70,23 +70,25 @@ def _offering(
 
 
 def _argument(context: click.Context, name: str) -> str:
-    """The command's argument; where an option still lacks its value, click has only set it aside."""
-    given: str | None = context.params.get(name)
-    return context.args[0] if given is None else given
+    """The command's argument; click keeps it in `args` while an option still lacks its value."""
+    value: str | None = context.params.get(name)
+    return context.args[0] if value is None else value
 
 
 def study(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Studies, and files of Python; any file where nothing of these begins so."""
+    """Complete a study or a Python file; if none begins so, any file."""
     from studies.registry import names
 
-    found = [name for name in names() if name.startswith(incomplete)] + sorted(glob(f"{escape(incomplete)}*.py"))
-    return [*map(CompletionItem, filter(str.isprintable, found))] or [CompletionItem(incomplete, type="file")]
+    matching = [name for name in names() if name.startswith(incomplete)] + sorted(
+        glob(f"{escape(incomplete)}*.py")
+    )
+    return [*map(CompletionItem, filter(str.isprintable, matching))] or [CompletionItem(incomplete, type="file")]
 
 
 def _settable(context: click.Context) -> Iterable[str]:
     from studies import registry
 
-    with redirect_stdout(StringIO()):  # what a file prints is not offered
+    with redirect_stdout(StringIO()):  # a study's file may print
         study = registry.resolve(_argument(context, "study"))
     return [*study.axes, *study.settings]
 
@@ -100,7 +102,7 @@ def _scattered(context: click.Context) -> Iterable[str]:
 
 
 def _of(module: str, *attributes: str) -> Callable[[click.Context], Iterable[str]]:
-    """The names that tables of a module hold, imported when they are asked for."""
+    """The keys of a module's tables; the module is imported when a shell asks for them."""
     return lambda context: chain(*(getattr(import_module(module), attribute) for attribute in attributes))
 
 
@@ -122,15 +124,15 @@ SORTED_COLUMNS = _offering(_columns, listed=True, signed=True)
 
 
 class SignedCommand(click.Command):
-    """A command that completes the value of an option also where it begins with a minus, as in `--sort -V`."""
+    """A command that also completes an option's value that begins with a minus, as in `--sort -V`."""
 
     def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        """Keep the last word that was given: click does not tell it to `shell_complete`."""
+        """Store the last word before the incomplete one, which click does not pass to `shell_complete`."""
         context.meta["fiv.last"] = args[-1] if args else ""
         return super().parse_args(context, args)
 
     def shell_complete(self, context: click.Context, incomplete: str) -> list[CompletionItem]:
-        """What the option that lacks its value takes; else options."""
+        """Complete the value of the option that lacks one; otherwise complete options."""
         options = (each for each in self.params if isinstance(each, click.Option) and not each.is_flag)
         for option in options:
             if context.meta["fiv.last"] in option.opts:

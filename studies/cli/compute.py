@@ -1,6 +1,6 @@
 """The commands that compute: plan, run and map.
 
-Heavy packages are imported inside the commands: `fiv --help` answers at once.
+Heavy packages are imported inside the commands, so that `fiv --help` answers at once.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.cli.app import command, say, warned
-from studies.cli.execution import carry_out
+from studies.cli.execution import execute
 from studies.cli.options import HOW, MAP, STUDY, WHAT, MapCommand
 from studies.cli.output import show
 
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from studies.config import Config
     from sweeps import Plan
 
-TIME = click.option(
-    "--time", "timed", is_flag=True, help="Compute a few points now, to tell how long all would take."
-)
+TIME = click.option("--time", "timed", is_flag=True, help="Compute a few points now, to estimate the time of all.")
 
 
 @command("plan", "Dry run: what a run would compute and cost.", STUDY, *WHAT, TIME)
@@ -36,7 +34,7 @@ def show_plan(study: str, timed: bool, **what: Any) -> None:
     show(repr(planned.timed() if timed else planned))
 
 
-@command("run", "Compute a study, store it, draw it, tell its numbers.", STUDY, *WHAT, *HOW)
+@command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *WHAT, *HOW)
 def run(study: str, scheduler: str | None, workers: int | None, fail_fast: bool, yes: bool, **what: Any) -> None:
     """Compute a study, store it as netCDF, draw its figure, and print its numbers beside the paper's.
 
@@ -47,14 +45,14 @@ def run(study: str, scheduler: str | None, workers: int | None, fail_fast: bool,
     fiv run fig5 --scatter mu=normal:0.2:0.02 --scatter p1_thickness=uniform:1.9e-3:2.1e-3 --samples 256
     fiv run fig5 --points rigs.csv
 
-    What the results folder holds of it already is kept and completed. Ctrl-C finishes what is under way and keeps
-    it; the same command goes on from there.
+    Points that the results folder holds already are not computed again. Ctrl-C finishes the points under way and
+    stores them; the same command goes on from there.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies.cli.progress import tell_compiling
+    from studies.cli.progress import announce_compiling
 
-    tell_compiling()
+    announce_compiling()
     planned, config = _planned(study, scheduler=scheduler, workers=workers, writing=True, **what)
-    carry_out(planned, config.scheduler, config.workers, fail_fast, yes)
+    execute(planned, config.scheduler, config.workers, fail_fast, yes)
 
 
 @command("map", "One quantity over any two axes, or along one, stored and drawn.", *MAP, *HOW, kind=MapCommand)
@@ -86,30 +84,30 @@ def draw_map(
     it changes.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import runner
-    from studies.cli.progress import tell_compiling
+    from studies.cli.progress import announce_compiling
     from studies.maps import maps
-    from studies.scatter.study import told
+    from studies.scatter.study import cut_notes
     from sweeps import check_free
 
-    tell_compiling()
+    announce_compiling()
     for name, value in (("standard_error", standard_error), ("samples", samples), ("seed", seed)):
         if value is not None:
             fixed = (*fixed, f"{name}={value!r}")
     drawn = _drawn(scatter)
-    held = maps.fixed_of(fixed)
-    plane = maps.plane_of(x, y or maps.line_along(x, quantity, held), halvings)
-    sweep = maps.sweep_of(plane, quantity, held, halvings, tolerance, drawn)
+    constants = maps.fixed_of(fixed)
+    plane = maps.plane_of(x, y or maps.line_along(x, quantity, constants), halvings)
+    sweep = maps.sweep_of(plane, quantity, constants, halvings, tolerance, drawn)
     with warned():
-        sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, held), strict=strict))
-    file = maps.file_of(plane, quantity, out, held, drawn)
+        sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, constants), strict=strict))
+    file = maps.file_of(plane, quantity, out, constants, drawn)
     check_free(file)
-    for line in told(drawn):
+    for line in cut_notes(drawn):
         say(f"fiv: {line}")
-    carry_out(sweep.plan(file, fresh=fresh, retry_failed=retry_failed), **how)
+    execute(sweep.plan(file, fresh=fresh, retry_failed=retry_failed), **how)
 
 
 def _drawn(scatter: tuple[str, ...]) -> dict[str, str]:
-    """What --scatter says, by the names that scatter."""
+    """Distributions of --scatter by the name that each scatters."""
     from studies import spec
     from sweeps import InputError
 
@@ -142,28 +140,30 @@ def _planned(
     workers: int | None = None,
     writing: bool = False,
 ) -> tuple[Plan, Config]:
-    """The plan and what it was asked for; whatever is wrong with the input shows here, before anything is written.
+    """Plan a study from options; wrong input is refused here, before anything is written.
 
-    Options come before the file of the configuration, and that before what a result was asked for.
+    Options come before the configuration's file, and that before the configuration of a result given as STUDY.
     """
     from studies import config, registry, results, runner, spec
-    from studies.scatter.study import named, told
+    from studies.scatter.study import cut_notes, named
     from sweeps import InputError, check_free
 
     names = () if record is None else tuple(name.strip() for name in record.split(","))
     where = (_drawn(scatter), samples, seed, sampling, points)
-    asked = config.Config("", {}, {}, names, sample_rate, *where, scheduler, workers)
+    requested = config.Config("", {}, {}, names, sample_rate, *where, scheduler, workers)
     if config_file is not None:
-        asked = asked.over(config.read(config_file))
+        requested = requested.over(config.read(config_file))
     name = study
     if results.is_path(study):
-        asked = asked.over(made := config.of_result(results.open_dataset(study), study))
+        requested = requested.over(made := config.of_result(results.open_dataset(study), study))
         name = made.study
     one = registry.resolve(name)
-    if asked.study not in ("", one.name, study):
-        raise InputError(f"--config {config_file}: study = {asked.study!r}: STUDY is {one.name}; leave one out")
+    if requested.study not in ("", one.name, study):
+        raise InputError(
+            f"--config {config_file}: study = {requested.study!r}: STUDY is {one.name}; leave one out"
+        )
     options: dict[str, Any] = {}
-    config.check_counts(one, {**asked.axes, **dict(map(spec.split, assignments))})
+    config.check_counts(one, {**requested.axes, **dict(map(spec.split, assignments))})
     if standard_error is not None:
         assignments = (*assignments, f"standard_error={standard_error!r}")
     for text in assignments:
@@ -172,12 +172,12 @@ def _planned(
             raise InputError(f"--set {text!r}: {axis} is set already; give all its values at once")
         options[axis] = values
     if writing:
-        check_free(results.file_of(named(one, asked.scatter, asked.points), out))
-    given = asked.given(one) | options
-    series: dict[str, Any] = {"record": asked.record, "sample_rate": asked.sample_rate}
-    kept: dict[str, Any] = {"fresh": fresh, "retry_failed": retry_failed, "strict": strict}
+        check_free(results.file_of(named(one, requested.scatter, requested.points), out))
+    values = requested.values_of(one) | options
+    series: dict[str, Any] = {"record": requested.record, "sample_rate": requested.sample_rate}
+    how: dict[str, Any] = {"fresh": fresh, "retry_failed": retry_failed, "strict": strict}
     with warned():
-        planned = runner.plan(one, given, out, **kept, **series, **asked.where)
-    for line in told(asked.scatter):
+        planned = runner.plan(one, values, out, **how, **series, **requested.where)
+    for line in cut_notes(requested.scatter):
         say(f"fiv: {line}")
-    return planned, asked
+    return planned, requested

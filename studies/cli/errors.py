@@ -1,6 +1,6 @@
-"""What goes wrong: exit codes, one clear line, and the traceback of what is a fault of this project's own.
+"""Exit codes, and the one line that a command prints for wrong input.
 
-Nothing heavy is imported: `fiv --help` answers at once.
+The module imports nothing heavy, so that `fiv --help` answers at once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ONE_LINE = (MemoryError, RecursionError, OSError)
 
 
 class InputErrors:
-    """Turn what the checks of input raise into a usage error of one line."""
+    """Turn input errors of the packages into usage errors of one line."""
 
     def __init__(self, verbose: bool) -> None:
         self.verbose = verbose
@@ -31,7 +31,7 @@ class InputErrors:
     def __exit__(self, kind: Any, problem: BaseException | None, traceback: Any) -> None:
         if not isinstance(problem, (ValueError, ArithmeticError, *ONE_LINE)):
             return
-        # Late, for they are slow to import; what raises their errors has done so already.
+        # Imported here because they are slow: whatever raised their errors has imported them already.
         import fivcore
         import sweeps
 
@@ -48,7 +48,7 @@ def show_traceback(problem: BaseException) -> None:
 
 
 def is_unread() -> bool:
-    """Whether whoever read the standard output has gone."""
+    """Whether the reader of the standard output has closed it."""
     poll = select.poll()
     poll.register(sys.stdout.fileno(), 0)
     return any(events & select.POLLERR for _, events in poll.poll(0))

@@ -1,4 +1,4 @@
-"""How a command carries a plan out, and what it says at its end: numbers, failures, what an interrupt left."""
+"""Execute a plan, and print its numbers, its failures, or the points stored before an interrupt."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 ASK_SECONDS, ASK_BYTES, LISTED = 300.0, 1e9, 20
 
 
-def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fast: bool, yes: bool) -> None:
-    """Show a plan, ask where it takes long, execute it, and tell what came of it."""
+def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast: bool, yes: bool) -> None:
+    """Show a plan, ask for confirmation where it takes long, execute it, and print its findings."""
     from studies import runner
     from studies.cli.progress import progress
     from sweeps import AbandonedError, ClusterLostError
@@ -36,7 +36,7 @@ def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fa
     if asking and isnan(planned.seconds):
         planned = planned.timed()
     say(repr(planned))
-    # Where no point tells how long it takes, it may take long.
+    # NaN, where no point gives an estimate, asks too.
     large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
     if large and asking and not click.confirm("Go ahead?", err=True):
         show("fiv: nothing was done", err=True)
@@ -45,7 +45,7 @@ def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fa
         with progress(planned.todo) as callback:
             finished = runner.execute(planned, *backend, callback, fail_fast=fail_fast)
     except KeyboardInterrupt as interrupt:
-        # One more changes nothing.
+        # A further interrupt must not cut the message short.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
     except ClusterLostError as lost:
@@ -61,7 +61,7 @@ def carry_out(planned: Plan, scheduler: str | None, workers: int | None, fail_fa
 
 
 def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
-    """Say what is kept, and go; not waiting for threads that still compute."""
+    """Print how many points are stored, and exit without waiting for threads that still compute."""
     show(f"fiv: interrupted{_kept(planned)}", err=True)
     if abandoned:
         sys.stdout.flush()
@@ -88,7 +88,7 @@ def typed(*without: str) -> str:
 
 
 def _list_failures(dataset: xr.Dataset) -> None:
-    """Failed points, each with its reason, and how to see them again."""
+    """Print failed points, each with its reason, and how to reproduce the first."""
     from sweeps import FAILED
 
     places = list(zip(*(dataset["status"].values == FAILED).nonzero(), strict=True))
@@ -105,18 +105,18 @@ def _list_failures(dataset: xr.Dataset) -> None:
         show(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
 
 
-def status_text(found: Status) -> str:
+def status_text(status: Status) -> str:
     """A status as lines."""
     from sweeps import duration
 
-    rows: list[tuple[str, object]] = [("file", found.file), ("state", found.state), ("points", found.points)]
-    rows += [(name, getattr(found, name)) for name in ("done", "failed", "pending", "skipped")]
-    if found.pending and found.state == "complete":
-        why = "computed" if found.interpolated else "asked for"
-        rows[-2] = ("pending", f"{found.pending}, which no run has {why}")
-    if found.interpolated:
-        rows.append(("interpolated", found.interpolated))
-    run = found.run
+    rows: list[tuple[str, object]] = [("file", status.file), ("state", status.state), ("points", status.points)]
+    rows += [(name, getattr(status, name)) for name in ("done", "failed", "pending", "skipped")]
+    if status.pending and status.state == "complete":
+        why = "computed" if status.interpolated else "asked for"
+        rows[-2] = ("pending", f"{status.pending}, which no run has {why}")
+    if status.interpolated:
+        rows.append(("interpolated", status.interpolated))
+    run = status.run
     if "pid" in run:
         begun = run.get("started", "just now")
         rows.append(("run by", f"process {run['pid']} on {run['host']}, begun {begun}"))

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import click
 
-from studies.cli import compute, read  # noqa: F401 - they add their commands
+from studies.cli import check, compute, read  # noqa: F401 - they add their commands
 from studies.cli.app import BrokenPipe, fiv
 from studies.cli.completion import answer
 from studies.cli.errors import (

@@ -1,6 +1,6 @@
-"""What the commands have in common: their arguments and options.
+"""Arguments and options that commands share.
 
-Nothing heavy is imported: `fiv --help` answers at once.
+The module imports nothing heavy, so that `fiv --help` answers at once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ RETRY = click.option("--retry-failed", is_flag=True, help="Compute again the poi
 FRESH = click.option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it.")
 STRICT = click.option("--strict", is_flag=True, help="Refuse values that are unusual for such a rig.")
 ERROR = click.option(
-    "--standard-error", type=float, metavar="X", help="Runs go on until their shares of time are known so well."
+    "--standard-error",
+    type=float,
+    metavar="X",
+    help="Largest standard error of a share of time at which a run ends.",
 )
 SCATTER = click.option(
     "--scatter",
@@ -27,10 +30,12 @@ SCATTER = click.option(
     "lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH; cut to what is physical. Makes STUDY-scatter.",
 )
 DRAWS = (
-    click.option("--samples", type=int, metavar="N", help="How many draws; default: 1024. More add to them."),
-    click.option("--seed", type=int, metavar="N", help="Of the draws; default: 0."),
+    click.option(
+        "--samples", type=int, metavar="N", help="Number of draws; default: 1024. More are added to those."
+    ),
+    click.option("--seed", type=int, metavar="N", help="Seed of the draws; default: 0."),
 )
-# Of `plan` and `run`: what there is to do.
+# Options of `plan` and `run`: the points and their settings.
 WHAT = (
     ERROR,
     click.option(
@@ -64,24 +69,24 @@ WHAT = (
         "--record",
         metavar="NAME,...",
         shell_complete=completion.SERIES_LIST,
-        help="Keep time series, for example velocity_B,normal_force.",
+        help="Record time series, for example velocity_B,normal_force.",
     ),
-    click.option("--sample-rate", type=float, metavar="HZ", help="Of what is recorded."),
+    click.option("--sample-rate", type=float, metavar="HZ", help="Sampling rate of recorded series."),
     FRESH,
     RETRY,
     STRICT,
 )
-# Of `run` and `map`: how it is done.
+# Options of `run` and `map`: the execution.
 HOW = (
     click.option(
         "--scheduler",
         metavar="ADDRESS|threads|sync",
-        help="Where: the tcp://host:port of a Dask scheduler. Default: DASK_SCHEDULER_ADDRESS, else threads.",
+        help="Back end; the tcp://host:port is a Dask scheduler's. Default: DASK_SCHEDULER_ADDRESS, else threads.",
     ),
     click.option(
         "--workers",
         type=click.IntRange(min=1),
-        help="So many processes on this machine; with threads, so many threads.",
+        help="Number of processes on this machine; with threads, of threads.",
     ),
     click.option("--fail-fast", is_flag=True, help="Stop at the first point that fails."),
     click.option("--yes", is_flag=True, help="Never ask, however long it takes."),
@@ -92,10 +97,13 @@ MAP = (
         required=True,
         metavar="AXIS=SPEC",
         shell_complete=completion.MAP_AXIS,
-        help="Across: theta=-10:20:61 or V=log:2e-4:1e-2:30.",
+        help="Axis across: theta=-10:20:61 or V=log:2e-4:1e-2:30.",
     ),
     click.option(
-        "--y", metavar="AXIS=SPEC", shell_complete=completion.MAP_AXIS, help="Up, likewise; without it a line."
+        "--y",
+        metavar="AXIS=SPEC",
+        shell_complete=completion.MAP_AXIS,
+        help="Axis up, likewise; without it the map is a curve over x.",
     ),
     click.option(
         "--fix",
@@ -106,7 +114,11 @@ MAP = (
         help="Another axis or a setting: theta=8.",
     ),
     click.option(
-        "--quantity", required=True, metavar="NAME", shell_complete=completion.QUANTITY, help="What is shown."
+        "--quantity",
+        required=True,
+        metavar="NAME",
+        shell_complete=completion.QUANTITY,
+        help="Quantity of the map; see the list below.",
     ),
     click.option(
         "--refine",
@@ -120,7 +132,7 @@ MAP = (
         "--tolerance",
         type=float,
         metavar="T",
-        help="With --refine: largest error to expect of interpolation, as a share of the range of the values; "
+        help="With --refine: largest estimated error of interpolation, as a share of the range of the values; "
         "default: 0.02.",
     ),
     click.option(
@@ -128,8 +140,8 @@ MAP = (
         multiple=True,
         metavar="NAME=DIST",
         shell_complete=completion.SCATTERED,
-        help="With --quantity probability_unstable: how numbers of the rig scatter, as for fiv run; default: a "
-        "usual scatter of all.",
+        help="With --quantity probability_unstable: distribution of a number of the rig, as for fiv run; "
+        "default: a usual scatter of all.",
     ),
     *DRAWS,
     ERROR,
@@ -139,13 +151,13 @@ MAP = (
     STRICT,
 )
 QUERY = (
-    click.option("--where", metavar="EXPR", help="Which rows; by default all."),
+    click.option("--where", metavar="EXPR", help="Condition on the rows; default: all."),
     click.option(
         "--show",
         "columns",
         metavar="A,B,...",
         shell_complete=completion.COLUMNS,
-        help="Which columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",
+        help="Columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",
     ),
     click.option(
         "--by",
@@ -157,9 +169,9 @@ QUERY = (
         "--sort",
         metavar="A,...",
         shell_complete=completion.SORTED_COLUMNS,
-        help="By which columns; descending with a minus in front: --sort -velocity_rms.",
+        help="Columns to sort by; descending with a minus in front: --sort -velocity_rms.",
     ),
-    click.option("--limit", type=click.IntRange(min=0), metavar="N", help="So many rows at most."),
+    click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Largest number of rows."),
     click.option(
         "--format",
         "form",
@@ -174,10 +186,10 @@ QUERY = (
 
 
 class MapCommand(click.Command):
-    """The command `map`: its help ends with what there is to choose from, which takes a moment to load."""
+    """The command `map`, whose help ends with lists of names that are slow to import."""
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Quantities, axes and settings."""
+        """Write the quantities, axes and settings, with their units."""
         from studies.maps.quantities import AXES, QUANTITIES, RUN
 
         quantities = {name: each.variable for name, each in QUANTITIES.items()}

@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from typing import Any
 
+import click
+
 # Controls but \n and \t, what ends a line or turns its direction round elsewhere, and halves of surrogate pairs.
 OBEYED = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
@@ -30,13 +32,16 @@ def _escaped(found: re.Match[str]) -> str:
     return f"\\x{code:02x}" if code < 0x7F else f"\\u{code:04x}"
 
 
-def show(text: str, err: bool = False) -> None:
+def show(text: str, err: bool = False, mark: str = "") -> None:
     """Print a text and the end of its line, to standard output or to standard error; at once.
 
-    What standard error does not take is lost: there is nobody to tell.
+    What standard error does not take is lost: there is nobody to tell. `mark` is a word of ours behind the text,
+    in colour on a terminal.
     """
+    stream = sys.stderr if err else sys.stdout
+    mark = mark if mark and stream.isatty() else click.unstyle(mark)
     with suppress(OSError) if err else nullcontext():
-        print(harmless(text), file=sys.stderr if err else sys.stdout, flush=True)
+        print(harmless(text) + mark, file=stream, flush=True)
 
 
 class Rows:

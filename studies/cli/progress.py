@@ -1,4 +1,4 @@
-"""Progress: a bar on a terminal, a plain line every few seconds elsewhere, nothing when asked to be quiet."""
+"""Progress: a bar on a terminal, a plain line every few seconds elsewhere, nothing with --quiet."""
 
 from __future__ import annotations
 
@@ -24,36 +24,36 @@ STOPPING = "stopping after what is under way; Ctrl-C again: now"
 
 @contextmanager
 def progress(todo: int) -> Iterator[Progress | None]:
-    """A callback for `Plan.run` that tells on standard error how far it is."""
+    """Yield a callback for `Plan.run` that prints its progress on standard error; None with --quiet."""
     if is_set("quiet") or not todo:
         yield None
     elif sys.stderr.isatty():
-        with bar(todo) as told:
-            yield told
+        with bar(todo) as callback:
+            yield callback
     else:
         yield _Lines()
 
 
 def words(snapshot: Snapshot) -> list[str]:
-    """How a run goes: failures, rate, and the time that is left, as far as there are any."""
+    """Failures, rate and time left of a run, as far as they are known."""
     failed = f"{snapshot.failed} failed" if snapshot.failed else ""
     rate = f"{snapshot.rate:.3g} a second" if snapshot.rate > 0.0 else ""
     left = "" if math.isnan(snapshot.left) else f"{duration(snapshot.left)} left"
     return [word for word in (failed, rate, left) if word]
 
 
-def tell_compiling() -> None:
-    """Say once, until the command ends, that kernels are compiled: no run of this installation has done so."""
+def announce_compiling() -> None:
+    """Print a line when the first kernel is compiled, which only the first run of an installation does."""
     if is_set("quiet"):
         return
     from numba.core import event
 
     class Compiling(event.Listener):
-        told = False
+        announced = False
 
         def on_start(self, happening: object) -> None:
-            if not self.told:
-                self.told = True
+            if not self.announced:
+                self.announced = True
                 show(f"fiv: compiling once, about {COMPILING:.0f} s", err=True)
 
         def on_end(self, happening: object) -> None:
@@ -64,7 +64,7 @@ def tell_compiling() -> None:
 
 
 class _Lines:
-    """A line now and then."""
+    """Print a plain line of progress every INTERVAL seconds."""
 
     def __init__(self) -> None:
         self._last = time.monotonic()
@@ -83,7 +83,7 @@ class _Lines:
 
 @contextmanager
 def bar(todo: int) -> Iterator[Progress]:
-    """A bar that goes when it is done, in a terminal or a notebook."""
+    """Show a bar in a terminal or a notebook, and remove it at the end."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
     from rich.table import Column
@@ -98,9 +98,9 @@ def bar(todo: int) -> Iterator[Progress]:
     with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as shown:
         task = shown.add_task("", total=todo)
 
-        def tell(snapshot: Snapshot) -> None:
+        def update(snapshot: Snapshot) -> None:
             texts = [STOPPING] if snapshot.stopping else [*words(snapshot), *snapshot.now[:1]]
             text = harmless("  ".join(texts))
             shown.update(task, total=snapshot.todo, completed=snapshot.done, description=text)
 
-        yield tell
+        yield update

@@ -1,6 +1,6 @@
-"""The commands that show what there is: list, status, query, plot, report, and what a shell completes.
+"""The commands that read results: list, status, query, plot, report; and completion.
 
-Heavy packages are imported inside the commands: `fiv --help` answers at once.
+Heavy packages are imported inside the commands, so that `fiv --help` answers at once.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ def list_studies(study: str | None) -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry
 
-    known = registry.catalogue()
+    catalogue = registry.catalogue()
     for name in [study] if study else registry.names():
-        entry = known.get(name, {})
+        entry = catalogue.get(name, {})
         one = registry.resolve(name) if study or not entry else None
         if one:
             entry = {"title": one.title, "question": one.question, "points": one.sweep({}).grid.size} | entry
@@ -54,7 +54,7 @@ def list_studies(study: str | None) -> None:
     TARGET,
     click.option("--json", "as_json", is_flag=True, help="As JSON."),
     click.option(
-        "--toml", "as_toml", is_flag=True, help="What it was asked for, as fiv run --config FILE.toml reads it."
+        "--toml", "as_toml", is_flag=True, help="Its configuration, as fiv run --config FILE.toml reads it."
     ),
     OUT,
 )
@@ -74,15 +74,15 @@ def show_status(target: str, as_json: bool, as_toml: bool, out: str | None) -> N
     from sweeps import status
 
     file = results.results_file(target, out)
-    tell_reference(target, out)
+    announce_reference(target, out)
     if as_toml:
         show(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
         return
-    found = status(file)
-    told = asdict(found)
-    if isnan(told["run"].get("left", 0.0)):
-        told["run"]["left"] = None  # JSON has no NaN
-    show(dumps(told) if as_json else status_text(found))
+    now = status(file)
+    values = asdict(now)
+    if isnan(values["run"].get("left", 0.0)):
+        values["run"]["left"] = None  # JSON has no NaN
+    show(dumps(values) if as_json else status_text(now))
 
 
 @command("query", "Rows of a result as a table, CSV or JSON.", TARGET, *QUERY, kind=completion.SignedCommand)
@@ -104,10 +104,10 @@ def query_rows(target: str, out: str | None, columns: str | None, form: str, uni
     distance from its nearest neighbour, and of an axis with one value within a millionth of it. So theta ==
     5.0000001 finds 5. Where no value is so near, no row matches and a message has the nearest value.
 
-    The points of the sweep are the rows. A variable that has many entries at each point (of modes, members, in
+    The points of the sweep are the rows. A variable that has many entries at each point (of modes, runs, in
     time) makes a row of each entry where it is named; entries without a value are left out, unless EXPR has
     nan in it. Without --show the columns are the axes and all that has one value for each row; with it they are
-    those, and whatever tells the entries apart.
+    those, and the axes along which the entries differ.
 
     With --by the rows that agree in its columns are one group and one row. --show then has count, and mean:X,
     std:X (of a sample), min:X, max:X and median:X of the values that are not missing; share:X is the share of the
@@ -120,7 +120,7 @@ def query_rows(target: str, out: str | None, columns: str | None, form: str, uni
     def note(text: str) -> None:
         say(f"fiv: {text}")
 
-    tell_reference(target, out)
+    announce_reference(target, out)
     chosen = select(results.open_dataset(target, out), show=columns, note=note, **which)
     print_rows(chosen, form, columns is None, units, note, Rows(form))
 
@@ -136,7 +136,7 @@ def query_rows(target: str, out: str | None, columns: str | None, form: str, uni
         type=click.Choice(["png", "svg", "pdf"]),
         default="png",
         show_default=True,
-        help="Of the figure; svg and pdf are drawn in lines, for print.",
+        help="Format of the figure; svg and pdf are vector graphics, for print.",
     ),
 )
 def plot(target: str, out: str | None, form: str) -> None:
@@ -148,7 +148,7 @@ def plot(target: str, out: str | None, form: str) -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import results, runner
 
-    tell_reference(target, out)
+    announce_reference(target, out)
     dataset, file = results.open_dataset(target, out), results.results_file(target, out)
     study = results.study_of(dataset, str(file))
     if out and results.is_path(target):
@@ -183,12 +183,12 @@ def write_report(targets: tuple[str, ...], out: str | None, file: str | None) ->
     from studies.report import page
 
     for target in targets or registry.names():
-        tell_reference(target, out)
+        announce_reference(target, out)
     show(str(page.write(targets, out, file, lambda line: show(f"fiv: {line}", err=True))))
 
 
-def tell_reference(target: str, out: str | None) -> None:
-    """Say where the reference stands in for a result of one's own."""
+def announce_reference(target: str, out: str | None) -> None:
+    """Print a note where the reference replaces a result that the folder lacks."""
     from studies import results
 
     if notice := results.notice(target, out):
@@ -197,11 +197,11 @@ def tell_reference(target: str, out: str | None) -> None:
 
 @command(
     "completion",
-    "Print what a shell needs to complete names.",
+    "Print the script that completes names in a shell.",
     click.argument("shell", metavar="|".join(completion.SHELLS), type=click.Choice(completion.SHELLS)),
 )
 def complete(shell: str) -> None:
-    """Print what a shell needs to complete names of studies, axes, quantities and columns.
+    """Print the script by which a shell completes names of studies, axes, quantities and columns.
 
     \b
     eval "$(fiv completion bash)"             in ~/.bashrc

@@ -57,7 +57,7 @@ CLAIMS = tuple(
 )
 # Columns of the figure; of more speeds it shows so many, evenly chosen.
 MOST_COLUMNS = 3
-# Periods of the main line that it shows, and the least share of one that a stick lasts which begins a period.
+# Periods of the dominant frequency that it shows; a period begins with a stick of at least this share of one.
 PERIODS = 2
 SHORTEST_STICK = 0.1
 # What the curve of the phase plane spans across and up, and where beside it a number may stand, points.
@@ -102,7 +102,7 @@ def intervals(overview: float) -> Axis:
 
 
 def within(run: Transient, times: np.ndarray) -> dict[str, Any]:
-    """What the contact does at `times`: the nearest step, so that force, speed and state belong together."""
+    """Series of the contact at the steps nearest to `times`, so that force, speed and state belong together."""
     whole = slice(max(int(np.searchsorted(run.time, times[0])) - 1, 0), None)
     time, slip = run.time[whole], run.slip_velocity[whole]
     nearest = np.searchsorted(0.5 * (time[1:] + time[:-1]), times)
@@ -133,7 +133,7 @@ def start_peaks(run: Transient) -> dict[str, Any]:
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Refuse, before anything is planned, what cannot be run or kept."""
+    """Refuse, before anything is planned, runs that cannot be simulated or stored."""
     transients.check(axes, fixed)
     most = transients.MOST_SAMPLES / RECORDED
     checks.between("window", fixed["window"], 1e-5, 0.1, "s")
@@ -150,9 +150,9 @@ def coords(
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """How hard the contact is loaded and how fast it slips, beside the paper's."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
-    changes: Column = (lambda at: at["switches_per_second"] / regimes.main_line(at), ".0f")
+    changes: Column = (lambda at: at["switches_per_second"] / regimes.dominant_frequency(at), ".0f")
     peaks: dict[str, Column] = {"mean N": ("mean_normal_force", ".3f")}
     for unit, factor, names in (
         ("N", 1.0, ("normal_force_999", "max_normal_force", "start_up_normal_force")),
@@ -161,9 +161,9 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         for head, name in zip(("99.9 %", "largest", "start-up"), names, strict=True):
             peaks[f"{head} {unit}"] = (name, ".1f", factor)
     return [
-        f"The contact, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
-        f"{given['duration']:g} s, {transients.damping(given)}; "
-        f"from {transients.SETTLING:g} s after the first slip on unless said otherwise.",
+        f"The contact, theta = {fixed['theta']:g} degrees, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
+        f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
+        f"from {transients.SETTLING:g} s after the first slip on unless stated otherwise.",
         "",
         "Shares of time, and changes of state in a period of the dominant frequency "
         "(stick, slip, separation, slip: 4).",
@@ -179,13 +179,13 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """A column for each speed: the whole start, two periods in time, and one in the phase plane."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     columns = transients.some(dataset.sizes["V"], MOST_COLUMNS)
     heights = {"height_ratios": (1.0, 1.0, 1.2, 1.0, 1.0, 1.9)}
     figure, panels = figures.panels(6, len(columns), max(9.0 * len(columns), 12.0), 25.0, gridspec_kw=heights)
     grid = np.array(panels).reshape(6, len(columns))
     for column, k in zip(grid.T, columns, strict=True):
-        _draw_speed(column, dataset.isel(V=k), given)
+        _draw_speed(column, dataset.isel(V=k), fixed)
     for row in grid:
         low, high = np.transpose([axes.get_ylim() for axes in row])
         # Speeds are compared, so a row has one scale.
@@ -194,13 +194,13 @@ def draw(dataset: xr.Dataset) -> Figure:
     for axes in grid[:, 1:].flat:
         axes.set_ylabel("")
     figures.legend_below(figure, panels, 4)
-    where = ", ".join(planes.named(name, given[name]) for name in ("theta", "mu", "F"))
+    where = ", ".join(planes.named(name, fixed[name]) for name in ("theta", "mu", "F"))
     title = f"The contact, {where}{transients.of_all(columns, dataset.sizes['V'])}"
-    figure.suptitle(f"{title}\n{transients.damping(given)}")
+    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
     return figure
 
 
-def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) -> None:
+def _draw_speed(column: np.ndarray, at: xr.Dataset, fixed: Mapping[str, Any]) -> None:
     """One column; the panels of a speed that failed stay empty."""
     force, speed, normal, friction, slip, phase = column
     kind = regimes.kind(at)
@@ -230,15 +230,15 @@ def _draw_speed(column: np.ndarray, at: xr.Dataset, given: Mapping[str, Any]) ->
     for upper, lower in ((normal, slip), (friction, slip), (force, speed)):
         upper.sharex(lower)
         upper.tick_params(labelbottom=False)
-    speed.set_xlim(0.0, given["overview"])
-    bound = np.copysign(given["mu"], float(at["V"]))
+    speed.set_xlim(0.0, fixed["overview"])
+    bound = np.copysign(fixed["mu"], float(at["V"]))
     friction.axhline(bound, color=figures.BLACK, linestyle=":", linewidth=1.0, label="imposed friction μ")
     slip.set_xlabel(f"time since {begin:.5f} s / ms")
     _draw_phase(phase, at.isel(elapsed=slice(first, one)))
 
 
 def shown(at: xr.Dataset) -> tuple[int, int, int]:
-    """What of the window is drawn: two periods from the beginning of a stick; the end of the first.
+    """Places of the drawn part of the window: its begin and end, two periods from a stick on; the first's end.
 
     Periods differ, so the first is the one that moves P1 on most nearly by what P2 does in a period.
     """

@@ -53,7 +53,7 @@ VARIABLES = (
 def histories(
     points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
 ) -> dict[str, Any]:
-    """Velocity of B, its spectrum, the summary figures, what stability says, and what else is recorded."""
+    """Velocity of B, its spectrum, the summary figures, linear stability, and further recorded series."""
 
     def values(run: Transient, series: np.ndarray, times: np.ndarray) -> dict[str, Any]:
         spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)
@@ -69,20 +69,20 @@ def fastest(scene: Scene) -> tuple[float, float]:
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """What the rig does at each inclination, what stability says, and what was measured."""
-    given = constants(dataset)
+    """Motion at each inclination, its linear stability, and the measured motion."""
+    fixed = constants(dataset)
     columns: dict[str, Column] = {
         "theta deg": ("theta", "g"),
         "vibration": regimes.kind,
-        "main line Hz": (regimes.main_line, ".0f"),
+        "dominant Hz": (regimes.dominant_frequency, ".0f"),
         "RMS mm/s": ("velocity_rms", ".3f", 1e3),
         "fastest mode 1/s": ("mode_growth_rate", ".0f"),
         "at Hz": ("mode_frequency", ".0f"),
     }
     return [
-        f"Velocity of B, V = {1e3 * given['V']:g} mm/s, mu = {given['mu']:g}, F = {given['F']:g} N, "
-        f"{given['duration']:g} s, {transients.damping(given)}; "
-        f"RMS and main line from {transients.SETTLING:g} s after the first slip on.",
+        f"Velocity of B, V = {1e3 * fixed['V']:g} mm/s, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
+        f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
+        f"RMS and dominant frequency from {transients.SETTLING:g} s after the first slip on.",
         "",
         Table.of(dataset, "theta", columns),
         "",
@@ -93,16 +93,16 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """The histories as in the paper; below, how the vibration grows or dies, and the spectra."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     some = transients.some(dataset.sizes["theta"], len(LOOKS))
     layout = [["top", "top"], ["growth", "tones"]]
     figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.0, 1.1))
     top, growth, tones = panels.values()
     for k, (colour, style) in zip(some, LOOKS, strict=False):
         at = dataset.isel(theta=k)
-        kind, main = regimes.kind(at), float(regimes.main_line(at))
+        kind, main = regimes.kind(at), float(regimes.dominant_frequency(at))
         label = f"{planes.named('theta', at['theta'])}: {kind}" + (
-            f", main line {main:.0f} Hz" if main > 0.0 else ""
+            f", dominant {main:.0f} Hz" if main > 0.0 else ""
         )
         if kind == "failed":
             top.plot([], [], color=colour, linestyle=style, label=label)
@@ -111,9 +111,9 @@ def draw(dataset: xr.Dataset) -> Figure:
         # A quiet trace would vanish under a loud one.
         above = 3.0 - 1e-3 * float(np.ptp(velocity[len(velocity) // 2 :]))
         figures.trace(top, at["elapsed"].values, velocity, color=colour, label=label, zorder=above)
-        _draw_growth(growth, at, colour, float(given["V"]))
+        _draw_growth(growth, at, colour, float(fixed["V"]))
         tones.plot(at["frequency"] / 1e3, figures.decibels(at["spectrum"]), style, color=colour, linewidth=1.0)
-    top.set(xlim=(0.0, given["duration"]), xlabel="time since the drive started / s")
+    top.set(xlim=(0.0, fixed["duration"]), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")
     growth.plot([], [], color=figures.RED, linestyle="--", label="growth of the fastest mode of steady sliding")
     growth.set(yscale="log", xlim=(0.0, FOLLOWED), xlabel="time since the first slip / s")
@@ -126,9 +126,9 @@ def draw(dataset: xr.Dataset) -> Figure:
     tones.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
     figures.letter((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
     figures.legend_below(figure, [top, growth, tones], 2)
-    where = ", ".join(planes.named(name, given[name]) for name in ("V", "mu", "F"))
+    where = ", ".join(planes.named(name, fixed[name]) for name in ("V", "mu", "F"))
     title = f"Velocity of B along x, {where}{transients.of_all(some, dataset.sizes['theta'])}"
-    figure.suptitle(f"{title}\n{transients.damping(given)}")
+    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
     return figure
 
 
@@ -166,7 +166,7 @@ STUDY = Study(
     axes={"theta": Axis(np.array(sorted(paper.ANGLES)), "degree", "inclination of P1")},
     settings={"V": Setting(paper.ANGLES_SPEED, "m s-1", "velocity of P2's clamp")}
     | transients.run_settings(1.0, transients.PUBLISHED)
-    | {"sample_rate": Setting(40e3, "Hz", "of the series kept")}
+    | {"sample_rate": Setting(40e3, "Hz", "sampling rate of the recorded series")}
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},
     function=histories,
     variables=VARIABLES,

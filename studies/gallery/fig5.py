@@ -38,19 +38,19 @@ VARIABLES = {
 
 def modes(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float) -> dict[str, Any]:
     """Frequency and growth rate of the first modes, NaN where the band holds fewer."""
-    found = sliding_modes(rig, theta, points["mu"], fmax)
+    modes = sliding_modes(rig, theta, points["mu"], fmax)
     frequency, growth = np.full((2, len(points["mu"]), MODES), np.nan)
-    kept = min(found.frequency.shape[1], MODES)
-    frequency[:, :kept], growth[:, :kept] = found.frequency[:, :kept], found.growth_rate[:, :kept]
+    count = min(modes.frequency.shape[1], MODES)
+    frequency[:, :count], growth[:, :count] = modes.frequency[:, :count], modes.growth_rate[:, :count]
     return {"frequency": frequency, "growth_rate": growth}
 
 
 def onsets(rig: Rig, theta: float, fmax: float, largest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Friction and frequency of the flutter onsets up to the largest mu, found as roots and not on the grid."""
+    """Friction and frequency of the flutter onsets up to the largest mu, computed as roots and not on the grid."""
     if largest == 0.0:
         return np.empty(0), np.empty(0)
-    found = flutter_onsets(rig, theta, fmax, largest)
-    return found.mu, found.frequency
+    onsets = flutter_onsets(rig, theta, fmax, largest)
+    return onsets.mu, onsets.frequency
 
 
 def with_onsets(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float) -> xr.Dataset:
@@ -77,10 +77,10 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Onsets beside the paper's, and what is unstable at the paper's friction."""
-    given, ends = constants(dataset), dataset["mu"].values[[0, -1]]
+    fixed, ends = constants(dataset), dataset["mu"].values[[0, -1]]
     lines: list[Part] = [
-        f"Steady sliding, theta = {given['theta']:g} degrees, mu from {ends[0]:g} to {ends[1]:g} "
-        f"({dataset.sizes['mu']}), modes below {given['fmax'] / 1e3:g} kHz.",
+        f"Steady sliding, theta = {fixed['theta']:g} degrees, mu from {ends[0]:g} to {ends[1]:g} "
+        f"({dataset.sizes['mu']}), modes below {fixed['fmax'] / 1e3:g} kHz.",
         "",
     ]
     if dataset.sizes["onset"]:
@@ -102,7 +102,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Branches over mu as in the paper, unstable ones in colour, and their growth rates below."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     figure, (top, bottom) = figures.panels(
         2, 1, 15.0, 16.0, sharex=True, gridspec_kw={"height_ratios": (3.0, 1.5)}
     )
@@ -125,19 +125,19 @@ def draw(dataset: xr.Dataset) -> Figure:
         top.plot(x, y / 1e3, "o", color=figures.BLUE, label="flutter onset, model", zorder=3)
     for x, y in onset:
         # Beside the unstable branch there is room below it, and above it near the bottom of the band.
-        side, offset = ("top", -6) if y > 0.1 * given["fmax"] else ("bottom", 6)
+        side, offset = ("top", -6) if y > 0.1 * fixed["fmax"] else ("bottom", 6)
         text = f"μ = {x:.4f}, {y:.0f} Hz"
         top.annotate(text, (x, y / 1e3), (8, offset), textcoords="offset points", va=side, color=figures.BLUE)
-    said = [each for each in paper.ONSETS if each[0] <= mu.max()]
-    if said and paper.is_point(dataset, theta=paper.THETA):
-        x, y = np.array(said).T
+    claimed = [each for each in paper.ONSETS if each[0] <= mu.max()]
+    if claimed and paper.is_point(dataset, theta=paper.THETA):
+        x, y = np.array(claimed).T
         look: dict[str, Any] = {"markersize": 7, "markerfacecolor": "none", "color": figures.ORANGE, "zorder": 4}
         top.plot(x, y / 1e3, "D", label="first unstable μ, paper", **look)
     whose = "" if paper.is_rig(dataset) else " (not the paper's rig)"
-    top.set(ylim=(0.0, given["fmax"] / 1e3), ylabel="frequency / kHz")
+    top.set(ylim=(0.0, fixed["fmax"] / 1e3), ylabel="frequency / kHz")
     figures.letter((top, bottom), ("frequency", "growth rate of what is unstable"))
     figures.legend_below(figure, [top], 2)
-    figure.suptitle(f"Modes of steady sliding, θ = {given['theta']:g}°{whose}")
+    figure.suptitle(f"Modes of steady sliding, θ = {fixed['theta']:g}°{whose}")
     bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ")
     bottom.set_ylim(bottom=0.0)
     return figure

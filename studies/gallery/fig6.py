@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # The pair is followed from its onset, at most at MU_MAX, in steps of mu so small that what is nearest to it is
-# itself; as far as needed, in whole pieces, so that few paths serve all batches.
-MU_MAX, STEP, PIECE, MOST_MU = 1.0, 2e-4, 0.2, 4.0
+# itself; as far as needed, in whole intervals, so that few paths serve all batches.
+MU_MAX, STEP, INTERVAL, MOST_MU = 1.0, 2e-4, 0.2, 4.0
 CLAIMS = (
     Claim("frequency", {"mode": 5, "mu": 0.0}, paper.MODES_5_AND_6[0], "3.4.2, Fig. 6a"),
     Claim("frequency", {"mode": 6, "mu": 0.0}, paper.MODES_5_AND_6[1], "3.4.2, Fig. 6a"),
@@ -38,13 +38,13 @@ CLAIMS = (
 def pair(points: Mapping[str, Any], *, rig: Rig, theta: float, fmax: float) -> dict[str, Any]:
     """Frequency and growth rate of the two modes that lock in first; NaN where they have left the band."""
     mu = points["mu"]
-    followed = path(rig, theta, fmax, int(np.ceil(mu.max() / PIECE)))
-    found = sliding_modes(rig, theta, mu, fmax)
+    followed = path(rig, theta, fmax, int(np.ceil(mu.max() / INTERVAL)))
+    modes = sliding_modes(rig, theta, mu, fmax)
     frequency, growth = np.full((2, len(mu), 2), np.nan)
     for m, near in enumerate(np.rint(mu / STEP)):
-        both = closest_two(found, m, followed[int(near)])
+        both = closest_two(modes, m, followed[int(near)])
         if both is not None:
-            frequency[m], growth[m] = found.frequency[m, both], found.growth_rate[m, both]
+            frequency[m], growth[m] = modes.frequency[m, both], modes.growth_rate[m, both]
     return {"frequency": frequency, "growth_rate": growth}
 
 
@@ -61,20 +61,20 @@ def lock_in(rig: Rig, theta: float, fmax: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=8)
-def path(rig: Rig, theta: float, fmax: float, pieces: int) -> np.ndarray:
-    """The pair's eigenvalues lambda at multiples of STEP, (mu, 2), over so many pieces of mu or to its onset."""
+def path(rig: Rig, theta: float, fmax: float, intervals: int) -> np.ndarray:
+    """The pair's eigenvalues lambda at multiples of STEP, (mu, 2), over so many intervals or to its onset."""
     onset, frequency = lock_in(rig, theta, fmax)
-    mu = STEP * np.arange(round(max(pieces, np.ceil(onset / PIECE)) * PIECE / STEP) + 1)
-    found = sliding_modes(rig, theta, mu, fmax)
+    mu = STEP * np.arange(round(max(intervals, np.ceil(onset / INTERVAL)) * INTERVAL / STEP) + 1)
+    modes = sliding_modes(rig, theta, mu, fmax)
     followed = np.full((len(mu), 2), complex(np.nan, np.nan))
     start = int(np.abs(mu - onset).argmin())
     for way in (range(start, len(mu)), range(start - 1, -1, -1)):
         here = np.full(2, at_onset(frequency)) if way.step > 0 else followed[start]
         for m in way:
-            both = closest_two(found, m, here)
+            both = closest_two(modes, m, here)
             if both is None:
                 break
-            here = followed[m] = found.eigenvalue[m, both]
+            here = followed[m] = modes.eigenvalue[m, both]
     return followed
 
 
@@ -83,24 +83,24 @@ def at_onset(frequency: float) -> complex:
     return complex((2.0 * np.pi * frequency) ** 2)
 
 
-def closest_two(found: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | None:
+def closest_two(modes: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | None:
     """Which two modes at the m-th mu continue the eigenvalues `near`; none if they are not there.
 
     The one of lower frequency comes first, after lock-in the decaying one.
     """
-    coupled = np.nonzero(~found.uncoupled[m] & np.isfinite(found.frequency[m]))[0]
+    coupled = np.nonzero(~modes.uncoupled[m] & np.isfinite(modes.frequency[m]))[0]
     if len(coupled) < 2 or np.isnan(near[0]):
         return None
-    values = found.eigenvalue[m, coupled]
+    values = modes.eigenvalue[m, coupled]
     cost = np.abs(values[:, None] - near[0]) + np.abs(values - near[1])
     np.fill_diagonal(cost, np.inf)
     first, second = np.unravel_index(cost.argmin(), cost.shape)
     if cost[first, second] > 0.5 * np.abs(near).sum():
         return None
     both = coupled[[first, second]]
-    frequency, growth = found.frequency[m, both], found.growth_rate[m, both]
+    frequency, growth = modes.frequency[m, both], modes.growth_rate[m, both]
     # Once their eigenvalues are a conjugate pair, the frequencies differ by rounding and damping alone.
-    pair_values = found.eigenvalue[m, both]
+    pair_values = modes.eigenvalue[m, both]
     apart = np.abs(pair_values.imag).max() <= 1e-9 * np.abs(pair_values).max()
     return both[np.lexsort((growth, frequency)) if apart else np.argsort(growth)]
 
@@ -108,12 +108,12 @@ def closest_two(found: SlidingModes, m: int, near: np.ndarray) -> np.ndarray | N
 def with_shape(dataset: xr.Dataset, *, rig: Rig, theta: float, fmax: float) -> xr.Dataset:
     """Add the lock-in point and the shape of the mode that becomes unstable there."""
     mu, frequency = lock_in(rig, theta, fmax)
-    found = sliding_modes(rig, theta, [mu], fmax)
-    both = closest_two(found, 0, np.full(2, at_onset(frequency)))
+    modes = sliding_modes(rig, theta, [mu], fmax)
+    both = closest_two(modes, 0, np.full(2, at_onset(frequency)))
     assert both is not None
     # At its onset the mode neither grows nor decays, while its partner decays twice as fast as before.
-    marginal = both[np.abs(found.growth_rate[0, both]).argmin()]
-    shape, position = found.shape[0, marginal], node_positions(rig, theta)
+    marginal = both[np.abs(modes.growth_rate[0, both]).argmin()]
+    shape, position = modes.shape[0, marginal], node_positions(rig, theta)
     numbers = np.array([1, 2], dtype=np.int8)
     beam = np.repeat(numbers, [rig.p1.elements + 1, rig.p2.elements + 1])
     flags = {"flag_values": numbers, "flag_meanings": "P1 P2", "long_name": "beam"}

@@ -73,8 +73,8 @@ def with_glued_modes(dataset: xr.Dataset, *, rig: Rig, theta: float, **_: Any) -
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Kind of vibration, lines of the spectra and long sticks, beside the paper's."""
-    given, glued = constants(dataset), dataset["glued_frequency"].values
+    """Kind of vibration, peaks of the spectra and long sticks, beside the paper's."""
+    fixed, glued = constants(dataset), dataset["glued_frequency"].values
     near = [f"{glued[np.abs(glued - f).argmin()]:.0f} Hz nearest to {f:.0f}" for f in paper.OTHER_LINES]
     speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
     motion: dict[str, Column] = {
@@ -89,9 +89,9 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "last ends s": (_last_stick, ".3f"),
     }
     lines: dict[str, Column] = {
-        "dominant": (regimes.main_line, ".0f"),
-        "2nd": (lambda at: _line(at, "spectrum_vibrating", 2.0 * float(regimes.main_line(at))), ".0f"),
-        "3rd": (lambda at: _line(at, "spectrum_vibrating", 3.0 * float(regimes.main_line(at))), ".0f"),
+        "dominant": (regimes.dominant_frequency, ".0f"),
+        "2nd": (lambda at: _line(at, "spectrum_vibrating", 2.0 * float(regimes.dominant_frequency(at))), ".0f"),
+        "3rd": (lambda at: _line(at, "spectrum_vibrating", 3.0 * float(regimes.dominant_frequency(at))), ".0f"),
     }
     for f in paper.OTHER_LINES:
         lines[f"stuck, about {f:.0f}"] = (partial(_line, spectrum="spectrum_stuck", about=f), ".0f")
@@ -100,14 +100,14 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         measured = [f"{f:.0f}" for f in (*paper.LINES, *paper.OTHER_LINES)]
         tones = Table(tones.heads, [*tones.rows, ["paper", *measured]])
     return [
-        f"Velocity of B, theta = {given['theta']:g} degrees, mu = {given['mu']:g}, F = {given['F']:g} N, "
-        f"{given['duration']:g} s, {transients.damping(given)}; "
+        f"Velocity of B, theta = {fixed['theta']:g} degrees, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
+        f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
         f"shares of time, RMS, coherence (autocorrelation after 20 periods) and spectra "
         f"from {transients.SETTLING:g} s after the first slip on.",
         "",
         Table.of(dataset, "V", speed | motion),
         "",
-        "Lines of the spectra, Hz: three while vibrating, two within long sticks, where the glued rig rings "
+        "Peaks of the spectra, Hz: three while vibrating, two within long sticks, where the glued rig rings "
         f"(modes: {', '.join(near)}).",
         tones,
         *beside(dataset, CLAIMS),
@@ -125,8 +125,8 @@ def _last_stick(at: xr.Dataset) -> float:
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """As in the paper: time on the left, spectra on the right, a row for each speed."""
-    given = constants(dataset)
+    """Draw time on the left and spectra on the right, a row for each speed, as the paper does."""
+    fixed = constants(dataset)
     rows = transients.some(dataset.sizes["V"], MOST_ROWS)
     size: dict[str, Any] = {"width": 18.0, "height": 2.2 + 4.6 * len(rows)}
     shared: dict[str, Any] = {"sharex": "col", "sharey": "col", "gridspec_kw": {"width_ratios": (1.35, 1.0)}}
@@ -135,20 +135,20 @@ def draw(dataset: xr.Dataset) -> Figure:
     for k, left, right in zip(rows, panels[::2], panels[1::2], strict=True):
         _draw_speed(left, right, dataset.isel(V=k))
         for lines, style, label in (
-            (paper.LINES, "--", "paper: main line and harmonics"),
-            (paper.OTHER_LINES, ":", "paper: other lines"),
+            (paper.LINES, "--", "paper: dominant frequency and harmonics"),
+            (paper.OTHER_LINES, ":", "paper: other peaks"),
         ):
             for f in lines if papers and float(dataset["V"][k]) in paper.SPEEDS else ():
                 right.axvline(f / 1e3, color=figures.RED, linestyle=style, linewidth=1.0, zorder=1.5, label=label)
-    panels[0].set_xlim(0.0, given["duration"])
+    panels[0].set_xlim(0.0, fixed["duration"])
     top = panels[1].get_ylim()[1]
     panels[1].set(xlim=(0.0, transients.BAND / 1e3), ylim=(top - DECADES * 10.0, top))
     panels[-2].set_xlabel("time since the drive started / s")
     panels[-1].set_xlabel("frequency / kHz")
     figures.legend_below(figure, panels, 3)
-    where = ", ".join(planes.named(name, given[name]) for name in ("theta", "mu", "F"))
+    where = ", ".join(planes.named(name, fixed[name]) for name in ("theta", "mu", "F"))
     title = f"Velocity of B along x, {where}{transients.of_all(rows, dataset.sizes['V'])}"
-    figure.suptitle(f"{title}\n{transients.damping(given)}")
+    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
     return figure
 
 
@@ -176,7 +176,7 @@ def _draw_speed(left: Axes, right: Axes, at: xr.Dataset) -> None:
     right.plot(frequency, settled, color=figures.BLUE, linewidth=1.0, label="after settling")
     right.plot(frequency, stuck, color=figures.BLACK, linewidth=0.8, label="within long sticks")
     if np.isfinite(main):
-        right.set_title(f"main line {main:.0f} Hz", loc="left")
+        right.set_title(f"dominant frequency {main:.0f} Hz", loc="left")
 
 
 STUDY = Study(
@@ -189,7 +189,7 @@ STUDY = Study(
     "Section 3.5.4.2: sticking phases half as long at 2 mm/s as at 1 mm/s.",
     axes={"V": Axis(np.array(paper.SPEEDS), "m s-1", "velocity of P2's clamp")},
     settings=transients.run_settings(2.5, transients.PUBLISHED)
-    | {"sample_rate": Setting(25e3, "Hz", "of the series kept")}
+    | {"sample_rate": Setting(25e3, "Hz", "sampling rate of the recorded series")}
     | rig_settings(),
     function=histories,
     variables=VARIABLES,

@@ -65,21 +65,21 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def _title(variable: xr.DataArray, about: list[str]) -> str:
-    """What is shown, and what is held."""
+    """The quantity, and below it the fixed values."""
     name = variable.attrs["long_name"]
     return f"{name[0].upper()}{name[1:]}\n{', '.join(about)}".rstrip()
 
 
 def _draw_line(dataset: xr.Dataset, along: str, other: str) -> Figure:
     """A number along the one axis that has several values; gaps where it has none."""
-    given = constants(dataset)
-    quantity = given["quantity"]
+    fixed = constants(dataset)
+    quantity = fixed["quantity"]
     at = dataset.isel({other: 0})
     label, factor = readable(quantity)
     figure, (axes,) = figures.panels(1, 1, 15.0, 9.0)
     x, y = planes.shown(along, at[along].values), factor * at[quantity].values
-    if "scatter" in given:
-        low, high = instability.wilson(y, given["samples"])
+    if "scatter" in fixed:
+        low, high = instability.wilson(y, fixed["samples"])
         axes.fill_between(x, low, high, color=figures.BLUE, alpha=0.3, linewidth=0.0, label="Wilson 95 %")
     axes.plot(x, y, color=figures.BLACK, marker="." if len(x) < 60 else "", label=quantity.replace("_", " "))
     if np.any(at["status"].values == INTERPOLATED):
@@ -148,7 +148,7 @@ def _alone(stable: NDArray[Any]) -> NDArray[Any]:
 
 
 def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list[Any]:
-    """Hatch what failed; say what else is white."""
+    """Hatch failed cells, and explain the white ones in the legend."""
     handles: list[Any] = []
     computed = _nearest_computed(status)
     failed = (computed == FAILED) & ~np.isfinite(values)
@@ -173,7 +173,7 @@ def _draw_gaps(panel: Panel, values: NDArray[Any], status: NDArray[Any]) -> list
 
 
 def _nearest_computed(status: NDArray[Any]) -> NDArray[Any]:
-    """Of interpolated points the status of the nearest that was computed: what surrounds them is alike."""
+    """Replace the status of interpolated points by that of the nearest computed one, which is alike."""
     interpolated = status == INTERPOLATED
     if not interpolated.any():
         return status
@@ -198,10 +198,10 @@ def _share_computed(status: NDArray[Any]) -> str:
 
 def _draw_paper(axes: Axes, dataset: xr.Dataset) -> list[Any]:
     """The paper's tests, and where it found modes to become unstable, as far as they lie in the plane."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     tests = [{"V": V, "theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD} for V in paper.SPEEDS]
     looks = [("*", 12.0, "paper: tests", tests)]
-    if given["quantity"] in GROWTH:
+    if fixed["quantity"] in GROWTH:
         onsets = [tests[0] | {"mu": mu} for mu, _ in paper.ONSETS]
         looks.append(("D", 5.5, "paper: first unstable μ", onsets))
     handles: list[Any] = []
@@ -210,8 +210,8 @@ def _draw_paper(axes: Axes, dataset: xr.Dataset) -> list[Any]:
         for point in points:
             numbers = {name: each.value for name, each in AXES.items()} | point
             # None where the map is of another rig, or of another scene in what matters.
-            matter = (*QUANTITIES[given["quantity"]].matter, *RIG)
-            if all(given.get(name, numbers[name]) == numbers[name] for name in matter):
+            matter = (*QUANTITIES[fixed["quantity"]].matter, *RIG)
+            if all(fixed.get(name, numbers[name]) == numbers[name] for name in matter):
                 x, y = (float(planes.shown(str(name), numbers[str(name)])) for name in dataset["status"].dims)
                 places.add((x, y))
         look = MARKER | {"marker": marker, "markersize": size, "markeredgewidth": 0.9, "label": label}

@@ -1,4 +1,4 @@
-"""What a map says in words: what was mapped, what was held, what was found."""
+"""A map in words: its quantity, its fixed values, and the range of what was computed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNITS = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "s-1": ("1/s", 1.0), "1": (""
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """What was mapped, how many of its points were computed, and what was found."""
+    """Name the quantity and the number of computed points, and summarise the values."""
     quantity = constants(dataset)["quantity"]
     values, status = dataset[quantity], dataset["status"].values
     about = held(dataset)
@@ -35,23 +35,27 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         if (count := int(np.count_nonzero(status == code)))
     ]
     lines += ["", f"{status.size} points: {', '.join(counts)}."]
-    return [*lines, *_found(quantity, values.values[np.isfinite(values.values)]), *_scattered(constants(dataset))]
-
-
-def _scattered(given: dict[str, Any]) -> list[Part]:
-    """How the numbers of the rigs scatter, where they do, and how well a share of so many is known."""
-    if "scatter" not in given:
-        return []
-    low, high = instability.wilson(0.5, given["samples"])
     return [
-        f"Each point is a share of {given['samples']} rigs, seed {given['seed']}: one half means {low:.3f} to "
-        f"{high:.3f} (Wilson 95 %).",
-        "",
-        instability.table(given["scatter"]),
+        *lines,
+        *_values_text(quantity, values.values[np.isfinite(values.values)]),
+        *_scattered(constants(dataset)),
     ]
 
 
-def _found(quantity: str, values: NDArray[Any]) -> list[str]:
+def _scattered(fixed: dict[str, Any]) -> list[Part]:
+    """How the numbers of the rigs scatter, where they do, and how well a share of so many is known."""
+    if "scatter" not in fixed:
+        return []
+    low, high = instability.wilson(0.5, fixed["samples"])
+    return [
+        f"Each point is a share of {fixed['samples']} rigs, seed {fixed['seed']}: one half means {low:.3f} to "
+        f"{high:.3f} (Wilson 95 %).",
+        "",
+        instability.table(fixed["scatter"]),
+    ]
+
+
+def _values_text(quantity: str, values: NDArray[Any]) -> list[str]:
     """The range of a number, or the share of each class."""
     if not len(values):
         return ["No point has a value."]
@@ -71,17 +75,17 @@ def _found(quantity: str, values: NDArray[Any]) -> list[str]:
 
 
 def held(dataset: xr.Dataset) -> list[str]:
-    """What was the same at all points and matters, for a reader; of the rig what is not the paper's."""
-    given = constants(dataset)
+    """Texts of the values that all points share and that matter; of the rig those unlike the paper's."""
+    fixed = constants(dataset)
     # What scatters has no value.
-    given = {name: value for name, value in given.items() if name not in given.get("scatter", ())}
-    matter, settings = QUANTITIES[given["quantity"]].matter, QUANTITIES[given["quantity"]].settings
-    rig = [name for name in RIG if given.get(name, AXES[name].value) != AXES[name].value]
-    sign = ["V < 0"] if "V" not in matter and given.get("V", 1.0) < 0.0 else []
-    runs = [f"{given['members']} run{'s' if given['members'] > 1 else ''} a point"] if "members" in given else []
-    scene, others = ([planes.named(n, given[n]) for n in names if n in given] for names in (matter, rig))
-    damped = [transients.damping(given)] if "numerical_damping" in settings else []
-    rigs = [f"{given['samples']} rigs, {len(given['scatter'])} numbers scatter"] if "scatter" in given else []
+    fixed = {name: value for name, value in fixed.items() if name not in fixed.get("scatter", ())}
+    matter, settings = QUANTITIES[fixed["quantity"]].matter, QUANTITIES[fixed["quantity"]].settings
+    rig = [name for name in RIG if fixed.get(name, AXES[name].value) != AXES[name].value]
+    sign = ["V < 0"] if "V" not in matter and fixed.get("V", 1.0) < 0.0 else []
+    runs = [f"{fixed['members']} run{'s' if fixed['members'] > 1 else ''} a point"] if "members" in fixed else []
+    scene, others = ([planes.named(n, fixed[n]) for n in names if n in fixed] for names in (matter, rig))
+    damped = [transients.damping(fixed)] if "numerical_damping" in settings else []
+    rigs = [f"{fixed['samples']} rigs, {len(fixed['scatter'])} numbers scatter"] if "scatter" in fixed else []
     return [*scene, *sign, *others, *runs, *damped, *rigs]
 
 

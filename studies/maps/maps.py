@@ -109,14 +109,14 @@ def sweep_of(
     return refined(sweep, Refinement(quantity, halvings, tolerance, definition.thresholds))
 
 
-def _scatter(plane: Plane, constants: Mapping[str, Any], given: Mapping[str, str] | None) -> dict[str, str]:
+def _scatter(plane: Plane, constants: Mapping[str, Any], scatter: Mapping[str, str] | None) -> dict[str, str]:
     """How the numbers scatter that are no axis: as given, else as usual about the values that they have."""
-    if not given:
+    if not scatter:
         return instability.usual(constants)
-    for name in given:
+    for name in scatter:
         if name in (plane.x, plane.y):
             raise InputError(f"--scatter {name}: it is an axis of this map; leave it out")
-    return {name: each.text for name, each in instability.scatters(given).items()}
+    return {name: each.text for name, each in instability.scatters(scatter).items()}
 
 
 def plane_of(x: str, y: str, halvings: int = 0) -> Plane:
@@ -141,19 +141,19 @@ def line_along(x: str, quantity: str, fixed: dict[str, Any]) -> str:
 
 
 def unusual_in(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> list[str]:
-    """What is unusual about the values that are asked for (`studies.plausible.unusual`)."""
+    """Warnings about unusual requested values (`studies.plausible.unusual`)."""
     values = defaults(quantity) | dict(fixed) | {plane.x: plane.xs, plane.y: plane.ys}
     return unusual(values, {name: _units(name) for name in values}, {plane.x, plane.y, *fixed})
 
 
 def _units(name: str) -> str:
     """Units of what may be an axis or fixed; "" for a name that there is not."""
-    found = (AXES | RUN).get(name)
-    return "" if found is None else found.units
+    setting = (AXES | RUN).get(name)
+    return "" if setting is None else setting.units
 
 
 def fixed_of(texts: Sequence[str]) -> dict[str, Any]:
-    """What texts AXIS=VALUE fix.
+    """Parse the texts AXIS=VALUE of fixed values.
 
     Raises
     ------
@@ -178,9 +178,9 @@ def file_of(
     fixed: Mapping[str, float] | None = None,
     scatter: Mapping[str, str] | None = None,
 ) -> Path:
-    """Where a map is kept: its name tells what is fixed at other values than the paper's, and what scatters.
+    """The file of a map, named after values that are fixed at others than the paper's, and after what scatters.
 
-    So maps that differ in that are kept beside each other, whatever the order it was given in.
+    So maps that differ in these have files of their own, whatever the order of the options.
     """
     other = [f"{key}={spec.typed(value)}" for key, value in changed(quantity, fixed or {}).items()]
     other += [f"{key}={text}" for key, text in sorted((scatter or {}).items())]
@@ -191,13 +191,13 @@ def file_of(
 
 
 def defaults(quantity: str) -> dict[str, Any]:
-    """What can be fixed in a map of this quantity, by name, with the values that they have otherwise."""
+    """Default values, by name, of everything that a map of this quantity can fix."""
     return {name: each.value for name, each in (AXES | dict(_definition(quantity).settings)).items()}
 
 
-def changed(quantity: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """What of the given values can be fixed in a map of this quantity, and is not the default."""
-    return {name: given[name] for name, own in defaults(quantity).items() if given.get(name, own) != own}
+def changed(quantity: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that a map of this quantity can fix and that differ from the default."""
+    return {name: values[name] for name, own in defaults(quantity).items() if values.get(name, own) != own}
 
 
 def _definition(quantity: str) -> Quantity:
@@ -210,7 +210,7 @@ def _definition(quantity: str) -> Quantity:
 
 
 def _constants(plane: Plane, quantity: str, fixed: Mapping[str, float]) -> dict[str, Any]:
-    """What is the same at all points."""
+    """Constants of all points of the map."""
     sides = {"x": plane.x, "y": plane.y}
     for side, name in sides.items():
         if name not in AXES:

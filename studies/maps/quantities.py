@@ -1,4 +1,4 @@
-"""What a map can show: quantities of a scene and its rig, each with the function that finds it for many points.
+"""Quantities of a map, each with the function that computes it for many points.
 
 A function gets points on any two axes, and whatever else makes a scene as constants. Points that differ only in
 what a quantity does not depend on are computed once.
@@ -71,7 +71,7 @@ class Quantity:
 
 
 def growth(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
-    """Of the fastest-growing mode of steady sliding; or how many modes grow."""
+    """Growth rate or frequency of the fastest-growing mode of steady sliding, or the number of growing modes."""
     every = _complete(points, fixed)
     theta, mu, rigs = _drive_theta(every), every["mu"], _rig_of_each(every)
     values = np.empty(len(mu))
@@ -83,7 +83,7 @@ def growth(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
 
 
 def onset(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
-    """Of the flutter onset at the lowest friction up to 1; NaN where there is none."""
+    """Friction or frequency of the flutter onset at the lowest friction up to 1; NaN where there is none."""
 
     def lowest(rig: Rig, theta: float) -> float:
         onsets = flutter_onsets(rig, theta, transients.BAND)
@@ -133,7 +133,7 @@ def contact_limit(
 
 
 def motion(points: Points, *, quantity: str, members: int, **fixed: Any) -> dict[str, Any]:
-    """What an ensemble of runs of each point's normalised scene says; in units of F where F is an axis."""
+    """Figures of the repeat runs of each point's normalised scene; in units of F where F is an axis."""
     every = _complete(points, fixed)
     normal = zip(*normalised.coordinates(every), _rig_of_each(every), strict=True)
     scenes = [Scene(float(V), float(theta), float(mu), 1.0, rig) for V, theta, mu, rig in normal]
@@ -165,7 +165,7 @@ def same_motion(points: Points) -> NDArray[Any]:
 
 
 def load(points: Points) -> dict[str, NDArray[Any]]:
-    """What the summary of a normalised scene is multiplied by."""
+    """The factors by which the summary of a normalised scene is multiplied."""
     return {"load": np.asarray(points["F"], dtype=float)}
 
 
@@ -188,7 +188,7 @@ def _rig_of_each(every: Points) -> list[Rig]:
 
 
 def _each(find: Callable[[Rig, float], float], points: Points, fixed: Mapping[str, Any]) -> NDArray[Any]:
-    """What `find(rig, theta)` gives for each point."""
+    """Evaluate `find(rig, theta)` at each point."""
     every = _complete(points, fixed)
     return np.array(
         [find(rig, theta) for rig, theta in zip(_rig_of_each(every), _drive_theta(every).tolist(), strict=True)]

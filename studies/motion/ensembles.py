@@ -15,21 +15,21 @@ from studies.motion.jobs import Job, check_jobs
 from studies.study import Setting
 from sweeps import Axis, InputError
 
-# Members differ by the ramp of the drive: each is longer than the one before by this share of the first. Motion
-# forgets it within milliseconds of the first separation, but no two members then move alike.
+# Repeat runs differ by the ramp of the drive: each is longer than the one before by this share of the first. Its
+# effect on averages is gone within milliseconds of the first separation, but no two runs then move alike.
 STRETCH = 0.013
-# What says how long a member runs: until its shares of time are known, or for so many load-ups.
+# Settings of the duration of a run: until its shares of time are known, or for so many loading times to slip.
 KNOWN = Setting(0.005, "1", "largest standard error of a share of time at which a run ends")
-LOAD_UPS = "least time after settling, in times that a stuck contact takes to slip"
-SETTINGS = ("standard_error", "load_ups", "least", "most")
-# What else is asked of it.
+LOADING_TIMES = "least time after settling, in loading times to slip"
+SETTINGS = ("standard_error", "loading_times", "least", "most")
+# Settings of each run besides.
 RUN = ("ramp", "cutoff", "leap", "numerical_damping")
 
 
 def settings(
     least: float, most: float, numerical_damping: str = transients.NONE, **rule: Setting
 ) -> dict[str, Setting]:
-    """Settings of runs whose length is decided by a `rule`: `standard_error` or `load_ups`."""
+    """Settings of runs whose length is decided by a `rule`: `standard_error` or `loading_times`."""
     run = transients.run_settings(most, numerical_damping)
     return (
         rule
@@ -41,18 +41,18 @@ def settings(
     )
 
 
-def held(settings: Mapping[str, float]) -> dict[str, Any]:
-    """What every run of an ensemble has in common."""
+def shared(settings: Mapping[str, float]) -> dict[str, Any]:
+    """Settings that all repeat runs share."""
     names = (*RUN, *(name for name in SETTINGS if name in settings))
     return {name: settings[name] for name in names} | {"method": transients.METHOD}
 
 
 def check(fixed: Mapping[str, Any]) -> None:
-    """Refuse settings that say nothing of how long a run is to be."""
-    # Without a ramp all members would be one run.
-    checks.between("ramp", fixed["ramp"], 1e-9, 1e3, "s, for members differ by it")
-    if "load_ups" in fixed:
-        checks.between("load_ups", fixed["load_ups"], 0.0, 1e6, "load-ups")
+    """Refuse a ramp of zero, and settings of the duration that are out of range."""
+    # Without a ramp all repeat runs would be one.
+    checks.between("ramp", fixed["ramp"], 1e-9, 1e3, "s, for repeat runs differ by it")
+    if "loading_times" in fixed:
+        checks.between("loading_times", fixed["loading_times"], 0.0, 1e6, "loading times to slip")
     checks.between("most", fixed["most"], 1e-3, 1e6, "s")
     until({"standard_error": 1.0, **fixed})
 
@@ -71,18 +71,18 @@ def check_grid(axes: Mapping[str, Axis], fixed: Mapping[str, Any], **more: float
 
 
 def ramp_of(member: Any, ramp: float) -> Any:
-    """The ramp of a member, counted from 1, s."""
+    """The ramp of a repeat run, counted from 1, s."""
     return ramp * (1.0 + STRETCH * (member - 1.0))
 
 
-def load_up(scene: Scene) -> float:
-    """Time in which the drive loads a stuck contact from rest until it slips, s: mu F / (k_t V)."""
+def loading_time(scene: Scene) -> float:
+    """Loading time to slip, s: the drive loads a stuck contact from rest until it slips, in mu F / (k_t V)."""
     normalised = Normalised.of(scene)
     return slip_distance(normalised) / normalised.speed_per_load
 
 
 def until(fixed: Mapping[str, Any]) -> Until:
-    """What ends a run whose length is not given."""
+    """The rule that ends a run whose duration is not given."""
     return Until(fixed["standard_error"], fixed["least"], fixed["most"])
 
 
@@ -90,47 +90,47 @@ def own_duration(scene: Scene, ramp: float, fixed: Mapping[str, Any]) -> float |
     """How long a scene must run for its statistics: until they are known, or for a time, s.
 
     The time is that to the first slip, then until it has settled, then at least `least` and at least so many
-    load-ups, during which a scene that sticks and slips does so as many times; but no longer than `most`.
+    loading times to slip, during which a scene that sticks and slips does so as many times; at most `most`.
     """
     least, most = fixed["least"], fixed["most"]
-    if "load_ups" not in fixed:
+    if "loading_times" not in fixed:
         return until(fixed)
-    once = load_up(scene)
+    once = loading_time(scene)
     settled = 0.5 * ramp + once + transients.SETTLING
-    return float(min(settled + max(least, fixed["load_ups"] * once), most))
+    return float(min(settled + max(least, fixed["loading_times"] * once), most))
 
 
-def told(fixed: Mapping[str, Any]) -> str:
-    """How long runs last, in words."""
+def duration_text(fixed: Mapping[str, Any]) -> str:
+    """The rule of the duration, in words."""
     rule = (
-        f"at least {fixed['load_ups']:g} load-ups"
-        if "load_ups" in fixed
+        f"at least {fixed['loading_times']:g} loading times to slip"
+        if "loading_times" in fixed
         else (f"until the shares of time are known to {fixed['standard_error']:g}")
     )
     return f"{rule}, at least {fixed['least']:g} s, {fixed['most']:g} s in all at most"
 
 
 def member(scene: Scene, number: float, fixed: Mapping[str, Any], duration: float | Until | None = None) -> Job:
-    """The run of one member of a scene's ensemble, by its number from 1 on."""
+    """One repeat run of a scene, by its number from 1 on."""
     own = {**fixed, "ramp": ramp_of(number, fixed["ramp"])}
     return transients.job(scene, own, own_duration(scene, own["ramp"], fixed) if duration is None else duration)
 
 
 def ensemble(scene: Scene, members: int, fixed: Mapping[str, Any]) -> list[Job]:
-    """The runs of the first members of a scene's ensemble."""
+    """The first repeat runs of a scene."""
     return [member(scene, number, fixed) for number in range(1, members + 1)]
 
 
 def figures_of(runs: Sequence[Transient]) -> dict[str, NDArray[Any]]:
-    """Every figure of `studies.motion.transients.SUMMARY` of each member, (members,)."""
+    """Every figure of `studies.motion.transients.SUMMARY` of each repeat run, (members,)."""
     figures = [transients.figures_of(run) for run in runs]
     return {name: np.array([each[name] for each in figures]) for name in figures[0]}
 
 
 def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
-    """The regime that most members are in, and how many are in each of `studies.motion.transients.REGIMES`.
+    """The regime of most repeat runs, and how many are in each of `studies.motion.transients.REGIMES`.
 
-    Of regimes with equally many members it is the one that comes last: a vibration goes before rest, and anything
+    Of regimes with equally many runs it is the one that comes last: a vibration goes before rest, and anything
     before "undecided".
     """
     counts = np.bincount(regimes, minlength=len(transients.REGIMES))
@@ -138,6 +138,6 @@ def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
 
 
 def middle(values: NDArray[Any]) -> float:
-    """The lower median of the values there are: one of them, for half-way between two rival lines lies none."""
-    known = np.sort(values[np.isfinite(values)])
-    return float(known[(len(known) - 1) // 2]) if len(known) else float("nan")
+    """The lower median of the values there are: one of them, for half-way between two rival peaks lies none."""
+    ordered = np.sort(values[np.isfinite(values)])
+    return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else float("nan")

@@ -30,7 +30,7 @@ class BalanceError(SceneError):
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One run to be simulated, for `duration` seconds or until it is known well enough.
+    """One run to be simulated, for `duration` seconds or until its statistics are certain enough.
 
     `options` are further arguments of `fivcore.simulate`, `method` among them; values are hashable or arrays, or
     PER_SCENE.
@@ -42,7 +42,7 @@ class Job:
 
 
 def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
-    """For each job its `Transient`, or the `SceneError` of its scene; a bad argument of any raises `ValueError`.
+    """Run each job: its `Transient`, or the `SceneError` of its scene; a bad argument raises `ValueError`.
 
     Those whose options differ at most in PER_SCENE are simulated side by side.
     """
@@ -56,8 +56,8 @@ def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
         group = [jobs[place] for place in places]
         options = dict(group[0].options)
         options |= {name: [job.options[name] for job in group] for name in PER_SCENE if name in options}
-        found = simulate_many([job.scene for job in group], [job.duration for job in group], **options)
-        results.update(zip(places, found, strict=True))
+        runs = simulate_many([job.scene for job in group], [job.duration for job in group], **options)
+        results.update(zip(places, runs, strict=True))
     return [results[place] for place in range(len(jobs))]
 
 
@@ -114,12 +114,12 @@ def outcomes(
         errors = [error and _of_copy(error) for error in errors]
     if None not in errors:
         raise errors[0]
-    found = [
+    own_values = [
         values(jobs, own) if error is None else None for jobs, own, error in zip(points, runs, errors, strict=True)
     ]
     # A failed point has values too, those of another point: the sweep drops them.
-    some = next(each for each in found if each is not None)
-    whole = {name: np.stack([(each or some)[name] for each in found]) for name in some}
+    some = next(each for each in own_values if each is not None)
+    whole = {name: np.stack([(each or some)[name] for each in own_values]) for name in some}
     # A run that ends with an error takes no time that counts.
     simulated = np.array(
         [sum(run.summary["simulated_time"] for run in own if isinstance(run, Transient)) for own in runs]

@@ -60,7 +60,7 @@ def key(points: Mapping[str, Any]) -> NDArray[Any]:
 
 
 def scale(points: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """What multiplies a normalised scene's figures at each point; `along` has the sense of x besides."""
+    """Factors of a normalised scene's figures at each point; `along` has the sense of x besides."""
     load = np.asarray(points["F"], dtype=float)
     return {"load": load, "along": load * np.sign(points["V"])}
 

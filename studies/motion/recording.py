@@ -1,4 +1,4 @@
-"""Series of the motion that are kept besides a study's own variables: their names, times and declaration.
+"""Series of the motion that are recorded besides a study's own variables: their names, times and declaration.
 
 A series holds samples, not averages: at each of its times the value that the motion has there, on the line
 between two of the solver's steps. Frequencies above half the sample rate fold into those below; spikes of
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Hz, by default.
 SAMPLE_RATE = 50e3
-# Of runs that are recorded where none is asked for, s.
+# Duration of recorded runs where none is set, s.
 DURATION = 1.0
 # Of one series of one scene.
 MOST_SAMPLES = 1_000_000
@@ -48,7 +48,7 @@ FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "a
 
 
 def options(record: Sequence[str], times: np.ndarray) -> dict[str, Any]:
-    """Options of `simulate` for these series; nothing is kept where nothing is recorded."""
+    """Options of `simulate` for these series; none where no series is recorded."""
     return {"record": tuple(record), "sample_times": times} if record else {"record": False}
 
 
@@ -73,7 +73,7 @@ def histories(
     """
     times = transients.even_times(fixed["duration"], sample_rate).values
     fine = {"record": tuple(own), "sample_rate": transients.OVERSAMPLING * sample_rate}
-    kept = [options(record, times)] if record else []
+    second = [options(record, times)] if record else []
 
     def all_values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         velocity = transients.velocity(runs[0], times, sample_rate)
@@ -81,15 +81,15 @@ def histories(
         return {"velocity_B": velocity, **added, **transients.figures_of(runs[0])}
 
     every = transients.scenes(points, fixed)
-    jobs = [[transients.job(scene, fixed, **each) for each in (fine, *kept)] for scene in every]
+    jobs = [[transients.job(scene, fixed, **each) for each in (fine, *second)] for scene in every]
     return outcomes(jobs, all_values)
 
 
-def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+def whole_runs(study: Study, values: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
     """The sweep of a study without series of its own; from the start of the drive to the end of the run."""
     names = _checked(names, sample_rate)
     rate = checks.between("sample_rate", SAMPLE_RATE if sample_rate is None else sample_rate, 100.0, 1e6, "Hz")
-    sweep = study.sweep(given)
+    sweep = study.sweep(values)
     duration = float(sweep.constants["duration"]) or DURATION
     if duration * rate > MOST_SAMPLES * (1.0 + 1e-9):
         raise InputError(
@@ -108,21 +108,23 @@ def whole_runs(study: Study, given: Mapping[str, Any], names: Sequence[str], sam
     return _added(timed, names)
 
 
-def on_own_times(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+def on_own_times(
+    study: Study, values: Mapping[str, Any], names: Sequence[str], sample_rate: float | None
+) -> Sweep:
     """The sweep of a study that keeps the velocity of B, with the other series at the same times."""
     names = _checked(names, sample_rate)
     if sample_rate is not None:
-        if "sample_rate" in given:
+        if "sample_rate" in values:
             raise InputError(
                 f"sample_rate = {sample_rate!r}: study {study.name} has it as a setting, and that is set to "
-                f"{given['sample_rate']}; give one of the two"
+                f"{values['sample_rate']}; give one of the two"
             )
-        given = {**given, "sample_rate": sample_rate}
-    sweep = study.sweep(given)
+        values = {**values, "sample_rate": sample_rate}
+    sweep = study.sweep(values)
     return _added(sweep, tuple(name for name in names if name not in sweep.variables))
 
 
-def in_a_window(study: Study, given: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
+def in_a_window(study: Study, values: Mapping[str, Any], names: Sequence[str], sample_rate: float | None) -> Sweep:
     """Refuse: the study's series are those of a window of its own."""
     raise InputError(
         f"record = {', '.join(_checked(names, sample_rate))}: study {study.name} keeps its series in a window "

@@ -40,8 +40,8 @@ def is_of(codes: Any, *names: str) -> NDArray[np.bool_]:
     return np.isin(codes, [KINDS.index(name) for name in names])
 
 
-def main_line(dataset: xr.Dataset) -> xr.DataArray:
-    """Main line of the points that vibrate, Hz: what is left of a vibration that dies has one too, unheard."""
+def dominant_frequency(dataset: xr.Dataset) -> xr.DataArray:
+    """Dominant frequency, Hz; NaN for points that do not vibrate, where it is that of a vibration that dies."""
     line: xr.DataArray = dataset["dominant_frequency"]
     return line.where(is_of(dataset["regime"].values, *VIBRATING))
 

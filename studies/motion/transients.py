@@ -1,4 +1,4 @@
-"""What the studies of motion in time share: scenes run in batches, their series at even times, and spectra."""
+"""Shared parts of the studies of motion in time: runs in batches, series at even times, and spectra."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ SUMMARY = {
     "stick_fraction": Variable("1", "share of the time in stick"),
     "slip_fraction": Variable("1", "share of the time in slip"),
     "separation_fraction": Variable("1", "share of the time in separation"),
-    "dominant_frequency": Variable("Hz", "strongest line of the velocity of B outside long sticks"),
-    "stuck_frequency": Variable("Hz", "strongest line of the velocity of B within long sticks"),
+    "dominant_frequency": Variable("Hz", "dominant frequency of the velocity of B outside long sticks"),
+    "stuck_frequency": Variable("Hz", "dominant frequency of the velocity of B within long sticks"),
     "coherence": Variable("1", "autocorrelation of the velocity of B after 20 periods"),
     "velocity_rms": Variable("m s-1", "root mean square of the velocity of B about its mean"),
     "mean_normal_force": Variable("N", "mean normal force"),
@@ -89,14 +89,14 @@ def run_settings(duration: float, numerical_damping: str = NONE) -> dict[str, Se
     }
 
 
-def damping(given: Mapping[str, Any]) -> str:
-    """Which of the two a result has, for a reader; files that do not say are older than the choice."""
-    said = {PUBLISHED: "with the published scheme's numerical damping", NONE: "without numerical damping"}
-    return said.get(given.get("numerical_damping", ""), "numerical damping of an older version")
+def damping(fixed: Mapping[str, Any]) -> str:
+    """The numerical damping of a result in words; files without the setting are older than the choice."""
+    texts = {PUBLISHED: "with the published scheme's numerical damping", NONE: "without numerical damping"}
+    return texts.get(fixed.get("numerical_damping", ""), "numerical damping of an older version")
 
 
-def held(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:
-    """What every scene of a sweep has in common: the rig, the run, and the settings called `names`."""
+def shared(settings: Mapping[str, float], rig: Rig, *names: str) -> dict[str, Any]:
+    """Constants of every scene of a sweep: the rig, the options of the run, and the settings called `names`."""
     chosen = ("duration", "ramp", "cutoff", "leap", "numerical_damping", *names)
     return {"rig": rig, "method": METHOD} | {name: settings[name] for name in chosen}
 
@@ -106,7 +106,7 @@ def constants(*names: str) -> Callable[[Mapping[str, float]], dict[str, Any]]:
 
     def of(settings: Mapping[str, float]) -> dict[str, Any]:
         rig, _ = rig_of({"theta": paper.THETA, **settings})
-        return held(settings, rig, *names)
+        return shared(settings, rig, *names)
 
     return of
 
@@ -222,10 +222,10 @@ def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Ar
         if size < length // 8:
             continue
         hann = np.hanning(size)
-        pieces = np.lib.stride_tricks.sliding_window_view(series[begin:end], size)[:: max(size // 2, 1)]
-        centred = pieces - pieces.mean(axis=1, keepdims=True)
+        windows = np.lib.stride_tricks.sliding_window_view(series[begin:end], size)[:: max(size // 2, 1)]
+        centred = windows - windows.mean(axis=1, keepdims=True)
         total += np.sum(np.abs(np.fft.rfft(centred * hann, 2 * length, axis=1)) ** 2, axis=0)
-        weight += len(pieces) * float(np.sum(hann**2))
+        weight += len(windows) * float(np.sum(hann**2))
     count = len(frequencies(sample_rate))
     return 2.0 * total[:count] / (weight * sample_rate) if weight else np.full(count, np.nan)
 
@@ -268,7 +268,7 @@ def some(count: int, most: int) -> list[int]:
 
 
 def of_all(shown: Sequence[int], count: int) -> str:
-    """What a title adds where not all points are shown."""
+    """The addition to a title where not all points are shown."""
     return f" ({len(shown)} of {count})" if len(shown) < count else ""
 
 

@@ -1,1 +1,1 @@
-"""What every figure shares."""
+"""Layout, colours and axes that all figures share."""

@@ -177,9 +177,11 @@ def decibels(power: Any) -> Array:
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:
     """One legend under the whole figure, each label once."""
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    if found:
-        figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=min(columns, len(found)))
+            entries.setdefault(label, handle)
+    if entries:
+        figure.legend(
+            entries.values(), entries.keys(), loc="outside lower center", ncols=min(columns, len(entries))
+        )

@@ -72,12 +72,12 @@ def named(name: str, value: Any) -> str:
 
 
 def name(axis: str) -> str:
-    """What a reader calls an axis or a number of the rig."""
+    """The symbol of an axis or of a number of the rig."""
     return SYMBOLS[axis][0]
 
 
 def label(name: str) -> str:
-    """What stands at an axis."""
+    """The label of an axis: its symbol and unit."""
     symbol, unit, _ = SYMBOLS[name]
     return f"{symbol} / {f'({unit})' if '/' in unit else unit}" if unit else symbol
 
@@ -260,7 +260,7 @@ def shares(axes: Axes, ends: NDArray[Any], at: xr.Dataset) -> None:
 
 
 def patches(kinds: Any) -> list[Patch]:
-    """For a legend: the regimes that occur, by their places in KINDS."""
+    """Patches for a legend of the regimes that occur, by their places in KINDS."""
     from matplotlib.patches import Patch
 
     return [
@@ -276,8 +276,8 @@ def banded(values: NDArray[Any]) -> tuple[Normalize, NDArray[Any]]:
     from matplotlib.colors import FuncNorm
     from matplotlib.ticker import MaxNLocator
 
-    known = np.unique(values[np.isfinite(values)])
-    parts = np.split(known, np.flatnonzero(known[1:] >= GAP * known[:-1]) + 1)
+    ordered = np.unique(values[np.isfinite(values)])
+    parts = np.split(ordered, np.flatnonzero(ordered[1:] >= GAP * ordered[:-1]) + 1)
     ends = np.concatenate([part[[0, -1]] + [0.0, 1e-6 * part[-1]] for part in parts])
     places = (np.arange(len(parts))[:, None] + [0.0, 0.7]).ravel()
     ticks = [MaxNLocator(4).tick_values(part[0], part[-1]) for part in parts]

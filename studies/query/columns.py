@@ -1,4 +1,4 @@
-"""What can be named of a result: axes, variables, what their codes mean, and the settings it was made with."""
+"""Columns of a result by name: axes, variables, meanings of their codes, and settings."""
 
 from __future__ import annotations
 
@@ -106,11 +106,11 @@ def column_of(
     return Column(name, NUMBER, dims, "" if units == "1" else units, None, whole, axis, values)
 
 
-def hint(name: str, known: Sequence[str]) -> str:
-    """What a message says of a name that stands for nothing: the nearest that does, else all."""
+def hint(name: str, names: Sequence[str]) -> str:
+    """A hint for a message on an unknown name: the nearest known one, else all."""
     from studies.study import suggest
 
-    return suggest(name, list(known)).strip() or f"there are {', '.join(known)}"
+    return suggest(name, list(names)).strip() or f"there are {', '.join(names)}"
 
 
 class Columns:
@@ -121,7 +121,7 @@ class Columns:
     dataset : xarray.Dataset
         Of a sweep, as `studies.open`, `sweeps.open_results` or plain xarray give it, or a part of one.
     note : callable
-        Called with a sentence on a value that is asked for and that no axis has.
+        Called with a sentence on a requested value that no axis has.
 
     Raises
     ------
@@ -149,12 +149,12 @@ class Columns:
         return list(dict.fromkeys([*self.axes, *rest, *map(str, self.dataset.dims), *self.settings]))
 
     def find(self, name: str, argument: str) -> Column:
-        """What is called so; `argument` says in a message whose value names it.
+        """Find the column of this name; `argument` is the option that messages name.
 
         Raises
         ------
         ValueError
-            If there is nothing of the name; the message has the nearest that there is.
+            If there is no such column; the message has the nearest name.
         """
         if name in self.dataset.variables:
             return column_of(
@@ -184,7 +184,7 @@ class Columns:
         return any(name in words.split() for words in meanings)
 
     def _unit_of_setting(self, name: str) -> str:
-        """As the study declares it."""
+        """The setting as its study declares it."""
         from studies import registry
 
         with suppress(ValueError):
@@ -201,7 +201,7 @@ class Columns:
 
 
 def configuration(dataset: xr.Dataset) -> dict[str, Any]:
-    """What a result was made with: name, axes, constants.
+    """Read the configuration of a result: name, axes, constants.
 
     Raises
     ------

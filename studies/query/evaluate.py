@@ -1,4 +1,4 @@
-"""What an expression means for the columns of a result, and its value for every row.
+"""Meaning of an expression for the columns of a result, and its value for every row.
 
 A comparison with a value that is missing is false, with != too; `x == nan` is true where x is missing, and
 `x != nan` where it is not. ``x in (a, b)`` means ``x == a or x == b``, ``x not in (a, b)`` ``x != a and x != b``.
@@ -85,12 +85,12 @@ class Term:
 
     @property
     def brief(self) -> str:
-        """What was written for it, in one line, for a message."""
+        """Its text in one line, for a message."""
         return shortened("".join(letter if letter.isprintable() else " " for letter in self.text))
 
     @property
     def described(self) -> str:
-        """What it is, for a message."""
+        """Its text and kind, for a message."""
         return f"{self.brief} is {_KINDS[self.kind]}"
 
     @property
@@ -102,7 +102,7 @@ class Term:
 
 
 def condition(expression: Expression, columns: Mapping[str, Column], note: Note, part: ast.expr) -> Evaluate:
-    """What says, from the values of columns by name, arrays that broadcast, which rows a part of one chooses.
+    """Make a function that chooses rows from the values of columns by name, arrays that broadcast.
 
     `columns` has every name that stands in it; `note` is called with a sentence on a value that no axis has.
 
@@ -252,7 +252,7 @@ class _Meaning:
         return lambda values: reduce(join, (pair(values) for pair in pairs))
 
     def _compared(self, node: ast.Compare, left: Term, kind: type[ast.cmpop], right: Term) -> Evaluate:
-        """What compares two neighbours in a comparison."""
+        """The function that compares two neighbours in a comparison."""
         kinds = {left.kind, right.kind}
         sign, compare = _COMPARISONS[kind]
         one, other = (right, left) if left.column is None else (left, right)
@@ -284,12 +284,12 @@ class _Meaning:
             elif axis is not None and sign == "==":
                 self._note_text(axis, text)
             left, right = one, Term(TEXT, other.text, lambda values: text)
-        return _known(left, compare, right)
+        return _comparison(left, compare, right)
 
     def _note_text(self, axis: Column, text: str) -> None:
-        known = np.ravel(np.asarray(axis.values)).tolist()
-        if text not in known:
-            self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, known)}")
+        texts = np.ravel(np.asarray(axis.values)).tolist()
+        if text not in texts:
+            self.note(f"{axis.name} == {text!r}: {axis.name} has no such value; {_near(text, texts)}")
 
     def _at(self, column: Column, sign: str, number: float, text: str) -> Evaluate:
         """Where an axis has the value nearest to a number, if that is near enough."""
@@ -318,7 +318,7 @@ def _wide(values: Any) -> Any:
     return np.asarray(values, dtype=float)
 
 
-def _known(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
+def _comparison(left: Term, compare: Callable[[Any, Any], Any], right: Term) -> Evaluate:
     """Where two terms compare so: NaN is unequal to everything, but nothing is known of what is missing."""
 
     def compared(values: Values) -> Any:

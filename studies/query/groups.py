@@ -39,20 +39,20 @@ class Statistic:
 
 
 def statistics(entry: str, find: Callable[[str], Column]) -> list[Statistic]:
-    """What an entry of `show` means: "count", or a function and a column, like "mean:V*1000" or "share:regime".
+    """Parse an entry of `show`: "count", or a function and a column, like "mean:V*1000" or "share:regime".
 
     Raises
     ------
     ValueError
-        If it means nothing, or the column has no such statistic.
+        If it has another form, or the column has no such statistic.
     """
     if entry == "count":
         return [Statistic(Column("count", NUMBER, whole=True), "count")]
     function, _, text = (part.strip() for part in entry.partition(":"))
     if function not in (*NUMERIC, "share") or not text:
-        known = ", ".join(NUMERIC)
+        functions = ", ".join(NUMERIC)
         raise InputError(
-            f"show = {entry!r}: with by it must be count, or {known} or share of a column, like mean:V"
+            f"show = {entry!r}: with by it must be count, or {functions} or share of a column, like mean:V"
         )
     of, name = find(text), f"{function}:{text}"
     if function != "share" and of.kind == NUMBER:
@@ -110,16 +110,16 @@ def grouped(
 
 
 def order_of(names: Sequence[str], columns: Sequence[Column]) -> Order:
-    """What a grouped table is sorted by.
+    """Parse the columns by which a grouped table is sorted.
 
     Raises
     ------
     ValueError
-        For a name that it does not have.
+        If the table has no column of a name.
     """
-    known = {column.name: column for column in columns}
+    by_name = {column.name: column for column in columns}
     for name in names:
-        if name.removeprefix("-") not in known:
-            near = hint(name.removeprefix("-"), [*known])
+        if name.removeprefix("-") not in by_name:
+            near = hint(name.removeprefix("-"), [*by_name])
             raise InputError(f"sort = {name!r}: the grouped table has no such column; {near}")
-    return tuple((known[name.removeprefix("-")], name.startswith("-")) for name in names)
+    return tuple((by_name[name.removeprefix("-")], name.startswith("-")) for name in names)

@@ -85,7 +85,7 @@ class Expression:
         return start, end
 
     def part(self, node: ast.expr) -> str:
-        """What was written for a node."""
+        """The text of a node."""
         return self.text[slice(*self.span(node))]
 
     def wrong(self, node: ast.expr, why: str) -> InputError:
@@ -154,7 +154,7 @@ def is_number(text: str) -> bool:
 
 
 def shortened(text: str) -> str:
-    """What a message shows of a part of an expression."""
+    """Shorten a part of an expression for a message."""
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
 
 

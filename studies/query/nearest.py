@@ -29,9 +29,9 @@ def nearest(values: ArrayLike, number: float) -> tuple[Any, bool]:
         0.1 + 0.2 finds 0.3, and what a table shows in six digits is found again, on even axes and on logarithmic
         ones. On an axis with one value: by no more than a millionth of it.
     """
-    known = np.unique(np.asarray(values))
-    away = np.abs(known.astype(float) - number)
+    ordered = np.unique(np.asarray(values))
+    away = np.abs(ordered.astype(float) - number)
     place = int(np.argmin(away))
-    gaps = np.diff(known[max(place - 1, 0) : place + 2].astype(float))
-    allowed = OF_SPACING * gaps.min() if len(gaps) else OF_VALUE * abs(float(known[place]))
-    return known[place], bool(away[place] <= allowed)
+    gaps = np.diff(ordered[max(place - 1, 0) : place + 2].astype(float))
+    allowed = OF_SPACING * gaps.min() if len(gaps) else OF_VALUE * abs(float(ordered[place]))
+    return ordered[place], bool(away[place] <= allowed)

@@ -127,8 +127,8 @@ def print_rows(
     if narrow and form == "table" and file.isatty():
         write = partial(write_table, width=shutil.get_terminal_size().columns, note=note)
     if units and form == "json":
-        known = {column.name: column.units for column in columns if column.units}
-        file.write(f'{{"units": {json.dumps(known)},\n"rows": ')
+        units_of = {column.name: column.units for column in columns if column.units}
+        file.write(f'{{"units": {json.dumps(units_of)},\n"rows": ')
     count = write(columns, rows, file)
     file.write("}\n" if units and form == "json" else "")
     if not count:

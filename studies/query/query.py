@@ -104,7 +104,7 @@ def _none(dataset: xr.Dataset, column: Column) -> Any:
 
 
 class Selected(NamedTuple):
-    """What a query shows, and its rows, some at a time; nothing is read before they are asked for."""
+    """Columns of a query and its rows in blocks, which are read one at a time."""
 
     columns: Sequence[Column]
     rows: Iterator[Rows]
@@ -206,7 +206,7 @@ def _read(columns: Sequence[Column]) -> list[Column]:
 
 
 def _dims(every: Columns, columns: Sequence[Column], points: bool) -> tuple[str, ...]:
-    """What the rows run along: what the columns do, and all of the points where these are the rows.
+    """Dimensions of the rows: those of the columns, and all of the points where these are the rows.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def _dims(every: Columns, columns: Sequence[Column], points: bool) -> tuple[str,
 
 
 def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> InputError:
-    """What cannot stand in one row."""
+    """Error for columns that run along different dimensions and so have no rows in common."""
     parts = []
     for own in dims:
         along = sorted((column for column in columns if set(own) <= set(column.dims)), key=lambda each: each.axis)
@@ -234,7 +234,7 @@ def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> InputError:
 
 
 def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...], list[Column]]:
-    """What the rows run along, and the columns shown, where none are given but some are `named`."""
+    """Dimensions of the rows and the columns shown by default, where a condition has `named` some."""
     # Those that have a place in a table.
     names = [str(name) for name, each in every.dataset.variables.items() if each.dtype.kind in "OUiufb"]
     variables = [every.find(name, "show") for name in names]
@@ -261,8 +261,8 @@ def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...
 
 def _axes(every: Columns, dims: tuple[str, ...], results: Sequence[Column]) -> list[Column]:
     """The axes that rows run along, and the names that their values have."""
-    found = (every.find(name, "show") for name in every.axes)
-    axes = [column for column in found if set(column.dims) <= set(dims)]
+    every_axis = (every.find(name, "show") for name in every.axes)
+    axes = [column for column in every_axis if set(column.dims) <= set(dims)]
     named = {f"{column.name}_name" for column in axes}
     return axes + [column for column in results if column.name in named]
 

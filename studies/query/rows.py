@@ -77,10 +77,10 @@ class Selection:
 
     def _sorted(self, names: Sequence[str], order: Order, limit: int | None) -> Iterator[Rows]:
         """All rows in order; with a limit no more than that are held, and a block."""
-        wanted = [*names, *(column.name for column, _ in order)]
+        needed = [*names, *(column.name for column, _ in order)]
         parts: list[Rows] = []
         for block, places in self._chosen():
-            parts.append(block.take(wanted, places))
+            parts.append(block.take(needed, places))
             if limit is not None:
                 parts = [sorted_rows(joined(parts), order, limit)]
             if count_of(parts) > MOST_HELD:
@@ -117,7 +117,7 @@ class Block(dict[str, NDArray[Any]]):
         return self[name]
 
     def _read(self, column: Column) -> NDArray[Any]:
-        dims, wanted = column.dims, self._selection.dims
+        dims, target = column.dims, self._selection.dims
         source = self._selection.dataset.variables[column.name] if column.values is None else column.values
         try:
             # Where one block is all there is xarray's indexing, which imports dask's arrays first, is not needed.
@@ -125,8 +125,8 @@ class Block(dict[str, NDArray[Any]]):
             values = np.asarray(source[part] if self._part else source)
         except (OSError, RuntimeError) as problem:
             raise InputError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
-        values = values.transpose([dims.index(dim) for dim in wanted if dim in dims])
-        return np.expand_dims(values, [k for k, dim in enumerate(wanted) if dim not in dims])
+        values = values.transpose([dims.index(dim) for dim in target if dim in dims])
+        return np.expand_dims(values, [k for k, dim in enumerate(target) if dim not in dims])
 
     def take(self, names: Iterable[str], places: NDArray[np.intp]) -> Rows:
         """Values at some places of the block, one row each."""

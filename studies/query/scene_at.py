@@ -1,4 +1,4 @@
-"""What is behind a point of a result: its scene, and how that was run, both ready for `fivcore.simulate`."""
+"""The scene of a point of a result and the options of its run, ready for `fivcore.simulate`."""
 
 from __future__ import annotations
 
@@ -78,30 +78,30 @@ def run_options(dataset: xr.Dataset, **point: float) -> dict[str, Any]:
         Naming what is wrong; or if the study has no motion in time.
     """
     own = scene(dataset, **{name: value for name, value in point.items() if name != "member"})
-    given = constants(dataset)
-    if "method" not in given:
+    fixed = constants(dataset)
+    if "method" not in fixed:
         raise InputError(f"run_options: study {dataset.attrs.get('sweep')} has no motion in time")
-    ramp = given["ramp"]
-    if "duration" in given:
+    ramp = fixed["ramp"]
+    if "duration" in fixed:
         if "member" in point:
             raise InputError(f"member = {point['member']}: each point of this study is one run")
-        duration, member = given["duration"] or ensembles.until(given), 1.0
+        duration, member = fixed["duration"] or ensembles.until(fixed), 1.0
     else:
-        member = _member(Columns(dataset), given, point)
-        duration = _own_duration(dataset, own, given, member)
+        member = _member(Columns(dataset), fixed, point)
+        duration = _own_duration(dataset, own, fixed, member)
     options: dict[str, Any] = {
         "duration": duration,
-        "method": given["method"],
+        "method": fixed["method"],
         "ramp": ensembles.ramp_of(member, ramp),
-        "cutoff": given["cutoff"] or None,
-        "leap": bool(given.get("leap", True)),
+        "cutoff": fixed["cutoff"] or None,
+        "leap": bool(fixed.get("leap", True)),
     }
-    options |= {name: given[name] for name in ("settle", "numerical_damping") if given.get(name) is not None}
+    options |= {name: fixed[name] for name in ("settle", "numerical_damping") if fixed.get(name) is not None}
     if dataset.attrs["sweep"] in RECORDED:
-        options |= {"record": True, "sample_rate": transients.OVERSAMPLING * given["sample_rate"]}
-    elif "record" in given:
-        times = transients.even_times(given["duration"], given["sample_rate"]).values
-        options |= recording.options(given["record"], times)
+        options |= {"record": True, "sample_rate": transients.OVERSAMPLING * fixed["sample_rate"]}
+    elif "record" in fixed:
+        times = transients.even_times(fixed["duration"], fixed["sample_rate"]).values
+        options |= recording.options(fixed["record"], times)
     return options
 
 
@@ -132,20 +132,20 @@ def _nearest(name: str, values: Any, number: Any) -> Any:
     return value
 
 
-def _member(every: Columns, given: Mapping[str, Any], point: Mapping[str, float]) -> float:
+def _member(every: Columns, fixed: Mapping[str, Any], point: Mapping[str, float]) -> float:
     """The number of a run within its ensemble."""
     if "member" in every.axes:
         values = np.atleast_1d(every.dataset["member"].values)
         return float(_nearest("member", values, point.get("member", values[0])))
-    member, most = point.get("member", 1), given["members"]
+    member, most = point.get("member", 1), fixed["members"]
     if member not in range(1, int(most) + 1):
         raise InputError(f"member = {member}: it must be a whole number from 1 to {most}")
     return float(member)
 
 
-def _own_duration(dataset: xr.Dataset, own: Scene, given: Mapping[str, Any], member: float) -> float | Until:
-    """How long a member ran, s, or what ended it: as its study decided for the normalised scene."""
+def _own_duration(dataset: xr.Dataset, own: Scene, fixed: Mapping[str, Any], member: float) -> float | Until:
+    """How long a repeat run lasted, s, or what ended it: as its study decided for the normalised scene."""
     if dataset.attrs["sweep"] != "stick_time":
-        return ensembles.own_duration(own, given["ramp"], given)
+        return ensembles.own_duration(own, fixed["ramp"], fixed)
     (scene,) = normalised.scenes({name: np.array([getattr(own, name)]) for name in transients.SCENE}, own.rig)
-    return ensembles.own_duration(scene, ensembles.ramp_of(member, given["ramp"]), given)
+    return ensembles.own_duration(scene, ensembles.ramp_of(member, fixed["ramp"]), fixed)

@@ -1,4 +1,4 @@
-"""What was found, in a sentence each with numbers of the results, and what the paper says of it."""
+"""Answers to the studies' questions, in a sentence each with numbers of the results and of the paper."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from studies.accuracy import findings as accuracy
 from studies.claims import Claim, answer
 from studies.gallery import contact, fig7, table4
 from studies.gallery.sensitivity import findings as sensitivity
-from studies.motion.regimes import STEADY, VIBRATING, is_of, main_line
+from studies.motion.regimes import STEADY, VIBRATING, dominant_frequency, is_of
 from studies.query.nearest import nearest
 from studies.study import constants
 from studies.tables import number, word
@@ -25,20 +25,20 @@ MATTER = 3
 class Answer(NamedTuple):
     """A finding, and the paper's claim; "" where it makes none, or where the result is not of its rig."""
 
-    found: str
+    finding: str
     paper: str = ""
 
 
 def answers(name: str, dataset: xr.Dataset) -> list[Answer]:
-    """What a result of the study called `name` answers; nothing where it lacks what that needs."""
+    """Answers from a result of the study called `name`; none where it lacks what they need."""
     if name not in ANSWERS:
         return []
     try:
-        found = ANSWERS[name](dataset)
+        every = ANSWERS[name](dataset)
     except (KeyError, ValueError, IndexError, TypeError, AttributeError):
         return []
     own = name == "table4" or paper.is_rig(dataset)
-    return [each if own else each._replace(paper="") for each in found]
+    return [each if own else each._replace(paper="") for each in every]
 
 
 def _table4(data: xr.Dataset) -> list[Answer]:
@@ -59,14 +59,16 @@ def _table4(data: xr.Dataset) -> list[Answer]:
 def _fig5(data: xr.Dataset) -> list[Answer]:
     theta, most = constants(data)["theta"], float(data["mu"].max())
     onsets = zip(data["onset_mu"].values, data["onset_frequency"].values, strict=True)
-    found = _joined(f"μ = {mu:.4f} ({hertz:.0f} Hz)" for mu, hertz in onsets)
-    said = _joined(f"{mu:g} ({hertz:.0f} Hz)" for mu, hertz in paper.ONSETS)
-    if not found:
+    here = _joined(f"μ = {mu:.4f} ({hertz:.0f} Hz)" for mu, hertz in onsets)
+    claimed = _joined(f"{mu:g} ({hertz:.0f} Hz)" for mu, hertz in paper.ONSETS)
+    if not here:
         return [Answer(f"At θ = {theta:g}° steady sliding is stable up to μ = {most:g}.")]
     return [
         Answer(
-            f"At θ = {theta:g}° pairs of modes become unstable at {found}.",
-            f"On a grid of μ in steps of 0.01 they are first unstable at {said}." if theta == paper.THETA else "",
+            f"At θ = {theta:g}° pairs of modes become unstable at {here}.",
+            f"On a grid of μ in steps of 0.01 they are first unstable at {claimed}."
+            if theta == paper.THETA
+            else "",
         )
     ]
 
@@ -74,17 +76,17 @@ def _fig5(data: xr.Dataset) -> list[Answer]:
 def _fig7(data: xr.Dataset) -> list[Answer]:
     kinds = _each(data, fig7.CLAIMS, "regime", word)
     lines = _each(data, fig7.CLAIMS, "dominant_frequency", lambda at: number(at, ".0f"), " Hz")
-    found = []
+    parts = []
     if kinds:
-        found.append(Answer(f"The vibration is {kinds[0]}.", f"It is {kinds[1]}."))
+        parts.append(Answer(f"The vibration is {kinds[0]}.", f"It is {kinds[1]}."))
     if lines:
-        found.append(
+        parts.append(
             Answer(
                 f"The dominant frequency of the vibration is {lines[0]}.",
                 f"Its simulation has {paper.SIMULATED_LINE:.0f} Hz at each speed.",
             )
         )
-    return found
+    return parts
 
 
 def _contact(data: xr.Dataset) -> list[Answer]:
@@ -102,24 +104,24 @@ def _contact(data: xr.Dataset) -> list[Answer]:
 
 
 def _fig11(data: xr.Dataset) -> list[Answer]:
-    found = []
+    motions = []
     for theta in data["theta"].values.tolist():
         at = data.sel(theta=theta)
-        hertz = float(main_line(at))
-        found.append(f"{word(at['regime'])} at {theta:g}°" + (f" ({hertz:.0f} Hz)" if hertz > 0.0 else ""))
-    said = [
+        hertz = float(dominant_frequency(at))
+        motions.append(f"{word(at['regime'])} at {theta:g}°" + (f" ({hertz:.0f} Hz)" if hertz > 0.0 else ""))
+    claimed = [
         f"{hertz:.0f} Hz at {theta:g}°" if hertz > 0.0 else f"none at {theta:g}°" for theta, hertz in _angles()
     ]
     return [
         Answer(
-            f"At {1e3 * constants(data)['V']:g} mm/s the motion is {_joined(found)}.",
-            f"It measures vibration with {_joined(said)}.",
+            f"At {1e3 * constants(data)['V']:g} mm/s the motion is {_joined(motions)}.",
+            f"It measures vibration with {_joined(claimed)}.",
         )
     ]
 
 
 def _table6(data: xr.Dataset) -> list[Answer]:
-    given = constants(data)
+    fixed = constants(data)
     windows = sorted(zip(data["window_from"].values, data["window_to"].values, strict=True))
     spans = _joined(f"{low:.2f}° to {high:.2f}°" for low, high in windows)
     vibrating = data["theta"].values[is_of(data["regime"].values, *VIBRATING)]
@@ -132,7 +134,7 @@ def _table6(data: xr.Dataset) -> list[Answer]:
     below, above = paper.STEADY_ANGLES[0][1], paper.STEADY_ANGLES[1][0]
     return [
         Answer(
-            f"At μ = {given['mu']:g} steady sliding is unstable for θ from {spans}; of the inclinations computed "
+            f"At μ = {fixed['mu']:g} steady sliding is unstable for θ from {spans}; of the inclinations computed "
             f"the rig vibrates from {low:g}° to {high:g}° {beyond}.",
             f"It slides steadily below {below:g}° and above {above:g}°.",
         )
@@ -160,14 +162,14 @@ def _stick_time(data: xr.Dataset) -> list[Answer]:
 def _stability(data: xr.Dataset) -> list[Answer]:
     at = data.transpose("theta", "mu", ...)
     growth, theta, mu = at["growth_rate"].values, at["theta"].values, at["mu"].values
-    known, grows = np.isfinite(growth), growth > 0.0
+    finite, grows = np.isfinite(growth), growth > 0.0
     tangent = np.tan(np.radians(theta))[:, None]
     outside = int((grows & ~((tangent > 0.0) & (tangent < mu))).sum())
-    if not known.any():
+    if not finite.any():
         return []
     return [
         Answer(
-            f"Steady sliding is unstable at {100.0 * grows.sum() / known.sum():.1f} % of the plane θ from "
+            f"Steady sliding is unstable at {100.0 * grows.sum() / finite.sum():.1f} % of the plane θ from "
             f"{theta.min():g}° to {theta.max():g}°, μ from {mu.min():g} to {mu.max():g}, and at "
             f"{outside or 'none'} of its points outside 0 < tan θ < μ.",
             f"At μ = {paper.MU:g} it is unstable at {paper.THETA:g}°; it has no map over both.",
@@ -249,13 +251,13 @@ def _each(
     data: xr.Dataset, claims: Sequence[Claim], name: str, text: Callable[[xr.DataArray], str], unit: str = ""
 ) -> tuple[str, str] | None:
     """A variable at each speed of the paper's claims: here, and there; None where the result answers none."""
-    found = [(claim, at) for claim in claims if claim.variable == name and (at := answer(data, claim)) is not None]
-    if not found:
+    pairs = [(claim, at) for claim in claims if claim.variable == name and (at := answer(data, claim)) is not None]
+    if not pairs:
         return None
-    speeds = [f"at {1e3 * float(claim.at['V']):g} mm/s" for claim, _ in found]  # type: ignore[arg-type]
-    here = _joined(f"{text(at)}{unit} {speed}" for speed, (_, at) in zip(speeds, found, strict=True))
-    said = [claim.value if isinstance(claim.value, str) else f"{claim.value:g}" for claim, _ in found]
-    return here, _joined(f"{value}{unit} {speed}" for value, speed in zip(said, speeds, strict=True))
+    speeds = [f"at {1e3 * float(claim.at['V']):g} mm/s" for claim, _ in pairs]  # type: ignore[arg-type]
+    here = _joined(f"{text(at)}{unit} {speed}" for speed, (_, at) in zip(speeds, pairs, strict=True))
+    claimed = [claim.value if isinstance(claim.value, str) else f"{claim.value:g}" for claim, _ in pairs]
+    return here, _joined(f"{value}{unit} {speed}" for value, speed in zip(claimed, speeds, strict=True))
 
 
 def _at_point(data: xr.Dataset, *names: str) -> xr.Dataset | None:

@@ -1,4 +1,4 @@
-"""Commands that compute a result or one of its points again, by what the file says it was asked for."""
+"""Commands that compute a result or one of its points again, from the request in its file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ELSEWHERE = " --out one-point --fresh"
 class Again(NamedTuple):
     """Commands that make a result again, and one of its points, with {V} where the value of the axis V goes.
 
-    A command is "" where the file does not say what it was asked for; `whole` also where its axes are too long.
+    A command is "" where the file has no request; `whole` also where its axes are too long.
     """
 
     whole: str = ""
@@ -40,32 +40,34 @@ def again(dataset: xr.Dataset, typed: str = "") -> Again:
 
 def in_python(dataset: xr.Dataset, opened: str) -> str:
     """Lines that simulate the scene of a point, with slots as in a command; `opened` gives the dataset."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     point = ", ".join(f"{dim}={{{dim}}}" for dim in dataset["status"].dims)
-    run = "**data.fiv.run_options(point)" if "method" in given else f"duration={given.get('duration', 1.0)!r}"
+    run = "**data.fiv.run_options(point)" if "method" in fixed else f"duration={fixed.get('duration', 1.0)!r}"
     return (
         f"import studies\nfrom fivcore import simulate\ndata, point = {opened}, dict({point})\n"
         f"print(simulate(data.fiv.scene(point), {run}).summary)"
     )
 
 
-def _study(asked: config.Config, typed: str) -> Again:
-    own, command = registry.load(asked.study), f"fiv run {shlex.quote(typed or asked.study)}"
-    changed = {name: value for name, value in asked.settings.items() if value != own.settings[name].value}
+def _study(request: config.Config, typed: str) -> Again:
+    own, command = registry.load(request.study), f"fiv run {shlex.quote(typed or request.study)}"
+    changed = {name: value for name, value in request.settings.items() if value != own.settings[name].value}
     options = _options({name: spec.typed(value) for name, value in changed.items()})
-    options += f" --record {shlex.quote(','.join(asked.record))}" if asked.record else ""
-    options += f" --sample-rate {spec.typed(asked.sample_rate)}" if asked.sample_rate is not None else ""
-    if asked.points:
+    options += f" --record {shlex.quote(','.join(request.record))}" if request.record else ""
+    options += f" --sample-rate {spec.typed(request.sample_rate)}" if request.sample_rate is not None else ""
+    if request.points:
         # Too long for a command.
         return Again()
-    if asked.scatter:
-        options += _options(asked.scatter, "--scatter")
-        options += f" --samples {asked.samples} --seed {asked.seed} --sampling {shlex.quote(str(asked.sampling))}"
-    axes = {n: _spec(v) for n, v in asked.axes.items() if not np.array_equal(v, own.axes[n].values)}
+    if request.scatter:
+        options += _options(request.scatter, "--scatter")
+        options += (
+            f" --samples {request.samples} --seed {request.seed} --sampling {shlex.quote(str(request.sampling))}"
+        )
+    axes = {n: _spec(v) for n, v in request.axes.items() if not np.array_equal(v, own.axes[n].values)}
     whole = f"{command}{_options(axes)}{options}" if all(axes.values()) else ""
-    if asked.scatter:
+    if request.scatter:
         return Again(whole)
-    return Again(whole, f"{command}{_slots(asked.axes)}{options}{ELSEWHERE}")
+    return Again(whole, f"{command}{_slots(request.axes)}{options}{ELSEWHERE}")
 
 
 def _spec(values: Any) -> str:
@@ -73,12 +75,12 @@ def _spec(values: Any) -> str:
 
 
 def _map(dataset: xr.Dataset) -> Again:
-    """A map's constants are what it was asked for."""
-    given = constants(dataset)
+    """The commands of a map, whose constants are its request."""
+    constant = constants(dataset)
     refinement = json.loads(dataset.attrs["configuration"])["refinement"]
-    quantity, levels, tolerance = str(given["quantity"]), int(refinement["levels"]), refinement["tolerance"]
+    quantity, levels, tolerance = str(constant["quantity"]), int(refinement["levels"]), refinement["tolerance"]
     x, y = map(str, dataset["status"].dims)
-    fixed = {name: spec.typed(value) for name, value in maps.changed(quantity, given).items()}
+    fixed = {name: spec.typed(value) for name, value in maps.changed(quantity, constant).items()}
     options = f" --quantity {shlex.quote(quantity)}{_options(fixed, '--fix')}"
     x_spec, y_spec = (spec.written(dataset[name].values, levels) for name in (x, y))
     refine = f" --refine {levels}" if levels else ""

@@ -1,4 +1,4 @@
-"""What the page shows of each result, as plain data: texts, tables, a figure and points."""
+"""The page's content for each result as plain data: texts, tables, a figure and points."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def anchor_of(target: str) -> str:
 
 
 class Broken(NamedTuple):
-    """What was asked for and cannot be shown, and the line that says why."""
+    """A requested result that cannot be shown, and the line that says why."""
 
     target: str
     line: str
@@ -49,12 +49,12 @@ class Broken(NamedTuple):
 
     @property
     def title(self) -> str:
-        """What it is called."""
+        """The name of its file."""
         return Path(self.target).name
 
     @property
     def reason(self) -> str:
-        """Why, without an end of its own."""
+        """The line without its full stop."""
         return self.line.rstrip(".")
 
 
@@ -90,13 +90,13 @@ class Result:
 
     @property
     def title(self) -> str:
-        """What it is called: of a map what it shows."""
+        """The study's title; a map's is its quantity."""
         own = self.target == self.study.name
         return self.study.title if own else str(self.dataset.attrs.get("title", self.file.stem))
 
     @property
     def short(self) -> str:
-        """What the list of sections calls it."""
+        """Its title in the list of sections."""
         short = self.title.partition(":")[0]
         return short if len(short) < LONG or self.target != self.study.name else self.study.name.capitalize()
 
@@ -141,7 +141,7 @@ def overview(result: Result) -> list[str]:
 
 
 def shown(result: Result) -> dict[str, Any]:
-    """What is found in one result; what cannot be shown is None, and `no_` and its name say why."""
+    """Content of one result; a part that cannot be shown is None, and the entry `no_` + its name says why."""
     commands = again(result.dataset, result.target if registry.is_file(result.target) else "")
     context: dict[str, Any] = {
         "facts": _facts(result),
@@ -164,7 +164,7 @@ def shown(result: Result) -> dict[str, Any]:
 
 
 def why(problem: Exception) -> str:
-    """What is wrong, in one line."""
+    """The reason of an exception in one line."""
     text = f"it lacks {problem.args[0]}" if isinstance(problem, KeyError) and problem.args else str(problem)
     return " ".join(text.split()).rstrip(".") or type(problem).__name__
 
@@ -183,7 +183,7 @@ def _look(cells: Sequence[str]) -> str:
 
 
 def _lines(result: Result, point: str) -> dict[str, str]:
-    """What computes a point of a plane of scenes again, and its scene."""
+    """Command lines and Python that compute a point of a plane again, and make its scene."""
     out = f", {str(result.out)!r}" if result.out else ""
     python = in_python(result.dataset, f"studies.open({result.target!r}{out})")
     # What is at a point at many values of an axis has no scene of its own.
@@ -203,14 +203,16 @@ def _figure(result: Result) -> bytes:
 
 def _findings(parts: Iterable[Part], title: str) -> list[Any]:
     """A study's report: tables, and paragraphs of lines, which an empty one ends."""
-    found: list[Any] = []
+    content: list[Any] = []
     for is_line, block in groupby(parts, lambda part: isinstance(part, str) and part != ""):
         if is_line:
-            found.append("\n".join(map(str, block)))
+            content.append("\n".join(map(str, block)))
             continue
         tables = (each for each in block if isinstance(each, Table))
-        found += [table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables]
-    return found
+        content += [
+            table(each.heads, each.rows, f"{title}: by {each.heads[0] or each.heads[1]}") for each in tables
+        ]
+    return content
 
 
 def _failures(result: Result) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""What the page says once and for all: symbols with the paper's values, regimes and words."""
+"""Texts that explain the page: symbols with the paper's values, regimes and words."""
 
 from __future__ import annotations
 

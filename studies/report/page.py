@@ -45,14 +45,14 @@ def write(
     StoreError
         If the page cannot be written.
     """
-    found, missing, broken = gather(names, out)
+    contents, missing, broken = gather(names, out)
     folder = results.results_folder(out)
-    if not found:
+    if not contents:
         begin = results.command("run", [*missing, ""][0], out)
         nothing = f"{folder}: nothing of this has been computed there yet; begin with: {begin}"
         raise InputError(broken[0].line if broken else nothing)
     target = registry.expanded(file) if file else folder / "report.html"
-    whole = page(found, missing, out, broken)
+    whole = page(contents, missing, out, broken)
     for each in broken:
         warn(each.line)
     with written(target) as temporary:
@@ -63,7 +63,7 @@ def write(
 def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[Broken]]:
     """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
     kept_maps = sorted(map(str, (results.results_folder(out) / maps.NAME).glob("*.nc")))
-    found, missing, broken = list[Result](), list[str](), list[Broken]()
+    contents, missing, broken = list[Result](), list[str](), list[Broken]()
     at_points = [f"{name}{suffix}" for name in registry.names() for suffix in registry.SUFFIXES]
     at_points = [name for name in at_points if results.is_there(results.file_of(name, out))]
     for target in dict.fromkeys(names or [*registry.names(), *at_points, *kept_maps]):
@@ -72,7 +72,7 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
             dataset = results.open_dataset(target, out)
             study = results.study_of(dataset, str(file))
             own = None if results.is_path(target) else out
-            found.append(Result(study, dataset, file, sweeps.status(file).state, target, own))
+            contents.append(Result(study, dataset, file, sweeps.status(file).state, target, own))
         except FileNotFoundError:
             if target not in registry.names():
                 raise
@@ -81,11 +81,11 @@ def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], 
             broken.append(Broken(target, f"{file}: it is not the result of a study"))
         except Exception as problem:  # noqa: BLE001 - a file that is no result takes no other with it
             broken.append(Broken(target, why(problem)))
-    return found, missing, broken
+    return contents, missing, broken
 
 
 def page(
-    found: Sequence[Result],
+    contents: Sequence[Result],
     missing: Sequence[str],
     out: str | Path | None = None,
     broken: list[Broken] | None = None,
@@ -93,15 +93,15 @@ def page(
     """The whole page; the same results give the same bytes. What turns out to be `broken` is added there."""
     broken = [] if broken is None else broken
     whole = []
-    for result in found:
+    for result in contents:
         try:
             whole.append((result, overview(result), shown(result), answers(result.study.name, result.dataset)))
         except Exception as problem:  # noqa: BLE001 - a file or a study of one's own takes no other section with it
             broken.append(Broken(result.target, f"{result.file}: {why(problem)}"))
     titles = {result.study.name: (result.anchor, result.title) for result, *_ in reversed(whole)}
-    told = {result.study.name: each for result, _, _, each in reversed(whole)}
+    findings = {result.study.name: each for result, _, _, each in reversed(whole)}
     names = dict(
-        [("found", "What we found")] * any(told.values())
+        [("found", "What we found")] * any(findings.values())
         + [("rig", "Rig, symbols, regimes"), ("overview", "Overview")]
         + [(result.anchor, result.short) for result, *_ in whole]
         + [(each.anchor, each.title) for each in broken]
@@ -115,7 +115,7 @@ def page(
         overview=table(OVERVIEW, [row for _, row, _, _ in whole], "What is in this page"),
         newest=max((result.made for result, *_ in whole), default=""),
         index=names.items(),
-        answers=[(*titles[name], each) for name in registry.MODULES for each in told.get(name, ())],
+        answers=[(*titles[name], each) for name in registry.MODULES for each in findings.get(name, ())],
         explained=(words := explained()),
         symbols=table(("symbol or name", "meaning", "the paper's value"), words["symbols"], "Symbols and names"),
         rig=_own("rig.svg"),

@@ -32,14 +32,14 @@ BESIDE = {"beside": True}
 
 
 class Points(NamedTuple):
-    """What a page embeds of a result, as JSON: `axes`, `columns`, `settings`, `plane`; and how many points."""
+    """Data of a result embedded as JSON, `axes`, `columns`, `settings`, `plane`; and the number of points."""
 
     data: dict[str, Any]
     size: str
 
 
 def points_of(dataset: xr.Dataset, lines: Mapping[str, str] | None = None) -> Points:
-    """What the page shows of every point, or of a coarser grid; `lines` are those of a cell of a plane."""
+    """Values of every point for the page, or of a coarser grid; `lines` are those of a cell of a plane."""
     status = _rows(dataset)
     dims = [str(dim) for dim in status.dims]
     variables = _variables(dataset, status)
@@ -148,7 +148,7 @@ def _values(values: NDArray[Any]) -> list[Any]:
 def _plane(
     dataset: xr.Dataset,
     dims: Sequence[str],
-    given: Mapping[str, Any],
+    fixed: Mapping[str, Any],
     columns: Sequence[str],
     lines: Mapping[str, str],
 ) -> dict[str, Any] | None:
@@ -157,7 +157,7 @@ def _plane(
     if len(wide) < 2 or not set(dims) <= set(AXES):
         return None
     x, y = regimes_figure.arranged(dataset)[:2] if set(dims) == set(transients.SCENE) else wide[:2]
-    numbers = {name: given.get(name, each.value) for name, each in AXES.items() if name not in dims}
+    numbers = {name: fixed.get(name, each.value) for name, each in AXES.items() if name not in dims}
     return {
         "x": dims.index(x),
         "y": dims.index(y),

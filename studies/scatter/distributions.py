@@ -51,7 +51,7 @@ class Scatter:
 
     @property
     def described(self) -> str:
-        """What tells its draws from others'."""
+        """Text that identifies the distribution: its definition and its bounds."""
         return f"{self.text} from {self.low:g} to {self.high:g}"
 
     @property
@@ -59,7 +59,7 @@ class Scatter:
         """The share of the distribution that was cut away."""
         return float(self.whole.cdf(self.low) + self.whole.sf(self.high))
 
-    def told(self, name: str) -> str:
+    def cut_note(self, name: str) -> str:
         """The share that was cut away, in words; "" for less than one in a million."""
         if self.cut < 1e-6:
             return ""

@@ -1,4 +1,4 @@
-"""The figure of a study at scattered points: what it found over what was drawn, with running medians."""
+"""The figure of a study at scattered points: results over drawn values, with running medians."""
 
 from __future__ import annotations
 
@@ -70,9 +70,9 @@ def _spread(each: Series) -> float:
 
 def medians(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Medians of both over groups of points that are neighbours in x and equally many."""
-    known = np.isfinite(x) & np.isfinite(y)
-    order = np.argsort(x[known], kind="stable")
-    x, y = x[known][order], y[known][order]
+    finite = np.isfinite(x) & np.isfinite(y)
+    order = np.argsort(x[finite], kind="stable")
+    x, y = x[finite][order], y[finite][order]
     groups = min(MOST, len(x) // LEAST)
     if groups < 2:
         return np.empty(0), np.empty(0)

@@ -1,4 +1,4 @@
-"""What a study at scattered points found: how its numbers scatter, and with which of those that were drawn."""
+"""Findings at scattered points: how the results scatter, and their correlation with the drawn values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 QUANTILES = (0.05, 0.5, 0.95)
-# A variable with more values at each draw is not told, but kept.
+# A variable with more values at each draw is left out of the report.
 MOST_BESIDE = 12
 # Rows of a table.
 MOST_ROWS = 24
@@ -62,7 +62,7 @@ def draws(dataset: xr.Dataset) -> list[str]:
 
 def series(dataset: xr.Dataset) -> tuple[list[Series], list[str]]:
     """Every variable of numbers, one series for each of its few values at a draw; and those that have too many."""
-    found, left = list[Series](), list[str]()
+    every, left = list[Series](), list[str]()
     for variable in _variables(dataset):
         name, along = str(variable.name), dataset["status"].dims[0]
         if "flag_values" in variable.attrs:
@@ -75,21 +75,21 @@ def series(dataset: xr.Dataset) -> tuple[list[Series], list[str]]:
         for place in product(*(range(variable.sizes[dim]) for dim in beside)):
             at = dict(zip(beside, place, strict=True))
             values = np.asarray(variable.isel(at).values, dtype=float)
-            found.append(Series(name, _told(dataset, at), units, values))
-    return found, left
+            every.append(Series(name, _place_text(dataset, at), units, values))
+    return every, left
 
 
 def _variables(dataset: xr.Dataset) -> Iterator[xr.DataArray]:
-    """What was computed at the draws, but for standard errors."""
+    """Variables computed at the draws, without standard errors."""
     along = dataset["status"].dims[0]
     for name, variable in dataset.data_vars.items():
-        wanted = along in variable.dims and name not in MAKING and variable.dtype.kind in "iuf"
-        if wanted and not (str(name).endswith("_se") and str(name).removesuffix("_se") in dataset):
+        numeric = along in variable.dims and name not in MAKING and variable.dtype.kind in "iuf"
+        if numeric and not (str(name).endswith("_se") and str(name).removesuffix("_se") in dataset):
             yield variable
 
 
-def _told(dataset: xr.Dataset, at: dict[str, int]) -> str:
-    """Where along further dimensions; one of a single value goes without saying."""
+def _place_text(dataset: xr.Dataset, at: dict[str, int]) -> str:
+    """The place along further dimensions in words; those of a single value are left out."""
     several = {dim: k for dim, k in at.items() if dataset.sizes[dim] > 1}
     labels = {dim: dataset[dim].values[k] if dim in dataset else k for dim, k in several.items()}
     return ", ".join(
@@ -102,20 +102,20 @@ def rank_correlation(one: NDArray[Any], other: NDArray[Any]) -> float:
     # Slow to import.
     from scipy.stats import spearmanr
 
-    known = np.isfinite(one) & np.isfinite(other)
-    if np.count_nonzero(known) < LEAST_POINTS or np.ptp(one[known]) == 0.0 or np.ptp(other[known]) == 0.0:
+    finite = np.isfinite(one) & np.isfinite(other)
+    if np.count_nonzero(finite) < LEAST_POINTS or np.ptp(one[finite]) == 0.0 or np.ptp(other[finite]) == 0.0:
         return float("nan")
-    return float(spearmanr(one[known], other[known]).statistic)
+    return float(spearmanr(one[finite], other[finite]).statistic)
 
 
 def correlations(dataset: xr.Dataset, every: list[Series]) -> list[tuple[Series, str, float]]:
     """Each series with each number that scatters, the strongest rank correlation first."""
-    found = [
+    triples = [
         (each, name, rank_correlation(dataset[name].values, each.values))
         for each in every
         for name in draws(dataset)
     ]
-    return sorted((each for each in found if not np.isnan(each[2])), key=lambda each: -abs(each[2]))
+    return sorted((each for each in triples if not np.isnan(each[2])), key=lambda each: -abs(each[2]))
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
@@ -130,9 +130,12 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     lines += _shares(dataset)
     strongest = correlations(dataset, every)
     if strongest:
-        told = [[each.label, name, f"{rho:+.3f}"] for each, name, rho in strongest]
+        ranks = [[each.label, name, f"{rho:+.3f}"] for each, name, rho in strongest]
         lines += ["", "Rank correlation (Spearman), the strongest first:", ""]
-        lines += [Table(("variable", "with", "rank correlation"), told[:MOST_ROWS], 2), *_more(told)]
+        lines += [
+            Table(("variable", "with", "rank correlation"), ranks[:MOST_ROWS], 2),
+            *_more(ranks),
+        ]
     if left:
         lines.append(
             f"In the file alone, with more than {MOST_BESIDE} values at each point: {', '.join(left)}; hold an "
@@ -144,22 +147,22 @@ def findings(dataset: xr.Dataset) -> list[Part]:
 def _counted(dataset: xr.Dataset) -> list[Part]:
     """How many points of what, and how each number is distributed, with what was cut away."""
     status, names = dataset["status"], draws(dataset)
-    asked = configuration(dataset).get("request", {})
-    how = f" ({asked['sampling']}, seed {asked['seed']})" if "scatter" in asked else ""
+    request = configuration(dataset).get("request", {})
+    how = f" ({request['sampling']}, seed {request['seed']})" if "scatter" in request else ""
     plural = "s" if len(status) > 1 else ""
     what = f"draw{plural}{how}" if "sample" in status.dims else f"row{plural} of a table"
     beside = ", ".join(str(dim) for dim in status.dims[1:] if status.sizes[dim] > 1)
     each = f", each at {status.size // len(status)} points of {beside}" if beside else ""
     done, failed = (int(np.count_nonzero(status.values == code)) for code in (DONE, FAILED))
-    told = [dataset[name].attrs for name in names]
+    attributes = [dataset[name].attrs for name in names]
     return [
         f"{len(status)} {what} of {', '.join(names)}{each}: {done} points computed, {failed} failed.",
         *(
             f"{name}: {own['distribution']}"
-            for name, own in zip(names, told, strict=True)
+            for name, own in zip(names, attributes, strict=True)
             if "distribution" in own
         ),
-        *(str(own["comment"]) for own in told if "comment" in own),
+        *(str(own["comment"]) for own in attributes if "comment" in own),
     ]
 
 
@@ -168,16 +171,16 @@ def _quantiles(values: NDArray[Any]) -> list[str]:
 
 
 def _shares(dataset: xr.Dataset) -> list[Part]:
-    """Of what has words, the share of each."""
+    """Shares of the draws by code, for each variable whose codes have words."""
     lines: list[Part] = []
     for variable in _variables(dataset):
         if "flag_values" not in variable.attrs or variable.dims != dataset["status"].dims:
             continue
         codes = np.atleast_1d(variable.attrs["flag_values"]).tolist()
         words = str(variable.attrs["flag_meanings"]).split()
-        known = variable.values[np.isfinite(variable.values)]
+        finite = variable.values[np.isfinite(variable.values)]
         shares = {
-            word: np.mean(known == code) if len(known) else 0.0 for code, word in zip(codes, words, strict=True)
+            word: np.mean(finite == code) if len(finite) else 0.0 for code, word in zip(codes, words, strict=True)
         }
         most = sorted(((share, word) for word, share in shares.items() if share > 0.0), reverse=True)
         each = ", ".join(f"{100.0 * share:.3g} % {word.replace('_', ' ')}" for share, word in most)

@@ -1,4 +1,4 @@
-"""What a sweep at scattered points computes: a study's own function, for each row of its scattered settings."""
+"""Function of a sweep at scattered points: the study's own, for each row of its scattered settings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Points = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What of a study its scattered points need.
+    """Functions and names of a study that its scattered points need.
 
     Attributes
     ----------
@@ -33,24 +33,24 @@ class Base:
     scattered: tuple[str, ...]
 
 
-def computed(base: Base, points: Points, **given: Any) -> dict[str, Any]:
+def computed(base: Base, points: Points, **constants: Any) -> dict[str, Any]:
     """The results of a batch; points that agree in their scattered settings are computed together.
 
     `given` are the other settings, and whatever else the function is to get.
     """
-    settings = {name: value for name, value in given.items() if name in base.settings}
-    more = {name: value for name, value in given.items() if name not in base.settings}
+    settings = {name: value for name, value in constants.items() if name in base.settings}
+    more = {name: value for name, value in constants.items() if name not in base.settings}
     places: list[int] = []
-    found: list[Mapping[str, Any]] = []
+    results: list[Mapping[str, Any]] = []
     failures: dict[int, Exception] = {}
     for row, together in _groups(points, base.scattered):
         own = settings | row
         for some in _pieces(base, points, own, more, together, failures):
             places += some[0]
-            found.append(some[1])
-    if not found:
+            results.append(some[1])
+    if not results:
         raise next(iter(failures.values()))
-    whole = _in_order(found, places, len(next(iter(points.values()))))
+    whole = _in_order(results, places, len(next(iter(points.values()))))
     for place, problem in failures.items():
         whole["error"][place] = problem
     return whole
@@ -88,28 +88,28 @@ def _pieces(
             yield from _pieces(base, points, settings, more, half, failures)
 
 
-def _in_order(found: Sequence[Mapping[str, Any]], places: list[int], count: int) -> dict[str, Any]:
+def _in_order(results: Sequence[Mapping[str, Any]], places: list[int], count: int) -> dict[str, Any]:
     """Results of pieces of a batch as those of the batch; a point that failed has those of another."""
     source = np.zeros(count, dtype=np.intp)
     source[places] = np.arange(len(places))
     whole: dict[str, Any] = {
-        name: np.concatenate([np.asarray(each[name]) for each in found])[source]
-        for name in found[0]
+        name: np.concatenate([np.asarray(each[name]) for each in results])[source]
+        for name in results[0]
         if name != "error"
     }
     errors: list[Any] = []
-    for each in found:
+    for each in results:
         own = each.get("error")
         errors += [None] * _rows(each) if own is None else list(own)
     return whole | {"error": [errors[k] for k in source]}
 
 
-def _rows(found: Mapping[str, Any]) -> int:
-    return next(len(each) for name, each in found.items() if name != "error")
+def _rows(results: Mapping[str, Any]) -> int:
+    return next(len(each) for name, each in results.items() if name != "error")
 
 
 def of_axes(function: Callable[[Points], Any], axes: tuple[str, ...], points: Points) -> Any:
-    """What a study's function of points gives, which knows of no other axes than its own."""
+    """Call a study's function of points with its own axes only."""
     return function({name: points[name] for name in axes})
 
 

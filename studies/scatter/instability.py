@@ -160,8 +160,8 @@ def sobol_indices(
 
     def indices(chosen: Array) -> Array:
         f = values[:, chosen]
-        found = stats.sobol_indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=count)
-        return np.stack([np.atleast_1d(found.first_order), np.atleast_1d(found.total_order)])
+        indices = stats.sobol_indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=count)
+        return np.stack([np.atleast_1d(indices.first_order), np.atleast_1d(indices.total_order)])
 
     rng = np.random.default_rng(seed)
     again = [indices(rng.integers(0, count, count)) for _ in range(RESAMPLES)]

@@ -57,7 +57,7 @@ def _refused(name: str, axes: Mapping[str, Axis], settings: Mapping[str, Any]) -
 
 def scattered(
     study: Study,
-    given: Mapping[str, Any],
+    values: Mapping[str, Any],
     scatter: Mapping[str, str] | None = None,
     samples: int | None = None,
     seed: int | None = None,
@@ -83,7 +83,7 @@ def scattered(
     Raises
     ------
     InputError
-        For what does not go together, and what cannot be scattered.
+        If arguments exclude each other, or a name cannot be scattered.
     """
     if study.scatters and points is None:
         return _by_itself(study, scatter or {}, {"samples": samples, "seed": seed}, sampling)
@@ -102,14 +102,14 @@ def scattered(
     if scatter:
         return _of_distributions(
             study,
-            given,
+            values,
             scatter,
             SAMPLES if samples is None else samples,
             SEED if seed is None else seed,
             sampling or SAMPLING,
         )
     assert points is not None
-    return _of_table(study, given, points)
+    return _of_table(study, values, points)
 
 
 def _by_itself(
@@ -140,46 +140,46 @@ def _built(
 
 
 def _of_distributions(
-    study: Study, given: Mapping[str, Any], scatter: Mapping[str, str], samples: int, seed: int, sampling: str
+    study: Study, values: Mapping[str, Any], scatter: Mapping[str, str], samples: int, seed: int, sampling: str
 ) -> Study:
-    known = columns_of(study)
+    columns = columns_of(study)
     for name in scatter:
         _check_scattered(study, name)
-    _check_apart(given, scatter, "--scatter")
+    _check_apart(values, scatter, "--scatter")
     # In the study's order, so that the order of options changes nothing.
-    drawn = {name: distributions.parse(scatter[name], name) for name in known if name in scatter}
-    about = {name: (known[name].units, known[name].long_name) for name in drawn}
+    drawn = {name: distributions.parse(scatter[name], name) for name in columns if name in scatter}
+    about = {name: (columns[name].units, columns[name].long_name) for name in drawn}
     try:
         grid = Sample(drawn, samples, sampling, seed, about=about)
     except InputError as problem:
         text = str(problem).replace("Sample: count", "--samples").replace("Sample: method", "--sampling")
         raise InputError(text.replace("Sample: seed", "--seed").removeprefix("Sample: ")) from None
     attributes = {
-        name: {"distribution": each.text, "cut_away": each.cut, "comment": each.told(name)}
+        name: {"distribution": each.text, "cut_away": each.cut, "comment": each.cut_note(name)}
         for name, each in drawn.items()
     }
-    asked = {"scatter": {name: each.text for name, each in drawn.items()}, "seed": seed, "sampling": sampling}
-    return _at(study, grid, SCATTER, asked, attributes)
+    request = {"scatter": {name: each.text for name, each in drawn.items()}, "seed": seed, "sampling": sampling}
+    return _at(study, grid, SCATTER, request, attributes)
 
 
-def told(scatter: Mapping[str, str]) -> list[str]:
-    """What was cut away of some distributions, a line each."""
-    return [line for name, text in scatter.items() if (line := distributions.parse(text, name).told(name))]
+def cut_notes(scatter: Mapping[str, str]) -> list[str]:
+    """A line for each distribution that is cut to physical values, with the share that is lost."""
+    return [line for name, text in scatter.items() if (line := distributions.parse(text, name).cut_note(name))]
 
 
-def _of_table(study: Study, given: Mapping[str, Any], points: str | Path | Mapping[str, Any]) -> Study:
-    known, read = columns_of(study), table(study, points)
-    _check_apart(given, read.columns, "--points")
+def _of_table(study: Study, values: Mapping[str, Any], points: str | Path | Mapping[str, Any]) -> Study:
+    columns, read = columns_of(study), table(study, points)
+    _check_apart(values, read.columns, "--points")
     axes = {ROW: Axis(np.arange(1, len(read.places) + 1), long_name="row of the table")}
-    axes |= {name: Axis(each, known[name].units, known[name].long_name) for name, each in read.columns.items()}
+    axes |= {name: Axis(each, columns[name].units, columns[name].long_name) for name, each in read.columns.items()}
     grid = Grid(axes, zipped=tuple(axes), drawn={"drawn by": "a table"})
     return _at(study, grid, POINTS, {"points": list(read.columns)}, {}, read.places)
 
 
 def _check_scattered(study: Study, name: str) -> None:
-    known = columns_of(study)
-    if name not in known:
-        near = suggest(name, list(known)) or f"there are {', '.join(known)}"
+    columns = columns_of(study)
+    if name not in columns:
+        near = suggest(name, list(columns)) or f"there are {', '.join(columns)}"
         raise InputError(
             f"--scatter {name}: study {study.name} has no axis and no setting of that name; {near.strip()}"
         )
@@ -190,9 +190,9 @@ def _check_scattered(study: Study, name: str) -> None:
         raise InputError(f"--scatter {name}: it is a whole number; choose some with --set or --points")
 
 
-def _check_apart(given: Mapping[str, Any], names: Mapping[str, Any], option: str) -> None:
+def _check_apart(values: Mapping[str, Any], names: Mapping[str, Any], option: str) -> None:
     for name in names:
-        if name in given:
+        if name in values:
             raise InputError(f"{option} {name}: it is set too, by --set or --config; give one of the two")
 
 
@@ -200,7 +200,7 @@ def _at(
     study: Study,
     grid: Grid,
     suffix: str,
-    asked: Mapping[str, Any],
+    request: Mapping[str, Any],
     attributes: Mapping[str, Mapping[str, Any]],
     places: Sequence[str] = (),
 ) -> Study:
@@ -210,7 +210,7 @@ def _at(
         made,
         axes={name: each for name, each in study.axes.items() if name not in grid.axes},
         settings={name: each for name, each in study.settings.items() if name not in grid.axes},
-        request=asked,
+        request=request,
         record=None if study.record is None else partial(_recorded, study, tuple(grid.axes)),
     )
 
@@ -234,7 +234,7 @@ def _recorded(
     study: Study,
     scattered: Sequence[str],
     made: Study,
-    given: Mapping[str, Any],
+    values: Mapping[str, Any],
     names: Sequence[str],
     sample_rate: float | None,
 ) -> Sweep:
@@ -243,7 +243,7 @@ def _recorded(
         if name in scattered:
             raise InputError(f"record = {', '.join(names)}: series need one {name}, and that scatters; set it")
     assert study.record is not None
-    return study.record(made, given, names, sample_rate)
+    return study.record(made, values, names, sample_rate)
 
 
 def _sweep(
@@ -318,16 +318,16 @@ def _constants(
 ) -> list[Mapping[str, Any]]:
     """The constants of each row of a table, or of the draws that can be; one where no setting scatters."""
     rows = list(zip(*(grid.axes[name].values.tolist() for name in scattered), strict=True)) if scattered else [()]
-    found = list[Mapping[str, Any]]()
+    constants = list[Mapping[str, Any]]()
     for k, row in enumerate(rows if places or callable(study.coords) else rows[:TRIED]):
         try:
-            found.append(dict(study.constants({**settings, **dict(zip(scattered, row, strict=True))})))
+            constants.append(dict(study.constants({**settings, **dict(zip(scattered, row, strict=True))})))
         except ValueError as problem:
             if places and scattered:
                 raise InputError(f"{places[k]}: {problem}") from None
-            if not found and k == min(TRIED, len(rows)) - 1:
+            if not constants and k == min(TRIED, len(rows)) - 1:
                 raise InputError(str(problem)) from None
-    return found
+    return constants
 
 
 def _axes_at(study: Study, grid: Grid, axes: Mapping[str, Axis], chosen: Any) -> dict[str, Axis]:

@@ -65,7 +65,7 @@ def table(study: Study, points: str | Path | Mapping[str, Any]) -> Table:
 
 
 def columns_of(study: Study) -> dict[str, Axis | Setting]:
-    """What can be a column: axes and settings."""
+    """Axes and settings, which may be columns."""
     return {**study.axes, **study.settings}
 
 
@@ -91,7 +91,7 @@ def _lines(file: Path, where: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _table(study: Study, where: str, heads: Sequence[str], rows: Sequence[tuple[str, Sequence[Any]]]) -> Table:
-    names, given = _heads(study, where, heads)
+    names, units_of = _heads(study, where, heads)
     if not rows:
         raise InputError(f"{where}: it has no row below its heads; each row is a point to compute")
     if len(rows) > MOST_ROWS:
@@ -103,7 +103,7 @@ def _table(study: Study, where: str, heads: Sequence[str], rows: Sequence[tuple[
                 f"{place}: it has {len(row)} cell{'s' * (len(row) != 1)}, {', '.join(map(repr, row))}; it must "
                 f"have {len(names)}, one for each of {', '.join(names)}"
             )
-        for name, unit, cell in zip(names, given, row, strict=True):
+        for name, unit, cell in zip(names, units_of, row, strict=True):
             try:
                 cells[name].append(_value(study, name, unit, cell))
             except InputError as problem:
@@ -114,25 +114,25 @@ def _table(study: Study, where: str, heads: Sequence[str], rows: Sequence[tuple[
 
 def _heads(study: Study, where: str, heads: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names and units of the columns."""
-    known = columns_of(study)
-    if len(heads) == 1 and (found := next((each for each in SEPARATORS if each in heads[0]), "")):
+    columns = columns_of(study)
+    if len(heads) == 1 and (separator := next((each for each in SEPARATORS if each in heads[0]), "")):
         raise InputError(
-            f"{where}: line 1: {heads[0]!r}: its cells are separated by {SEPARATORS[found]}; separate them by "
+            f"{where}: line 1: {heads[0]!r}: its cells are separated by {SEPARATORS[separator]}; separate them by "
             "commas, and write numbers with a decimal point"
         )
-    names, given = list[str](), list[str]()
+    names, own_units = list[str](), list[str]()
     for head in heads:
         match = HEAD.fullmatch(head)
         name, unit = (match[1], match[2]) if match else (head, None)
-        if name not in known:
-            near = suggest(name, list(known)) or f"there are {', '.join(known)}"
+        if name not in columns:
+            near = suggest(name, list(columns)) or f"there are {', '.join(columns)}"
             raise InputError(
                 f"{where}: line 1, column {head.strip()!r}: study {study.name} has no axis and no setting of that "
                 f"name; {near.strip()}"
             )
         if name in names:
             raise InputError(f"{where}: line 1: the column {name} stands there twice; leave one out")
-        own = known[name].units
+        own = columns[name].units
         if name in study.texts and unit:
             raise InputError(f"{where}: line 1, column {head.strip()!r}: it is of texts; leave [{unit}] out")
         try:
@@ -141,8 +141,8 @@ def _heads(study: Study, where: str, heads: Sequence[str]) -> tuple[list[str], l
         except InputError as problem:
             raise InputError(f"{where}: line 1, column {head.strip()!r}: {problem}") from None
         names.append(name)
-        given.append(own if unit is None else unit.strip())
-    return names, given
+        own_units.append(own if unit is None else unit.strip())
+    return names, own_units
 
 
 def _value(study: Study, name: str, unit: str, cell: Any) -> Any:
@@ -150,8 +150,8 @@ def _value(study: Study, name: str, unit: str, cell: Any) -> Any:
     if name in study.texts:
         text = str(cell).strip()
         if text not in study.texts[name]:
-            known = study.texts[name]
-            raise InputError(f"{text!r}: {suggest(text, known) or 'it must be one of ' + ', '.join(known[:8])}")
+            texts = study.texts[name]
+            raise InputError(f"{text!r}: {suggest(text, texts) or 'it must be one of ' + ', '.join(texts[:8])}")
         return text
     own = columns_of(study)[name].units
     shown = cell.strip() if isinstance(cell, str) else f"{cell!r}"

@@ -1,1 +1,1 @@
-"""What breaks a method, and what does not."""
+"""A battery of hard cases for every method."""

@@ -32,7 +32,7 @@ WITHOUT = {"cutoff": ("paper",), "reach": ("exact",)}
 
 @dataclass(frozen=True)
 class Question:
-    """What `fivcore.simulate` is asked."""
+    """Arguments of one call of `fivcore.simulate`."""
 
     method: str
     numbers: Mapping[str, float]  # V, theta, mu and F
@@ -90,7 +90,7 @@ class Question:
 
     @property
     def plain_cutoff(self) -> dict[str, Any]:
-        """What to add so that all of a run is taken with `model`: "fast" may take the onset with more modes."""
+        """Options that keep all of a run on `model`: "fast" may use more modes for the onset."""
         own = self.options.get("cutoff") is None and not self.start and "contact_motion" not in self.options
         refines = self.method == "fast" and own and self.options.get("termination") != "none"
         return {"cutoff": default_cutoff(self.rig)} if refines else {}
@@ -130,8 +130,8 @@ def _at(question: Question, edge: str, value: float) -> Question:
 
 def stated(message: str, word: str) -> float:
     """The number that follows a word in a message; NaN where none does."""
-    found = re.search(rf"\b{word} ([-+]?\d+\.?\d*(?:e[-+]?\d+)?)", message)
-    return float(found.group(1)) if found else float("nan")
+    match = re.search(rf"\b{word} ([-+]?\d+\.?\d*(?:e[-+]?\d+)?)", message)
+    return float(match.group(1)) if match else float("nan")
 
 
 def _refusal(question: Question, kind: type[Exception] = ValueError) -> str:

@@ -1,4 +1,4 @@
-"""What every method is asked under stress: the cases as data, one row each, by groups.
+"""Cases of the battery as data, one row each, by groups.
 
 A case is the operating point with something driven to an edge. Where the edge is the method's own (its largest
 step, its critical friction), the row says which share of it; `studies.stress.ask` computes the limit. A run must
@@ -27,7 +27,7 @@ DURATION = 30e-3
 
 @dataclass(frozen=True)
 class Case:
-    """One thing asked of every method."""
+    """One task for every method."""
 
     name: str
     asks: str  # for a reader
@@ -45,7 +45,7 @@ class Case:
     group: str = ""
 
     def expectation(self, method: str) -> str:
-        """What is expected of a method."""
+        """The expected outcome with a method."""
         return self.expected if isinstance(self.expected, str) else self.expected.get(method, PASSES)
 
 
@@ -76,13 +76,13 @@ def _mesh(asks: str, p1: int, p2: int, **more: Any) -> Case:
     return _rig(f"{p1} and {p2} elements", asks, rig, **more)
 
 
-# Methods of which something is not asked, and why.
+# Methods that a case is not asked of, and why.
 NO_STEP = {"exact": "it has no step to be stable: its grid is only where statistics are read"}
 OWN_MODES = {"paper": "it keeps all modes: it has no cut-off and no termination"}
 ABSORBING = {"exact": "it needs the absorbing element and refuses another termination"}
 ENDS_EARLY = dict.fromkeys(("exact", "paper"), "only 'fast' ends a run early")
 # Cases that would take these methods longer than some 10 s of a core.
-TOO_DEAR = {
+TOO_EXPENSIVE = {
     "long P2": ("exact",),
     "absorbing, cut-off 1000 kHz": ("exact",),
     "1 s, vibrating": ("paper",),

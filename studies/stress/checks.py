@@ -61,8 +61,8 @@ CHECKS = {
 
 
 def judged(evidence: Evidence) -> dict[str, tuple[float, float]]:
-    """Every check that applies: value and bound. No denormals and no event storms is what the cost says."""
-    found = _contact_law(evidence) | {
+    """Value and bound of every check that applies. The cost excludes denormal numbers and event storms."""
+    results = _contact_law(evidence) | {
         "finite": (_not_finite(evidence), 0.0),
         "gap": _gap(evidence) if evidence.states is None else _exact_gap(evidence),
         "energy": _energy(evidence),
@@ -71,7 +71,7 @@ def judged(evidence: Evidence) -> dict[str, tuple[float, float]]:
         "record": (_changed(evidence), 0.0) if evidence.whole else None,
         "cost": (evidence.cost, COST[evidence.question.method]),
     }
-    return {name: each for name, each in found.items() if each is not None}
+    return {name: each for name, each in results.items() if each is not None}
 
 
 def _not_finite(evidence: Evidence) -> float:
@@ -129,14 +129,14 @@ def _relaxation(T: Array, N: Array, mu: float, slips: Array, step: float) -> tup
 
 
 def _moved(question: Question, driven: float) -> float:
-    """What the clamp or the tip has moved, m: nothing in g_T is larger."""
-    model, given = question.model, question.initial
+    """Displacement of the clamp or the tip, m: nothing in g_T is larger."""
+    model, initial = question.model, question.initial
     moved = driven + question.numbers["F"] * float(np.sum(np.abs(model.tangential * model.rest)))
-    if given is not None:
+    if initial is not None:
         # The rigid mode's angular frequency is taken as the lowest of the others.
         omega = np.sqrt(model.stiffness)
         omega = np.where(omega > 0.0, omega, omega[omega > 0.0].min())
-        moved += float(np.abs(model.tangential) @ (np.abs(given[0]) + np.abs(given[1]) / omega))
+        moved += float(np.abs(model.tangential) @ (np.abs(initial[0]) + np.abs(initial[1]) / omega))
     return moved
 
 
@@ -159,7 +159,7 @@ def _gap(evidence: Evidence) -> Judged:
 
 
 def _exact_gap(evidence: Evidence) -> Judged:
-    """Of "exact", by its own states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N + u_N >= 0."""
+    """Error of "exact" by its states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N >= -u_N."""
     run, question, at = evidence.run, evidence.question, evidence.instants
     model, load = question.model, question.numbers["F"]
     assert evidence.states is not None

@@ -39,7 +39,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     for axes, heights in zip(panels, (of_groups, of_checks), strict=True):
         _strips(axes, heights, methods)
     figures.letter(panels, ("cases by group: the check that came nearest to failing, cost apart", "every check"))
-    panels[1].set_xlabel("margin: what was found / what is allowed; from 1 on a case fails")
+    panels[1].set_xlabel("margin: value / bound of the check; from 1 on a case fails")
     failed = np.count_nonzero(outcome == FAILS)
     figure.suptitle(f"{count} case{'s' * (count > 1)} under stress,\n{DAMPING}: {failed or 'none'} failed")
     figures.legend_below(figure, panels)
@@ -56,7 +56,7 @@ def _strips(axes: Axes, heights: Mapping[str, Any], methods: Sequence[str]) -> N
             # Spread evenly whatever their number: multiples of the golden section.
             spread = 0.16 * (np.arange(len(x)) * 0.6180339887498949 % 1.0 - 0.5)
             axes.plot(x, row + beside + spread, marker, color=colour, label=method, **look)
-    axes.axvline(1.0, color=figures.RED, linestyle="--", linewidth=1.0, label="what is allowed")
+    axes.axvline(1.0, color=figures.RED, linestyle="--", linewidth=1.0, label="bound")
     axes.set(xscale="log", xlim=(0.5 * LEAST, 2.0 * FAILED), ylim=(max(len(heights), 1) - 0.5, -0.5))
     axes.set_xticks(list(TICKS), list(TICKS.values()))
     axes.set_xticks([], minor=True)

@@ -1,4 +1,4 @@
-"""The battery as a table: what came of each group of cases by each method, the nearest check, and what failed."""
+"""The battery as a table: outcomes of each group of cases by method, the nearest check, and what failed."""
 
 from __future__ import annotations
 
@@ -12,21 +12,19 @@ from studies.stress.cases import CASES, EXPECTED
 from studies.tables import Part, Table
 from sweeps import DONE, FAILED
 
-# What comes of a case. As expected: a run that passes every check, or a refusal. Else a failure; or it is not
-# asked, for another reason or as too expensive. The last is for what is not known yet, and no outcome of a run.
-OUTCOMES = (*EXPECTED, "fails", "not asked", "too dear", "pending")
-PASSES, FAILS, NOT_ASKED, DEAR, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
-# For a reader.
-SAID = {"too dear": "skipped (too expensive)"}
+# Outcomes of a case. The expected ones: a run that passes every check, or a refusal. Else it fails, or it is not
+# asked of the method, or it is skipped. "pending" stands for points that are not computed yet.
+OUTCOMES = (*EXPECTED, "fails", "not asked", "skipped as too expensive", "pending")
+PASSES, FAILS, NOT_ASKED, EXPENSIVE, PENDING = map(OUTCOMES.index, ("passes", *OUTCOMES[-4:]))
 
 DAMPING = "fast and exact without numerical damping, paper with its own"
 
 
 def outcomes(dataset: xr.Dataset) -> NDArray[np.intp]:
-    """Of each case and method the place of its outcome in OUTCOMES, (case, method)."""
-    status, came = (dataset[name].transpose("case", "method").values for name in ("status", "came"))
-    known = np.where(np.isfinite(came.astype(float)), came, FAILS).astype(np.intp)
-    return np.where(status == FAILED, FAILS, np.where(status == DONE, known, PENDING))
+    """The place in OUTCOMES of each case and method, (case, method)."""
+    status, outcome = (dataset[name].transpose("case", "method").values for name in ("status", "outcome"))
+    codes = np.where(np.isfinite(outcome.astype(float)), outcome, FAILS).astype(np.intp)
+    return np.where(status == FAILED, FAILS, np.where(status == DONE, codes, PENDING))
 
 
 def worst(dataset: xr.Dataset) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -44,11 +42,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     for group in dict.fromkeys(groups):
         mine, cells = np.flatnonzero(groups == group), []
         for m in range(len(methods)):
-            words = [
-                f"{n} {SAID.get(OUTCOMES[code], OUTCOMES[code])}"
-                for code, n in enumerate(np.bincount(outcome[mine, m]))
-                if n
-            ]
+            words = [f"{n} {OUTCOMES[code]}" for code, n in enumerate(np.bincount(outcome[mine, m])) if n]
             k = mine[np.argmax(np.where(outcome[mine, m] == PASSES, margin[mine, m], -1.0))]
             if outcome[k, m] == PASSES and margin[k, m] >= 0.01:
                 words[0] += f" ({check[k, m]} {margin[k, m]:.2g})"
@@ -56,7 +50,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         rows.append([str(group), *cells])
     lines = ["", f"Runs: {DAMPING}."]
     lines.append("In brackets: the check that came nearest to failing, cost apart, in units of its bound. Cases:")
-    lines.append('fiv query stress --where "margin > 0.5" --show case,method,check,margin,asked')
+    lines.append('fiv query stress --where "margin > 0.5" --show case,method,check,margin,task')
     reasons = {CASES[str(dataset["case"].values[k])].not_asked[methods[m]]: methods[m]
                for k, m in np.argwhere(outcome == NOT_ASKED)}  # fmt: skip
     lines += [f"Not asked of '{method}': {reason}." for reason, method in reasons.items()]

@@ -1,4 +1,4 @@
-"""What is gathered of a run before it is judged: records, a replay, the operating point, cost.
+"""Evidence of a run before it is judged: records, a replay, the operating point, cost.
 
 The replay moves the modes again by the recorded forces alone: a record has N and T at every step, not where the
 surfaces are, but between the forces the modes move freely. No contact law is in it: only the forces, the drive of
@@ -46,7 +46,7 @@ ATTEMPTS, ENOUGH = 4, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What the recorded forces did, per N of load."""
+    """Motion of the modes under the recorded forces, per N of load."""
 
     gap: Array  # g_N + u_N at each record, m: zero in contact, above it elsewhere
     closing: float  # largest speed at which the surfaces approach, m/s
@@ -58,7 +58,7 @@ class Replay:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One run and what else is known of it."""
+    """One run with its records, replay and cost."""
 
     question: Question
     run: Transient  # recorded at every step, from the beginning as far as MOST_ROWS go
@@ -180,12 +180,12 @@ def replayed(question: Question, time: Array, N: Array, T: Array) -> Replay:
         moved = np.full_like(model.stiffness, 0.5 * step)
         moved[elastic] = (1.0 - flow[0, elastic]) / (model.stiffness[elastic] * step)
         forced = np.stack([moved, flow[1] / step])
-    load, given, dropped = question.numbers["F"], question.initial, ~model.kept
+    load, initial, dropped = question.numbers["F"], question.initial, ~model.kept
     # From rest under the load, where N = 1: the element is as far compressed as that asks.
     q, v, u = np.zeros(len(model.rest)), np.zeros(len(model.rest)), -float(model.normal @ model.rest)
-    if given is not None:
-        first = given[0] / load
-        q, v = first[model.kept] - model.rest, (given[1] / load)[model.kept]
+    if initial is not None:
+        first = initial[0] / load
+        q, v = first[model.kept] - model.rest, (initial[1] / load)[model.kept]
         u = float(full_model(question.rig, question.theta).normal[dropped] @ first[dropped])
     ramp, speed_per_load = question.ramp, abs(question.numbers["V"]) / load
     begun = q

@@ -1,4 +1,4 @@
-"""A battery that tries to break each method: what was asked, what came, and how near each check was to failing."""
+"""A battery that tries to break each method: the tasks, the outcomes, and how near each check was to failing."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from fivcore import ContactError, DivergenceError
 from studies.motion import transients
 from studies.stress.ask import not_stated, question_of
-from studies.stress.cases import CASES, EXPECTED, METHODS, PASSES, TOO_DEAR, Case
+from studies.stress.cases import CASES, EXPECTED, METHODS, PASSES, TOO_EXPENSIVE, Case
 from studies.stress.checks import CHECKS, judged
-from studies.stress.findings import DAMPING, DEAR, FAILS, NOT_ASKED, OUTCOMES, findings
+from studies.stress.findings import DAMPING, EXPENSIVE, FAILS, NOT_ASKED, OUTCOMES, findings
 from studies.stress.runs import gathered
 from studies.study import Study, deferred
 from sweeps import Axis, Variable
 
 TITLE = "What each method does under stress"
-PASSED = "whether what came is what was expected, and every check passed"
+PASSED = "whether the outcome is the expected one, and every check passed"
 VARIABLES = {
-    "came": Variable("1", "what came", (), "int8", flags=dict(enumerate(OUTCOMES[:-1]))),
+    "outcome": Variable("1", "outcome", (), "int8", flags=dict(enumerate(OUTCOMES[:-1]))),
     "passed": Variable("1", PASSED, (), "int8", flags={0: "no", 1: "yes"}),
-    "value": Variable("1", "what each check found", ("check",)),
-    "bound": Variable("1", "what it may be", ("check",)),
+    "value": Variable("1", "value of each check", ("check",)),
+    "bound": Variable("1", "largest allowed value of each check", ("check",)),
 }
 NOTHING = np.full(len(CHECKS), np.nan)
 Answer = tuple[int, int, NDArray[Any], NDArray[Any]]
@@ -33,8 +33,8 @@ Answer = tuple[int, int, NDArray[Any], NDArray[Any]]
 
 def battery(points: Mapping[str, Any]) -> dict[str, Any]:
     """Put each case to its method."""
-    asked = zip(points["case"].tolist(), points["method"].tolist(), strict=True)
-    rows = [put(CASES[case], method) for case, method in asked]
+    pairs = zip(points["case"].tolist(), points["method"].tolist(), strict=True)
+    rows = [put(CASES[case], method) for case, method in pairs]
     return dict(zip(VARIABLES, map(list, zip(*rows, strict=True)), strict=True))
 
 
@@ -44,36 +44,36 @@ def put(case: Case, method: str) -> Answer:
     Raises AssertionError if the method refused what it should do, or did what it should refuse.
     """
     expected = case.expectation(method)
-    if method in case.not_asked or method in TOO_DEAR.get(case.name, ()):
-        return NOT_ASKED if method in case.not_asked else DEAR, 1, NOTHING, NOTHING
+    if method in case.not_asked or method in TOO_EXPENSIVE.get(case.name, ()):
+        return NOT_ASKED if method in case.not_asked else EXPENSIVE, 1, NOTHING, NOTHING
     question, value = question_of(case, method)
     if expected == PASSES:
         try:
-            found = judged(gathered(question, case.copy))
+            results = judged(gathered(question, case.copy))
         except (ValueError, ContactError, DivergenceError) as refusal:
             raise AssertionError(f"{case.name}, {method}: {type(refusal).__name__}: {refusal}") from refusal
     else:
-        found = {"message": (not_stated(case, question, value, expected), 0.0)}
-    values, bounds = np.array([found.get(name, (np.nan, np.nan)) for name in CHECKS]).T
-    good = all(value <= bound for value, bound in found.values())
+        results = {"message": (not_stated(case, question, value, expected), 0.0)}
+    values, bounds = np.array([results.get(name, (np.nan, np.nan)) for name in CHECKS]).T
+    good = all(value <= bound for value, bound in results.values())
     return EXPECTED.index(expected) if good else FAILS, int(good), values, bounds
 
 
 def described(dataset: xr.Dataset) -> xr.Dataset:
-    """Add what was asked and expected, and what each check found in units of what it may be."""
+    """Add the task, the expected outcome, and the margin of each check: its value over its bound."""
     cases = [CASES[str(name)] for name in dataset["case"].values]
     expected = [[EXPECTED.index(case.expectation(str(m))) for m in dataset["method"].values] for case in cases]
     value, bound = dataset["value"].values, dataset["bound"].values
     with np.errstate(divide="ignore", invalid="ignore"):
         # Where nothing is allowed, anything is infinitely much.
         margin = np.where((bound == 0.0) & (value == 0.0), 0.0, value / bound)
-    about = {"units": "1", "long_name": "what each check found in units of what it may be; above 1 it fails"}
+    about = {"units": "1", "long_name": "value of each check over its bound; above 1 it fails"}
     codes, point = np.array(expected, dtype=np.int8), ("case", "method")
     dataset = dataset.assign(
         group=("case", [case.group for case in cases], {"long_name": "group of the case"}),
-        asked=("case", [case.asks for case in cases], {"long_name": "what is asked"}),
-        about=("check", list(CHECKS.values()), {"long_name": "what the check finds"}),
-        expected=(point, codes, {"long_name": "what is expected where it is asked"}),
+        task=("case", [case.asks for case in cases], {"long_name": "task"}),
+        about=("check", list(CHECKS.values()), {"long_name": "quantity of the check"}),
+        expected=(point, codes, {"long_name": "expected outcome where the case is asked of the method"}),
         margin=((*point, "check"), margin, about),
     )
     return transients.with_flags(dataset, expected=EXPECTED)
@@ -82,7 +82,7 @@ def described(dataset: xr.Dataset) -> xr.Dataset:
 STUDY = Study(
     name="stress",
     title=TITLE,
-    question="Does each method do what it should at and past the edges of sense, and refuse what it cannot do?",
+    question="Does each method do what it should at and beyond physical limits, and refuse what it cannot do?",
     paper="Section 3.3 gives the step and the constants of the published scheme, from which its limits follow; no "
     "such test is in the paper.",
     axes={"case": Axis(list(CASES), long_name="case"), "method": Axis(METHODS, long_name=f"method: {DAMPING}")},

@@ -93,7 +93,7 @@ class PlanData(Selection):
 
     @property
     def most_seconds(self) -> float:
-        """Time to expect on one core; of a refined sweep if every point were requested in the end."""
+        """Estimated time on one core; of a refined sweep if every point were requested in the end."""
         if self.sweep.refinement is None or not self.todo:
             return self.seconds
         return self.seconds / self.todo * (self.points - self.skipped - self.cached)

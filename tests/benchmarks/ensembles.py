@@ -1,8 +1,6 @@
 """Statistics of `fast`, with the published scheme's numerical damping, beside those of that scheme itself.
 
-Over ensembles whose members differ by the ramp.
-
-python -m tests.benchmarks.ensembles [--members 3] [--duration 2.4] [SCENE ...]
+Over ensembles whose runs differ by the ramp.
 
 The first four scenes and that of the aluminium P2 were looked at while the reduced model was made (the latter
 for its default cut-off); the others were not.
@@ -10,13 +8,13 @@ for its default cut-off); the others were not.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterable
 
 import numpy as np
 import pandas as pd
 
 from fivcore import Beam, Rig, Scene, simulate
+from tests.benchmarks.tables import Column, Table
 
 ALUMINIUM = Rig(
     Beam(0.04, 0.012, 0.0012, 200e9, 7800.0, 24),
@@ -93,35 +91,21 @@ def compare(paper: list[dict], fast: list[dict]) -> list[tuple[str, float, float
     return rows
 
 
-def row(name: str, paper: list[dict], fast: list[dict]) -> str:
-    """A row of fivcore/README.md: `paper` / `fast`, standard errors of the last digits in brackets."""
-    cells = []
-    for key in FRACTIONS:
-        (a, ea), (b, eb) = (mean(run[key] for run in runs) for runs in (paper, fast))
-        cells.append(f"{a:.3f}({1e3 * ea:.0f}) / {b:.3f}({1e3 * eb:.0f})")
-    for key, unit, digits in (("dominant_frequency", 1.0, 0), ("velocity_rms", 1e3, 2)):
-        means = (unit * mean(run[key] for run in runs)[0] for runs in (paper, fast))
-        cells.append(" / ".join(f"{value:.{digits}f}" for value in means))
-    gaps = (
-        1e3 * np.mean([run["first_separation_time"] - run["first_slip_time"] for run in runs[: len(paper)]])
-        for runs in (paper, fast)
-    )
-    return f"| {name} | {' | '.join(cells)} | {' / '.join(f'{gap:.2f}' for gap in gaps)} |"
+def statistics(count: int = 3) -> Table:
+    """Each cell `paper` / `fast`, of which there are twice as many members; shares with standard errors."""
+    columns = [Column("scene"), *(Column(key.removesuffix("_fraction"), form=".3f") for key in FRACTIONS)]
+    columns += [Column("dominant frequency", "Hz", ".0f"), Column("RMS", "mm/s", ".2f")]
+    rows = []
+    for name in SCENES:
+        row, both = [name], (members(name, "paper", count), members(name, "fast", 2 * count))
+        for key in FRACTIONS:
+            pairs = [mean(run[key] for run in runs) for runs in both]
+            row.append([{"mean": value, "se": error} for value, error in pairs])
+        for key, unit in (("dominant_frequency", 1.0), ("velocity_rms", 1e3)):
+            row.append([unit * mean(run[key] for run in runs)[0] for runs in both])
+        gaps = ([run["first_separation_time"] - run["first_slip_time"] for run in runs[:count]] for runs in both)
+        rows.append([*row, [1e3 * float(np.mean(each)) for each in gaps]])
+    return Table([*columns, Column("slip to separation", "ms", ".2f")], rows)
 
 
-def main() -> None:
-    """Print the table of fivcore/README.md."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=list(SCENES))
-    parser.add_argument("--members", type=int, default=3)
-    parser.add_argument("--duration", type=float, default=2.4)
-    given = parser.parse_args()
-    print("| scene | stick | slip | separation | line, Hz | RMS, mm/s | slip to separation, ms |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
-    for name in given.scenes:
-        paper = members(name, "paper", given.members, given.duration)
-        print(row(name, paper, members(name, "fast", 2 * given.members, given.duration)), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+TABLES = {"statistics": statistics}

@@ -1,9 +1,8 @@
-"""What bounds the steps of `method="fast"`: `python -m tests.benchmarks.kernel`.
+"""What bounds the steps of `method="fast"`.
 
 The peak is what multiply-adds that need nothing but registers reach on one core, in this run. Beside it: the modes
 alone, which is what a step would cost if contact, counting and samples were free; and whole steps, of scenes side
-by side and of one alone. Then what compiling costs where nothing has been compiled yet. It prints a table of
-fivcore/README.md.
+by side and of one alone. Then what compiling costs where nothing has been compiled yet.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from fivcore import Rig, Scene
 from fivcore.contact.reduced import reduced_model
@@ -29,7 +27,7 @@ from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import aligned
 from fivcore.transient.fast_kernel import apply_impulse
 from fivcore.transient.fast_solver import frozen_solver
-from tests.benchmarks.stability import machine
+from tests.benchmarks.tables import Column, Table
 from tests.benchmarks.transient import together
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
@@ -96,7 +94,7 @@ def whole(count: int) -> float:
     return statistics.median(together(SCENE, 2.0, count, leap=False) for _ in range(5)) / steps
 
 
-def first_compile(repeat: int = 3) -> tuple[float, float]:
+def first(repeat: int = 3) -> Table:
     """Processor seconds of a fresh process to a first result: with nothing compiled, and with everything."""
     cold, warm = [], []
     for _ in range(repeat):
@@ -108,35 +106,29 @@ def first_compile(repeat: int = 3) -> tuple[float, float]:
                 )
                 after = resource.getrusage(resource.RUSAGE_CHILDREN)
                 times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return statistics.median(cold), statistics.median(warm)
+    rows = [["nothing compiled yet", statistics.median(cold)], ["everything compiled", statistics.median(warm)]]
+    return Table([Column("first result of a process"), Column("CPU time", "s")], rows)
 
 
-def main() -> None:
-    """Print the table."""
-    with threadpool_limits(1):
-        print(machine())
-        model = reduced_model(Rig(), SCENE.theta)
-        size = frozen_solver(model, SCENE.mu, model.default_step).size
-        operations, most = size * (2 * FUSED + PLAIN), peak()
-        print(f"\nPeak of one core: {most / 1e9:.1f} Gflop/s. A step of a scene has, for {size} places of modes,")
-        print(f"{FUSED * size} multiply-adds and {PLAIN * size} multiplications.\n")
-        print("| | ns a scene and step | flops counted | Gflop/s | of the peak |")
-        print("| --- | --- | --- | --- | --- |")
-        rows = {
-            "modes alone": modes_alone(),
-            f"whole steps, {AT_ONCE} scenes": whole(AT_ONCE),
-            "whole steps, one scene": whole(1),
-        }
-        for name, taken in rows.items():
-            rate = operations / taken
-            print(
-                f"| {name} | {1e9 * taken:.1f} | {operations} | {rate / 1e9:.1f} | {100.0 * rate / most:.0f} % |"
-            )
-        print("\nCounted are the modes' operations only.")
-        cold, warm = first_compile()
-        print(f"A first result takes {cold:.1f} s of the processor where nothing has been compiled yet,", end=" ")
-        print(f"and {warm:.1f} s later")
+def steps() -> Table:
+    """A step of a scene, beside what registers alone allow; of flops, those of the modes are counted."""
+    model = reduced_model(Rig(), SCENE.theta)
+    size = frozen_solver(model, SCENE.mu, model.default_step).size
+    operations, most = size * (2 * FUSED + PLAIN), peak()
+    times = {
+        "registers alone": None,
+        "modes alone": modes_alone(),
+        f"whole steps, {AT_ONCE} scenes": whole(AT_ONCE),
+        "whole steps, one scene": whole(1),
+    }
+    rates = [most if taken is None else operations / taken for taken in times.values()]
+    flops = [None if taken is None else operations for taken in times.values()]
+    rows = [
+        [what, taken, count, rate, rate / most]
+        for (what, taken), count, rate in zip(times.items(), flops, rates, strict=True)
+    ]
+    units = {"what": "", "a scene and step": "s", "flops counted": "", "rate": "flop/s"}
+    return Table([*(Column(*each) for each in units.items()), Column("of the peak", "%", ".0f")], rows)
 
 
-if __name__ == "__main__":
-    main()
+TABLES = {"steps": steps, "first": first}

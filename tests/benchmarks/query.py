@@ -1,4 +1,4 @@
-"""What a query of a million points takes: `python -m tests.benchmarks.query [--points N]`.
+"""What a query of a million points takes.
 
 The file is made by a sweep of a function that costs nothing. Each query is a process of its own, from the start of
 Python on; memory is the most that it has had resident.
@@ -6,7 +6,6 @@ Python on; memory is the most that it has had resident.
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 import tempfile
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.benchmarks.stability import machine
+from tests.benchmarks.tables import Column, Table
 
 # What the project asks of itself for the first of them, s and bytes.
 MOST_SECONDS, MOST_BYTES = 2.0, 1e9
@@ -81,25 +80,18 @@ def measured(path: Path, *asked: str) -> tuple[float, float, int]:
         return taken, most, sum(1 for _ in out) - 1
 
 
-def main() -> None:
-    """Print a table."""
-    told = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    told.add_argument("--points", type=int, default=1_000_000)
-    asked = told.parse_args()
-    print(machine())
+def queries(points: int = 1_000_000) -> Table:
+    """Each query once, for a second of them is no other."""
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.nc"
-        make(path, asked.points)
-        print(f"\n{asked.points} points, {path.stat().st_size / 1e6:.0f} MB\n")
-        print("| query | rows | seconds | MB |")
-        print("| --- | --- | --- | --- |")
+        make(path, points)
+        # What Python compiles is at hand then.
+        measured(path, *next(iter(QUERIES.values())))
         for name, given in QUERIES.items():
-            if name == next(iter(QUERIES)):
-                # What Python compiles is at hand then.
-                measured(path, *given)
-            taken, most, rows = measured(path, *given)
-            print(f"| {name} | {rows} | {taken:.2f} | {most / 1e6:.0f} |", flush=True)
+            taken, most, count = measured(path, *given)
+            rows.append([name, count, taken, most])
+    return Table([Column("query"), Column("rows"), Column("time", "s"), Column("memory", "B")], rows)
 
 
-if __name__ == "__main__":
-    main()
+TABLES = {"queries": queries}

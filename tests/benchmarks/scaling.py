@@ -1,12 +1,11 @@
-"""How cost grows with duration, scenes and modes: `python -m tests.benchmarks.scaling`.
+"""How cost grows with duration, scenes and modes; measuring also draws results/reference/scaling.png.
 
-Medians of this one run, one core. Exponents are slopes of straight lines through logarithms; of modes, once what a
-step costs without any is taken off. `--figure FILE` draws them. It prints a table of fivcore/README.md.
+Medians of one run, one core. Exponents are slopes of straight lines through logarithms; of modes, once what a step
+costs without any is taken off.
 """
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,18 +13,19 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from fivcore import Rig, Scene
 from fivcore.contact.reduced import reduced_model
 from studies.plotting import figures
-from tests.benchmarks.stability import machine
+from tests import HOME
+from tests.benchmarks.tables import Column, Table
 from tests.benchmarks.transient import together
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
 DURATIONS = (4.0, 8.0, 16.0, 32.0, 64.0)
 COUNTS = (32, 64, 128, 256, 512)
 EACH = 2.0
+FIGURE = HOME / "results" / "reference" / "scaling.png"
 CUTOFFS = (4e5, 6e5, 9e5, 1.3e6, 2e6, 3e6)
 
 
@@ -67,13 +67,6 @@ def growth(repeat: int = 3) -> dict[str, tuple[list[float], list[float], float]]
         ("modes", [float(n) for n in sizes], own),
     ):
         found[name] = (x, y, exponent(x, y))
-    rest = 1e9 * float(without) / steps
-    print("\nHow the cost grows: 32 scenes of 4 to 64 s; 32 to 512 scenes of 2 s; 32 scenes of 6000 steps with")
-    print(f"{sizes[0]} to {sizes[-1]} modes, less {rest:.0f} ns a scene and step for all else.\n")
-    print("| cost over | from | to | exponent |")
-    print("| --- | --- | --- | --- |")
-    for name, (x, _, slope) in found.items():
-        print(f"| {name} | {x[0]:g} | {x[-1]:g} | {slope:.3f} |")
     return found
 
 
@@ -93,17 +86,12 @@ def draw(found: dict[str, tuple[list[float], list[float], float]], path: Path) -
         plt.close(figure)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Print the table, and draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--figure", type=Path)
-    given = parser.parse_args(argv)
-    print(machine())
-    with threadpool_limits(1):
-        found = growth()
-    if given.figure is not None:
-        draw(found, given.figure)
+def exponents() -> Table:
+    """Of 32 scenes of 4 to 64 s, 32 to 512 scenes of 2 s, and 32 scenes of 6000 steps with ever more modes."""
+    found = growth()
+    draw(found, FIGURE)
+    rows = [[name, x[0], x[-1], slope] for name, (x, _, slope) in found.items()]
+    return Table([Column("cost over"), Column("from"), Column("to"), Column("exponent", form=".3f")], rows)
 
 
-if __name__ == "__main__":
-    main()
+TABLES = {"exponents": exponents}

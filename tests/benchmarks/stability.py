@@ -1,12 +1,7 @@
-"""What the linear half costs and how exact it is: `python -m tests.benchmarks.stability`.
-
-Every figure is a median over repetitions in this one run, on one core. It prints the tables of fivcore/README.md.
-"""
+"""What the linear half costs and how exact it is: medians over repetitions in one run, on one core."""
 
 from __future__ import annotations
 
-import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -15,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy.linalg import eigvals, null_space
-from threadpoolctl import threadpool_limits
 
 from fivcore import Rig, flutter_onsets, onset_sensitivity, sliding_modes
 from fivcore.beams import modes as bases
 from fivcore.stability import secular
+from tests.benchmarks.tables import Column, Table
 from tests.helpers import reference
 
 
@@ -49,8 +44,8 @@ def dense(rig: Rig, theta: float, mu: float) -> float:
     return median(lambda: eigvals(stiffness, mass), 3)
 
 
-def costs() -> dict[str, tuple[float, str]]:
-    """Rows of the cost table: what, seconds, the most it may be."""
+def costs() -> Table:
+    """What each takes, and the most it may."""
     rig, fiv = Rig(), [str(Path(sys.executable).with_name("fiv")), "--help"]
     angles = iter(np.linspace(4.0, 12.0, 100_001))
     frictions = iter(np.linspace(0.1, 0.4, 100_001))
@@ -66,21 +61,22 @@ def costs() -> dict[str, tuple[float, str]]:
     table = median(lambda: sliding_modes(rig, theta[:, None], mu), 3, forget)
     curve = median(lambda: [flutter_onsets(rig, angle, mu_max=0.5) for angle in theta], 3, forget)
     start_up = median(lambda: subprocess.run(fiv, stdout=subprocess.DEVNULL, check=True), 21)
-    return {
-        "flutter onsets, new rig: both bases built": (new_rig, "20 ms"),
-        "flutter onsets, new theta: P2's basis kept": (new_theta, "5 ms"),
-        "sliding modes, first mu at a new theta": (first, "-"),
-        "sliding modes, one further mu": (one, "0.3 ms"),
-        "sliding modes, each mu of an array": (many, "0.1 ms"),
-        "growth rates at 251 x 201 (theta, mu)": (table, "10 s"),
-        "onset curves mu(theta) at 251 theta, by roots": (curve, "-"),
-        "one mu by a dense QZ of the finite elements": (dense(rig, 5.0, 0.2), "-"),
-        "fiv --help": (start_up, "0.2 s"),
-    }
+    rows = [
+        ["flutter onsets, new rig: both bases built", new_rig, 20e-3],
+        ["flutter onsets, new theta: P2's basis kept", new_theta, 5e-3],
+        ["sliding modes, first mu at a new theta", first, None],
+        ["sliding modes, one further mu", one, 0.3e-3],
+        ["sliding modes, each mu of an array", many, 0.1e-3],
+        ["growth rates at 251 x 201 (theta, mu)", table, 10.0],
+        ["onset curves mu(theta) at 251 theta, by roots", curve, None],
+        ["one mu by a dense QZ of the finite elements", dense(rig, 5.0, 0.2), None],
+        ["fiv --help", start_up, 0.2],
+    ]
+    return Table([Column("what"), Column("median", "s"), Column("at most", "s")], rows)
 
 
-def sensitivity_costs() -> dict[str, tuple[float, str]]:
-    """Rows of the table of ratios: seconds of the onsets with all derivatives over those of the onsets alone."""
+def derivatives() -> Table:
+    """Seconds of the onsets with all derivatives over those of the onsets alone."""
     rig = Rig()
     onset_sensitivity(rig, 5.0)
 
@@ -90,14 +86,12 @@ def sensitivity_costs() -> dict[str, tuple[float, str]]:
         pairs = [[median(run, 1, prepare) for run in runs] for _ in range(repeat)]
         return statistics.median(whole / alone for alone, whole in pairs)
 
-    return {
-        "onsets with derivatives over onsets alone, bases kept": (ratio(201, lambda: None), "3"),
-        "onsets with derivatives over onsets alone, new rig": (ratio(51, forget), "3"),
-    }
+    rows = [["bases kept", ratio(201, lambda: None), 3.0], ["new rig", ratio(51, forget), 3.0]]
+    return Table([Column("onsets with derivatives over onsets alone"), Column("median"), Column("at most")], rows)
 
 
-def errors() -> list[tuple[str, float]]:
-    """Rows of the accuracy table: largest difference from the tests' reference on the paper's mesh."""
+def errors() -> Table:
+    """Largest difference from the tests' reference on the paper's mesh."""
     rig, frequency, growth = Rig(), 0.0, 0.0
     for theta, mu in ((5.0, 0.0), (5.0, 0.2), (5.0, 0.45), (10.0, 0.3), (-5.0, 0.2)):
         modes = sliding_modes(rig, theta, mu)
@@ -105,35 +99,9 @@ def errors() -> list[tuple[str, float]]:
         theirs = reference.damped(reference.sliding_eigenvalues(rig, theta, mu), rig.d1, rig.d2)[: len(mine)]
         frequency = max(frequency, float(np.max(np.abs(mine.imag / theirs.imag - 1.0))))
         growth = max(growth, float(np.max(np.abs(mine.real - theirs.real) / theirs.imag)))
-    return [("frequency, relative", frequency), ("growth rate over angular frequency", growth)]
+    rows = [["frequency, relative", frequency], ["growth rate over angular frequency", growth]]
+    head = "difference from the dense reference, paper's mesh, band 10 kHz"
+    return Table([Column(head), Column("largest", form=".1e")], rows)
 
 
-def machine() -> str:
-    """What this was measured on."""
-    name = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = [line for line in info.read_text().splitlines() if line.startswith("model name")]
-        name = lines[0].partition(":")[2].strip() if lines else name
-    return (
-        f"{name}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}, one core used"
-    )
-
-
-def main() -> None:
-    """Print both tables as Markdown."""
-    print(f"{machine()}\n\n| what | median | at most |\n| --- | --- | --- |")
-    with threadpool_limits(1):
-        for what, (seconds, most) in costs().items():
-            shown = f"{seconds:.2f} s" if seconds > 1.0 else f"{1e3 * seconds:.3g} ms"
-            print(f"| {what} | {shown} | {most} |")
-        print("\n| ratio | median | at most |\n| --- | --- | --- |")
-        for what, (value, most) in sensitivity_costs().items():
-            print(f"| {what} | {value:.2f} | {most} |")
-    print("\n| difference from the dense reference, paper's mesh, band 10 kHz | largest |\n| --- | --- |")
-    for what, error in errors():
-        print(f"| {what} | {error:.1e} |")
-
-
-if __name__ == "__main__":
-    main()
+TABLES = {"costs": costs, "derivatives": derivatives, "errors": errors}

@@ -1,4 +1,4 @@
-"""What the studies cost as a user runs them: `python -m tests.benchmarks.studies [STUDY ...]`.
+"""What the studies cost as a user runs them.
 
 Each is a process of its own, from nothing, on threads; time is that of the whole command, with its imports, its
 planning, its file and its figure.
@@ -6,7 +6,6 @@ planning, its file and its figure.
 
 from __future__ import annotations
 
-import argparse
 import resource
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from tests.benchmarks.stability import machine
+from tests.benchmarks.tables import Column, Table
 
 # V and F that grow by one ratio: ten of each have nineteen V / F.
 GRID = (
@@ -32,7 +31,7 @@ CASES = {
     "stability": ("`stability` at 501 x 401", "stability", ("theta=-10:20:501", "mu=0:0.5:401"), 20.0),
     "table6": ("`table6`", "table6", (), 120.0),
     "stick_time": ("`stick_time`", "stick_time", (), 180.0),
-    "regimes": ("`regimes`, 40 x 40 x 4 members", "regimes", (), 600.0),
+    "regimes": ("`regimes`, 40 x 40, to 0.005", "regimes", (), 600.0),
     "grid": ("`scenes`, 10 x 13 x 11 x 10, 1 s each", "scenes", GRID, 180.0),
 }
 
@@ -52,7 +51,7 @@ def run(name: str, folder: str) -> tuple[float, float, xr.Dataset]:
     return taken, cpu, xr.open_dataset(Path(folder) / study / f"{study}.nc")
 
 
-def motion(name: str, found: xr.Dataset) -> str:
+def motion(name: str, found: xr.Dataset) -> list[float | None]:
     """Simulated time of all computations, and what a second of it takes on one core."""
     computed = found["wall_time"].values > 0.0
     if name == "regimes":
@@ -60,26 +59,21 @@ def motion(name: str, found: xr.Dataset) -> str:
     elif name == "grid":
         simulated = float(computed.sum())
     else:
-        return "- | -"
-    return f"{simulated:.0f} s | {np.sum(found['wall_time'].values[computed]) / simulated:.4f} s"
+        return [None, None]
+    return [float(simulated), float(np.sum(found["wall_time"].values[computed]) / simulated)]
 
 
-def main() -> None:
-    """Print the table of studies/README.md."""
-    told = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    told.add_argument("names", nargs="*", default=list(CASES), metavar="STUDY", help=", ".join(CASES))
-    print(machine().removesuffix(", one core used"))
-    print("\n| what | time | at most | processor time | points | simulated | a second of it, one core |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
-    for name in told.parse_args().names:
+def commands() -> Table:
+    """Every case, one after another."""
+    rows = []
+    for name, (what, *_, most) in CASES.items():
         with tempfile.TemporaryDirectory() as folder:
             taken, cpu, found = run(name, folder)
             with found:
-                points = int((found["status"] == 1).sum())
-                row = f"{points} | {motion(name, found)}"
-        what, *_, most = CASES[name]
-        print(f"| {what} | {taken:.1f} s | {most:g} s | {cpu:.0f} s | {row} |", flush=True)
+                rows.append([what, taken, most, cpu, int((found["status"] == 1).sum()), *motion(name, found)])
+    times = (Column(each, "s") for each in ("time", "at most", "CPU time"))
+    later = (Column(each, "s") for each in ("simulated", "a second of it, one core"))
+    return Table([Column("what"), *times, Column("points"), *later], rows)
 
 
-if __name__ == "__main__":
-    main()
+TABLES = {"commands": commands}

@@ -1,7 +1,7 @@
-"""What the sweep engine costs, as sweeps/README.md quotes it: `python -m tests.benchmarks.sweeps [PART ...]`.
+"""What the sweep engine costs: twenty minutes on two cores.
 
-Parts: overhead, memory, size, client, cores, recorded, grid; by default all (20 minutes on two cores). Whatever is
-compared is measured in turns in one run; figures are medians, ratios those of neighbours in time.
+Whatever is compared is measured in turns in one run; figures are medians, ratios those of neighbours in time.
+`python -m tests.benchmarks.sweeps _NAME` is what is done in a process of its own.
 """
 
 from __future__ import annotations
@@ -20,13 +20,19 @@ import numpy as np
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.plan import batches
-from tests.benchmarks.stability import machine
+from tests.benchmarks.tables import Column, Table
 
 # The transient sweep: so many scenes of so many simulated seconds.
 SCENES, SECONDS = 2400, 1.0
 # Recorded scenes, and of what.
 RECORDED, SERIES = 320, ("velocity_B", "normal_force", "slip_velocity")
 TURNS = 3
+CORES = (
+    "two independent processes of `simulate_many`",
+    "a sweep on two threads",
+    "a sweep on two processes, once they have started",
+    "a sweep on two processes, with their start",
+)
 
 
 def double(points):
@@ -63,7 +69,9 @@ def command(part, *given):
 
 def apart(part, *given):
     """What a part prints in a process of its own."""
-    return subprocess.run(command(part, *given), stdout=subprocess.PIPE, text=True).stdout
+    done = subprocess.run(command(part, *given), stdout=subprocess.PIPE, text=True)
+    assert done.returncode in (0, -signal.SIGKILL)  # half-way one kills itself
+    return done.stdout
 
 
 def at_once(part):
@@ -88,14 +96,14 @@ def numbers(told):
 
 
 def peak():
-    """Most memory that this process has held, MB; `getrusage` goes on from that of the one which started it."""
+    """Most bytes that this process has held; `getrusage` goes on from those of the one which started it."""
     told = Path("/proc/self/status").read_text().partition("VmHWM:")[2]
-    return int(told.split()[0]) / 1024
+    return 1024.0 * int(told.split()[0])
 
 
 def overhead():
-    """Microseconds a point of a function that does nothing, planned, run through Dask's threads, stored."""
-    print(f"\n{'points':>9}  {'result':<16} {'us a point':>10}  {'all cached':>10}")
+    """A function that does nothing, planned, run through Dask's threads, stored; and again, all of it there."""
+    rows = []
     for count, wide in ((10_000, False), (100_000, False), (10_000, True), (100_000, True)):
         spent, resumed = [], []
         for _ in range(6 if count == 10_000 else 4):
@@ -106,24 +114,26 @@ def overhead():
                     plan = trivial(count, wide).plan(store)
                     assert plan.todo == (count if found is spent else 0)
                     plan.run()
-                    found.append((time.perf_counter() - begin) / count * 1e6)
-        what = "vector of 1000" if wide else "scalar"
+                    found.append((time.perf_counter() - begin) / count)
         # The first turn pays for imports.
-        print(f"{count:>9}  {what:<16} {median(spent[1:]):>10.1f}  {median(resumed[1:]):>10.1f}")
+        rows.append([count, "vector of 1000" if wide else "scalar", median(spent[1:]), median(resumed[1:])])
+    heads = (Column("a point", "s"), Column("all cached, a point", "s"))
+    return Table([Column("points"), Column("result"), *heads], rows)
 
 
 def memory():
-    """Peak memory, each in a process of its own, and the most that is on the disk."""
-    print(f"\n{'what':<44} {'peak memory':>11}  {'most on disk':>12}  {'file':>8}  {'time':>7}")
-    for what in ("million", "series"):
-        print(apart("measured", what), end="")
+    """Each in a process of its own."""
+    names = {
+        "million": "1 000 000 points, a scalar each",
+        "series": "1000 recorded scenes of 1 s, three series at 50 kHz",
+    }
+    rows = [[name, *numbers(apart("measured", what))] for what, name in names.items()]
+    heads = (Column(each, "B") for each in ("peak memory", "most on disk", "file"))
+    return Table([Column("what"), *heads, Column("time", "s")], rows)
 
 
 def _measured(what):
-    if what == "million":
-        name, sweep = "1 000 000 points, one scalar each", trivial(1_000_000, False)
-    else:
-        name, sweep = "1000 scenes of 1 s, 3 series at 50 kHz", scenes(1000, SERIES)
+    sweep = trivial(1_000_000, False) if what == "million" else scenes(1000, SERIES)
     with tempfile.TemporaryDirectory() as folder:
         store, most, stop = Path(folder) / "sweep.nc", [0], threading.Event()
 
@@ -140,25 +150,29 @@ def _measured(what):
         stop.set()
         watcher.join()
         assert np.all(data["status"] == 1)
-        size = store.stat().st_size / 1e6
-        print(f"{name:<44} {peak():>8.0f} MB  {max(most) / 1e6:>9.0f} MB  {size:>5.0f} MB  {spent:>5.1f} s")
+        print(peak(), max(most), store.stat().st_size, spent)
         data.close()
 
 
 def size(counts=(10**7, 10**8)):
     """Many points of a cheap function: a run that is killed half-way, and taken up by another process."""
+    rows = []
     for count in counts:
-        print(f"\n{count} points, a scalar each")
         with tempfile.TemporaryDirectory() as folder:
             for way in ("killed", "resumed"):
-                print(apart("sized", way, count, folder), end="", flush=True)
+                found = numbers(apart("sized", way, count, folder))
+                rows.append([count, way, *found, *[None] * (5 - len(found))])
+    heads = (Column(each, unit) for each, unit in (("planned", "s"), ("peak memory", "B"), ("run", "s")))
+    later = (Column("opened", "s"), Column("file", "B"))
+    return Table([Column("points"), Column("half-way, then"), *heads, *later], rows)
 
 
 def _sized(way, count, folder):
     axis, store = Axis(np.arange(float(round(int(count) ** 0.5)))), Path(folder) / "plane.nc"
     begin = time.perf_counter()
     plan = Sweep("plane", plane, Grid({"x": axis, "z": axis}), {"y": Variable()}).plan(store)
-    print(f"planned in {time.perf_counter() - begin:.2f} s, {plan.todo} to do, peak {peak():.0f} MB", flush=True)
+    planned = time.perf_counter() - begin
+    print(planned, peak(), flush=True)
 
     def kill(snapshot):
         if way == "killed" and snapshot.done > int(count) // 2:
@@ -170,8 +184,7 @@ def _sized(way, count, folder):
     data = open_results(store)
     opened = time.perf_counter() - begin
     assert not data["y"].variable._in_memory
-    print(f"run in {spent:.1f} s, opened in {1e3 * opened:.0f} ms, peak {peak():.0f} MB, ", end="")
-    print(f"file {store.stat().st_size / 1e6:.0f} MB")
+    print(planned, peak(), spent, opened, store.stat().st_size)
 
 
 def _workers():
@@ -195,23 +208,22 @@ def client():
             plan.run(address)
             spent.append(time.process_time() - begin)
     cluster.communicate()
-    print(f"\n{spent[2] - spent[1]:.2f} ms a batch")
+    rows = [["a batch, of whoever hands it out to a cluster", (spent[2] - spent[1]) / 1000.0]]
+    return Table([Column("what"), Column("CPU time", "s")], rows)
 
 
 def cores():
     """A transient sweep on two cores, against two independent copies of the same work."""
-    rates = {"copies": [], "threads": [], "processes": [], "processes, whole": []}
-    print(f"\n{SCENES} scenes of {SECONDS:g} s; scenes a second on two cores, {TURNS} turns")
+    rates = {each: [] for each in CORES}
+    copies, threads, started, whole = rates.values()
     for _ in range(TURNS):
-        rates["copies"].append(SCENES / np.max(at_once("copy")))
-        rates["threads"].append(numbers(apart("engine", "threads"))[1])
-        for name, rate in zip(
-            ("processes", "processes, whole"), numbers(apart("engine", "processes")), strict=True
-        ):
-            rates[name].append(rate)
-    for name, values in rates.items():
-        ratio = np.median(np.divide(values, rates["copies"]))
-        print(f"{name:<18} {median(values):>7.2f}  {ratio:>6.3f} of two copies")
+        copies.append(float(SCENES / np.max(at_once("copy"))))
+        threads.append(numbers(apart("engine", "threads"))[1])
+        for found, rate in zip((started, whole), numbers(apart("engine", "processes")), strict=True):
+            found.append(rate)
+    rows = [[name, median(values), float(np.median(np.divide(values, copies)))] for name, values in rates.items()]
+    heads = (Column("scenes a second"), Column("of the first"))
+    return Table([Column(f"{SCENES} scenes of {SECONDS:g} s on two cores"), *heads], rows)
 
 
 def _copy(half):
@@ -245,14 +257,18 @@ def _engine(scheduler):
 def recorded():
     """Recorded scenes in one run on two threads, against two processes that run half of them each."""
     rates = {"halves": [], "threads": []}
-    print(f"\n{RECORDED} recorded scenes of {SECONDS:g} s; scenes a second on two cores: computed, and in all")
     for _ in range(TURNS):
         # Twice the rate of the slower half.
         rates["halves"].append(np.min(at_once("recorded"), axis=0) * 2.0)
         rates["threads"].append(numbers(apart("recorded")))
-    for name, values in rates.items():
-        ratios = np.median(np.divide(values, rates["halves"]), axis=0)
-        print(f"{name:<8} {np.median(values, axis=0).round(1)}  {ratios.round(3)} of two halves")
+    names = {"halves": "two processes with half of them each", "threads": "one run on two threads"}
+    rows = [
+        [names[name], *np.median(values, axis=0), *np.median(np.divide(values, rates["halves"]), axis=0)]
+        for name, values in rates.items()
+    ]
+    heads = ("computed a second", "written a second", "computed, of the first", "written, of the first")
+    first = Column(f"{RECORDED} recorded scenes of {SECONDS:g} s")
+    return Table([first, *(Column(each) for each in heads)], [[name, *map(float, row)] for name, *row in rows])
 
 
 def _recorded(half=None):
@@ -280,18 +296,11 @@ def grid():
     }
     begin = time.perf_counter()
     plan = registry.load("scenes").sweep(given).plan()
-    print(f"\n{plan.points} points are {plan.distinct} scenes; planned in {time.perf_counter() - begin:.2f} s")
+    rows = [[plan.points, plan.distinct, time.perf_counter() - begin]]
+    return Table([Column("points, V and F by one ratio"), Column("distinct"), Column("planned in", "s")], rows)
 
 
-def main():
-    parts = sys.argv[1:] or ["overhead", "memory", "size", "client", "cores", "recorded", "grid"]
-    if parts[0].startswith("_"):
-        globals()[parts[0]](*parts[1:])
-        return
-    print(machine().removesuffix(", one core used"))
-    for part in parts:
-        globals()[part]()
-
+TABLES = {each.__name__: each for each in (overhead, memory, size, client, cores, recorded, grid)}
 
 if __name__ == "__main__":
-    main()
+    globals()[sys.argv[1]](*sys.argv[2:])

@@ -1,22 +1,18 @@
-"""What `fast` costs beside the published scheme: `python -m tests.benchmarks.transient`.
-
-Every figure is from this one run, on one core; medians over repetitions, methods taken in turns.
-"""
+"""What a simulated second costs by `fast` and by the published scheme: medians, methods taken in turns."""
 
 from __future__ import annotations
 
 import statistics
 import time
 
-from threadpoolctl import threadpool_limits
+import numpy as np
 
-from fivcore import Rig, Scene, simulate, simulate_many
-from fivcore.contact.reduced import reduced_model
-from fivcore.transient.published import STEP
+from fivcore import Scene, simulate, simulate_many
 from studies.motion.jobs import BATCH_MULTIPLE
-from tests.benchmarks.stability import machine
+from tests.benchmarks.tables import Column, Table
 
-SPEEDS = (1e-3, 2e-3, 5e-3)
+COUNT = 2 * BATCH_MULTIPLE
+SPEEDS = np.linspace(1e-3, 5e-3, COUNT)
 
 
 def seconds(scene: Scene, duration: float, method: str, **given: object) -> float:
@@ -26,48 +22,38 @@ def seconds(scene: Scene, duration: float, method: str, **given: object) -> floa
     return time.perf_counter() - start
 
 
-def together(scene: Scene, duration: float, count: int, **given: object) -> float:
-    """Wall time of one of many members side by side, which differ by the ramp."""
+def together(scene: Scene | list[Scene], duration: float, count: int, **given: object) -> float:
+    """Wall time of one of many scenes side by side, or of many repeat runs of one, which differ by the ramp."""
+    scenes = scene if isinstance(scene, list) else [scene] * count
     ramps = [1e-3 * (1.0 + 0.013 * (k % 64)) for k in range(count)]
     start = time.perf_counter()
-    simulate_many([scene] * count, duration, ramp=ramps, **given)
+    simulate_many(scenes, duration, ramp=ramps, **given)
     return (time.perf_counter() - start) / count
 
 
-def methods(repeat: int = 5, count: int = 2 * BATCH_MULTIPLE) -> None:
-    """Wall time per simulated second of `paper` and `fast` at the paper's speeds, and the ratio in a sweep."""
-    print(
-        f"\nA simulated second by `paper` (of 0.3 s), and by `fast` (of 3 s): {count} scenes side by side, every"
-    )
-    print("step taken and with skips, and one alone.\n")
-    print("| V, mm/s | `paper`, s | us a step | every step, ms | ns a step | skips, ms | alone, ms | ratio |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    step = reduced_model(Rig(), 5.0).default_step
-    for V in SPEEDS:
-        scene = Scene(V, 5.0, 0.2, 9.0)
-        # A long run of `fast`, so that its onset and the first stick weigh what they do in a study.
-        seconds(scene, 0.01, "paper")
-        together(scene, 0.1, count)
-        columns: dict[str, list[float]] = {name: [] for name in ("paper", "all", "skips", "alone", "ratio")}
-        for _ in range(repeat):
-            columns["paper"].append(seconds(scene, 0.3, "paper") / 0.3)
-            columns["all"].append(together(scene, 3.0, count, leap=False) / 3.0)
-            columns["skips"].append(together(scene, 3.0, count) / 3.0)
-            columns["alone"].append(seconds(scene, 3.0, "fast") / 3.0)
-            columns["ratio"].append(columns["paper"][-1] / columns["skips"][-1])
-        paper, every, skips, alone, ratio = (statistics.median(each) for each in columns.values())
-        print(
-            f"| {V * 1e3:g} | {paper:.1f} | {paper * STEP * 1e6:.3f} | {every * 1e3:.2f}"
-            f" | {every * step * 1e9:.1f} | {skips * 1e3:.2f} | {alone * 1e3:.1f} | {ratio:.0f} |"
-        )
+def second(repeat: int = 5) -> Table:
+    """A simulated second of a scene: of 3 s by `fast`, so that onset and first stick weigh as in a study."""
+
+    def at(speed: float) -> Scene:
+        return Scene(speed, 5.0, 0.2, 9.0)
+
+    def many(scene: Scene | list[Scene], **given: bool) -> float:
+        return together(scene, 3.0, COUNT, **given) / 3.0
+
+    runs = {
+        f"{COUNT} scenes at 2 mm/s, every step taken": lambda: many(at(2e-3), leap=False),
+        f"{COUNT} scenes at 2 mm/s, sticks skipped": lambda: many(at(2e-3)),
+        f"{COUNT} scenes at 0.5 mm/s, sticks skipped": lambda: many(at(0.5e-3)),
+        "one scene at 2 mm/s, every step taken": lambda: seconds(at(2e-3), 3.0, "fast", leap=False) / 3.0,
+        "one scene at 1 mm/s, sticks skipped": lambda: seconds(at(1e-3), 3.0, "fast") / 3.0,
+        f"{COUNT} scenes from 1 to 5 mm/s, sticks skipped": lambda: many([at(V) for V in SPEEDS]),
+        "one scene at 2 mm/s, `paper`": lambda: seconds(at(2e-3), 0.3, "paper") / 0.3,
+    }
+    seconds(at(2e-3), 0.01, "paper")
+    together(at(2e-3), 0.1, COUNT)
+    times = [[run() for run in runs.values()] for _ in range(repeat)]
+    rows = [[what, statistics.median(each)] for what, each in zip(runs, zip(*times, strict=True), strict=True)]
+    return Table([Column("a simulated second of"), Column("time", "s")], rows)
 
 
-def main() -> None:
-    """Print the table."""
-    with threadpool_limits(1):
-        print(machine())
-        methods()
-
-
-if __name__ == "__main__":
-    main()
+TABLES = {"second": second}

@@ -74,7 +74,7 @@ FLIPS = 100
 @pytest.fixture
 def kept(here, tmp_path, monkeypatch):
     """Run commands; there is a finished result, and in `half` one that was interrupted, with four points kept."""
-    monkeypatch.setattr(registry, "_given", {"tiny": STUDY})
+    monkeypatch.setattr(registry, "_registered", {"tiny": STUDY})
     monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 1.0)
     assert here("run", "tiny", "-q").returncode == 1
     interrupted(runner.plan(STUDY, {}, tmp_path / "half"), 4)

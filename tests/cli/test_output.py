@@ -69,7 +69,7 @@ STUDY = Study(
 @pytest.fixture
 def kept(here, monkeypatch):
     """Run commands on the study's result, in which other texts are hostile too; each says something of them."""
-    monkeypatch.setattr(registry, "_given", {"hostile": STUDY})
+    monkeypatch.setattr(registry, "_registered", {"hostile": STUDY})
     monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 1.0)
     monkeypatch.setattr(progress, "INTERVAL", 0.0)
     ran = here("run", "hostile", "-v")
@@ -163,7 +163,7 @@ def test_a_fault_of_ours_is_told_with_a_harmless_traceback(kept, monkeypatch):
     def raises(data):
         raise RuntimeError(HOSTILE)
 
-    monkeypatch.setattr(registry, "_given", {"hostile": replace(STUDY, draw=raises)})
+    monkeypatch.setattr(registry, "_registered", {"hostile": replace(STUDY, draw=raises)})
     done = kept("plot", "hostile")
     assert done.returncode == 70
     assert "Traceback" in done.stderr

@@ -75,7 +75,7 @@ def test_what_a_result_says_is_never_run(file, here):
     """A result may come from anybody, and may name any file."""
     assert here("run", "my_squares.py", "-q").returncode == 0
     kept = file.parent / "results" / "squares" / "squares.nc"
-    registry._given.clear()
+    registry._registered.clear()
     for name in ("my_squares.py", str(file), "my_squares"):
         with netCDF4.Dataset(kept, "a") as data:
             data.sweep = name

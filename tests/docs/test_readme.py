@@ -85,7 +85,7 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, here):
     """Each line as it is printed, in the order of its README; all are one computation."""
 
     def fiv(line):
-        registry._given.clear()  # as another process would
+        registry._registered.clear()  # as another process would
         done = here(*shlex.split(line)[1:])
         assert done.returncode == 0, done.stderr
         return done.stdout
@@ -116,7 +116,7 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, here):
     assert "to do           0" in fiv("fiv plan head_mass.py --set duration=1.0 --out longer")
     # Its name finds its results; its file is not run for them.
     assert fiv("fiv query head_mass --where 'V == 5e-3'") == rows
-    registry._given.clear()
+    registry._registered.clear()
     done = here("plot", "head_mass")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert done.stderr.endswith("name the file: fiv plot FILE.py\n")

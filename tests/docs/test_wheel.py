@@ -37,13 +37,20 @@ def test_a_wheel_runs_a_study_from_an_empty_folder(tmp_path):
     empty = tmp_path / "empty"
     empty.mkdir()
     environment = {key: value for key, value in os.environ.items() if key not in ("FIV_RESULTS", "PYTHONPATH")}
-    done = subprocess.run(
-        [place / "bin" / "python", "-m", "studies", "run", "fig5", "--set", "mu=0:0.5:51"],
-        cwd=empty,
-        env=environment | {"PYTHONPATH": os.pathsep.join([str(target), str(libraries)])},
-        capture_output=True,
-        text=True,
-    )
+
+    def fiv(*arguments):
+        return subprocess.run(
+            [place / "bin" / "python", "-m", "studies", *arguments],
+            cwd=empty,
+            env=environment | {"PYTHONPATH": os.pathsep.join([str(target), str(libraries)])},
+            capture_output=True,
+            text=True,
+        )
+
+    done = fiv("run", "fig5", "--set", "mu=0:0.5:51")
     assert done.returncode == 0, done.stderr
     assert re.search(r"0\.1112 +2802", done.stdout)
     assert sorted(path.name for path in empty.rglob("*.*")) == ["fig5.nc", "fig5.png"]
+    done = fiv("check")
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.endswith("all is well\n")

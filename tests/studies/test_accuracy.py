@@ -50,7 +50,7 @@ QUICK = Scene(0.05, 5.0, 0.2, 9.0, COARSE)
 SMALL = {
     "duration": 0.25,
     "members": 3,
-    "dear_members": 1,
+    "members_expensive": 1,
     "p1_elements": 8,
     "p2_elements": 20,
     "scene": "5 mm/s",
@@ -77,7 +77,7 @@ def slip_error(run, reference):
 
 def test_solve_ivp_comes_to_the_exact_motion_as_its_tolerance_falls():
     scene = Scene(0.1, 12.0, 0.35, 9.0, COARSE)
-    end = 0.5 * RAMP + ensembles.load_up(scene) + 2e-3
+    end = 0.5 * RAMP + ensembles.loading_time(scene) + 2e-3
     common = {"cutoff": 75e3, "ramp": RAMP}
     exact = simulate(scene, end, "exact", record=True, sample_rate=1e6, **common)
     parting = exact.summary["first_separation_time"]
@@ -216,9 +216,9 @@ def test_what_does_not_go_together_is_skipped():
     ("values", "text"),
     [
         ({"members": 0}, "members = 0.0: it must be a whole number from 1 to 100"),
-        ({"dear_members": 2.5}, "dear_members = 2.5: it must be a whole number"),
-        ({"members": 2, "dear_members": 3}, "dear_members = 3.0: it must be a whole number from 1 to 2"),
-        ({"ramp": 0.0}, "ramp = 0.0: it must be a number from 1e-06 to 1 (s, for members differ by it)"),
+        ({"members_expensive": 2.5}, "members_expensive = 2.5: it must be a whole number"),
+        ({"members": 2, "members_expensive": 3}, "members_expensive = 3.0: it must be a whole number from 1 to 2"),
+        ({"ramp": 0.0}, "ramp = 0.0: it must be a number from 1e-06 to 1 (s, for repeat runs differ by it)"),
         ({"duration": 0.3}, "duration = 0.3: it must be a number from 0.34"),
         ({"contact_position": 1.0}, "contact_position = 1"),
     ],
@@ -275,7 +275,7 @@ def test_a_cost_is_that_of_whole_runs_after_one_that_compiles(monkeypatch):
     monkeypatch.setattr(runs, "simulate_many", simulated)
     monkeypatch.setattr(runs, "simulate", lambda scene, *rest, **options: simulated([scene], *rest))
     monkeypatch.setattr(runs, "timed", lambda compute: (compute(), 3.0))
-    fixed = {"ramp": RAMP, "duration": 2.0, "members": 3, "dear_members": 1}
+    fixed = {"ramp": RAMP, "duration": 2.0, "members": 3, "members_expensive": 1}
     costs = [runs.measured(method, OPTIONS[DEFAULT], QUICK, fixed)["cpu_per_second"] for method in (FAST, PAPER)]
     assert ran == [(1, 2.0), (3, 2.0), (1, runs.WARMING), (1, 2.0)]
     assert costs == [0.5, 1.5]
@@ -363,7 +363,7 @@ def test_a_setting_is_right_within_tolerance_and_scatter_and_slips_when_it_shoul
     share = data.sel(figure="stick_fraction")
     assert float(share["figure_error"]) == pytest.approx(off)
     assert float(share["figure_standard_error"]) == pytest.approx(np.std(WOBBLE, ddof=1) * np.sqrt(0.5), rel=1e-6)
-    # Of the figures that there are: three shares, of which two are off, the line and the RMS.
+    # Of the figures that there are: three shares, of which two are off, the frequency and the RMS.
     assert float(data["mismatch"]) == pytest.approx(np.sqrt(2.0 * (off / 0.02) ** 2 / 5.0), abs=1e-12)
     assert float(data["first_slip_error"]) == pytest.approx(late)
     assert errors.WITHIN[int(data["within"])] == right
@@ -391,7 +391,7 @@ def test_a_reference_has_no_errors_and_what_is_missing_none_either(file):
     assert data["mismatch"].isnull().all()
 
 
-def test_a_main_line_is_right_if_it_is_that_of_a_member_of_the_reference_or_a_rival_peak(file):
+def test_a_dominant_frequency_is_right_if_it_is_that_of_a_run_of_the_reference_or_a_rival_peak(file):
     lines = {CONVERGED: [2600.0, 2600.0, 2600.0, 5000.0], DEFAULT: 5050.0, "step 0.5": 5250.0, "damping 3": 3030.0}
 
     def values(_, setting):
@@ -430,7 +430,7 @@ def test_means_of_sticks_are_compared_where_there_is_more_than_a_handful(file):
 
 
 def test_time_to_a_standard_error_is_that_of_the_scatter_of_one_second(file):
-    """Members of two seconds with a standard deviation of s: one second has s * sqrt(2)."""
+    """Runs of two seconds with a standard deviation of s: one second has s * sqrt(2)."""
     data = file(lambda method, _: figures_of(0.6, {FAST: 0.02, PAPER: 20.0}[method]) | {"observed_time": 2.0})
     second = np.std(WOBBLE, ddof=1) * np.sqrt(2.0)
     assert float(data["one_second_error"][0]) == pytest.approx(second)

@@ -39,7 +39,7 @@ def test_a_result_says_which_it_has(word, tmp_path):
     with figures.style():
         assert SAID[word] in study.draw(data).get_suptitle()
     (tmp_path / "again.toml").write_text(config.toml(config.of_result(data)))
-    again = study.sweep(config.read(tmp_path / "again.toml").given(study))
+    again = study.sweep(config.read(tmp_path / "again.toml").values_of(study))
     assert again.constants == study.sweep(given).constants
     assert len(query(data, f"numerical_damping == '{word}'")) == 1
 

@@ -89,16 +89,16 @@ def test_what_cannot_be_is_cut_away_and_told():
     scatter = parse("normal:0.05:0.02", "mu")
     share = stats.norm.cdf(-2.5)
     assert scatter.cut == pytest.approx(share, rel=1e-12)
-    assert scatter.told("mu") == "mu: 0.62 % of normal:0.05:0.02 is below 0 and was cut away"
+    assert scatter.cut_note("mu") == "mu: 0.62 % of normal:0.05:0.02 is below 0 and was cut away"
     left = stats.truncnorm(-2.5, math.inf, 0.05, 0.02)
     at = np.linspace(0.001, 0.999, 201)
     np.testing.assert_allclose(scatter.ppf(at), left.ppf(at), rtol=1e-9)
     np.testing.assert_allclose(scatter.cdf(scatter.ppf(at)), at, rtol=1e-12)
     assert scatter.ppf(0.0) == 0.0
-    assert parse("normal:0.2:0.02", "mu").told("mu") == ""
+    assert parse("normal:0.2:0.02", "mu").cut_note("mu") == ""
     both = parse("uniform:-0.5:1.5", "point_b")
     assert both.cut == pytest.approx(0.5)
-    assert both.told("point_b") == "point_b: 50 % of uniform:-0.5:1.5 is below 0 or above 1 and was cut away"
+    assert both.cut_note("point_b") == "point_b: 50 % of uniform:-0.5:1.5 is below 0 or above 1 and was cut away"
 
 
 def test_draws_keep_to_what_is_left():
@@ -241,7 +241,7 @@ def test_a_result_is_found_grows_and_says_what_makes_it_again(tmp_path, undrawn)
     assert asked.scatter == {"mu": "normal:0.2:0.02", "p1_thickness": "uniform:0.0014:0.0016"}
     assert "p1_thickness" not in asked.settings
     study = registry.load("fig5")
-    assert runner.plan(study, asked.given(study), tmp_path, **asked.where).todo == 0
+    assert runner.plan(study, asked.values_of(study), tmp_path, **asked.where).todo == 0
     (tmp_path / "asked.toml").write_text(config.toml(asked))
     assert config.read(tmp_path / "asked.toml") == replace(asked, axes={}, settings=asked.settings)
     # A number of the rig is a column, in its place in the scene too.
@@ -251,9 +251,9 @@ def test_a_result_is_found_grows_and_says_what_makes_it_again(tmp_path, undrawn)
 
 
 def test_a_result_of_ones_own_study_is_shown_by_its_file_alone(tmp_path, undrawn, monkeypatch):
-    monkeypatch.setattr(registry, "_given", {})
+    monkeypatch.setattr(registry, "_registered", {})
     runner.run(SPRING, {"x": 1.0}, tmp_path, scatter={"k": "uniform:2:4"}, samples=8)
-    registry._given.clear()  # as another process would
+    registry._registered.clear()  # as another process would
     with studies.open("spring-scatter", tmp_path) as data:
         shown = results.study_of(data)
         assert shown.title == "spring, at scattered points"

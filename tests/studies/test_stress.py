@@ -19,13 +19,13 @@ from studies import tables
 from studies.plotting import figures
 from studies.stress import runs, study
 from studies.stress.ask import LIMITS, Question, question_of, stated
-from studies.stress.cases import CASES, METHODS, POINT, TOO_DEAR
+from studies.stress.cases import CASES, METHODS, POINT, TOO_EXPENSIVE
 from studies.stress.checks import CHECKS, judged
-from studies.stress.findings import DEAR, FAILS, NOT_ASKED, OUTCOMES
+from studies.stress.findings import EXPENSIVE, FAILS, NOT_ASKED, OUTCOMES
 from studies.stress.starts import RINGING, STARTS
 from tests import HOME
 
-# A handful of every kind; all others are run under `slow`, and what came of them all is in the reference.
+# A handful of every kind; all others are run under `slow`, and the outcomes of all are in the reference.
 SOON = {
     "fast": ["step 0.9 of the largest", "step 1.001 of the largest", "1.001 of critical mu, 20°",
              "theta = 89.9999°", "in the mirror", "F = 1e+06 N, same V/F", "tangent", "preload 10000 F",
@@ -65,30 +65,30 @@ def wrong(answer):
     ("name", "method"), [*QUICK, *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)]
 )
 def test_a_method_does_what_is_expected(name, method):
-    came, passed, *_ = answer = study.put(CASES[name], method)
+    outcome, passed, *_ = answer = study.put(CASES[name], method)
     assert wrong(answer) == {}
     assert passed == 1
-    assert came == expected(name, method)
+    assert outcome == expected(name, method)
 
 
 def expected(name, method):
     """The outcome expected of a case."""
     if method in CASES[name].not_asked:
         return NOT_ASKED
-    return DEAR if method in TOO_DEAR.get(name, ()) else OUTCOMES.index(CASES[name].expectation(method))
+    return EXPENSIVE if method in TOO_EXPENSIVE.get(name, ()) else OUTCOMES.index(CASES[name].expectation(method))
 
 
 def test_the_reference_holds_what_is_expected_of_every_case():
     """It is of this code (tests/docs/test_project.py)."""
     with xr.open_dataset(HOME / "results" / "reference" / "stress" / "stress.nc") as file:
-        came, passed = (file[name].load().to_series() for name in ("came", "passed"))
-    assert [*came.index] == [(name, method) for name in CASES for method in METHODS]
-    assert [*came] == [expected(*each) for each in came.index]
+        outcome, passed = (file[name].load().to_series() for name in ("outcome", "passed"))
+    assert [*outcome.index] == [(name, method) for name in CASES for method in METHODS]
+    assert [*outcome] == [expected(*each) for each in outcome.index]
     assert (passed == 1).all()
 
 
 def test_every_limit_and_start_is_asked_for_and_cases_of_a_group_stand_together():
-    assert TOO_DEAR.keys() <= CASES.keys()
+    assert TOO_EXPENSIVE.keys() <= CASES.keys()
     assert {case.edge for case in CASES.values()} == {*LIMITS, ""}
     assert {case.start for case in CASES.values()} == {*STARTS, ""}
     groups = [case.group for case in CASES.values()]
@@ -181,7 +181,7 @@ def test_forces_a_hundredth_too_large_or_late_leave_a_gap(good):
         assert "gap" in failing(replayed(good, **of_plain), **own)
 
 
-def test_energy_from_nowhere_a_copy_that_differs_and_a_run_too_dear_fail(good):
+def test_energy_from_nowhere_a_copy_that_differs_and_a_run_too_expensive_fail(good):
     assert "energy" in failing(good, summary={**good.run.summary, "energy_residual": 0.3})
     assert "copy" not in failing(replace(good, original=good.summary))
     other = {**good.summary, "mean_normal_force": good.summary["mean_normal_force"] * (1.0 + 1e-9)}
@@ -312,27 +312,27 @@ def small():
 def broken(small):
     """The same as if one case failed a check, one broke down and one was not computed yet."""
     data = small.copy(deep=True)
-    data["came"] = data["came"].astype(float)
-    data["came"][0, 0], data["passed"][0, 0] = FAILS, 0
+    data["outcome"] = data["outcome"].astype(float)
+    data["outcome"][0, 0], data["passed"][0, 0] = FAILS, 0
     gap = list(CHECKS).index("gap")
     data["value"][0, 0, gap], data["bound"][0, 0, gap], data["margin"][0, 0, gap] = 0.5, 0.25, 2.0
     data["error"] = data["error"].astype(object)
     data["error"][3, 1] = "ZeroDivisionError: division by zero"
     data["status"][3, 1], data["status"][3, 2] = 2, 0
-    for name in ("came", "value", "bound", "margin"):
+    for name in ("outcome", "value", "bound", "margin"):
         data[name][3, 1:] = np.nan
     return data
 
 
 def test_a_file_says_in_words_what_was_asked_and_came(small):
-    assert small["came"].dims == ("case", "method")
+    assert small["outcome"].dims == ("case", "method")
     assert small["value"].dims == ("case", "method", "check")
     assert small["method"].values.tolist() == list(METHODS)
     assert small["check"].values.tolist() == list(CHECKS)
-    assert small["asked"].sel(case="theta = 90°").item() == "P1 at 90 degrees"
+    assert small["task"].sel(case="theta = 90°").item() == "P1 at 90 degrees"
     assert np.all(small["passed"] == 1)
-    words = small["came"].attrs["flag_meanings"].split()
-    code = small["came"].sel({"case": "theta = 90°", "method": "paper"}).item()
+    words = small["outcome"].attrs["flag_meanings"].split()
+    code = small["outcome"].sel({"case": "theta = 90°", "method": "paper"}).item()
     assert (words[0], words[int(code)]) == ("passes", "ValueError")
     margin = small["margin"].values
     assert np.nanmax(margin) < 1.0
@@ -367,7 +367,7 @@ def test_figures_of_few_cases_and_of_failures(small, broken, pick):
 def test_a_case_is_run_by_its_name():
     data = computed(case="theta = 90°", method=["paper", "fast"])
     assert data["method"].values.tolist() == ["fast", "paper"]
-    assert [OUTCOMES[int(code)] for code in data["came"].values[0]] == ["ValueError", "ValueError"]
-    # What is not asked of a method is not what would be too dear.
-    assert computed(case="step 0.5 of the largest", method="exact")["came"].item() == NOT_ASKED
-    assert computed(case="100 s, vibrating", method="paper")["came"].item() == DEAR
+    assert [OUTCOMES[int(code)] for code in data["outcome"].values[0]] == ["ValueError", "ValueError"]
+    # A case that is not asked of a method is not one that is skipped as too expensive.
+    assert computed(case="step 0.5 of the largest", method="exact")["outcome"].item() == NOT_ASKED
+    assert computed(case="100 s, vibrating", method="paper")["outcome"].item() == EXPENSIVE

@@ -10,9 +10,9 @@ standard error has Student's distribution with K degrees of freedom (U. K. Muell
 recommended by Lazarus, Lewis, Stock and Watson, J. Business and Economic Statistics 36, 2018, whose K grows with
 T^(2/3), too). A standard error given here is multiplied by t_K(2) / 2, so that 2 of them always hold 95.4 %.
 
-How long the motion remembers is not known beforehand: sticks of 30 to 80 ms between bursts, and shares that wander
-for 0.1 s where bursts become rare. The time in which the drive loads a stuck contact until it slips (`load_up`)
-scales the former, `SETTLING` the latter: K is 0.8 (T / load_up)^(2/3), at most T / SETTLING, and never below 6.
+How long the motion is correlated is not known beforehand: sticks of 30 to 80 ms between bursts, and shares that
+wander for 0.1 s where bursts become rare. The time to load a stuck contact until it slips (`loading_time`) scales
+the former, `SETTLING` the latter: K is 0.8 (T / loading_time)^(2/3), at most T / SETTLING, and never below 6.
 `tests/fivcore/transient/test_uncertainty.py` shows how often the long-run value lies within 2 standard errors.
 What lasts for more than a third of a run cannot be seen in it (at 0.6 mm/s the paper's rig changes for seconds
 between cycles with and without separation), nor what it has not met, like a long burst once in five seconds.
@@ -31,9 +31,9 @@ from fivcore.transient.uncertainty.blocks import FORCE, SQUARE, SWITCHES, VELOCI
 
 # Share of a normal distribution within two standard deviations.
 HELD = 2.0 * float(ndtr(2.0)) - 1.0
-# Fewest cosines, and their number per (T / load_up)^(2/3); load-ups below which a run is too short to say: where
-# bursts are rare, 12 held in 80 % of all runs only.
-FEWEST, GROWTH, LOAD_UPS = 6, 0.8, 16.0
+# Fewest cosines, and their number per (T / loading_time)^(2/3); the fewest loading times that a run must last:
+# where bursts are rare, with 12 the interval held in 80 % of all runs only.
+FEWEST, GROWTH, LOADING_TIMES = 6, 0.8, 16.0
 
 
 def errors_of_means(values: Array, cosines: int) -> Array:
@@ -47,11 +47,11 @@ def errors_of_means(values: Array, cosines: int) -> Array:
     return np.asarray(0.5 * stdtrit(cosines, 0.5 * (1.0 + HELD)) * np.sqrt(density / n))
 
 
-def cosines_for(time: float, load_up: float) -> int:
+def cosines_for(time: float, loading_time: float) -> int:
     """Number of cosines for statistics over a time, s; 0 if it is too short for standard errors."""
-    if not time >= LOAD_UPS * load_up:
+    if not time >= LOADING_TIMES * loading_time:
         return 0
-    return max(FEWEST, int(min(GROWTH * (time / max(load_up, 1e-9)) ** (2.0 / 3.0), time / SETTLING)))
+    return max(FEWEST, int(min(GROWTH * (time / max(loading_time, 1e-9)) ** (2.0 / 3.0), time / SETTLING)))
 
 
 def standard_errors(blocks: Blocks, cosines: int, monitor: Monitor, sticks: Array) -> dict[str, float]:
@@ -67,19 +67,19 @@ def standard_errors(blocks: Blocks, cosines: int, monitor: Monitor, sticks: Arra
     deviation = (x[:, SQUARE] - 2.0 * mean * x[:, VELOCITY]) / (2.0 * (rms or np.nan))
     names = ("stick_fraction", "slip_fraction", "separation_fraction", "switches_per_second", "velocity_rms")
     errors = errors_of_means(np.column_stack([blocks.shares(), x[:, SWITCHES], deviation]), cosines)
-    found = dict(zip(names, errors.tolist(), strict=True))
+    values = dict(zip(names, errors.tolist(), strict=True))
     momentum = np.cumsum(x[:, FORCE] - 1.0)[:: max(len(x) // 128, 1)]
     within = np.quantile(np.abs(momentum[:, None] - momentum), HELD) if cosines and len(x) else np.nan
-    found["mean_normal_force"] = 0.5 * float(within) / max(len(x), 1)
+    values["mean_normal_force"] = 0.5 * float(within) / max(len(x), 1)
     for name, histogram, largest in (
         ("normal_force_999", monitor.forces, blocks.forces),
         ("slip_speed_999", monitor.speeds, blocks.speeds),
     ):
         (error,) = errors_of_means(largest.above(histogram.quantile(0.999), len(x)), cosines)
         if np.isnan(error):
-            found[name] = np.nan
+            values[name] = np.nan
             continue
         error = min(float(error), 0.001)
-        found[name] = 0.5 * (histogram.quantile(0.999 + error) - histogram.quantile(0.999 - error))
-    found["mean_stick_time"] = float(errors_of_means(sticks[:, None], FEWEST)[0])
-    return found
+        values[name] = 0.5 * (histogram.quantile(0.999 + error) - histogram.quantile(0.999 - error))
+    values["mean_stick_time"] = float(errors_of_means(sticks[:, None], FEWEST)[0])
+    return values

@@ -13,9 +13,9 @@ from fivcore.transient.normalised import slip_distance
 from fivcore.transient.steady import NEAR
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
 from fivcore.transient.uncertainty.blocks import Blocks
-from fivcore.transient.uncertainty.errors import LOAD_UPS, cosines_for, errors_of_means
+from fivcore.transient.uncertainty.errors import LOADING_TIMES, cosines_for, errors_of_means
 
-# Each look is later than the last by this factor of the time since settling.
+# Each check is later than the last by this factor of the time since settling.
 LATER = 1.25
 
 
@@ -23,7 +23,7 @@ LATER = 1.25
 class Until:
     """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
 
-    The run is looked at after times that grow by a quarter, and ends where at two looks in a row no share has a
+    The run is checked after times that grow by a quarter, and ends where at two checks in a row no share has a
     larger standard error (`uncertainty.errors`): one that is too small by chance does not end it. Statistics last
     for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady sliding is
     proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
@@ -52,21 +52,21 @@ class Until:
 
 
 class Watch:
-    """Ends a run in time: `known` says whether its shares were known well enough at the last look."""
+    """Ends a run in time: `known` says whether its shares were certain enough at the last check."""
 
     def __init__(self, run: Any, until: Until) -> None:
         self._run, self._until, self.known = run, until, False
-        self._load_up = slip_distance(run.scene) / run.scene.speed_per_load
-        self._stuck = SLIP_DRIVE * self._load_up + 0.5 * run.options.ramp
+        self._loading_time = slip_distance(run.scene) / run.scene.speed_per_load
+        self._stuck = SLIP_DRIVE * self._loading_time + 0.5 * run.options.ramp
         self._plan()
 
     def _plan(self) -> None:
-        """Let the run go on to the next look, where samples and segments end together."""
+        """Let the run go on to the next check, where samples and segments end together."""
         run, record, grid = self._run, self._run.record, MAX_SKIP / self._run.rate
         start, time = 0.0, max(self._until.least, self._stuck)
         if not np.isnan(record["first_slip"][0]):
             start = float(record["settled_from"][0])
-            time = max(self._until.least / LATER, LOAD_UPS * self._load_up, grid / LATER)
+            time = max(self._until.least / LATER, LOADING_TIMES * self._loading_time, grid / LATER)
         while start + time <= run.time + 0.5 * grid:
             time *= LATER
         run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)
@@ -88,7 +88,7 @@ class Watch:
         if np.isnan(run.record["first_slip"][0]):
             return bool(run.time >= self._stuck)
         observed = run.time - float(run.record["settled_from"][0])
-        errors = errors_of_means(blocks.shares(), cosines_for(observed, self._load_up))
+        errors = errors_of_means(blocks.shares(), cosines_for(observed, self._loading_time))
         if errors.any():
             return bool(np.all(errors <= self._until.standard_error))
         # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.

@@ -16,7 +16,7 @@ from sweeps import FAILED
 # What linear stability answers for.
 BELOW = f"below {transients.BAND / 1e3:g} kHz"
 VERDICTS = ("agree", "subcritical", "unstable above the band", "quiet though unstable", "no verdict", "failed")
-# Below this a regime whose members differ is called uncertain.
+# Below this a regime whose repeat runs differ is called uncertain.
 CERTAIN = 0.95
 # A mode tells by growing or dying so many times e-fold, between the size of a vibration and what is taken for
 # steady, before the last quarter of a run, where that is judged.
@@ -46,7 +46,7 @@ def with_verdicts(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
 
 
 def verdicts(dataset: xr.Dataset) -> NDArray[np.float32]:
-    """Of each point the place of its verdict in VERDICTS; NaN where it is pending.
+    """The place in VERDICTS of each point's verdict; NaN where it is pending.
 
     - "agree": it slides steadily and all modes below the band's end decay, or it vibrates and one grows;
     - "subcritical": it vibrates though no mode grows, neither in the band nor, as far as is known, above;
@@ -76,6 +76,6 @@ def verdicts(dataset: xr.Dataset) -> NDArray[np.float32]:
 
 
 def uncertain(dataset: xr.Dataset) -> NDArray[np.bool_]:
-    """Which points have members in different regimes, and too few in one to be sure of it."""
+    """Which points have repeat runs in different regimes, and too few in one to be sure of it."""
     differ = dataset["regime_share"].max("kind").values < 1.0
     return np.asarray(differ & (dataset["regime_certainty"].values < CERTAIN))

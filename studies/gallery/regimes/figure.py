@@ -28,7 +28,7 @@ from sweeps import DONE
 # Shown beside the regimes: factor, what stands at the scale, and whether only a vibration has it.
 QUANTITIES = {
     "stick_fraction": (1.0, "share of time in stick", False),
-    "dominant_frequency": (1e-3, "main line of $v_B$ / kHz", True),
+    "dominant_frequency": (1e-3, "dominant frequency / kHz", True),
     "velocity_rms": (1e3, "RMS of $v_B$ / (mm/s)", True),
 }
 # Lines that are seen on any colour.
@@ -38,7 +38,7 @@ ONSET: dict[str, Any] = {
     "linewidth": 1.0,
     "path_effects": [patheffects.withStroke(linewidth=2.0, foreground="white")],
 }
-# How cells are marked: those whose motion is not what stability says, of which members differ, and the paper's.
+# Marks of cells: whose motion is not what stability predicts, whose repeat runs differ, and the paper's own.
 RIM: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black"}
 VERDICT_MARKS: dict[str, dict[str, Any]] = {
     "subcritical": {"marker": "s", "color": figures.RED, "label": "subcritical: vibrates\nthough stable"},
@@ -46,7 +46,7 @@ VERDICT_MARKS: dict[str, dict[str, Any]] = {
     "quiet though unstable": {"marker": "X", "color": figures.ORANGE, "label": "steady sliding\nthough unstable"},
 }
 DIFFER: dict[str, Any] = RIM | {"marker": "o", "markersize": 2.4, "color": "black"}
-DIFFER |= {"markeredgecolor": "white", "markeredgewidth": 0.4, "label": "members differ"}
+DIFFER |= {"markeredgecolor": "white", "markeredgewidth": 0.4, "label": "repeat runs differ"}
 PAPER_MARKS = {"intermittent": "^", "periodic": "D"}
 # A scale leaves out this share of the cells at either end, single ones would take all of it; it is logarithmic
 # where its ends are so many times apart, else it has steps.
@@ -58,11 +58,11 @@ STEPS = 8
 def draw(dataset: xr.Dataset) -> Figure:
     """Regimes and figures of the motion over two axes, planes of regimes over more, or all along one axis."""
     x, y, others = arranged(dataset)
-    given = constants(dataset)
+    fixed = constants(dataset)
     single = [name for name in (*others, x, y) if dataset.sizes[name] == 1]
     held = ", ".join(named(name, dataset[name].values[0]) for name in single)
-    runs = f"{given['members']} run{'s' if given['members'] > 1 else ''} of each scene"
-    about = ", ".join(part for part in (held, runs, damping(given), _undecided(dataset)) if part)
+    runs = f"{fixed['members']} run{'s' if fixed['members'] > 1 else ''} of each scene"
+    about = ", ".join(part for part in (held, runs, damping(fixed), _undecided(dataset)) if part)
     if dataset.sizes[y] == 1:
         return _draw_along(dataset.isel({name: 0 for name in (y, *others)}), x, about)
     varying = [name for name in others if dataset.sizes[name] > 1]
@@ -91,10 +91,10 @@ def _draw_plane(at: xr.Dataset, x: str, y: str, about: str) -> Figure:
     figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.5, 1.0))
     top, key = panels.pop("regime"), panels.pop("key")
     key.axis("off")
-    said = "white: no vibration"
+    text = "white: no vibration"
     if constants(at)["members"] > 1:
-        said = f"(b), (d): mean of the members\n(c): the one in the middle\n{said}"
-    key.text(0.0, 0.0, said, fontsize=8.0, linespacing=1.4)
+        text = f"(b), (d): mean of the repeat runs\n(c): the one in the middle\n{text}"
+    key.text(0.0, 0.0, text, fontsize=8.0, linespacing=1.4)
     key.legend(handles=_in_order(_draw_regimes(top, at, x, y)), loc="upper left", borderaxespad=0.0)
     top.set_title("(a) regime", loc="left", fontsize=9.0)
     for letter, (name, axes) in zip("bcd", panels.items(), strict=True):
@@ -128,19 +128,19 @@ def _draw_planes(dataset: xr.Dataset, x: str, y: str, varying: Sequence[str], ab
 def _in_order(handles: Sequence[Any]) -> list[Any]:
     """Each entry of a legend once, the regimes in their order before anything else."""
     once = {handle.get_label(): handle for handle in handles}
-    known = [once.pop(kind) for kind in KINDS if kind in once]
-    return known + list(once.values())
+    ordered = [once.pop(kind) for kind in KINDS if kind in once]
+    return ordered + list(once.values())
 
 
 def _draw_regimes(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
-    """The plane of regimes and what is to be said of its cells; the handles of its legend."""
-    found, xs, ys = regimes.kinds(at), at[x].values, at[y].values
-    planes.classes(axes, x, xs, y, ys, found, COLOURS)
+    """Draw the plane of regimes and the marks of its cells; return the handles of its legend."""
+    codes, xs, ys = regimes.kinds(at), at[x].values, at[y].values
+    planes.classes(axes, x, xs, y, ys, codes, COLOURS)
     figures.one_two_five(axes.xaxis, axes.yaxis)
     ends = planes.edges(planes.shown(x, xs)), planes.edges(planes.shown(y, ys))
-    failed = np.ma.masked_not_equal(found, KINDS.index("failed"))
+    failed = np.ma.masked_not_equal(codes, KINDS.index("failed"))
     axes.pcolor(*ends, failed, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
-    handles: list[Any] = planes.patches(np.unique(found))
+    handles: list[Any] = planes.patches(np.unique(codes))
     if _draw_onset(axes, at, x, y):
         handles.append(Line2D([], [], **ONSET, label=f"onset of flutter\n{BELOW}"))
 
@@ -177,7 +177,9 @@ def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
         return []
     handles = []
     for kind, marker in PAPER_MARKS.items():
-        places = [(float(planes.shown("V", V)), paper.MU) for V, said in paper.VIBRATION.items() if said == kind]
+        places = [
+            (float(planes.shown("V", V)), paper.MU) for V, regime in paper.VIBRATION.items() if regime == kind
+        ]
         look = RIM | {"marker": marker, "color": "white", "markersize": 6.0, "label": f"paper: {kind}"}
         handles += planes.marks(axes, places, **look)
     return handles
@@ -186,17 +188,17 @@ def _draw_paper(axes: Axes, at: xr.Dataset, x: str, y: str) -> list[Any]:
 def _draw_shades(axes: Axes, at: xr.Dataset, x: str, y: str, name: str) -> None:
     """One quantity over the plane, with its scale."""
     values = _shown(at, name)
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     norm, extend, ticks = Normalize(0.0, 1.0), "neither", None
-    if name != "stick_fraction" and len(known):
-        low, high = np.quantile(known, [RARE, 1.0 - RARE])
+    if name != "stick_fraction" and len(finite):
+        low, high = np.quantile(finite, [RARE, 1.0 - RARE])
         if 0.0 < WIDE * low < high:
             norm = LogNorm(low, high)
         else:
             levels = np.asarray(MaxNLocator(STEPS, steps=[1, 2, 5, 10]).tick_values(low, high))
             norm, ticks, low, high = BoundaryNorm(levels, 256), levels[::2], levels[0], levels[-1]
         extend = {(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(
-            (known.min() < low, known.max() > high), extend
+            (finite.min() < low, finite.max() > high), extend
         )
     mesh = planes.shades(axes, x, at[x].values, y, at[y].values, values, norm)
     bar = axes.figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend=extend, ticks=ticks)
@@ -213,12 +215,12 @@ def _shown(at: xr.Dataset, name: str) -> NDArray[Any]:
 
 
 def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
-    """The same along one axis: what members spread about, marked by the regime."""
+    """The same along one axis: the spread of the repeat runs, marked by the regime."""
     figure, panels = figures.panels(len(QUANTITIES), 1, 15.0, 16.0, sharex=True)
-    values, found = planes.shown(x, at[x].values), regimes.kinds(at)
+    values, codes = planes.shown(x, at[x].values), regimes.kinds(at)
     for axes, (name, (factor, text, _)) in zip(panels, QUANTITIES.items(), strict=True):
         heights, spread = _shown(at, name), factor * at[f"{name}_std"].values
-        planes.along(axes, values, heights, found, spread)
+        planes.along(axes, values, heights, codes, spread)
         onset = at["onset_mu"].values
         if x == "mu" and np.isfinite(onset):
             axes.axvline(float(onset), **ONSET, label=f"onset of flutter\n{BELOW}")
@@ -232,6 +234,6 @@ def _draw_along(at: xr.Dataset, x: str, about: str) -> Figure:
     panels[-1].set_xlim(ends[0], ends[-1])
     panels[-1].set_xlabel(planes.label(x))
     figures.legend_below(figure, panels, 4)
-    note = "mean (of the line: middle) and standard deviation of the members"
+    note = "mean (of the frequency: middle) and standard deviation of the repeat runs"
     figure.suptitle(figures.fitted(f"Regimes: {about}\n{note}", 15.0))
     return figure

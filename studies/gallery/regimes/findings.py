@@ -1,4 +1,4 @@
-"""What a plane of regimes says in numbers: how many scenes are in which, how sure, and against what."""
+"""A plane of regimes in numbers: scenes in each, how certain they are, and what the paper and stability say."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ MEANINGS = {
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Regimes and how sure they are, the motion against linear stability, and the paper's speeds."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     rig = "the paper's rig" if paper.is_rig(dataset) else "another rig than the paper's"
     everywhere = np.ones(dataset["regime"].shape, dtype=bool)
     return [
         f"{everywhere.size} scene{'s' if everywhere.size > 1 else ''} on {rig}: "
         f"{where(dataset, everywhere, everything=True)}.",
-        f"Runs of each: {given['members']}, {transients.damping(given)}, from the first slip and "
-        f"{transients.SETTLING:g} s on {ensembles.told(given)}.",
+        f"Runs of each: {fixed['members']}, {transients.damping(fixed)}, from the first slip and "
+        f"{transients.SETTLING:g} s on {ensembles.duration_text(fixed)}.",
         "",
         _of_regimes(dataset),
         "Of a regime's figures the medians over its scenes.",
         "",
-        _of_scenes(dataset, given["most"]),
+        _of_scenes(dataset, fixed["most"]),
         "",
         _onsets(dataset),
         *beside(dataset, CLAIMS, cells=True),
@@ -70,7 +70,7 @@ def where(dataset: xr.Dataset, chosen: NDArray[np.bool_], everything: bool = Fal
 def _of_regimes(dataset: xr.Dataset) -> Table:
     """A row for each regime that occurs: its size, its uncertain scenes, and medians of figures."""
     kinds, unsure = regimes.kinds(dataset), uncertain(dataset)
-    figures = dataset.assign(dominant_frequency=regimes.main_line(dataset))
+    figures = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))
     rows = []
     for code in np.unique(kinds):
         inside = kinds == code

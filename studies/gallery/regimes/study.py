@@ -24,14 +24,14 @@ from studies.study import Setting, Study, deferred
 from sweeps import Axis, Variable
 
 MOST_MEMBERS = 100
-# How members make a point's figure: the largest of them; of a line the one in the middle, for where two lines are
-# rivals their mean is neither; otherwise the mean.
+# A point's figure is the largest of its repeat runs; of a frequency the middle one, for the mean of two rivals is
+# neither; otherwise the mean.
 LARGEST = ("max_normal_force", "max_slip_speed")
 MIDDLE = ("dominant_frequency", "stuck_frequency")
-HOW = dict.fromkeys((f"{name}_se" for name in transients.ESTIMATED), "of the mean over members")
-HOW |= dict.fromkeys(LARGEST, "largest of the members") | dict.fromkeys(MIDDLE, "of the middle member")
+HOW = dict.fromkeys((f"{name}_se" for name in transients.ESTIMATED), "of the mean over repeat runs")
+HOW |= dict.fromkeys(LARGEST, "largest of the repeat runs") | dict.fromkeys(MIDDLE, "of the middle repeat run")
 FIGURES = tuple(name for name in transients.SUMMARY if name != "regime")
-# Of these the spread over members is kept too.
+# Figures whose standard deviation over repeat runs is stored too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
 
 
@@ -47,25 +47,25 @@ def _plain(units: str, long_name: str, *dims: str) -> Variable:
 
 VARIABLES = (
     {
-        "regime": replace(transients.SUMMARY["regime"], long_name="regime that most members are in"),
+        "regime": replace(transients.SUMMARY["regime"], long_name="regime of most repeat runs"),
         "regime_certainty": _plain(
             "1", "probability that more than half of all runs of the scene are in this regime"
         ),
-        "regime_share": _plain("1", "share of the members in a regime", "kind"),
+        "regime_share": _plain("1", "share of the repeat runs in a regime", "kind"),
         "member_regime": replace(
-            transients.SUMMARY["regime"], long_name="regime of each member", dims=("member",)
+            transients.SUMMARY["regime"], long_name="regime of each repeat run", dims=("member",)
         ),
     }
-    | {name: _of(name, HOW.get(name, "mean over members"), 5) for name in FIGURES}
-    | {f"{name}_std": _of(name, "standard deviation over members", 4) for name in SPREAD}
+    | {name: _of(name, HOW.get(name, "mean over repeat runs"), 5) for name in FIGURES}
+    | {f"{name}_std": _of(name, "standard deviation over repeat runs", 4) for name in SPREAD}
     | {
         "growth_rate": _plain("s-1", f"growth rate of steady sliding's least stable mode {BELOW}"),
         "growth_frequency": _plain("Hz", f"frequency of steady sliding's least stable mode {BELOW}"),
         "unstable_modes": Variable("1", f"number of growing modes of steady sliding {BELOW}", (), "int16"),
         "model_growth_rate": _plain("s-1", "growth rate of the least stable mode of all that are simulated"),
         "model_growth_frequency": _plain("Hz", "frequency of the least stable mode of all that are simulated"),
-        "duration": _plain("s", "simulated time, mean over members"),
-        "load_up_time": _plain("s", "time in which the drive loads a stuck contact from rest until it slips"),
+        "duration": _plain("s", "simulated time, mean over repeat runs"),
+        "loading_time": _plain("s", "time in which the drive loads a stuck contact from rest until it slips"),
     }
 )
 
@@ -76,7 +76,7 @@ def ensemble(points: Mapping[str, Any], *, members: int, **fixed: Any) -> dict[s
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         scene = jobs[0].scene
         duration = np.mean([run.summary["simulated_time"] for run in runs])
-        times = {"duration": duration, "load_up_time": ensembles.load_up(scene)}
+        times = {"duration": duration, "loading_time": ensembles.loading_time(scene)}
         return ensemble_figures(runs) | stability(scene, fixed["cutoff"], fixed["numerical_damping"]) | times
 
     scenes = normalised.scenes(points, fixed["rig"])
@@ -85,33 +85,34 @@ def ensemble(points: Mapping[str, Any], *, members: int, **fixed: Any) -> dict[s
 
 
 def ensemble_figures(runs: Sequence[Transient]) -> dict[str, Any]:
-    """What the runs of one scene have in common: `majority`, and the other figures over members that have a value.
+    """Figures of one scene from its repeat runs: those of `majority`, and every other over the runs that have it.
 
-    Of these the mean, of LARGEST the largest, of MIDDLE the lower of the middle ones, NaN where no member has one;
-    of standard errors, that of the mean; of SPREAD, as `*_std`, the standard deviation, NaN for fewer than two.
+    A figure is the mean, in LARGEST the largest, in MIDDLE the lower of the middle ones, NaN where no run has one;
+    a standard error is that of the mean; figures in SPREAD have a standard deviation too, `*_std`, NaN for fewer
+    than two runs.
     """
     figures = ensembles.figures_of(runs)
-    found: dict[str, Any] = majority(figures["regime"])
+    values: dict[str, Any] = majority(figures["regime"])
     for name in FIGURES:
-        known = figures[name][np.isfinite(figures[name])]
+        finite = figures[name][np.isfinite(figures[name])]
         how: Any = np.max if name in LARGEST else ensembles.middle if name in MIDDLE else np.mean
         how = of_mean if name.endswith("_se") else how
-        found[name] = float(how(known)) if len(known) else np.nan
+        values[name] = float(how(finite)) if len(finite) else np.nan
         if name in SPREAD:
-            found[f"{name}_std"] = known.std(ddof=1) if len(known) > 1 else np.nan
-    return found
+            values[f"{name}_std"] = finite.std(ddof=1) if len(finite) > 1 else np.nan
+    return values
 
 
 def of_mean(errors: np.ndarray) -> float:
-    """Standard error of the mean of members, from that of each."""
+    """Standard error of the mean of the repeat runs, from that of each."""
     return float(np.sqrt(np.sum(errors**2)) / len(errors))
 
 
 def majority(regimes: np.ndarray) -> dict[str, Any]:
-    """The regime that most members are in (`studies.motion.ensembles.majority`), and how sure that is.
+    """The regime of most repeat runs (`studies.motion.ensembles.majority`), and how sure that is.
 
     The certainty is the probability, by Bayes with Jeffreys' prior, that more than half of all runs of the scene
-    would be in this regime: 0.985 for 4 of 4 members, 0.84 for 3, 0.5 for 2.
+    would be in this regime: 0.985 for 4 of 4 runs, 0.84 for 3, 0.5 for 2.
     """
     most, counts = ensembles.majority(regimes)
     inside = int(counts[most])
@@ -124,14 +125,14 @@ def majority(regimes: np.ndarray) -> dict[str, Any]:
 
 
 def stability(scene: Scene, cutoff: float, numerical_damping: str) -> dict[str, Any]:
-    """What linear stability says of steady sliding: of all modes below the band, and of the model that is run.
+    """Linear stability of steady sliding: of all modes below the band, and of the model that is run.
 
     The model that is run has numerical damping, or none, and modes up to its cut-off, far above the band. Which of
     those grow depends on both; but where none does and a scene vibrates all the same, it is subcritical.
     """
     theta, mu = scene.drive_theta, scene.mu
     rate, frequency, unstable = largest_growth(scene.rig, theta, mu, transients.BAND)
-    found = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
+    values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
     rig = with_numerical_damping(scene.rig, transients.METHOD, numerical_damping)
     model = reduced_model(rig, theta, cutoff or None, "absorbing")
     # Without an element only rounding holds the gap of a lasting contact: there is no such map.
@@ -140,21 +141,21 @@ def stability(scene: Scene, cutoff: float, numerical_damping: str) -> dict[str, 
     if steady is not None and len(steady.eigenvalues):
         top = steady.eigenvalues[np.argmax(steady.eigenvalues.real)]
         model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
-    return found | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
+    return values | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
 
 
 def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
-    """The rig, the ensemble and the run of each member."""
+    """The rig, the ensemble and the settings of each repeat run."""
     rig, _ = rig_of({**settings, "theta": 0.0})
     members = checks.count("members", settings["members"], MOST_MEMBERS)
-    return ensembles.held(settings) | {"members": members, "rig": rig}
+    return ensembles.shared(settings) | {"members": members, "rig": rig}
 
 
 def coords(*, members: int, **_: Any) -> dict[str, Axis]:
-    """The regimes, of which each has a share of the members, and the members."""
+    """The regimes, of which each has a share of the repeat runs, and these runs."""
     return {
         "kind": Axis(np.array(transients.REGIMES), long_name="regime"),
-        "member": Axis(np.arange(1, members + 1), "1", "member of the ensemble"),
+        "member": Axis(np.arange(1, members + 1), "1", "repeat run, by the ramp of the drive"),
     }
 
 
@@ -162,7 +163,7 @@ STUDY = Study(
     name="regimes",
     title="Regimes: kind of vibration over V and mu",
     question="Where does the rig slide steadily, vibrate, or stick and burst, with the published scheme's "
-    "numerical damping, and does linear stability tell?",
+    "numerical damping, and does linear stability predict it?",
     paper="Sections 2 and 3.5.3, at mu = 0.2: intermittent vibration at 1 and 2 mm/s, periodic at 5 mm/s; by "
     "Section 3.4.2 steady sliding is unstable from mu = 0.12 on. A plane of regimes is not in it.",
     axes={

@@ -13,7 +13,7 @@ from studies.scatter import instability
 from studies.study import constants
 from studies.tables import Part, Table
 
-# Probabilities for which the friction is told.
+# Probabilities for which the friction is listed.
 RISKS = (0.01, 0.05, 0.5, 0.95, 0.99)
 # From this total index on a number matters.
 MATTERS = 0.05
@@ -23,20 +23,20 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     """Frictions by risk at the angle next to the paper's and where all is safe; indices; distributions."""
     at = dataset.sel(theta=paper.THETA, method="nearest")
     theta, mu = dataset["theta"].values, dataset["mu"].values
-    given, count = constants(dataset), dataset.sizes["sample"]
+    fixed, count = constants(dataset), dataset.sizes["sample"]
     lines: list[Part] = [
         f"{count} rigs, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), mu from "
         f"{mu.min():g} to {mu.max():g} ({len(mu)}), modes below {transients.BAND / 1e3:g} kHz; seed "
-        f"{given['seed']}.",
+        f"{fixed['seed']}.",
         "",
         *_by_risk(at),
         "",
-        *_deciding(at, given["sobol_samples"]),
+        *_deciding(at, fixed["sobol_samples"]),
         "",
         *_extremes(dataset),
         *regimes.failures(dataset),
         "",
-        instability.table(given["scatter"]),
+        instability.table(fixed["scatter"]),
     ]
     return lines
 
@@ -93,10 +93,10 @@ def _deciding(at: xr.Dataset, base: int) -> list[Part]:
 def _extremes(dataset: xr.Dataset) -> list[Part]:
     """Over all angles: where the scatter makes most of the difference."""
     share, nominal = (dataset[name].values for name in ("probability_unstable", "nominal_unstable"))
-    known = np.isfinite(share)
-    if not known.any():
+    finite = np.isfinite(share)
+    if not finite.any():
         return []
-    stable, unstable = known & (nominal == 0), known & (nominal == 1)
+    stable, unstable = finite & (nominal == 0), finite & (nominal == 1)
     parts = []
     for chosen, word, of in ((stable, "stable", share), (unstable, "unstable", 1.0 - share)):
         if chosen.any():

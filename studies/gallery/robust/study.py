@@ -68,13 +68,13 @@ def probabilities(
             return instability.lowest(instability.onsets(rig, {"theta": theta, **values}), MU_MAX)[0]
 
         nominal, table = (instability.onsets(rig, {"theta": theta, **values}) for values in ({}, draws))
-        found, frequency = instability.lowest(table, np.nan)
+        onset, frequency = instability.lowest(table, np.nan)
         rows.append(
             (
                 table.unstable(friction).mean(axis=0),
                 nominal.unstable(friction)[0],
                 *(float(each[0]) for each in instability.lowest(nominal, np.nan)),
-                found,
+                onset,
                 frequency,
                 *instability.sobol_indices(lowest, parsed, sobol_samples, seed),
             )

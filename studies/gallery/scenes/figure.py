@@ -27,10 +27,10 @@ def draw(dataset: xr.Dataset) -> Figure:
     varying = [name for name in transients.SCENE if dataset.sizes[name] > 1]
     varying.sort(key=lambda name: -dataset.sizes[name])
     held = [named(name, dataset[name].values[0]) for name in transients.SCENE if name not in varying]
-    given = constants(dataset)
-    known = f"runs until the shares of time are known to {given['standard_error']:g}"
-    length = f"runs of {given['duration']:g} s" if given["duration"] else known
-    about = ", ".join([*held, length, transients.damping(given)])
+    fixed = constants(dataset)
+    rule = f"runs until the shares of time are known to {fixed['standard_error']:g}"
+    length = f"runs of {fixed['duration']:g} s" if fixed["duration"] else rule
+    about = ", ".join([*held, length, transients.damping(fixed)])
     if len(varying) > 1:
         return _draw_maps(dataset, varying, f"Regime of the motion\n{about}")
     along = varying[0] if varying else "V"

@@ -1,4 +1,4 @@
-"""Any grid of scenes over V, theta, mu and F: the motion of each in time, as figures and, if asked, as series."""
+"""Any grid of scenes over V, theta, mu and F: figures of the motion in time and, with --record, series."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COLUMNS: dict[str, Column] = {
     "vibration": regimes.kind,
     **regimes.SHARES,
     "RMS mm/s": ("velocity_rms", ".2f", 1e3),
-    "dominant Hz": (regimes.main_line, ".0f"),
+    "dominant Hz": (regimes.dominant_frequency, ".0f"),
     "99.9 % of N": ("normal_force_999", ".1f"),
     "first slip ms": ("first_slip_time", ".1f", 1e3),
 }
@@ -66,24 +66,24 @@ def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
     rig, _ = rig_of({**settings, "theta": 0.0})
     settle = settings["settle"]
     rule = {name: settings[name] for name in ("standard_error", "least", "most")}
-    return transients.held(settings, rig) | rule | {"settle": None if settle < 0.0 else settle}
+    return transients.shared(settings, rig) | rule | {"settle": None if settle < 0.0 else settle}
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Main figures of the scenes, how many move in which way, and what failed."""
-    given = constants(dataset)
+    fixed = constants(dataset)
     names = [name for name in (*transients.SUMMARY, "status", "error") if name in dataset]
     points = dataset[names].stack(point=transients.SCENE, create_index=False)
     computed = points.isel(point=np.isin(points["status"], [DONE, FAILED]))
     distinct = len(np.unique(normalised.key({name: computed[name].values for name in transients.SCENE}), axis=0))
     rig = "the paper's rig" if paper.is_rig(dataset) else "another rig than the paper's"
     copies = f"{distinct} computed" + ", of which the others are copies" * (distinct < computed.sizes["point"])
-    settle, count = given["settle"], points.sizes["point"]
+    settle, count = fixed["settle"], points.sizes["point"]
     since = f"{transients.SETTLING:g} s after the first slip" if settle is None else f"{settle:g} s"
-    length = f" of {given['duration']:g} s" if given["duration"] else ""
+    length = f" of {fixed['duration']:g} s" if fixed["duration"] else ""
     lines: list[Part] = [
-        f"{count} scene{'s' if count > 1 else ''}{length} on {rig}, {transients.damping(given)}, {copies}.",
-        *([] if length else [f"Each runs {ensembles.told(given)}."]),
+        f"{count} scene{'s' if count > 1 else ''}{length} on {rig}, {transients.damping(fixed)}, {copies}.",
+        *([] if length else [f"Each runs {ensembles.duration_text(fixed)}."]),
         f"Shares of time, RMS, dominant frequency and normal force: from {since} on.",
         "",
         Table.of(points.isel(point=slice(MOST_ROWS)), "point", COLUMNS),
@@ -96,8 +96,8 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     lines += regimes.failures(points, transients.SCENE)
     if "elapsed" in dataset.dims:
         lines.append(
-            f"Recorded of each: {', '.join(given['record'])}; {dataset.sizes['elapsed']} samples at "
-            f"{given['sample_rate']:g} Hz."
+            f"Recorded of each: {', '.join(fixed['record'])}; {dataset.sizes['elapsed']} samples at "
+            f"{fixed['sample_rate']:g} Hz."
         )
     return lines
 

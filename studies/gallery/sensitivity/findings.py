@@ -34,12 +34,12 @@ RESULTS = {"elasticity_mu": (0, 0, 0, 0), "elasticity_frequency": (0, 0, -1, 0)}
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Numbers that matter at one inclination, the same over all, and how far the derivatives hold."""
-    given, theta, at = constants(dataset), dataset["theta"].values, reference(dataset)
-    known, angle = dataset["elasticity_mu"].notnull(), float(at["theta"])
-    pairs = at["pair"].values[known.sel(theta=angle).any("parameter")]
+    fixed, theta, at = constants(dataset), dataset["theta"].values, reference(dataset)
+    has_onset, angle = dataset["elasticity_mu"].notnull(), float(at["theta"])
+    pairs = at["pair"].values[has_onset.sel(theta=angle).any("parameter")]
     lines: list[Part] = [
         f"Flutter onsets of three pairs, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), "
-        f"modes below {given['fmax'] / 1e3:g} kHz, mu up to {given['mu_max']:g}.",
+        f"modes below {fixed['fmax'] / 1e3:g} kHz, mu up to {fixed['mu_max']:g}.",
         "",
     ]
     if not len(pairs):
@@ -60,7 +60,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "",
         *(sentence for pair in pairs for sentence in _over_theta(dataset.sel(pair=pair), angle)),
     ]
-    if known.all("parameter").any() and set(PARAMETERS) <= set(dataset["parameter"].values.tolist()):
+    if has_onset.all("parameter").any() and set(PARAMETERS) <= set(dataset["parameter"].values.tolist()):
         lines.append(
             "Units of mass, length and time, and wider beams under a heavier head, each demand a sum of "
             f"elasticities; the largest residual is {residual(dataset):.0e} of the terms."

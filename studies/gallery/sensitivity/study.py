@@ -64,16 +64,16 @@ def sensitivities(
     points: Mapping[str, Any], *, rig: Rig, pairs_theta: float, mu_max: float, fmax: float
 ) -> dict[str, Array]:
     """The variables at each point; NaN for a pair without an onset there, so for all at theta <= 0."""
-    found = {name: np.full((len(points["theta"]), PAIRS), np.nan) for name in VARIABLES}
-    found["fold"][:] = 0.0
+    results = {name: np.full((len(points["theta"]), PAIRS), np.nan) for name in VARIABLES}
+    results["fold"][:] = 0.0
     for row, (theta, name) in enumerate(zip(points["theta"].tolist(), points["parameter"].tolist(), strict=True)):
         onsets, places = pairs_at(rig, theta, pairs_theta, fmax, mu_max)
         mu, frequency = changed(rig, theta, name, onsets, fmax, mu_max)
         values = onsets.mu, onsets.frequency, onsets.mu_elasticity[name], onsets.frequency_elasticity[name]
         every = *values, mu - onsets.mu, frequency - onsets.frequency, onsets.fold
         for variable, value in zip(VARIABLES, every, strict=True):
-            found[variable][row, places >= 0] = value[places[places >= 0]]
-    return found
+            results[variable][row, places >= 0] = value[places[places >= 0]]
+    return results
 
 
 @lru_cache(maxsize=8)

@@ -28,7 +28,7 @@ CLAIMS = (
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Branches of onsets, windows, the unstable share of the plane, and what the paper's text says."""
+    """Branches of onsets, windows, the unstable share of the plane, and the paper's statements."""
     theta, mu = dataset["theta"].values, dataset["mu"].values
     return [
         f"Steady sliding, theta from {theta.min():g} to {theta.max():g} degrees ({len(theta)}), mu from "
@@ -75,10 +75,10 @@ def _plane(dataset: xr.Dataset) -> list[Part]:
     """The unstable part of the plane, the bound tan(theta) = mu, and whether grid and branches agree."""
     at = dataset.transpose("theta", "mu", ...)
     growth, modes, frequency = (at[name].values for name in ("growth_rate", "unstable_modes", "frequency"))
-    known, grows, tangent = np.isfinite(growth), growth > 0.0, np.tan(np.radians(at["theta"].values))[:, None]
-    if not known.any():
+    finite, grows, tangent = np.isfinite(growth), growth > 0.0, np.tan(np.radians(at["theta"].values))[:, None]
+    if not finite.any():
         return ["No point has been computed yet."]
-    count, inside = known.sum(), (tangent > 0.0) & (tangent < at["mu"].values)
+    count, inside = finite.sum(), (tangent > 0.0) & (tangent < at["mu"].values)
     rows = {
         "points with a growing mode": f"{grows.sum()} of {count} ({100.0 * grows.sum() / count:.1f} %)",
         "most growing modes at a point": f"{np.nanmax(modes):.0f}",
@@ -95,8 +95,8 @@ def _plane(dataset: xr.Dataset) -> list[Part]:
     if "comment" not in dataset["pair_onset_mu"].attrs:
         # A mode may grow without an onset: where a pair has become two that diverge, or at the band's end.
         pairs = expected(dataset)
-        rows["growing, but not by the branches, or the reverse"] = f"{(known & (grows != (pairs > 0))).sum()}"
-        rows["more or fewer growing modes than by the branches"] = f"{(known & (modes != pairs)).sum()}"
+        rows["growing, but not by the branches, or the reverse"] = f"{(finite & (grows != (pairs > 0))).sum()}"
+        rows["more or fewer growing modes than by the branches"] = f"{(finite & (modes != pairs)).sum()}"
     return [Table(["over the plane", "value"], [*rows.items()], words=2)]
 
 

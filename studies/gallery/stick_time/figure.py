@@ -33,7 +33,7 @@ STYLES = ("-", "--", "-.", ":")
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Times, times by speed, their distribution, and all frictions and loads in one."""
-    at, given = reference(dataset), constants(dataset)
+    at, fixed = reference(dataset), constants(dataset)
     figure, (times, products, spread, collapse) = figures.panels(2, 2, 17.0, 15.5)
     _draw_times(times, at)
     _draw_products(products, at)
@@ -42,8 +42,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     titles = ("mean", "mean × speed", "distribution", "every friction and load")
     figures.letter((times, products, spread, collapse), titles)
     held = f"μ = {float(at['mu']):g}, F = {float(at['F']):g} N"
-    title = f"Duration of long sticks, θ = {given['theta']:g}°; (a) to (c) {held}"
-    figure.suptitle(f"{title}\n{transients.damping(given)}")
+    title = f"Duration of long sticks, θ = {fixed['theta']:g}°; (a) to (c) {held}"
+    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
     return figure
 
 
@@ -60,7 +60,7 @@ def _draw_times(axes: Axes, at: xr.Dataset) -> None:
         mean, low, high = 1e3 * _means(at, kind)
         bars = np.nan_to_num(np.stack([mean - low, high - mean]))
         axes.errorbar(1e3 * V, mean, bars, capsize=2.0, **LINE, **look)
-    once = 1e3 * at["load_up_time"].mean("member").values
+    once = 1e3 * at["loading_time"].mean("member").values
     axes.plot(1e3 * V, once, ":", color=figures.GREY, label="first stick, μF/(k V)")
     start = float(at["mean_stick_time"].sel(kind="start_up").interp(V=min(paper.SPEEDS)))
     if np.isfinite(start) and V[0] <= min(paper.SPEEDS) <= V[-1]:

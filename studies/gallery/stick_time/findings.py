@@ -1,4 +1,4 @@
-"""What is said of the sticks: their laws beside the paper's, and how many there were."""
+"""Sticks in numbers: their laws beside the paper's, and their counts."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ CLAIMS = (
 
 
 def findings(dataset: xr.Dataset) -> list[Part]:
-    """Sticks at each speed, the laws' exponents, the collapse over mu and F, and what the paper says."""
-    at, given = reference(dataset), constants(dataset)
+    """Sticks at each speed, the laws' exponents, the collapse over mu and F, and the paper's statements."""
+    at, fixed = reference(dataset), constants(dataset)
     early = _first_stick(at)
     failed = int((dataset["status"] == FAILED).sum())
     return [
-        f"Long sticks, theta = {given['theta']:g} degrees, mu = {float(at['mu']):g}, F = {float(at['F']):g} N, "
-        f"{dataset.sizes['member']} repeat runs a speed, {transients.damping(given)}; 95 % intervals over them.",
+        f"Long sticks, theta = {fixed['theta']:g} degrees, mu = {float(at['mu']):g}, F = {float(at['F']):g} N, "
+        f"{dataset.sizes['member']} repeat runs a speed, {transients.damping(fixed)}; 95 % intervals over them.",
         f"Start-up: begun within {transients.SETTLING:g} s of the first slip; sustained: later.",
         "",
         Table.of(at, "V", SPEEDS),
@@ -89,8 +89,8 @@ def _laws(at: xr.Dataset) -> Table:
 
 def _first_stick(at: xr.Dataset) -> xr.DataArray:
     """By which share at most the first slip's time departs from the static law at each speed."""
-    late = at["first_slip_time"] - 0.5 * ramp_of(at["member"], constants(at)["ramp"]) - at["load_up_time"]
-    share: xr.DataArray = abs(late / at["load_up_time"]).max("member")
+    late = at["first_slip_time"] - 0.5 * ramp_of(at["member"], constants(at)["ramp"]) - at["loading_time"]
+    share: xr.DataArray = abs(late / at["loading_time"]).max("member")
     return share
 
 

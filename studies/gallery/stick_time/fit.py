@@ -1,6 +1,6 @@
-"""What sticks of an ensemble tell of a law T ~ V^n: means and exponents with bootstrap intervals over members.
+"""Fit of a law T ~ V^n to the sticks of repeat runs: means and exponents with bootstrap intervals over the runs.
 
-A member's sticks are not independent of each other, members are: what is drawn again and again is whole members.
+Sticks of one run are not independent of each other, repeat runs are: the bootstrap draws whole runs.
 """
 
 from __future__ import annotations
@@ -42,26 +42,26 @@ DERIVED = {
 
 
 def with_laws(dataset: xr.Dataset, **constants: Any) -> xr.Dataset:
-    """Add means over members, their intervals, and the exponents of the laws."""
+    """Add means over repeat runs, their intervals, and the exponents of the laws."""
     each = [
         [_laws(dataset.isel(mu=m, F=f)) for f in range(dataset.sizes["F"])] for m in range(dataset.sizes["mu"])
     ]
-    found = {}
+    derived = {}
     for name, (dims, units, text) in DERIVED.items():
         name, _, ends = name.partition(" ")
         for k, (suffix, whose) in enumerate(ENDS.items()):
             if not k or ends:
                 values = np.array([[one[name][k] if ends else one[name] for one in row] for row in each])
-                found[name + suffix] = (("mu", "F", *dims), values, {"units": units, "long_name": whose + text})
+                derived[name + suffix] = (("mu", "F", *dims), values, {"units": units, "long_name": whose + text})
     coords: dict[str, Any] = {
         "kind": ("kind", np.array(KINDS, dtype=object), {"long_name": "begun before or after the motion settled"}),
         "law": ("law", np.array(LAWS, dtype=object), {"long_name": "which sticks, over which speeds"}),
     }
-    return dataset.assign_coords(coords).assign(found)
+    return dataset.assign_coords(coords).assign(derived)
 
 
 def _laws(at: xr.Dataset) -> dict[str, Any]:
-    """What DERIVED lists, for one mu and F."""
+    """Compute the variables of DERIVED for one mu and F."""
     at = at.transpose("V", "member", ...)
     V = at["V"].values
     early, late = (
@@ -100,7 +100,7 @@ class Means:
     mean : ndarray, (speeds,)
         s; NaN where there is no stick.
     drawn : ndarray, (drawings, speeds)
-        Means of ensembles of as many members, drawn with replacement.
+        Means of ensembles of as many repeat runs, drawn with replacement.
     """
 
     mean: Array
@@ -108,7 +108,7 @@ class Means:
 
     @classmethod
     def of(cls, time: Array, count: Array) -> Means:
-        """From the total time (s) and the number of each member's sticks, (speeds, members)."""
+        """From the total time (s) and the number of each run's sticks, (speeds, runs)."""
         speeds, members = time.shape
         chosen = np.random.default_rng(SEED).integers(members, size=(DRAWINGS, speeds, members))
         row = np.arange(speeds)[None, :, None]
@@ -130,10 +130,10 @@ class Means:
 
     def local_exponents(self, V: Array) -> Array:
         """Exponent about each speed, from its neighbours, with the ends of its interval, (3, speeds)."""
-        place, found = np.arange(len(V)), np.full((3, len(V)), np.nan)
+        place, exponents = np.arange(len(V)), np.full((3, len(V)), np.nan)
         for k in np.flatnonzero(np.isfinite(self.mean)):
-            found[:, k] = self.exponent(V, np.abs(place - k) <= 1)
-        return found
+            exponents[:, k] = self.exponent(V, np.abs(place - k) <= 1)
+        return exponents
 
     def ratio(self, V: Array, over: float, under: float) -> Array:
         """Mean at one speed over that at another, and the ends of its interval, (3,); NaN if either is missing."""
@@ -146,7 +146,7 @@ class Means:
 
 
 def interval(drawn: Array) -> Array:
-    """What the middle of many drawings spans, (2, ...) of (drawings, ...); those without a value do not count."""
+    """Bounds of the middle COVERED share of drawings without missing values, (2, ...) from (drawings, ...)."""
     none = np.all(np.isnan(drawn), axis=0)
     ends = np.nanquantile(np.where(none, 0.0, drawn), [0.5 - 0.5 * COVERED, 0.5 + 0.5 * COVERED], axis=0)
     return np.asarray(np.where(none, np.nan, ends))
@@ -163,8 +163,8 @@ def crossing(V: Array, share: Array, level: float) -> float:
 
     Between the last speed above and the next one the share is taken as linear in V.
     """
-    known = np.isfinite(share)
-    V, share = V[known], share[known]
+    finite = np.isfinite(share)
+    V, share = V[finite], share[finite]
     above = np.flatnonzero(share > level)
     if not len(above) or above[-1] == len(V) - 1:
         return float("nan")

@@ -18,7 +18,7 @@ from studies.spec import evenly
 from studies.study import Setting, Study, deferred
 from sweeps import Axis, Variable
 
-# Of one member so many sticks are kept one by one; its counts and totals are of all.
+# So many sticks of a run are stored one by one; its counts and totals are of all.
 KEPT = 64
 # Five times the default, Hz: where bursts are rare, a stick is only as right as they are. At 0.5 mm/s T V is 61 um
 # by default, 67 with 1.4 times the cut-off, 70 with twice and with three times; at 0.25 mm/s it is 57 with twice,
@@ -37,7 +37,7 @@ VARIABLES = {
     "sustained_total": Variable("s", "time in long sticks begun after settling", (), "float32"),
     "observed_time": Variable("s", "time simulated after settling", (), "float32"),
     "first_slip_time": Variable("s", "time of the first slip, the end of the first stick", (), "float32"),
-    "load_up_time": Variable(
+    "loading_time": Variable(
         "s", "time in which the drive loads a stuck contact from rest until it slips", (), "float32"
     ),
 }
@@ -58,7 +58,7 @@ def sticks(points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
 
 
 def of_sticks(scene: Scene, summary: Mapping[str, Any], duration: float) -> dict[str, Any]:
-    """A run's long sticks, told apart by whether the motion had settled when they began."""
+    """A run's long sticks, by whether the motion had settled when they began."""
     first, long = summary["first_slip_time"], summary["stick_times"]
     early = summary["stick_starts"] - first < transients.SETTLING
     return {
@@ -69,17 +69,17 @@ def of_sticks(scene: Scene, summary: Mapping[str, Any], duration: float) -> dict
         "sustained_total": long[~early].sum(),
         "observed_time": np.fmax(duration - first - transients.SETTLING, 0.0),
         "first_slip_time": first,
-        "load_up_time": ensembles.load_up(scene),
+        "loading_time": ensembles.loading_time(scene),
     }
 
 
 def key(points: Mapping[str, Any]) -> np.ndarray:
-    """Equal rows for the same member of scenes that are copies of each other."""
+    """Equal rows for the same repeat run of scenes that are copies of each other."""
     return np.column_stack([_speed_per_load(points), points["mu"], points["member"]])
 
 
 def _speed_per_load(points: Mapping[str, Any]) -> np.ndarray:
-    """V / F as the solver rounds it, m/s/N: it alone tells scenes of one theta and mu apart."""
+    """V / F as the solver rounds it, m/s/N: scenes of one theta and mu differ in it alone."""
     return normalised.coordinates({**points, "theta": np.zeros(len(points["V"]))})[0]
 
 
@@ -91,9 +91,9 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
 
 
 def constants_of(settings: Mapping[str, float]) -> dict[str, Any]:
-    """The rig, theta and the run of each member."""
+    """The rig, theta and the settings of each repeat run."""
     rig, theta = rig_of(settings)
-    return ensembles.held(settings) | {"rig": rig, "theta": theta}
+    return ensembles.shared(settings) | {"rig": rig, "theta": theta}
 
 
 STUDY = Study(
@@ -110,11 +110,13 @@ STUDY = Study(
             "m s-1",
             "velocity of P2's clamp",
         ),
-        "member": Axis(np.arange(1, 17), "1", "member of the ensemble; members differ by the drive's ramp"),
+        "member": Axis(np.arange(1, 17), "1", "repeat run, by the ramp of the drive"),
         "mu": Axis(evenly(0.75 * paper.MU, 1.25 * paper.MU, 3), "1", "coefficient of friction"),
         "F": Axis(np.array([0.5, 1.0, 2.0]) * paper.LOAD, "N", "load on A"),
     },
-    settings=ensembles.settings(1.0, 30.0, transients.PUBLISHED, load_ups=Setting(3.0, "1", ensembles.LOAD_UPS))
+    settings=ensembles.settings(
+        1.0, 30.0, transients.PUBLISHED, loading_times=Setting(3.0, "1", ensembles.LOADING_TIMES)
+    )
     | {"cutoff": replace(transients.run_settings(30.0)["cutoff"], value=CUTOFF)}
     | rig_settings(),
     function=sticks,

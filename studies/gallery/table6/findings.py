@@ -17,7 +17,7 @@ from studies.tables import Column, Part, Table, listed
 
 # Rows of the table of all inclinations.
 MOST_ROWS = 31
-# Members whose main lines lie further apart than this share have two rival lines, not one that scatters.
+# Runs whose dominant frequencies lie further apart than this share have two rival peaks, not one that scatters.
 RIVAL = 0.05
 AT: dict[str, Any] = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
 CLAIMS = (
@@ -34,7 +34,7 @@ CLAIMS = (
 
 def findings(dataset: xr.Dataset) -> list[Part]:
     """Stability and motion at each inclination, windows of instability, and the paper's text beside them."""
-    given, theta = constants(dataset), dataset["theta"].values
+    fixed, theta = constants(dataset), dataset["theta"].values
     unstable, pairs = dataset["unstable_modes"].values, dataset.sizes["pair"]
     inside = (dataset["window_from"] <= dataset["theta"]) & (dataset["theta"] <= dataset["window_to"])
     regime, line = dataset["member_regime"], dataset["member_dominant_frequency"]
@@ -46,18 +46,18 @@ def findings(dataset: xr.Dataset) -> list[Part]:
         "The runs differ in regime, or their dominant frequencies lie far apart": (
             (regime.max("member") > regime.min("member")) | rival
         ).values,
-        f"The runs were cut short at most = {given['most']:g} s": dataset["duration"].values >= given["most"],
+        f"The runs were cut short at most = {fixed['most']:g} s": dataset["duration"].values >= fixed["most"],
     }
     of_paper = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
     return [
-        f"Steady sliding and motion by inclination ({len(theta)}), V = {1e3 * given['V']:g} mm/s, "
-        f"mu = {given['mu']:g}, F = {given['F']:g} N; modes below {transients.BAND / 1e3:g} kHz; "
-        f"{given['members']} runs at each, {transients.damping(given)}, "
+        f"Steady sliding and motion by inclination ({len(theta)}), V = {1e3 * fixed['V']:g} mm/s, "
+        f"mu = {fixed['mu']:g}, F = {fixed['F']:g} N; modes below {transients.BAND / 1e3:g} kHz; "
+        f"{fixed['members']} runs at each, {transients.damping(fixed)}, "
         f"their figures from {transients.SETTLING:g} s after first slip on.",
         "",
         *_by_inclination(dataset),
         "",
-        *windows.report(dataset, given["mu"]),
+        *windows.report(dataset, fixed["mu"]),
         "",
         *_by_motion(dataset),
         *(f"{case}: theta = {listed(theta[where])} degrees." for case, where in cases.items() if where.any()),

@@ -1,4 +1,4 @@
-"""Table 6: over the inclination, what stability says of steady sliding and how the rig moves in time."""
+"""Table 6: linear stability of steady sliding, and the motion in time, over the inclination."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ VARIABLES = (
     }
     | fig11.STABILITY
     | {
-        "duration": Variable("s", "simulated time, mean over members"),
-        "regime": replace(transients.SUMMARY["regime"], long_name="regime of most members"),
-        "regime_share": Variable("1", "share of the members in the regime of most"),
-        "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating members", ()),
+        "duration": Variable("s", "simulated time, mean over repeat runs"),
+        "regime": replace(transients.SUMMARY["regime"], long_name="regime of most repeat runs"),
+        "regime_share": Variable("1", "share of the repeat runs in the regime of most"),
+        "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating repeat runs", ()),
     }
-    | {name: _of(name, "mean of the members", ()) for name in AVERAGED}
-    | {f"member_{name}": _of(name, "of one member", ("member",)) for name in KEPT}
+    | {name: _of(name, "mean of the repeat runs", ()) for name in AVERAGED}
+    | {f"member_{name}": _of(name, "of one repeat run", ("member",)) for name in KEPT}
 )
 
 
@@ -76,14 +76,14 @@ def unstable_pairs(scene: Scene) -> dict[str, Any]:
     modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, transients.BAND)
     unstable = np.flatnonzero(modes.unstable)
     fastest = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
-    kept = np.sort(unstable[fastest])  # modes ascend in frequency
+    chosen = np.sort(unstable[fastest])  # modes ascend in frequency
     frequency, growth = np.full((2, PAIRS), np.nan)
-    frequency[: len(kept)], growth[: len(kept)] = modes.frequency[kept], modes.growth_rate[kept]
+    frequency[: len(chosen)], growth[: len(chosen)] = modes.frequency[chosen], modes.growth_rate[chosen]
     return {"unstable_modes": len(unstable), "frequency": frequency, "growth_rate": growth}
 
 
 def ensemble(runs: Sequence[Transient]) -> dict[str, Any]:
-    """How the members of a scene's ensemble move: each, and taken together."""
+    """The motion of a scene's repeat runs: of each, and of all together."""
     figures = ensembles.figures_of(runs)
     each = {name: figures[name] for name in KEPT}
     vibrates = regimes.is_of(each["regime"], *regimes.VIBRATING)
@@ -102,7 +102,7 @@ def constants(settings: Mapping[str, float]) -> dict[str, Any]:
     rig, _ = rig_of({**settings, "theta": paper.THETA})
     members = checks.count("members", settings["members"], MOST_MEMBERS)
     point = {name: settings[name] for name in ("V", "mu", "F")}
-    return point | ensembles.held(settings) | {"rig": rig, "members": members}
+    return point | ensembles.shared(settings) | {"rig": rig, "members": members}
 
 
 def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
@@ -114,10 +114,10 @@ def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
 
 
 def coords(*, members: int, **_: Any) -> dict[str, Axis]:
-    """The pairs and the members, counted from 1."""
+    """The pairs and the repeat runs, counted from 1."""
     return {
         "pair": Axis(np.arange(1, PAIRS + 1), "1", "unstable pair, ascending in frequency"),
-        "member": Axis(np.arange(1, members + 1), "1", "member of the ensemble, by the ramp of its drive"),
+        "member": Axis(np.arange(1, members + 1), "1", "repeat run, by the ramp of the drive"),
     }
 
 
@@ -139,7 +139,7 @@ STUDY = Study(
         "V": Setting(paper.ANGLES_SPEED, "m s-1", "velocity of P2's clamp"),
         "mu": Setting(paper.MU, "1", "coefficient of friction"),
         "F": Setting(paper.LOAD, "N", "load on A"),
-        "members": Setting(6.0, "1", "members of the ensemble at each inclination"),
+        "members": Setting(6.0, "1", "number of repeat runs at each inclination"),
     }
     | ensembles.settings(0.3, 8.0, transients.PUBLISHED, standard_error=ensembles.KNOWN)
     | {name: setting for name, setting in rig_settings().items() if name != "theta"},

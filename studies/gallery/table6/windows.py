@@ -52,7 +52,7 @@ def with_windows(dataset: xr.Dataset, rig: Rig, mu: float, V: float) -> xr.Datas
 
 
 def windows(rig: Rig, mu: float, V: float, low: float, high: float) -> dict[str, NDArray[Any]]:
-    """What WINDOWS describes of each window between two angles; none in a single angle.
+    """Compute the variables of WINDOWS for each window between two angles; a single angle has none.
 
     Of V only the sign matters: with V < 0 the windows are those of -theta. Windows that cannot be told apart raise
     `ArithmeticError`.

@@ -158,7 +158,7 @@ def test_divergence_is_a_real_eigenvalue_at_the_edge():
 def test_neither_threads_nor_neighbours_change_a_bit(monkeypatch):
     numbers = scattered(40)
     whole = flutter_onsets_many(numbers)
-    monkeypatch.setattr(many, "CHUNK", 7)
+    monkeypatch.setattr(many, "BATCH", 7)
     parts = flutter_onsets_many(numbers, threads=2)
     alone = flutter_onsets_many({name: value[17] for name, value in numbers.items()})
     for name in (*FIELDS, "divergence_mu"):
@@ -243,7 +243,7 @@ def test_what_cannot_be_asked_for_is_refused(numbers, options, message):
 
 def test_a_search_without_end_names_its_row(monkeypatch):
     search = many._isolate_rows
-    monkeypatch.setattr(many, "CHUNK", 2)
+    monkeypatch.setattr(many, "BATCH", 2)
     monkeypatch.setattr(
         many, "_isolate_rows", lambda *args: (*search(*args)[:4], 1 if args[0][1, 0] == 8.0 else -1)
     )

@@ -45,7 +45,7 @@ class Statistics:
         return abs(self.rms - other.rms) > 0.1 * other.rms + 2.0 * np.hypot(self.rms_se, other.rms_se)
 
     def wrong_line(self, other):
-        """Whether neither main line is within 1.5 % of the other's or of one of its rivals."""
+        """Whether neither dominant frequency is within 1.5 % of the other's or of one of its rivals."""
         pairs = ((self, other), (other, self))
         return not any(np.min(np.abs(one.peaks / its.peaks[0] - 1.0)) <= 0.015 for one, its in pairs)
 
@@ -94,7 +94,7 @@ def test_the_default_has_converged_on_a_random_rig():
     assert one.regimes == other.regimes
 
 
-# Runs of the published scheme on all modes are dear: fewer and shorter ones.
+# Runs of the published scheme on all modes are expensive: fewer and shorter ones.
 @cache
 def published(number: int, numerical_damping: str) -> Statistics:
     """By the published scheme; without its numerical damping in steps a half as long."""

@@ -68,7 +68,7 @@ FIGURES = {
 
 @pytest.mark.parametrize("V", FIGURES)
 def test_time_fractions_lines_and_forces_at_the_papers_speeds(V):
-    """Three members: shares of time within 0.02, the RMS of the velocity of B within 10 %."""
+    """Three runs: shares of time within 0.02, the RMS of the velocity of B within 10 %."""
     fractions, rms, force, slip = FIGURES[V]
     given = {"numerical_damping": "published", "settle": 0.3}
     runs = [simulate(paper_scene(V), 2.8, ramp=1e-3 * (1 + 0.013 * k), **given).summary for k in range(3)]
@@ -77,7 +77,7 @@ def test_time_fractions_lines_and_forces_at_the_papers_speeds(V):
     assert np.mean([run["velocity_rms"] for run in runs]) == pytest.approx(rms, rel=0.1)
     if V == 2e-3:
         assert 3.6e-3 <= runs[0]["first_separation_time"] - runs[0]["first_slip_time"] <= 3.95e-3
-    # Where bursts are rare, one member in ten has its strongest line at a rival peak.
+    # Where bursts are rare, one run in ten has its strongest peak at a rival peak.
     assert 2.54e3 < np.median([run["dominant_frequency"] for run in runs]) < 2.69e3
     assert np.mean([run["normal_force_999"] for run in runs]) == pytest.approx(force, abs=3.0)
     if slip is not None:
@@ -276,7 +276,7 @@ def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
 def test_switches_and_energy_converge_as_the_step_goes_to_zero():
     """Changes of contact state per second: first order, a tenth too few at 1 us; the energy residual, second.
 
-    Means over eight members of 1.2 s.
+    Means over eight runs of 1.2 s.
     """
     ramps, found = [1e-3 * (1 + 0.013 * k) for k in range(8)], []
     for step in (1e-6, 0.5e-6, 0.25e-6):

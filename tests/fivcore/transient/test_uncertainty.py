@@ -34,15 +34,15 @@ SCENES |= {f"rig {number}": (scene, None) for number, scene in enumerate(DRAWN)}
 # In this one something rare and long comes once in some five seconds: of runs as long as here a fifth see none.
 RARE = "rig 3"
 # Runs of each scene, and for how long their statistics last at least, s, and in times that a stick takes to slip.
-RUNS, TIME, LOAD_UPS = 200, 3.6, 25.0
+RUNS, TIME, LOADING_TIMES = 200, 3.6, 25.0
 
 
 def runs_of(name, duration=None, count=RUNS):
     """Summaries of runs that differ by their ramp."""
     scene, settle = SCENES[name]
     if duration is None:
-        loading = ensembles.load_up(scene)
-        duration = (0.1 + loading if settle is None else settle) + max(TIME, LOAD_UPS * loading)
+        loading = ensembles.loading_time(scene)
+        duration = (0.1 + loading if settle is None else settle) + max(TIME, LOADING_TIMES * loading)
     for first in range(0, count, 40):
         ramps = [1e-3 * (1.0 + 0.013 * k) for k in range(first, min(first + 40, count))]
         yield from (
@@ -214,7 +214,7 @@ def test_how_a_run_ends(scene, until, regime, time, reached):
 
 @pytest.mark.parametrize(("method", "most"), [("exact", 0.3), ("paper", 0.2)])
 def test_other_methods_stop_too(method, most):
-    """Where 20 load-ups have passed, at the second look in a row that finds all known."""
+    """Where 20 loading times to slip have passed, at the second check in a row that finds all shares known."""
     scene, until = Scene(4e-2, 5.0, 0.2, 9.0), Until(0.1, least=0.02, most=most)
     summary = simulate(scene, until, method, settle=0.01).summary
     assert summary["standard_error_reached"]

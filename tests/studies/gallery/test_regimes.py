@@ -123,7 +123,7 @@ def test_copies_have_the_bits_of_one_scene_and_its_size(tmp_path):
             np.testing.assert_array_equal(alone[name].squeeze(("V", "mu", "theta", "F")), at, err_msg=name)
 
 
-def test_the_figures_of_an_ensemble_are_those_of_its_members():
+def test_the_figures_of_an_ensemble_are_those_of_its_runs():
     scene, duration = Scene(5e-3, 5.0, 0.2, 9.0), 0.4
     found = regimes.ensemble_figures(run_all(ensembles.ensemble(scene, 3, FIXED | {"most": duration})))
     alone = [run_all([ensembles.member(scene, k, FIXED, duration)]) for k in (1, 2, 3)]
@@ -157,7 +157,7 @@ def test_the_figures_of_an_ensemble_are_those_of_its_members():
         ([INTERMITTENT, PERIODIC, IRREGULAR], IRREGULAR),
     ],
 )
-def test_most_members_decide_and_the_later_regime_where_as_many(members, regime):
+def test_most_runs_decide_and_the_later_regime_where_as_many(members, regime):
     for order in (members, members[::-1]):
         assert regimes.majority(np.array(order))["regime"] == regime
 
@@ -170,7 +170,7 @@ def test_certainty_is_the_posterior_that_more_than_half_are_in_the_regime(member
     posterior = beta(inside + 0.5, len(members) - inside + 0.5)
     np.testing.assert_allclose(found["regime_certainty"], posterior.sf(0.5), rtol=1e-9)
     np.testing.assert_allclose(found["regime_share"].sum(), 1.0)
-    # One more member in the regime makes it surer.
+    # One more run in the regime makes it surer.
     assert regimes.majority(np.array([*members, found["regime"]]))["regime_certainty"] > found["regime_certainty"]
 
 
@@ -240,8 +240,8 @@ def test_a_point_is_in_a_regime_failed_or_pending():
     assert motion_regimes.is_of(codes, "stuck", "failed").tolist() == [
         name in ("stuck", "failed") for name in names
     ]
-    # Only what vibrates has a main line.
-    line = motion_regimes.main_line(data.isel(V=slice(6)))
+    # Only what vibrates has a dominant frequency.
+    line = motion_regimes.dominant_frequency(data.isel(V=slice(6)))
     np.testing.assert_array_equal(line, [np.nan] * 3 + [1e3] * 3)
 
 
@@ -302,6 +302,6 @@ def test_a_file_explains_itself_and_grows(tmp_path):
                 assert plain[name].dtype == np.float32
 
 
-def test_the_standard_error_of_a_mean_over_members():
+def test_the_standard_error_of_a_mean_over_repeat_runs():
     assert regimes.of_mean(np.array([3.0, 4.0])) == pytest.approx(2.5)
     assert regimes.VARIABLES["velocity_rms_se"].scale == regimes.VARIABLES["velocity_rms"].scale == "load"

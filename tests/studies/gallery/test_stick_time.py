@@ -29,7 +29,7 @@ def test_an_exact_law_has_its_exponent_and_no_interval(exponent, factor):
 
 
 def test_the_interval_of_an_exponent_holds_the_true_one_as_often_as_it_says():
-    # Members with sticks of their own mean, so that sticks of a member are alike: whole members must be drawn.
+    # Runs with sticks of their own mean, so that sticks of a run are alike: whole runs must be drawn.
     random, held, tried = np.random.default_rng(3), 0, 60
     every = np.ones(len(SPEEDS), dtype=bool)
     for _ in range(tried):
@@ -101,15 +101,15 @@ def test_sticks_are_told_apart_by_whether_the_motion_had_settled():
 def test_the_static_law_of_the_first_stick():
     # By the published scheme the contact slips after 0.1435 mm at mu F = 1.8 N and 1 mm/s: the head's own motion,
     # in proportion to V, makes it 0.3 % later than statics.
-    assert ensembles.load_up(Scene(1e-3, 5.0, 0.2, 9.0)) == pytest.approx(0.1435, rel=4e-3)
-    assert ensembles.load_up(Scene(2e-3, 5.0, 0.1, 18.0)) == pytest.approx(0.1435 / 2.0, rel=4e-3)
+    assert ensembles.loading_time(Scene(1e-3, 5.0, 0.2, 9.0)) == pytest.approx(0.1435, rel=4e-3)
+    assert ensembles.loading_time(Scene(2e-3, 5.0, 0.1, 18.0)) == pytest.approx(0.1435 / 2.0, rel=4e-3)
 
 
 @given(st.floats(1e-4, 1e-2), st.floats(0.05, 0.5), st.floats(1.0, 50.0))
 def test_a_run_is_as_long_as_its_own_time_scale_asks(V, mu, F):
     scene = Scene(V, 5.0, mu, F)
-    once = ensembles.load_up(scene)
-    rule = {"least": 2.0, "load_ups": 10.0}
+    once = ensembles.loading_time(scene)
+    rule = {"least": 2.0, "loading_times": 10.0}
     long = ensembles.own_duration(scene, 1e-3, rule | {"most": 1e6})
     assert long >= once + 0.1 + 10.0 * once
     assert long >= once + 0.1 + 2.0
@@ -128,7 +128,7 @@ def test_sticks_shorten_as_the_speed_grows(small):
     at = small.sel(F=9.0, mu=0.2)
     # The first slip comes when the static law says.
     half = 0.5e-3 * (1.0 + 0.013 * (at["member"] - 1.0))
-    np.testing.assert_allclose(at["first_slip_time"] - half, at["load_up_time"], rtol=3e-3)
+    np.testing.assert_allclose(at["first_slip_time"] - half, at["loading_time"], rtol=3e-3)
     product = (at["V"] * at["mean_stick_time"]).sel(kind="start_up")
     # 1/V from 0.5 to 2 mm/s but for a tenth: 59, 54 and 52 micrometres.
     assert np.all((product > 45e-6) & (product < 70e-6))
@@ -182,7 +182,7 @@ def test_the_first_stick_after_the_burst_depends_on_the_scheme():
 def test_the_two_laws_of_the_paper(computed):
     """The claims about sticks, by the study as it is; a few minutes."""
     at = computed("stick_time").sel(mu=paper.MU, F=paper.LOAD)
-    # The published scheme on all modes, 32 and 48 members: T V = 65.9 and 60.6 um, a ratio of 0.46.
+    # The published scheme on all modes, 32 and 48 runs: T V = 65.9 and 60.6 um, a ratio of 0.46.
     assert at["exponent"].sel(law="start_up") == pytest.approx(-1.15, abs=0.1)
     assert at["start_up_ratio"] == pytest.approx(0.46, rel=0.1)
     assert at["start_up_ratio"] < paper.STICK_RATIO

@@ -99,7 +99,7 @@ def test_the_mirror_image_is_the_same_rig(computed):
     assert not rows_of(left)
 
 
-def test_only_what_vibrates_has_a_main_line_and_it_is_near_the_measured_one(angles):
+def test_only_what_vibrates_has_a_dominant_frequency_and_it_is_near_the_measured_one(angles):
     line = angles["member_dominant_frequency"]
     np.testing.assert_array_equal(np.isfinite(line), vibrates(angles["member_regime"]))
     for theta, measured in paper.ANGLES_MEASURED.items():
@@ -121,7 +121,7 @@ def test_members_are_runs_of_their_own_and_make_the_figures_of_their_angle(angle
 
 
 def members(monkeypatch, *each):
-    """What an ensemble of members with these regimes and main lines has in common."""
+    """Regime, its share and dominant frequency of an ensemble whose runs have these regimes and frequencies."""
     runs = [dict.fromkeys(study.KEPT, 1.0) | {"regime": r, "dominant_frequency": line} for r, line in each]
     monkeypatch.setattr(transients, "figures_of", lambda run: run)
     values = study.ensemble(runs)
@@ -164,8 +164,8 @@ def test_the_papers_text_stands_beside_the_model(angles):
     assert "Table 6 is not at hand" in shown(angles)
     points = figure.paper_points(angles["theta"].values)
     assert {label: places.tolist() for label, places in points.items()} == {
-        "paper: main line measured": [[5.0, 2700.0], [10.0, 2700.0]],
-        "paper: main line simulated": [[5.0, 2700.0]],
+        "paper: dominant, measured": [[5.0, 2700.0], [10.0, 2700.0]],
+        "paper: dominant, simulated": [[5.0, 2700.0]],
         "paper: unstable pair": [[5.0, 400.0], [5.0, 2800.0]],
     }
     assert {*figure.PAPER, "paper: vibrates", "paper: says nothing"} <= labels_of(angles)

@@ -134,8 +134,8 @@ def test_the_kept_results_answer(name):
     found = answers(name, runner.open_dataset(KEPT / name / f"{name}.nc"))
     assert found
     for each in found:
-        assert re.search(r"\d", each.found + each.paper)
-        assert not re.search(r"\bnan\b", each.found)
+        assert re.search(r"\d", each.finding + each.paper)
+        assert not re.search(r"\bnan\b", each.finding)
 
 
 def test_the_rig_its_symbols_and_its_regimes_are_told_once(text):
@@ -364,7 +364,7 @@ def test_the_digest_is_of_all_that_a_figure_shows(folder, monkeypatch):
 
 def test_an_older_file_without_a_figure_or_numbers_says_so(folder, tmp_path):
     text = changed(folder, tmp_path, "regimes", lambda file: file.renameVariable("verdict", "other"))
-    assert "They cannot be told of what is there: it lacks" in text
+    assert "They cannot be computed from the result: it lacks" in text
     assert "There is no figure: regimes.nc: it lacks verdict, which the figure shows" in text
     assert "Table of 9 points" in text
 

@@ -1,0 +1,5 @@
+"""What `fiv check` does: whether an installation computes, stores and draws as it should."""
+
+from studies.check.installation import Found, checks, machine
+
+__all__ = ["Found", "checks", "machine"]
