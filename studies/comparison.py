@@ -50,10 +50,17 @@ def compared(study: str, dataset: xr.Dataset, reference: xr.Dataset) -> str:
     """
     if _constants(dataset) != _constants(reference):
         return ""
+    # Entries without a coordinate, such as onsets, have partners only where there are as many.
+    paired = {
+        dim for dim, size in reference.sizes.items() if dim in reference.indexes or dataset.sizes.get(dim) == size
+    }
     names = [
         str(name)
         for name, variable in reference.data_vars.items()
-        if variable.dtype.kind == "f" and name in dataset and name != "wall_time"
+        if variable.dtype.kind == "f"
+        and name in dataset
+        and name != "wall_time"
+        and paired.issuperset(variable.dims)
     ]
     if study in CHAOTIC:
         names = [name for name in names if scatter(name)]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from studies import registry, results, runner
+from studies.cli.output import show
 from sweeps import duration, open_results
 
 
@@ -34,7 +35,7 @@ def main(names: list[str]) -> None:
     catalogue = registry.catalogue()
     for name in names or registry.NAMES:
         plan = runner.plan(registry.load(name), {}, folder, fresh=True, reference=True)
-        print(runner.execute(plan).file)
+        show(str(runner.execute(plan).file))
         catalogue[name] = entry(name, folder)
     ordered = {name: catalogue[name] for name in registry.NAMES if name in catalogue}
     text = json.dumps(ordered, indent=1, ensure_ascii=False)

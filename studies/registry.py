@@ -73,10 +73,20 @@ def resolve(text: str | Study) -> Study:
         return register(text)
     if not (isinstance(text, str) and is_file(text)):
         return load(text)
-    study = getattr(load_script(text), "STUDY", None)
+    study = getattr(load_script(expanded(text)), "STUDY", None)
     if not isinstance(study, Study):
         raise InputError(f"{text}: it defines no study; it must have one called STUDY (studies.study.Study)")
     return register(study, text)
+
+
+def expanded(path: str | Path) -> Path:
+    """A path with the home folder in place of `~`, or an `InputError` where there is none."""
+    from sweeps import InputError
+
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise InputError(f"{path}: {Path(path).parts[0]} has no home folder; write the whole path") from None
 
 
 def is_file(text: str) -> bool:

@@ -24,7 +24,7 @@ FOLDER = "reference"
 
 def results_folder(out: str | Path | None = None) -> Path:
     """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
-    return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
+    return registry.expanded(out or os.environ.get("FIV_RESULTS") or "results")
 
 
 def is_path(text: str) -> bool:
@@ -68,7 +68,7 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
     """
     text = os.fspath(name)
     if is_path(text):
-        return Path(text).expanduser()
+        return registry.expanded(text)
     if registry.is_file(text):
         return file_of(registry.resolve(text).name, out)
     places = [results_folder(out) / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)]

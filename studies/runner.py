@@ -229,6 +229,8 @@ def image(study: Study, dataset: xr.Dataset, form: str = "png", whose: str = "da
 @contextmanager
 def written(target: Path) -> Iterator[Path]:
     """A temporary file beside `target`, which takes its place when all has gone well, or a `StoreError`."""
+    if target.exists() and not target.is_file():
+        raise sweeps.StoreError(f"{target} could not be written: it is no file; choose another name")
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -6,6 +6,7 @@ It knows no physics. A sweep is declared, planned, executed and stored; each ste
 from sweeps.compute.run import check_backend
 from sweeps.errors import (
     AbandonedError,
+    ClusterLostError,
     InputError,
     LockedError,
     MissingFileError,
@@ -50,6 +51,7 @@ __all__ = [
     "STATUS_FLAGS",
     "AbandonedError",
     "Axis",
+    "ClusterLostError",
     "Grid",
     "InputError",
     "LockedError",

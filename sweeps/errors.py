@@ -59,6 +59,10 @@ class SchedulerError(InputError):
     """The scheduler that was asked for cannot be used; the message says why."""
 
 
+class ClusterLostError(RuntimeError):
+    """The scheduler or all its workers went while they computed; what a store has of it is kept."""
+
+
 class AbandonedError(KeyboardInterrupt):
     """A second interrupt, while threads compute: they have been given up, but they cannot be ended.
 

@@ -99,6 +99,8 @@ class Plan(PlanData):  # noqa: D101 - the docstring of its fields
             If there is no such scheduler.
         InputError
             If it would mix environments and the plan is strict.
+        ClusterLostError
+            If it went, or all its workers, while they computed; what was finished is kept in the file's folder.
         SweepStoppedError
             With `fail_fast`, if a point failed.
         KeyboardInterrupt

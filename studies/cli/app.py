@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from studies.cli.errors import InputErrors
+from studies.cli.output import show
 
 
 class BrokenPipe(Exception):  # noqa: N818 - no error where it is the standard output's
@@ -20,12 +21,23 @@ class BrokenPipe(Exception):  # noqa: N818 - no error where it is the standard o
 class Fiv(click.Group):
     """The program, which leaves broken pipes to `main`."""
 
+    def make_context(self, *given: Any, **named: Any) -> click.Context:
+        """Read what was typed; --help is printed here."""
+        with _pipes():
+            return super().make_context(*given, **named)
+
     def invoke(self, context: click.Context) -> Any:
         """Run a command."""
-        try:
+        with _pipes():
             return super().invoke(context)
-        except BrokenPipeError as problem:
-            raise BrokenPipe(str(problem)) from problem
+
+
+@contextmanager
+def _pipes() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError as problem:
+        raise BrokenPipe(str(problem)) from problem
 
 
 @click.group(cls=Fiv, context_settings={"help_option_names": ["-h", "--help"]})
@@ -90,4 +102,4 @@ def warned() -> Iterator[None]:
 def say(text: str) -> None:
     """Say something that is no data, unless -q forbids it."""
     if not is_set("quiet"):
-        click.echo(text, err=True)
+        show(text, err=True)

@@ -10,6 +10,7 @@ import click
 
 from studies.cli.app import command
 from studies.cli.errors import SOME_FAILED
+from studies.cli.output import show
 
 AGAIN = "install anew into an empty environment and check again; if that fails too, report these lines"
 
@@ -23,7 +24,7 @@ def check() -> None:
     from studies import check as installation
     from studies.cli.progress import announce_compiling
 
-    click.echo(installation.machine())
+    show(installation.machine())
     announce_compiling()
     failed = count = 0
     with tempfile.TemporaryDirectory() as folder:
@@ -31,8 +32,8 @@ def check() -> None:
             failed, count = failed + (not each.passed), count + 1
             colour, verdict = ("green", "ok") if each.passed else ("red", "FAILED")
             line = f"{each.what:<52} {each.found:<25} {each.bound:<16}"
-            click.echo(f"{line} {click.style(verdict, fg=colour, bold=True)}")
+            show(f"{line} ", mark=click.style(verdict, fg=colour, bold=True))
     if failed:
-        click.echo(f"{failed} of {count} checks failed: {AGAIN}")
+        show(f"{failed} of {count} checks failed: {AGAIN}")
         sys.exit(SOME_FAILED)
-    click.echo("all is well")
+    show("all is well")

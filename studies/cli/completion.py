@@ -15,6 +15,9 @@ from itertools import chain
 import click
 from click.shell_completion import CompletionItem
 
+from studies.cli.errors import WRONG_INPUT
+from studies.cli.output import show
+
 SHELLS = ("bash", "zsh", "fish")
 Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -26,6 +29,22 @@ def script(program: click.Command, shell: str) -> str:
     kind = get_completion_class(shell)
     assert kind is not None
     return kind(program, {}, "fiv", "_FIV_COMPLETE").source()
+
+
+def answer(program: click.Command, asked: str) -> int:
+    """Answer a shell that asks what may come next; the exit code."""
+    from click.shell_completion import shell_complete
+
+    try:
+        answered = shell_complete(program, {}, "fiv", "_FIV_COMPLETE", asked) == 0
+    except (LookupError, ValueError):
+        answered = False
+    if not answered:
+        show(
+            f"fiv: _FIV_COMPLETE = {asked!r}: it is for shells; they set COMP_WORDS, and COMP_CWORD to a number",
+            err=True,
+        )
+    return 0 if answered else WRONG_INPUT
 
 
 def _offering(
@@ -41,7 +60,11 @@ def _offering(
             every = list(names(context))
         except Exception:  # noqa: BLE001 - a shell cannot show it
             return []
-        return [CompletionItem(f"{before}{comma}{sign}{name}{end}") for name in every if name.startswith(begun)]
+        return [
+            CompletionItem(f"{before}{comma}{sign}{name}{end}")
+            for name in every
+            if name.startswith(begun) and name.isprintable()
+        ]
 
     return complete
 
@@ -59,7 +82,7 @@ def study(context: click.Context, parameter: click.Parameter, incomplete: str) -
     matching = [name for name in names() if name.startswith(incomplete)] + sorted(
         glob(f"{escape(incomplete)}*.py")
     )
-    return [*map(CompletionItem, matching)] or [CompletionItem(incomplete, type="file")]
+    return [*map(CompletionItem, filter(str.isprintable, matching))] or [CompletionItem(incomplete, type="file")]
 
 
 def _settable(context: click.Context) -> Iterable[str]:

@@ -13,6 +13,7 @@ import click
 from studies.cli.app import command, say, warned
 from studies.cli.execution import execute
 from studies.cli.options import HOW, MAP, STUDY, WHAT, MapCommand
+from studies.cli.output import show
 
 if TYPE_CHECKING:
     from studies.config import Config
@@ -30,7 +31,7 @@ def show_plan(study: str, timed: bool, **what: Any) -> None:
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
     planned, _ = _planned(study, **what)
-    click.echo(repr(planned.timed() if timed else planned))
+    show(repr(planned.timed() if timed else planned))
 
 
 @command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *WHAT, *HOW)

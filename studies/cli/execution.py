@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from studies.cli.app import is_set, say, warned
-from studies.cli.errors import INTERRUPTED, SOME_FAILED
+from studies.cli.errors import INTERRUPTED, SOME_FAILED, STORE_TAKEN
+from studies.cli.output import show
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,7 +29,7 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
     """Show a plan, ask for confirmation where it takes long, execute it, and print its findings."""
     from studies import runner
     from studies.cli.progress import progress
-    from sweeps import AbandonedError
+    from sweeps import AbandonedError, ClusterLostError
 
     backend = runner.backend(scheduler, workers)
     asking = not yes and sys.stdin.isatty()
@@ -38,7 +39,7 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
     # NaN, where no point gives an estimate, asks too.
     large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
     if large and asking and not click.confirm("Go ahead?", err=True):
-        click.echo("fiv: nothing was done", err=True)
+        show("fiv: nothing was done", err=True)
         sys.exit(INTERRUPTED)
     try:
         with warned(), progress(planned.todo) as callback:
@@ -47,7 +48,10 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
         # A further interrupt must not cut the message short.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
-    click.echo(finished.study.report(finished.dataset))
+    except ClusterLostError as lost:
+        show(f"fiv: {lost}{_kept(planned)}", err=True)
+        sys.exit(STORE_TAKEN)
+    show(finished.study.report(finished.dataset))
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
     if not is_set("quiet") and (beside := finished.beside_reference()):
         say(beside)
@@ -58,19 +62,24 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
 
 def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
     """Print how many points are stored, and exit without waiting for threads that still compute."""
-    from sweeps import status
-
-    stored = ""
-    with suppress(Exception):
-        # Whatever the store is like now, an interrupted run ends as one.
-        now = status(str(planned.store))
-        count = f"{now.done + now.failed} of {now.points} points"
-        stored = f"; {count} are kept; go on from there with: {typed('--fresh')}"
-    click.echo(f"fiv: interrupted{stored}", err=True)
+    show(f"fiv: interrupted{_kept(planned)}", err=True)
     if abandoned:
         sys.stdout.flush()
         os._exit(INTERRUPTED)
     sys.exit(INTERRUPTED)
+
+
+def _kept(planned: Plan) -> str:
+    """What a run that has ended early leaves, and how to go on; "" where that cannot be told."""
+    from sweeps import status
+
+    with suppress(Exception):
+        # Whatever the store is like now, the run ends as it was to.
+        found = status(str(planned.store))
+        if count := found.done + found.failed:
+            return f"; {count} of {found.points} points are kept; go on from there with: {typed('--fresh')}"
+        return f"; nothing was finished; again with: {typed()}"
+    return ""
 
 
 def typed(*without: str) -> str:
@@ -87,13 +96,13 @@ def _list_failures(dataset: xr.Dataset) -> None:
         at = dict(zip(dataset["status"].dims, place, strict=True))
         point = dataset.isel(at)
         where = ", ".join(f"{dim} = {point[dim].item()}" for dim in at)
-        click.echo(f"failed: {where}: {point['error'].item()}", err=True)
+        show(f"failed: {where}: {point['error'].item()}", err=True)
     if len(places) > LISTED:
-        click.echo(f"failed: and {len(places) - LISTED} more", err=True)
+        show(f"failed: and {len(places) - LISTED} more", err=True)
     if "reproduce" in dataset and dataset.sizes["failure"]:
         if is_set("verbose"):
-            click.echo(dataset["traceback"].values[0], err=True)
-        click.echo(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
+            show(dataset["traceback"].values[0], err=True)
+        show(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
 
 
 def status_text(status: Status) -> str:

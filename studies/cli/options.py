@@ -156,6 +156,7 @@ QUERY = (
     click.option("--where", metavar="EXPR", help="Condition on the rows; default: all."),
     click.option(
         "--show",
+        "columns",
         metavar="A,B,...",
         shell_complete=completion.COLUMNS,
         help="Columns, also calculated: 'V*1000, theta'; with --by: count, mean:X, share:X and more.",

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import click
 
 from studies.cli.app import is_set
+from studies.cli.output import harmless, show
 from sweeps import Progress, Snapshot, duration
 
 # Between two plain lines, s.
@@ -53,7 +54,7 @@ def announce_compiling() -> None:
         def on_start(self, happening: object) -> None:
             if not self.announced:
                 self.announced = True
-                click.echo(f"fiv: compiling once, about {COMPILING:.0f} s", err=True)
+                show(f"fiv: compiling once, about {COMPILING:.0f} s", err=True)
 
         def on_end(self, happening: object) -> None:
             pass
@@ -72,12 +73,12 @@ class _Lines:
     def __call__(self, snapshot: Snapshot) -> None:
         if snapshot.stopping and not self._stopping:
             self._stopping = True
-            click.echo(f"fiv: {STOPPING}", err=True)
+            show(f"fiv: {STOPPING}", err=True)
         # When a batch begins: the line then says which.
         if snapshot.now and time.monotonic() - self._last >= INTERVAL:
             self._last = time.monotonic()
             done = ", ".join([f"{snapshot.done} of {snapshot.todo} done", *words(snapshot)])
-            click.echo(f"fiv: {done}; now {snapshot.now[0]}", err=True)
+            show(f"fiv: {done}; now {snapshot.now[0]}", err=True)
 
 
 @contextmanager
@@ -88,17 +89,18 @@ def bar(todo: int) -> Iterator[Progress]:
     from rich.table import Column
 
     count = Column(no_wrap=True, min_width=2 * len(str(todo)) + 1)
-    text = Column(ratio=1, no_wrap=True, overflow="ellipsis")
+    rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")
     columns = (
         BarColumn(16),
         MofNCompleteColumn(table_column=count),
-        TextColumn("{task.description}", table_column=text),
+        TextColumn("{task.description}", markup=False, table_column=rest),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as shown:
         task = shown.add_task("", total=todo)
 
         def update(snapshot: Snapshot) -> None:
             texts = [STOPPING] if snapshot.stopping else [*words(snapshot), *snapshot.now[:1]]
-            shown.update(task, total=snapshot.todo, completed=snapshot.done, description="  ".join(texts))
+            text = harmless("  ".join(texts))
+            shown.update(task, total=snapshot.todo, completed=snapshot.done, description=text)
 
         yield update

@@ -13,6 +13,7 @@ from studies.cli import completion
 from studies.cli.app import command, fiv, is_set, say
 from studies.cli.execution import status_text
 from studies.cli.options import OUT, QUERY, TARGET
+from studies.cli.output import Rows, show
 
 TARGETS = click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.study)
 
@@ -39,12 +40,12 @@ def list_studies(study: str | None) -> None:
         one = registry.resolve(name) if study or not entry else None
         if one:
             entry = {"title": one.title, "question": one.question, "points": one.sweep({}).grid.size} | entry
-        click.echo(f"{one.name if one else name:<10} {entry['title']}")
+        show(f"{one.name if one else name:<10} {entry['title']}")
         if not is_set("quiet"):
             time = f", about {entry['time']} on one core" if "time" in entry else ""
-            click.echo(f"{'':<10} {entry['question']}\n{'':<10} {entry['points']} points{time}")
+            show(f"{'':<10} {entry['question']}\n{'':<10} {entry['points']} points{time}")
         if one and study:
-            click.echo(f"\n{one.statement()}")
+            show(f"\n{one.statement()}")
 
 
 @command(
@@ -75,17 +76,17 @@ def show_status(target: str, as_json: bool, as_toml: bool, out: str | None) -> N
     file = results.results_file(target, out)
     announce_reference(target, out)
     if as_toml:
-        click.echo(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
+        show(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
         return
     now = status(file)
     values = asdict(now)
     if isnan(values["run"].get("left", 0.0)):
         values["run"]["left"] = None  # JSON has no NaN
-    click.echo(dumps(values) if as_json else status_text(now))
+    show(dumps(values) if as_json else status_text(now))
 
 
 @command("query", "Rows of a result as a table, CSV or JSON.", TARGET, *QUERY, kind=completion.SignedCommand)
-def query_rows(target: str, out: str | None, show: str | None, form: str, units: bool, **which: Any) -> None:
+def query_rows(target: str, out: str | None, columns: str | None, form: str, units: bool, **which: Any) -> None:
     """Rows of a result, whole or still running: chosen, sorted, and printed as a table, CSV or JSON.
 
     \b
@@ -120,8 +121,8 @@ def query_rows(target: str, out: str | None, show: str | None, form: str, units:
         say(f"fiv: {text}")
 
     announce_reference(target, out)
-    chosen = select(results.open_dataset(target, out), show=show, note=note, **which)
-    print_rows(chosen, form, show is None, units, note)
+    chosen = select(results.open_dataset(target, out), show=columns, note=note, **which)
+    print_rows(chosen, form, columns is None, units, note, Rows(form))
 
 
 @command(
@@ -154,7 +155,7 @@ def plot(target: str, out: str | None, form: str) -> None:
         file = results.results_folder(out) / file.name
     elif not results.is_path(target) and results.is_reference(file):
         file = results.file_of(study.name, out)
-    click.echo(str(runner.plot(study, dataset, file, form)))
+    show(str(runner.plot(study, dataset, file, form)))
 
 
 @command(
@@ -183,7 +184,7 @@ def write_report(targets: tuple[str, ...], out: str | None, file: str | None) ->
 
     for target in targets or registry.names():
         announce_reference(target, out)
-    click.echo(str(page.write(targets, out, file, lambda line: click.echo(f"fiv: {line}", err=True))))
+    show(str(page.write(targets, out, file, lambda line: show(f"fiv: {line}", err=True))))
 
 
 def announce_reference(target: str, out: str | None) -> None:
@@ -207,4 +208,4 @@ def complete(shell: str) -> None:
     eval "$(fiv completion zsh)"              in ~/.zshrc
     fiv completion fish | source              in ~/.config/fish/config.fish
     """  # noqa: D301 - the backspace tells click to keep the lines
-    click.echo(completion.script(fiv, shell))
+    show(completion.script(fiv, shell))

@@ -1,6 +1,6 @@
 """Rows of a result as text: a table to read, CSV and JSON to go on with; some rows at a time.
 
-The command `query` prints them to standard output.
+The command `query` prints them.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain, islice
-from typing import Any, TextIO
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.cli.output import harmless
 from studies.query.columns import NUMBER, Column
 from studies.query.query import Selected
 from studies.query.rows import Rows
@@ -28,10 +28,21 @@ MEASURED, AT_ONCE = 5000, 20_000
 DIGITS, LETTERS, NOTHING = 6, 60, "-"
 GAP = "  "
 
-Write = Callable[[Sequence[Column], Iterable[Rows], TextIO], int]
+
+class Out(Protocol):
+    """A file, as far as rows need one."""
+
+    def write(self, text: str, /) -> object:
+        """Print a text."""
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
 
 
-def write_csv(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
+Write = Callable[[Sequence[Column], Iterable[Rows], Out], int]
+
+
+def write_csv(columns: Sequence[Column], rows: Iterable[Rows], file: Out) -> int:
     """CSV by RFC 4180, in full precision; an empty field where there is no value. Returns how many rows."""
     writer = csv.writer(file)
     writer.writerow([column.name for column in columns])
@@ -42,7 +53,7 @@ def write_csv(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> 
     return count
 
 
-def write_json(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) -> int:
+def write_json(columns: Sequence[Column], rows: Iterable[Rows], file: Out) -> int:
     """A list of objects; null where there is no value, or one that JSON does not have. Returns how many rows."""
     names = [column.name for column in columns]
     count = 0
@@ -57,7 +68,7 @@ def write_json(columns: Sequence[Column], rows: Iterable[Rows], file: TextIO) ->
 def write_table(
     columns: Sequence[Column],
     rows: Iterable[Rows],
-    file: TextIO,
+    file: Out,
     width: float = np.inf,
     note: Callable[[str], None] = lambda text: None,
 ) -> int:
@@ -65,15 +76,16 @@ def write_table(
 
     `note` is called with the names of those that are left out.
     """
-    units = tuple(column.units for column in columns)
-    heads: list[tuple[str, ...]] = [tuple(column.name for column in columns), *([units] if any(units) else [])]
+    units = tuple(harmless(column.units) for column in columns)
+    names = tuple(harmless(column.name) for column in columns)
+    heads = [names, *([units] if any(units) else [])]
     cells = (tuple(map(_cell, record)) for records in _records(columns, rows, None) for record in records)
     first = [*heads, *islice(cells, MEASURED)]
     widths = [max(map(len, column)) for column in zip(*first, strict=True)]
     ends = np.cumsum(widths) + len(GAP) * np.arange(len(columns))
     fit = max(int(np.searchsorted(ends, width, side="right")), 1)
     if fit < len(columns):
-        left_out = ", ".join(column.name for column in columns[fit:])
+        left_out = ", ".join(names[fit:])
         note(f"too wide for this terminal and left out: {left_out}; choose with --show")
     count = 0
     for row in chain(first, cells):
@@ -89,8 +101,10 @@ def write_table(
 WRITERS: dict[str, Write] = {"table": write_table, "csv": write_csv, "json": write_json}
 
 
-def print_rows(chosen: Selected, form: str, narrow: bool, units: bool, note: Callable[[str], None]) -> None:
-    """Print a selection to standard output.
+def print_rows(
+    chosen: Selected, form: str, narrow: bool, units: bool, note: Callable[[str], None], file: Out
+) -> None:
+    """Print a selection.
 
     Parameters
     ----------
@@ -103,18 +117,20 @@ def print_rows(chosen: Selected, form: str, narrow: bool, units: bool, note: Cal
         Whether heads carry units: "V [m s-1]"; JSON is then an object of "units", by name, and "rows".
     note : callable
         Called with what a reader should know besides.
+    file : file
+        Where to.
     """
     columns, rows = chosen
     if units and form != "json":
         columns, rows = _with_units(columns, rows)
     write = WRITERS[form]
-    if narrow and form == "table" and sys.stdout.isatty():
+    if narrow and form == "table" and file.isatty():
         write = partial(write_table, width=shutil.get_terminal_size().columns, note=note)
     if units and form == "json":
         units_of = {column.name: column.units for column in columns if column.units}
-        sys.stdout.write(f'{{"units": {json.dumps(units_of)},\n"rows": ')
-    count = write(columns, rows, sys.stdout)
-    sys.stdout.write("}\n" if units and form == "json" else "")
+        file.write(f'{{"units": {json.dumps(units_of)},\n"rows": ')
+    count = write(columns, rows, file)
+    file.write("}\n" if units and form == "json" else "")
     if not count:
         note("no row")
 
@@ -143,9 +159,7 @@ def _cell(value: Any) -> str:
         return NOTHING
     if isinstance(value, float):
         return f"{value:.{DIGITS}g}"
-    text = str(value)
-    if not text.isprintable():
-        text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    text = harmless(" ".join(str(value).split()))
     return text if len(text) <= LETTERS else f"{text[: LETTERS - 3]}..."
 
 

@@ -51,7 +51,7 @@ def write(
         begin = results.command("run", [*missing, ""][0], out)
         nothing = f"{folder}: nothing of this has been computed there yet; begin with: {begin}"
         raise InputError(broken[0].line if broken else nothing)
-    target = Path(file).expanduser() if file else folder / "report.html"
+    target = registry.expanded(file) if file else folder / "report.html"
     whole = page(contents, missing, out, broken)
     for each in broken:
         warn(each.line)

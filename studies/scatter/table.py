@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies import units
+from studies.registry import expanded
 from studies.scatter.distributions import physical
 from studies.spec import finite
 from studies.study import Setting, Study, suggest
@@ -57,7 +58,7 @@ def table(study: Study, points: str | Path | Mapping[str, Any]) -> Table:
         rows = [(f"points: row {k}", row) for k, row in enumerate(zip(*columns.values(), strict=True), 1)]
         return _table(study, "points", list(columns), rows)
     where = f"--points {points}"
-    lines = list(_lines(Path(points).expanduser(), where))
+    lines = list(_lines(expanded(points), where))
     if not lines:
         raise InputError(f"{where}: it is empty; its first line must name columns, for example {_example(study)}")
     return _table(study, where, lines[0][1], [(f"{where}: line {number}", cells) for number, cells in lines[1:]])

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.local import Job, Receipt, WorkerDied
 from sweeps.compute.reproduce import importable
-from sweeps.errors import SchedulerError
+from sweeps.errors import ClusterLostError, SchedulerError
 from sweeps.fingerprint.code import digests
 from sweeps.fingerprint.provenance import environment
 from sweeps.storage.parts import PartFolder
@@ -43,7 +43,7 @@ PATIENCE = 10.0
 BEREFT = 60.0
 # Seconds between counts of the workers.
 COUNTED = 1.0
-GONE = "the scheduler does not answer any more; what was finished is kept"
+GONE = "the scheduler does not answer any more"
 
 # How Dask runs workers of our own.
 CONFIGURATION = {
@@ -194,7 +194,7 @@ def _answering() -> Iterator[None]:
     try:
         yield
     except (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError):
-        raise SchedulerError(GONE) from None
+        raise ClusterLostError(GONE) from None
 
 
 def _in_our_words(problem: BaseException) -> BaseException:
@@ -204,7 +204,7 @@ def _in_our_words(problem: BaseException) -> BaseException:
     text = " ".join(f"{type(problem).__name__}: {problem}".split())
     return (
         problem
-        if isinstance(problem, SchedulerError)
+        if isinstance(problem, (SchedulerError, ClusterLostError))
         else SchedulerError(f"the workers cannot compute this: {text}")
     )
 
@@ -296,14 +296,14 @@ class Cluster:
 
         Raises
         ------
-        SchedulerError
+        ClusterLostError
             If the scheduler does not answer, or there have been no workers for long.
         """
         self._threads: dict[str, int] = self.client.nthreads()
         self._counted = time.monotonic()
         self._seen = self._counted if self._threads else self._seen
         if self._counted - self._seen > BEREFT:
-            raise SchedulerError("the cluster has no workers left; what was finished is kept")
+            raise ClusterLostError("the cluster has no workers left")
 
     @property
     def workers(self) -> int:
@@ -344,7 +344,7 @@ class Cluster:
             self._free, self._alone = "", False
         try:
             if task.status == "cancelled":
-                raise SchedulerError(GONE)
+                raise ClusterLostError(GONE)
             # Whatever has come of it, a worker had it.
             self._seen = time.monotonic()
             if task.status == "error":
@@ -356,6 +356,7 @@ class Cluster:
         except Exception as problem:  # noqa: BLE001 - raised by whoever asks for the result
             future.set_exception(_in_our_words(problem))
 
+    @_answering()
     def halt(self) -> None:
         """Begin no more batches: what waits comes back as it is, for only its worker knows what it has begun."""
         self.client.run(_halt, self.run, on_error="ignore")

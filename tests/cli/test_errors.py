@@ -1,9 +1,11 @@
 """What is wrong input, what is a fault of our own, and who is told of it."""
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,6 +35,9 @@ def fails(problem):
         (InputError("mu = 9: it must be less"), 2, "fiv: mu = 9: it must be less"),
         (UnsolvedError("theta = 9: a branch is lost"), 2, "fiv: theta = 9: a branch is lost"),
         (MemoryError("no 9 GiB"), 2, "fiv: out of memory: no 9 GiB; ask for less"),
+        (RecursionError("depth"), 2, "fiv: something is nested too deeply; -v shows where"),
+        (OSError(36, "File name too long", "a" * 9), 3, "fiv: aaaaaaaaa: File name too long"),
+        (sweeps.ClusterLostError("the scheduler is gone"), 3, "fiv: the scheduler is gone"),
         (ValueError("mu = 9"), 70, "fiv: internal error: ValueError; please report it with the lines above"),
         (None, 70, "fiv: internal error: ValueError; please report it with the lines above"),
         (KeyError("mu"), 70, "fiv: internal error: KeyError; please report it with the lines above"),
@@ -92,6 +97,102 @@ def test_hints_repeat_the_folder(here):
 def test_what_goes_on_is_the_command_but_for_what_starts_over(monkeypatch, arguments, command):
     monkeypatch.setattr(sys, "argv", ["/somewhere/fiv", *arguments])
     assert execution.typed("--fresh") == f"fiv run fig5 {command}"
+
+
+NOBODY = "~nobody-of-this-name/place"
+LONG = 300 * "a"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("plan", "fig5", "--out", NOBODY), 2, f"{NOBODY}: ~nobody-of-this-name has no home folder"),
+        (("plot", f"{NOBODY}.nc"), 2, f"{NOBODY}.nc: ~nobody-of-this-name has no home folder"),
+        (("list", f"{NOBODY}.py"), 2, f"{NOBODY}.py: ~nobody-of-this-name has no home folder"),
+        (("plan", "fig5", "--config", NOBODY), 2, f"--config {NOBODY}: {NOBODY}: ~nobody"),
+        (("plan", "fig5", "--points", NOBODY), 2, f"{NOBODY}: ~nobody-of-this-name has no home folder"),
+        (("status", "fig5", "--out", LONG), 3, ": File name too long\n"),
+        (("query", f"{LONG}.nc"), 3, ": File name too long\n"),
+        (("list", f"{LONG}.py"), 3, f"{LONG}.py: File name too long"),
+        (("plan", "fig5", "--out", "\udcff"), 2, r"\udcff: it is no text in utf-8"),
+    ],
+)
+def test_names_that_no_file_can_have(here, arguments, code, said):
+    done = here(*arguments)
+    assert done.returncode == code
+    assert said in done.stderr
+    assert done.stderr.startswith("fiv: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_figure_or_page_takes_the_place_of_a_file_alone(here, tmp_path):
+    """Whoever may would otherwise replace a device."""
+    here("run", "table4", "-q")
+    os.mkfifo(tmp_path / "pipe")
+    done = here("report", "table4", "--file", "pipe")
+    assert (done.returncode, done.stderr) == (
+        3,
+        "fiv: pipe could not be written: it is no file; choose another name\n",
+    )
+    assert (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"), [("bash_complete", "abc"), ("zsh_complete", None), ("fish_complete", None), ("odd", "1")]
+)
+def test_a_shell_that_asks_wrongly_is_told_in_one_line(here, monkeypatch, asked, words):
+    monkeypatch.setenv("_FIV_COMPLETE", asked)
+    if words is not None:
+        monkeypatch.setenv("COMP_WORDS", "fiv li")
+        monkeypatch.setenv("COMP_CWORD", words)
+    done = here()
+    told = f"fiv: _FIV_COMPLETE = {asked!r}: it is for shells; they set COMP_WORDS, and COMP_CWORD to a number\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", told)
+
+
+@pytest.mark.parametrize(
+    ("command", "redirected", "code", "last"),
+    [
+        ("completion bash", ">&-", 3, "fiv: standard output could not be written: Bad file descriptor\n"),
+        ("completion bash", "1< /dev/null", 3, "fiv: standard output could not be written: Bad file descriptor\n"),
+        ("--help", "> /dev/full", 3, "fiv: standard output could not be written: No space left on device\n"),
+        ("--help", "| true", 0, ""),
+        ("list -q", "<&- > /dev/null", 0, ""),
+        ("list nothing", "2>&-", 2, ""),
+        ("list nothing", "2> /dev/full", 2, ""),
+        ("list nothing", "2>&1 > /dev/null | true", 2, ""),
+    ],
+)
+def test_streams_that_are_closed_or_full(command, redirected, code, last):
+    script = f"set -o pipefail; {sys.executable} -m studies {command} {redirected}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (code, last)
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("after", "said"), [(0, "nothing was finished; again with: fiv run"), (1, r"\d+ of 3 points are kept; go on")]
+)
+def test_a_lost_cluster_is_no_wrong_input(here, monkeypatch, after, said):
+    """What was finished is kept, and is said to be only where it is."""
+    from sweeps.compute.local import Local
+
+    taken = Local.room
+    monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 1.0)
+
+    def room(self, window, under_way):
+        parts = list(Path("results/fig5/fig5.parts").glob("0*.part"))
+        if len(parts) >= after:
+            raise sweeps.ClusterLostError("the scheduler does not answer any more")
+        return min(taken(self, window, under_way), 1)
+
+    monkeypatch.setattr(Local, "room", room)
+    run = ("run", "fig5", "--set", "mu=0.1:0.2:3", "--set", "theta=6")
+    done = here(*run)
+    assert done.returncode == 3
+    assert re.search(f"^fiv: the scheduler does not answer any more; {said}", done.stderr, re.MULTILINE)
+    monkeypatch.setattr(Local, "room", taken)
+    assert here(*run).returncode == 0
 
 
 @pytest.mark.parametrize("where", ["check", "constants"])

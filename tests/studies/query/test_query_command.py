@@ -68,7 +68,7 @@ def test_a_table_is_aligned_below_names_and_units(data):
 
 
 def test_texts_of_a_file_do_not_reach_the_terminal_as_they_are():
-    assert writing._cell("a\x1b[31mred\nb\tc\x00") == "a [31mred b c"
+    assert writing._cell("a\x1b[31mred\nb\tc\x00") == r"a\x1b[31mred b c\x00"
     assert writing._cell("μ and θ") == "μ and θ"
     assert writing._cell("x" * 100) == "x" * 57 + "..."
 

@@ -1,0 +1,94 @@
+"""The one way out of the program: what it says and prints holds nothing that a terminal would obey.
+
+Texts may be those of files, of other machines, and of whatever a library raises. Nothing heavy is imported.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from typing import Any
+
+import click
+
+# Controls but \n and \t, what ends a line or turns its direction round elsewhere, and halves of surrogate pairs.
+OBEYED = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def harmless(text: str) -> str:
+    r"""The text with \x1b in place of an escape, and so on; \r\n, the end of a line, becomes \n."""
+    return OBEYED.sub(_escaped, text.replace("\r\n", "\n"))
+
+
+def _escaped(found: re.Match[str]) -> str:
+    # JSON and TOML, which escape the others themselves, know this one of DEL.
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x7F else f"\\u{code:04x}"
+
+
+def show(text: str, err: bool = False, mark: str = "") -> None:
+    """Print a text and the end of its line, to standard output or to standard error; at once.
+
+    What standard error does not take is lost: there is nobody to tell. `mark` is a word of ours behind the text,
+    in colour on a terminal.
+    """
+    stream = sys.stderr if err else sys.stdout
+    mark = mark if mark and stream.isatty() else click.unstyle(mark)
+    with suppress(OSError) if err else nullcontext():
+        print(harmless(text) + mark, file=stream, flush=True)
+
+
+class Rows:
+    """Standard output as a file for rows: a pipe or a file gets data as they are, a terminal what is harmless.
+
+    Attributes
+    ----------
+    as_they_are : bool
+        Whether they are for programs: a table is for readers, wherever it goes.
+    """
+
+    def __init__(self, form: str) -> None:
+        self.as_they_are = form != "table" and not sys.stdout.isatty()
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return sys.stdout.isatty()
+
+    def write(self, text: str) -> int:
+        """Print a text."""
+        return sys.stdout.write(text if self.as_they_are else harmless(text))
+
+
+@contextmanager
+def streams() -> Iterator[None]:
+    """Standard streams that take any text; warnings, and what libraries log, go the same way as all else."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            # It was closed: a file that is opened now would get its number, and what is said would go there.
+            number = os.open(os.devnull, os.O_WRONLY if name == "stderr" else os.O_RDONLY)
+            setattr(sys, name, open(number, "r" if name == "stdin" else "w"))  # noqa: SIM115 - until the end
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(_Harmless())
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        yield
+
+
+def _show_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+) -> None:
+    show(warnings.formatwarning(message, category, filename, lineno).rstrip("\n"), err=True)
+
+
+class _Harmless(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return harmless(super().format(record))
