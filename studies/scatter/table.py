@@ -114,7 +114,7 @@ def _table(study: Study, where: str, heads: Sequence[str], rows: Sequence[tuple[
 def _heads(study: Study, where: str, heads: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names and units of the columns."""
     known = columns_of(study)
-    if len(heads) == 1 and (found := next((each for each in SEPARATORS if each in heads[0]), "")):
+    if len(heads) == 1 and (found := next((each for each in SEPARATORS if each in heads[0].strip()), "")):
         raise InputError(
             f"{where}: line 1: {heads[0]!r}: its cells are separated by {SEPARATORS[found]}; separate them by "
             "commas, and write numbers with a decimal point"
