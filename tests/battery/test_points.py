@@ -175,3 +175,10 @@ def test_a_bad_row_or_head_is_told(file, case, data):
         "head": "line 1, column 'v_0': study scenes has no axis and no setting of that name",
     }
     assert told.startswith(expected[damage])
+
+
+@pytest.mark.parametrize("head", ["F\t", "\tF", "F [N]\t"])
+def test_a_tab_at_the_end_of_the_only_head_separates_nothing(file, head):
+    file.write_text(f"{head}\n9\n")
+    assert table(STUDY, file).columns["F"].tolist() == [9.0]
+    assert "separated by tabs" in refused(file, b"V\tF\n1\t9\n")
