@@ -12,21 +12,35 @@ from tests.battery.commands import fiv, refusal
 from tests.battery.examples import examples
 
 STUDY = registry.load("scenes")
-# Names with the values that a file or an option may have for them.
+# Names with the values that a file or an option may have for them, and what these are in the study's units.
 AXES = {
-    "V": ["1e-3", "1mm/s", "1e-3,2e-3", "1:5:3mm/s", "log:1e-3:1e-2:3", 0.002, [0.001, 0.004], "1e-3,2mm/s"],
-    "theta": ["5", "-5:5:3", 8, [5.0, -8], "5deg"],
-    "mu": ["0.1:0.3:3", 0.2, [0.1, 0.3], "10,20%"],
-    "F": ["9", 4.5, "9N", [9, 18]],
+    "V": [
+        ("1e-3", [1e-3]),
+        ("1mm/s", [1e-3]),
+        ("1:5:3mm/s", [1e-3, 3e-3, 5e-3]),
+        ("log:1e-3:0.1:3", [1e-3, 1e-2, 0.1]),
+        (0.002, [2e-3]),
+        ([0.004, 0.001], [1e-3, 4e-3]),
+    ],
+    "theta": [("5", [5.0]), ("-5:5:3", [-5.0, 0.0, 5.0]), (8, [8.0]), ([5.0, -8], [-8.0, 5.0]), ("5deg", [5.0])],
+    "mu": [("0.1:0.3:3", [0.1, 0.2, 0.3]), (0.2, [0.2]), ([0.1, 0.3], [0.1, 0.3]), ("10,20%", [0.1, 0.2])],
+    "F": [("9", [9.0]), (4.5, [4.5]), ("0.009kN", [9.0]), ([9, 18], [9.0, 18.0])],
 }
 SETTINGS = {
-    "duration": [0.1, "100ms", "0.2"],
-    "p1_length": ["60mm", 0.06],
-    "p2_thickness": ["4 mm", 0.004],
-    "d1": [50, "20"],
-    "numerical_damping": ["published", "none"],
+    "duration": [(0.1, 0.1), ("100ms", 0.1), ("0.2", 0.2)],
+    "p1_length": [("60mm", 0.06), (0.06, 0.06)],
+    "p2_thickness": [("4 mm", 0.004), (0.004, 0.004)],
+    "d1": [(50, 50.0), ("20", 20.0)],
+    "numerical_damping": [("published", "published"), ("none", "none")],
 }
-SCATTER = {"p1_thickness": ["normal:1.5:0.01mm", "uniform:1.4e-3:1.6e-3"], "head_mass": ["lognormal:3:0.05"]}
+SCATTER = {
+    "p1_thickness": [
+        ("normal:1.5:0.01mm", "normal:0.0015:1e-05 from 0 to inf"),
+        ("uniform:1.4e-3:1.6e-3", "uniform:0.0014:0.0016 from 0 to inf"),
+    ],
+    "head_mass": [("lognormal:3:0.05", "lognormal:3:0.05 from 0 to inf")],
+}
+KNOWN = {"axes": AXES, "settings": SETTINGS, "scatter": SCATTER}
 
 
 def typed(value) -> str:
@@ -38,10 +52,10 @@ def typed(value) -> str:
 def requests(draw):
     """What is asked for, as the content of a file."""
     content = {}
-    for key, known in (("axes", AXES), ("settings", SETTINGS), ("scatter", SCATTER)):
+    for key, known in KNOWN.items():
         names = draw(st.lists(st.sampled_from(sorted(known)), unique=True, max_size=3))
         if names:
-            content[key] = {name: draw(st.sampled_from(known[name])) for name in names}
+            content[key] = {name: draw(st.sampled_from(known[name]))[0] for name in names}
     if "scatter" in content:
         given = {"samples": st.integers(1, 64), "seed": st.integers(0, 9)}
         given |= {"sampling": st.sampled_from(["sobol", "latin", "random"])}
@@ -109,6 +123,13 @@ def said(plan):
     return axes, dict(sweep.constants), plan.points, plan.distinct
 
 
+def meant(content):
+    """Axes, settings and distributions that are asked for, in the study's units."""
+    for key in KNOWN:
+        pairs = content.get(key, {}).items()
+        yield {name: next(own for value, own in KNOWN[key][name] if value == each) for name, each in pairs}
+
+
 @examples(20)
 @given(data=st.data(), content=requests())
 def test_a_file_and_options_make_one_plan(folder, data, content):
@@ -120,6 +141,20 @@ def test_a_file_and_options_make_one_plan(folder, data, content):
     assert by_file == by_options
     if by_file.code == 0:
         assert said(one[0]) == said(other[0])
+        axes, settings, scatter = meant(content)
+        planned_axes, constants, *_ = said(one[0])
+        assert axes.items() <= planned_axes.items()
+        if "rig" in constants:
+            rig = constants["rig"]
+            beams = {f"{beam}_{name}": v for beam in ("p1", "p2") for name, v in vars(getattr(rig, beam)).items()}
+            constants |= vars(rig) | beams
+        assert settings.items() <= constants.items()
+        drawn = dict(one[0].sweep.grid.drawn)
+        if scatter:
+            how = f"{content.get('sampling', 'sobol')}, seed {content.get('seed', 0)}"
+            assert drawn.pop("drawn by").startswith(how)
+            assert len(planned_axes["sample"]) == content.get("samples", 1024)
+        assert drawn == scatter
     else:
         refusal(by_file)
     # A file that is written from what was read says it again.
