@@ -118,7 +118,7 @@ def test_a_distribution_is_scipys_cut_to_what_is_physical(case):
         return
     found = distributions.parse(text, name)
     assert found.cut == pytest.approx(float(1 - until + beneath), rel=1e-9, abs=1e-15)
-    assert bool(found.told(name)) == (found.cut >= 1e-6)
+    assert bool(found.cut_note(name)) == (found.cut >= 1e-6)
     spread = abs(numbers[-1]) + abs(numbers[0])
     shares = float(beneath) + SHARES * left
     np.testing.assert_allclose(found.ppf(SHARES), expected.ppf(shares), rtol=1e-9, atol=1e-9 * spread)
