@@ -1,6 +1,6 @@
 """Whether an installation computes, stores and draws as it should: each check with what it found and its bound.
 
-What it compares with is in `known.json`; `python -m studies.check.installation` takes that from the reference.
+What it compares with is in `known.json`; `python -m studies.check` takes that from the reference.
 """
 
 from __future__ import annotations
@@ -165,7 +165,3 @@ def known_of(folder: Path) -> dict[str, dict[str, Any]]:
             chosen = dataset.sel({axis: values}, method="nearest")
             found[name] = {each: chosen[each].values.tolist() for each in variables}
     return found
-
-
-if __name__ == "__main__":
-    KNOWN.write_text(json.dumps(known_of(results.reference_folder()), indent=1) + "\n", encoding="utf-8")

@@ -91,4 +91,4 @@ def test_an_error_is_a_check_that_failed_and_the_others_go_on(tmp_path, monkeypa
 
 def test_what_it_compares_with_is_the_reference():
     made = check.known_of(HOME / "results" / results.FOLDER)
-    assert json.loads(check.KNOWN.read_text()) == made, "take it again: python -m studies.check.installation"
+    assert json.loads(check.KNOWN.read_text()) == made, "take it again: python -m studies.check"
