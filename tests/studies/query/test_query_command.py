@@ -15,6 +15,7 @@ import xarray as xr
 from studies import registry
 from studies.query import output as writing
 from studies.query.query import query, select
+from sweeps.storage.checked import SEAL
 from tests import HOME
 from tests.benchmarks import query as benchmark_query
 from tests.helpers.commands import FIV
@@ -228,7 +229,14 @@ def test_a_damaged_file_is_one_line(tmp_path, here, monkeypatch):
         # The head is whole; of the first chunk of a variable after it some bytes are not.
         file.seek(60_000)
         file.write(b"\xff" * 20_000)
-    done = here("query", "damaged.nc", "--show", "growth_rate,frequency,unstable_modes,wall_time")
+    command = ("query", "damaged.nc", "--show", "growth_rate,frequency,unstable_modes,wall_time")
+    done = here(*command)
+    assert done.stderr == "fiv: damaged.nc: it is damaged: its content is not what was written\n"
+    assert done.returncode == 2
+    # HDF5 finds it too, where a file has no check sum of all its bytes.
+    whole = (tmp_path / "damaged.nc").read_bytes()
+    (tmp_path / "damaged.nc").write_bytes(whole.rpartition(SEAL)[0])
+    done = here(*command)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert re.match(r"fiv: \w+: it cannot be read, the file is damaged: ", done.stderr)
 
