@@ -75,6 +75,7 @@ def slip_error(run, reference):
     return float(np.abs(run.velocity_B[: len(times)] - expected).max() / np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_solve_ivp_comes_to_the_exact_motion_as_its_tolerance_falls():
     scene = Scene(0.1, 12.0, 0.35, 9.0, COARSE)
     end = 0.5 * RAMP + ensembles.loading_time(scene) + 2e-3

@@ -212,7 +212,7 @@ def test_how_a_run_ends(scene, until, regime, time, reached):
     assert time[0] - 1e-5 <= summary["simulated_time"] <= time[1] + 1e-5
 
 
-@pytest.mark.parametrize(("method", "most"), [("exact", 0.3), ("paper", 0.2)])
+@pytest.mark.parametrize(("method", "most"), [("exact", 0.3), pytest.param("paper", 0.2, marks=pytest.mark.slow)])
 def test_other_methods_stop_too(method, most):
     """Where 20 loading times to slip have passed, at the second check in a row that finds all shares known."""
     scene, until = Scene(4e-2, 5.0, 0.2, 9.0), Until(0.1, least=0.02, most=most)

@@ -20,7 +20,7 @@ SCHEDULERS = ["sync", "threads", "processes"]
 
 @pytest.mark.parametrize(
     ("scheduler", "kills", "longest"),
-    [("threads", 10, 0.5), pytest.param("processes", 20, 3.0, marks=pytest.mark.slow)],
+    [("threads", 6, 0.5), pytest.param("processes", 20, 3.0, marks=pytest.mark.slow)],
 )
 def test_killed_at_random_moments_a_run_goes_on(tmp_path, scheduler, kills, longest):
     """Nothing that was finished is computed again."""
