@@ -15,6 +15,6 @@ settings.register_profile("battery", derandomize=False, database=None, deadline=
 
 
 def examples(count: int) -> settings:
-    """So many examples, or `FIV_BATTERY` times as many."""
+    """Half as many examples, or `FIV_BATTERY` times as many."""
     profile = settings.get_profile("battery" if TIMES else "quick")
-    return settings(profile, max_examples=count * max(TIMES, 1))
+    return settings(profile, max_examples=count * TIMES or count // 2 + 1)

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import xarray as xr
 
 from fivcore import simulate
@@ -18,6 +19,7 @@ def verdicts(done) -> list[str]:
     return [line.split()[-1] for line in done.stdout.splitlines()[1:-1]]
 
 
+@pytest.mark.slow
 def test_an_installation_that_is_well_passes_and_nothing_is_left_behind(tmp_path, here):
     done = here("check")
     assert done.returncode == 0, done.stdout

@@ -69,7 +69,7 @@ COMMANDS = (
 )
 OF_PARTS = [(*command, "--out", "half") for command in COMMANDS if command[1] == "tiny"]
 # Bits that are changed of a result; of each file of a run a tenth.
-FLIPS = 100
+FLIPS = 60
 
 
 @pytest.fixture

@@ -202,7 +202,7 @@ def test_a_function_that_cannot_be_sent():
 
 def test_addresses_that_are_none(monkeypatch, capfd):
     assert cluster.PATIENCE <= 10.0
-    monkeypatch.setattr(cluster, "PATIENCE", 1.0)
+    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
