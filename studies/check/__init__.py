@@ -1,4 +1,4 @@
-"""What `fiv check` does: whether an installation computes, stores and draws as it should."""
+"""Checks of `fiv check`: an installation computes, stores and draws as it should."""
 
 from studies.check.installation import Found, checks, machine
 

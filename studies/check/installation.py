@@ -46,7 +46,7 @@ INK = 0.01
 
 
 class Found(NamedTuple):
-    """What a check is about, what it found, what it may find, and whether it does."""
+    """A check's subject, value, bound and verdict."""
 
     what: str
     found: str
@@ -158,7 +158,7 @@ def _same(what: str, one: xr.Dataset, other: xr.Dataset) -> Found:
 
 
 def known_of(folder: Path) -> dict[str, dict[str, Any]]:
-    """What is compared with, from the reference in a folder."""
+    """Take the values to compare with from the reference in a folder."""
     found = dict[str, dict[str, Any]]()
     for name, (axis, values, variables) in TAKEN.items():
         with open_results(results.file_of(name, folder)) as dataset:

@@ -70,7 +70,7 @@ def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
 
 
 def _kept(planned: Plan) -> str:
-    """What a run that has ended early leaves, and how to go on; "" where that cannot be told."""
+    """Say what a run that ended early has kept, and how to go on; "" where its folder cannot be read."""
     from sweeps import status
 
     with suppress(Exception):

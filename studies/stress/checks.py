@@ -174,7 +174,7 @@ def _exact_gap(evidence: Evidence) -> Judged:
 
 
 def _energy(evidence: Evidence) -> Judged:
-    """Of "fast": what landing and taking off within a step leaves, which grows with it.
+    """Judge the energy residual; that of "fast" is what landing and taking off within a step leaves.
 
     Of "paper": its own damping and its impacts are not in its balance; the replay says what they take, and what is
     left over counts.

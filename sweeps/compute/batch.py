@@ -64,7 +64,7 @@ class BatchResult:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is done to every batch of a sweep.
+    """Everything that computing a batch of a sweep needs.
 
     Attributes
     ----------

@@ -190,7 +190,7 @@ def _own(workers: int) -> Iterator[distributed.Client]:
 
 @contextmanager
 def _answering() -> Iterator[None]:
-    """What Dask raises when the scheduler has gone, in our words."""
+    """Turn what Dask raises when the scheduler has gone into a `ClusterLostError`."""
     try:
         yield
     except (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError):
@@ -210,7 +210,7 @@ def _in_our_words(problem: BaseException) -> BaseException:
 
 
 class _Payload(distributed.WorkerPlugin):
-    """What every batch of a run needs, at a worker."""
+    """A run's task and folder, as a worker holds them for every batch."""
 
     # Whether to begin no more batches.
     halted = False
