@@ -1,4 +1,4 @@
-"""What goes wrong with a sweep as a whole. A point's failure is not an error: it is kept with the point."""
+"""Errors of a sweep as a whole. A point's failure is no error: it is kept with the point."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ UNREADABLE = (
 
 
 def said(problem: BaseException) -> str:
-    """What was raised, in one line."""
+    """Text of an exception, in one line."""
     kind = "" if isinstance(problem, InputError) else f"{type(problem).__name__}: "
     return " ".join(f"{kind}{problem}".split())
 

@@ -20,7 +20,7 @@ from sweeps.storage.parts import encode
 
 
 class Receipt(NamedTuple):
-    """What comes of a batch: how many rows, how many of them failed, and the wall-clock time, s."""
+    """A finished batch: its rows, those of them that failed, and its wall-clock time, s."""
 
     rows: int
     failed: int
@@ -38,7 +38,7 @@ class WorkerDied(Exception):  # noqa: N818 - it is no error of the run
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What a back end does to every batch of a grid's points."""
+    """The task of a back end and the points of the grid that its batches take."""
 
     task: Task
     grid: Grid

@@ -49,7 +49,7 @@ def one_liner(function: Callable[..., Any], point: Mapping[str, Any], constants:
 
 
 def importable(target: Any) -> Any:
-    """What an import of a function or class by its own name gives, which may be another; None if nothing."""
+    """Import a function or class by its own name; that may give another one, or None."""
     module, name = getattr(target, "__module__", None), getattr(target, "__qualname__", None)
     try:
         return None if module == "__main__" else pkgutil.resolve_name(f"{module}:{name}")

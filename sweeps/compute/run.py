@@ -141,7 +141,7 @@ def _tidy(store: Store) -> None:
 
 
 def _requested(plan: PlanData, store: Store) -> xr.Dataset:
-    """Of the file, the points that were requested, in the order in which they were."""
+    """Select the requested points of the file, in the order of the request."""
     try:
         found = open_results(store.file)
     except ValueError as problem:
@@ -311,7 +311,7 @@ class _Run:
         return receipt._replace(content=None)
 
     def _suspected(self, points: NDArray[np.intp], deaths: int | None) -> Receipt | None:
-        """What is to be tried alone now that a worker has died at a batch; a point that has failed, as that."""
+        """Queue the halves of a batch at which a worker died; return a point that failed, if too many died at it."""
         if deaths is None:
             self._suspects.append((points, 0))
         elif len(points) > 1:

@@ -1,4 +1,4 @@
-"""What the engine itself does to a value: it fits it to its type, rounds it, and scales it to a point."""
+"""Values are fitted to their type, rounded, and scaled to a point."""
 
 from __future__ import annotations
 
