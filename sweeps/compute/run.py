@@ -311,7 +311,7 @@ class _Run:
         return receipt._replace(content=None)
 
     def _suspected(self, points: NDArray[np.intp], deaths: int | None) -> Receipt | None:
-        """Queue the halves of a batch at which a worker died; return a point that failed, if too many died at it."""
+        """Queue the halves of a batch at which a worker died; return a point at which too many died as failed."""
         if deaths is None:
             self._suspects.append((points, 0))
         elif len(points) > 1:
