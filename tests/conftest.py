@@ -7,6 +7,12 @@ from pathlib import Path
 import pytest
 
 from sweeps.plan import batches
+from tests.battery.harness import (  # noqa: F401 - pytest calls them
+    pytest_addoption,
+    pytest_configure,
+    pytest_runtest_call,
+    pytest_terminal_summary,
+)
 from tests.helpers.waves import BROKEN, LOG
 
 

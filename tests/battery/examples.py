@@ -1,20 +1,37 @@
-"""How many examples Hypothesis tries: few and always the same, or many of a seed.
+"""How many examples Hypothesis tries of a surface: few and always the same, or many of a seed."""
 
-`python -m pytest tests/battery` tries the same few each time. `FIV_BATTERY=50 python -m pytest tests/battery
---hypothesis-seed=7` tries fifty times as many, drawn by that seed; without the option by one of its own, which it
-prints where something fails.
-"""
-
-import os
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
 
 from hypothesis import settings
 
-TIMES = int(os.environ.get("FIV_BATTERY", "0"))
+from tests.battery.harness import TRIED
+
 settings.register_profile("quick", derandomize=True, database=None, deadline=None)
 settings.register_profile("battery", derandomize=False, database=None, deadline=None, print_blob=True)
+# Set before any test is loaded, by `tests.battery.harness`.
+at_length = False
 
 
-def examples(count: int) -> settings:
-    """Half as many examples, or `FIV_BATTERY` times as many."""
-    profile = settings.get_profile("battery" if TIMES else "quick")
-    return settings(profile, max_examples=count * TIMES or count // 2 + 1)
+def surface(name: str, times: int) -> Callable[[int], Callable[[Any], Any]]:
+    """Of a file's tests: half as many examples as each says, or so many times as many, which are counted."""
+
+    def examples(count: int) -> Callable[[Any], Any]:
+        profile = settings.get_profile("battery" if at_length else "quick")
+        chosen = settings(profile, max_examples=count * times if at_length else count // 2 + 1)
+        return lambda test: chosen(_counted(test, name))
+
+    return examples
+
+
+def _counted(test: Any, name: str) -> Any:
+    inner = test.hypothesis.inner_test
+
+    @wraps(inner)
+    def one(*arguments: Any, **named: Any) -> Any:
+        TRIED[name] += 1
+        return inner(*arguments, **named)
+
+    test.hypothesis.inner_test = one
+    return test

@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 
 from tests import HOME
 from tests.battery.commands import fiv, refusal
-from tests.battery.examples import examples
+from tests.battery.examples import surface
+
+examples = surface("command lines", times=80)
+pytestmark = pytest.mark.battery
 
 STUDIES = st.sampled_from(["fig5", "scenes", "table4", "regimes", "robust", "fig7"])
 ANY = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)

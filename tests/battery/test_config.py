@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 
 from studies import config, registry, runner
 from tests.battery.commands import fiv, refusal
-from tests.battery.examples import examples
+from tests.battery.examples import surface
+
+examples = surface("TOML files", times=170)
+pytestmark = pytest.mark.battery
 
 STUDY = registry.load("scenes")
 # Names with the values that a file or an option may have for them, and what these are in the study's units.

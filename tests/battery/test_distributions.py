@@ -12,8 +12,11 @@ from scipy import integrate, stats
 
 from studies.scatter import distributions
 from sweeps import InputError
-from tests.battery.examples import examples
+from tests.battery.examples import surface
 from tests.battery.numerals import SAME, digits15, numerals, units_of
+
+examples = surface("distributions", times=70)
+pytestmark = pytest.mark.battery
 
 # Numbers of a rig or a scene with their units, and what each can be.
 NAMES = {

@@ -13,8 +13,11 @@ from hypothesis import strategies as st
 
 from studies.query.query import query
 from sweeps import open_results
-from tests.battery.examples import examples
+from tests.battery.examples import surface
 from tests.helpers.trials import FAILS, WORDS, A, B, sweep
+
+examples = surface("expressions of a query", times=34)
+pytestmark = pytest.mark.battery
 
 WORD = [word.replace("_", " ") for word in WORDS]
 NAMES = ["nil", "one", "two", "three", "four"]

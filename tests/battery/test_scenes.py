@@ -10,8 +10,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fivcore import Beam, InputError, Rig, Scene, flutter_onsets, simulate, sliding_modes
-from tests.battery.examples import examples
+from tests.battery.examples import surface
 from tests.helpers.rigs import workshop_rig
+
+examples = surface("scenes and rigs", times=38)
+pytestmark = pytest.mark.battery
 
 # Of every number the range that is documented.
 BEAM = {

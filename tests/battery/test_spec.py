@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 
 from studies import spec
 from sweeps import InputError
-from tests.battery.examples import examples
+from tests.battery.examples import surface
 from tests.battery.numerals import SAME, digits15, numerals, units_of
+
+examples = surface("SPEC with units", times=15)
+pytestmark = pytest.mark.battery
 
 SPACES = st.sampled_from(["", " ", "  "])
 OWN = st.sampled_from(sorted(SAME))
