@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -146,9 +147,21 @@ def _range(parts: list[str], logarithmic: bool) -> NDArray[Any]:
 def evenly(start: float, stop: float, count: int) -> NDArray[Any]:
     """Values from start to stop, as one would write them: 0.3 and not 0.30000000000000004.
 
-    So a value that is asked for alone is the one that a range has.
+    So a value that is asked for alone is the one that a range has, also near zero between ends of both signs.
     """
-    return _written(np.linspace(start, stop, count))
+    return _written(np.linspace(start, stop, count) if (exact := _weighed(start, stop, count)) is None else exact)
+
+
+def _weighed(start: float, stop: float, count: int) -> NDArray[Any] | None:
+    """Means of both ends with whole weights, where these can be computed exactly: nothing cancels."""
+    ends = [Decimal(repr(float(end))) for end in (start, stop)]
+    places = max(0, *(-int(end.as_tuple().exponent) for end in ends))
+    low, high = (int(end.scaleb(places)) for end in ends)
+    steps = count - 1
+    if not 1 <= steps * max(abs(low), abs(high), 10**places) < 2**53:
+        return None
+    weights = np.arange(count, dtype=np.int64)
+    return np.asarray((low * (steps - weights) + high * weights) / (steps * 10**places))
 
 
 def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:

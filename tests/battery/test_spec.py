@@ -101,9 +101,10 @@ def test_a_range_has_equal_steps_and_both_ends(case):
 
 
 @examples(80)
-@given(st.integers(0, 1000), st.integers(1, 1000), st.integers(2, 60), st.integers(0, 6))
+@given(st.integers(-1000, 1000), st.integers(1, 1000), st.integers(2, 60), st.integers(0, 6))
+@example(-1, 1, 4, 1)
 def test_a_range_has_the_values_that_one_would_type(first, step, count, places):
-    """Where its values are short decimals, they are these bit for bit."""
+    """Where its values are short decimals, they are these bit for bit, zero too."""
     values = [Decimal(first + k * step).scaleb(-places) for k in range(count)]
     found = spec.parse(f"{values[0]}:{values[-1]}:{count}", "x")
     assert found.tolist() == [float(value) for value in values]
