@@ -7,8 +7,8 @@ import sys
 
 from tests import HOME
 
-TESTS = ["test_a_unit_without_a_short_factor", "test_a_damaged_distribution_is_one_line"]
-COMMAND = [sys.executable, "-m", "pytest", "-m", "battery", "-q", "-k", " or ".join(TESTS), "tests/battery"]
+TEST = "tests/battery/test_spec.py::test_a_unit_without_a_short_factor_is_known_to_14_digits"
+COMMAND = [sys.executable, "-m", "pytest", "-m", "battery", "-q", "-n", "1", TEST]
 
 
 def run(*options):
@@ -20,10 +20,9 @@ def test_counts_of_all_processes_are_printed_and_kept(tmp_path):
     done = run("--hypothesis-seed=7", "--counts", str(file))
     assert done.returncode == 0, done.stdout
     kept = json.loads(file.read_text())
-    assert (kept["seed"], kept["passed"], kept["failed"]) == (7, 2, 0)
-    assert set(kept["tried"]) == {"SPEC with units", "distributions"}
-    assert min(kept["tried"].values()) > 500
+    assert (kept["seed"], kept["passed"], kept["failed"]) == (7, 1, 0)
+    assert set(kept["tried"]) == {"SPEC with units"}
+    assert kept["tried"]["SPEC with units"] >= 600
     assert "= battery, seed 7 =" in done.stdout
-    for what, count in kept["tried"].items():
-        assert re.search(rf"^ *{count:,} {what}$".replace(",", " "), done.stdout, re.MULTILINE)
+    assert re.search(f"^ *{kept['tried']['SPEC with units']} SPEC with units$", done.stdout, re.MULTILINE)
     assert list(tmp_path.iterdir()) == [file]
