@@ -104,7 +104,7 @@ def test_a_kernel_that_reads_a_number_too_far_dies(case, tried):
 
 @pytest.mark.parametrize("place", ["10", "np.uint64(2**64 - 1)"])
 def test_a_kernel_that_writes_a_number_too_far_dies_or_is_named(place, tried):
-    """Which of the two depends on the side."""
+    """Behind a page there is room behind the array, and the bytes there change; ahead of it the process dies."""
     ended = program("-c", LEAVING.format(count=10, stride=1, place=place, value=1.0))
     named = "__main__.leaving wrote beside arrays that lie behind a page" in ended.stderr
     assert named if place == "10" else ended.returncode == -signal.SIGSEGV, ended.stderr
