@@ -14,20 +14,19 @@ from sweeps.storage.store import Store
 from sweeps.watch.monitor import read_state
 from tests import HOME
 
-PAGE = os.sysconf("SC_PAGE_SIZE")
+PAGE, TICK = os.sysconf("SC_PAGE_SIZE"), 1.0 / os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a run had at one moment: seconds, bytes and points since it began."""
+    """What a run had at one moment: seconds since it began, points, and memory and time of its processes."""
 
     at: float
     done: int
     todo: int
-    # Resident bytes of each process, by its number.
+    # Resident bytes of each process and seconds that it had of a processor, by its number.
     memory: dict[int, int]
-    # When the points were counted.
-    counted: float
+    processor: dict[int, float]
 
 
 def family(process: int) -> list[int]:
@@ -48,6 +47,15 @@ def resident(process: int) -> int:
     return 0
 
 
+def processor(process: int) -> float:
+    """Seconds of a processor that a process has had; 0 where it has gone."""
+    with suppress(OSError):
+        # Behind the name, which may have blanks and brackets.
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) * TICK
+    return 0.0
+
+
 def watch(store: Store, *arguments: str, every: float = 0.5) -> tuple[list[Look], str]:
     """Run `fiv` with these arguments to its end; looks at it while it computed, and what it printed."""
     path = os.pathsep.join([str(HOME), os.environ.get("PYTHONPATH", "")])
@@ -65,10 +73,10 @@ def watch(store: Store, *arguments: str, every: float = 0.5) -> tuple[list[Look]
         while process.poll() is None:
             state = read_state(store.progress)
             if 0 < state.get("done", 0) < state["todo"]:
-                memory = {member: resident(member) for member in family(process.pid)}
-                looks.append(
-                    Look(time.monotonic() - begun, state["done"], state["todo"], memory, state["elapsed"])
-                )
+                members = family(process.pid)
+                memory = {member: resident(member) for member in members}
+                work = {member: processor(member) for member in members}
+                looks.append(Look(time.monotonic() - begun, state["done"], state["todo"], memory, work))
             time.sleep(every)
     assert not process.returncode, log.read_text()
     return looks, log.read_text()
