@@ -10,7 +10,7 @@ from studies import registry
 from studies.config import read_values
 from sweeps import DONE, open_results
 from sweeps.storage.store import Store
-from tests.helpers.watched import watch
+from tests.helpers.processes.watched import watch
 
 pytestmark = [pytest.mark.battery, pytest.mark.slow]
 

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from tests import HOME
-from tests.helpers import guards
-from tests.helpers.kernel_batches import MOST, PARTS
+from tests.helpers.processes import guards
+from tests.helpers.processes.kernel_batches import MOST, PARTS
 
 pytestmark = [pytest.mark.battery, pytest.mark.slow]
 
@@ -30,7 +30,7 @@ def program(*arguments, **environment):
 
 def batches(how, **environment):
     """What was done of each part of the batches, all of which must have gone well."""
-    ended = program("-m", "tests.helpers.kernel_batches", how, *PARTS, **environment)
+    ended = program("-m", "tests.helpers.processes.kernel_batches", how, *PARTS, **environment)
     told = [json.loads(line) for line in ended.stdout.splitlines()]
     done = [line["part"] for line in told]
     assert not ended.returncode, f"exit {ended.returncode} after {done}:\n{ended.stderr}"
@@ -72,7 +72,7 @@ LEAVING = """
 import numpy as np
 from collections import Counter
 from fivcore.jit import kernel
-from tests.helpers.guards import guarded
+from tests.helpers.processes.guards import guarded
 
 @kernel
 def leaving(x, place, value):
@@ -112,6 +112,6 @@ def test_a_kernel_that_writes_a_number_too_far_dies_or_is_named(place, tried):
 
 
 def test_without_checks_the_program_says_that_there_are_none(tmp_path):
-    ended = program("-m", "tests.helpers.kernel_batches", "checked", NUMBA_CACHE_DIR=str(tmp_path))
+    ended = program("-m", "tests.helpers.processes.kernel_batches", "checked", NUMBA_CACHE_DIR=str(tmp_path))
     assert ended.returncode == 1
     assert "DID NOT RAISE" in ended.stderr

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests import HOME
-from tests.helpers.repeated import SAMPLES
+from tests.helpers.processes.repeated import SAMPLES
 
 pytestmark = [pytest.mark.battery, pytest.mark.slow]
 
@@ -38,7 +38,7 @@ def samples_of(what, count):
     """What a process holds after every twentieth of its work."""
     path = os.pathsep.join([str(HOME), os.environ.get("PYTHONPATH", "")])
     ended = subprocess.run(
-        [sys.executable, "-W", "ignore", "-m", "tests.helpers.repeated", what, str(count)],
+        [sys.executable, "-W", "ignore", "-m", "tests.helpers.processes.repeated", what, str(count)],
         cwd=HOME,
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,

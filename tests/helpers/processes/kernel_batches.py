@@ -1,6 +1,6 @@
 """Batches of 1 to 33 scenes of mixed rigs beside each scene alone, in a process that may die of it.
 
-python -m tests.helpers.kernel_batches guarded stability fast
+python -m tests.helpers.processes.kernel_batches guarded stability fast
 
 computes all batches of some of PARTS, with all arrays of kernels laid against guard pages ("guarded") or every
 index checked ("checked", where NUMBA_BOUNDSCHECK is 1). It prints for each part how many batches there were, which
@@ -32,7 +32,7 @@ from fivcore import (
 )
 from fivcore.jit import inlined, kernel
 from fivcore.stability.secular import sliding_problem
-from tests.helpers.guards import all_guarded
+from tests.helpers.processes.guards import all_guarded
 from tests.helpers.rigs import workshop_rig
 from tests.helpers.runs import assert_same_run
 

@@ -1,6 +1,6 @@
 """The same work over and over in a process of its own, which tells what it holds after every twentieth of it.
 
-python -m tests.helpers.repeated simulations 2000
+python -m tests.helpers.processes.repeated simulations 2000
 
 prints a line of JSON at each twentieth: resident memory in bytes, blocks of memory that Python holds, open files
 and threads. Work has a rig of its own each time, as in a sweep over rigs, so that what is kept of each shows.
