@@ -347,6 +347,9 @@ def _check_described(data: xr.Dataset) -> None:
             raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
     if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
         raise InputError("its configuration is of another shape")
+    for name in json.loads(data.attrs.get("identity", "{}")).get("variables", ()):
+        if name in data and data[name].dims[: len(points)] != points:
+            raise InputError(f"{name} runs along {', '.join(map(str, data[name].dims))}")
     for name, variable in data.variables.items():
         if "flag_values" in variable.attrs:
             words = variable.attrs["flag_meanings"].split()

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Failure
 from sweeps.errors import UNREADABLE, StoreError, reason
+from sweeps.fingerprint.provenance import read_environment
 from sweeps.grid import MOST_POINTS, Variable
 from sweeps.storage.packed import Packed, pack
 from sweeps.storage.replacing import replacing
@@ -133,7 +134,7 @@ class PartFolder:
                 return None
             points = np.cumsum(index["steps"]) if "steps" in index else about["first"] + np.arange(about["rows"])
             failed = index.get("failed", np.zeros(0, dtype=np.int64))
-            where = about.get("environment", {})
+            where = read_environment(about.get("environment", {}))
             return Contents(about["manifest"], points, failed, about["seconds"], where)
         except UNREADABLE:
             return None

@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import shutil
 import signal
 from pathlib import Path
@@ -11,51 +12,12 @@ import numpy as np
 import pytest
 
 from studies import registry, runner
-from studies.study import Setting, Study
-from sweeps import Axis, Variable
 from sweeps.storage.checked import SEAL
 from sweeps.storage.packed import Packed, pack
+from tests.helpers.tiny import STUDY
 from tests.helpers.waves import interrupted
 
-WORDS = {0: "calm", 1: "wild"}
 FILE = Path("results/tiny/tiny.nc")
-
-
-def tiny(points, gain):
-    """Numbers, words and a row of each point; one fails."""
-    x = points["x"]
-    if np.any(x == 3.0):
-        raise ValueError("three is not allowed")
-    return {"y": gain * x, "word": (x > 2.0).astype(int), "row": x[:, None] ** np.arange(3.0)}
-
-
-def draw(data):
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(1.0, 1.0))
-    axes = figure.subplots()
-    axes.plot(data["x"], data["y"])
-    axes.set_title(str(data["x"].attrs["units"]))
-    return figure
-
-
-STUDY = Study(
-    name="tiny",
-    title="A small study",
-    question="Does it last?",
-    paper="No word of it.",
-    axes={"x": Axis(np.arange(1.0, 6.0), "m", "place"), "kind": Axis(["one", "other"])},
-    settings={"gain": Setting(2.0, "1", "gain")},
-    function=tiny,
-    variables={
-        "y": Variable("m", "height", digits=6),
-        "word": Variable("1", "word", dtype="int8", flags=WORDS),
-        "row": Variable("1", "row", dims=("power",), dtype="float32"),
-    },
-    coords={"power": Axis([0, 1, 2])},
-    draw=draw,
-    findings=lambda data: ["nothing"],
-)
 COMMANDS = (
     ("status", "tiny"),
     ("status", "tiny", "--json"),
@@ -237,3 +199,45 @@ def test_something_else_in_the_place_of_a_file(kept, tmp_path, monkeypatch, plac
         assert done.returncode in (1, 3)
         check(done, "tiny.nc", "tiny.parts", "failed: ")
         shutil.rmtree(tmp_path / "half")
+
+
+def test_a_large_result_is_damaged_where_it_is_read(kept, monkeypatch):
+    """HDF5 finds it when a value is used."""
+    for name in ("netcdf.CHECKED", "netcdf.READ_AT_ONCE", "netcdf.LARGE", "manifest.LARGE"):
+        monkeypatch.setattr(f"sweeps.storage.{name}", 100)
+    kept("run", "tiny", "-q", "--fresh")
+    content, one = bytearray(FILE.read_bytes().rpartition(SEAL)[0]), np.float32([4.0, 16.0]).tobytes()
+    content[content.index(one)] ^= 1
+    other = FILE.with_name("other.nc")
+    other.write_bytes(content)
+    other.replace(FILE)
+    for command in (("query", "tiny", "--show", "x,row"), ("plot", "tiny"), ("run", "tiny", "-q")):
+        done = kept(*command)
+        assert done.returncode == 2
+        assert re.fullmatch(r"fiv: .*damaged.*: NetCDF: .*\n", done.stderr), done.stderr
+        assert "tiny.nc: " in done.stderr
+
+
+def test_what_a_result_says_of_its_making_is_of_another_type(kept):
+    """Environments are numbers, a variable has no points, and a traceback is no text."""
+    whole = FILE.read_bytes()
+    for change in (numbered, pointless, counted):
+        FILE.write_bytes(whole)
+        with netCDF4.Dataset(FILE, "a") as file:
+            change(file)
+        for command in (("plot", "tiny"), ("run", "tiny", "-q", "--set", "x=1:6:6")):
+            check(kept(*command), "tiny.nc", "failed: ")
+
+
+def numbered(file):
+    file.environments = '[{"python": 3.11}]'
+
+
+def pointless(file):
+    file.renameVariable("y", "old")
+    file.createVariable("y", "f8", ("kind",))
+
+
+def counted(file):
+    file.renameVariable("traceback", "old")
+    file.createVariable("traceback", "f4", ("failure", "power"))
