@@ -66,7 +66,7 @@ class Store:
             raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
 
     def check_parts(self) -> None:
-        """Refuse what is somebody's in the place of the parts, which are removed in the end: a link, a file, a folder.
+        """Refuse what is somebody's in the place of the parts, which are removed: a link, a file, another folder.
 
         A link in the place of the lock would make a file elsewhere.
         """
@@ -74,16 +74,16 @@ class Store:
             raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {OTHER}")
         if self.parts.is_symlink():
             raise StoreError(f"{self.parts} is a link, where a folder of its own is needed; remove it, or {OTHER}")
-        if found := self._foreign():
+        if not self.manifest.exists() and (found := self._foreign()):
             raise StoreError(f"{self.parts} holds {found}, which no run has left; move it away, or {OTHER}")
         if self.lock.is_symlink():
             raise StoreError(f"{self.lock} is a link, where a file of its own is needed; remove it, or {OTHER}")
 
     def clear(self) -> None:
-        """Remove the parts; where somebody has put something among them, they stay."""
-        # The manifest goes first: without it the folder is nothing.
-        self.manifest.unlink(missing_ok=True)
-        if not self._foreign():
+        """Remove the parts, with all that is among them; a folder that no run has left stays."""
+        if self.manifest.exists() or not self._foreign():
+            # The manifest goes first: without it the folder is nothing.
+            self.manifest.unlink(missing_ok=True)
             shutil.rmtree(self.parts, ignore_errors=True)
 
     def _foreign(self) -> str:

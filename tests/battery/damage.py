@@ -11,20 +11,32 @@ HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202eowned"
 DEEP = "[" * 100_000
 # What may stand where JSON has something else, or what an attribute may be.
 JSON = [None, True, 0, -1, 10**30, 1e308, float("nan"), "", "x", HOSTILE, [], [[]], {}, {"x": {}}, {"": [None]}]
-ATTRIBUTES = ["", HOSTILE, DEEP, "{}", "[]", "null", "x" * 1_000_000, 3.0, np.int8(-1), np.array([]), np.arange(4.0)]
+ATTRIBUTES = [
+    "",
+    HOSTILE,
+    DEEP,
+    "{}",
+    "[]",
+    "null",
+    "x" * 1_000_000,
+    3.0,
+    np.int8(-1),
+    np.array([]),
+    np.arange(4.0),
+]
 ATTRIBUTES += [np.nan, ["one", "two"], b"\xff\xfe\x00", "m" * 300, "\x00", "1e400 m", "seconds since 0"]
 NUMBERS = [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e300, -1e-300, 127.0]
 PLAIN = ["f4", "f8", "i1", "i2", "i4", "i8", "u1", "u8"]
 TYPES = [*PLAIN, "S1", str, "vlen", "compound", "enum"]
 
 
-def harmed(rng, whole: bytes) -> tuple[str, bytes]:
-    """The content of a file with a bit changed, or with a larger damage."""
+def harmed(rng, whole: bytes, kinds=None) -> tuple[str, bytes]:
+    """The content of a file with a bit changed, or with one of larger damages, of all `kinds` or of these."""
     size, content = len(whole), bytearray(whole)
     place, length = int(rng.integers(size)), int(min(rng.choice([1, 16, 512, 4096]), size))
     # Often at the end, where a seal is.
     begin, other = (int(rng.choice([rng.integers(size - length + 1), size - length], p=[0.7, 0.3])) for _ in "ab")
-    kind = rng.choice(["bit", "end", "zeros", "exchange", "more"], p=[0.6, 0.1, 0.1, 0.1, 0.1])
+    kind = drawn(rng, kinds or ["bit"] * 5 + ["end", "zeros", "exchange", "more"])
     if kind == "bit":
         bit = int(rng.integers(8))
         content[place] ^= 1 << bit
@@ -185,7 +197,16 @@ def _fill(rng, old, new, name, how):
 def _other_dims(rng, dims):
     others = ["x", "kind", "power", "long0", "long50000"]
     return drawn(
-        rng, [dims[::-1], dims[1:], dims[:-1], (), (*dims, drawn(rng, others)), (drawn(rng, others), *dims), (others[4],) * 2]
+        rng,
+        [
+            dims[::-1],
+            dims[1:],
+            dims[:-1],
+            (),
+            (*dims, drawn(rng, others)),
+            (drawn(rng, others), *dims),
+            (others[4],) * 2,
+        ],
     )
 
 

@@ -147,6 +147,14 @@ def test_a_configuration_that_is_nested_too_deeply(here, tmp_path):
     check(done, "deep.toml")
 
 
+@pytest.mark.parametrize("option", ["--config", "--points"])
+def test_a_text_that_never_ends(here, monkeypatch, option):
+    monkeypatch.setattr(registry, "MOST_LETTERS", 1000)
+    done = here("plan", "fig5", option, "/dev/zero")
+    assert done.returncode == 2
+    assert done.stderr == f"fiv: {option} /dev/zero: it has more than 1000 letters\n"
+
+
 def nested(path):
     path.write_text("[" * 100_000)
 

@@ -88,7 +88,7 @@ def test_nor_does_one_of_the_seal_itself(path):
 def test_what_stands_in_the_place_of_a_seal_is_noticed(path, harm):
     """A block of a disk is lost as a whole."""
     path.write_bytes(harm(path.read_bytes()))
-    with pytest.raises(InputError, match="damaged: its content is not what was written$"):
+    with pytest.raises(InputError, match=r"damaged: its content is not what was written$"):
         open_results(path)
     with pytest.raises(StoreError, match="its content is not what was written; move it away"):
         sweep().plan(path)
