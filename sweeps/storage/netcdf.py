@@ -363,7 +363,8 @@ def _opened(path: Path) -> xr.Dataset:
     with NETCDF:
         with netCDF4.Dataset(path) as file:
             check_sizes(file)
-        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF)
+        # No sweep has dates, and what looks like one may be none.
+        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF, decode_times=False)
         if data.nbytes <= READ_AT_ONCE:
             with data:
                 return data.load()

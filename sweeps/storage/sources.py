@@ -95,8 +95,8 @@ class PartSource:
         """The points of the manifest's grid that get something."""
         contents = self.folder.contents(self.name)
         if contents is not None:
-            # What is not of its grid is IndexError or ValueError.
-            with suppress(IndexError, ValueError):
+            # What is not of its grid is one of these.
+            with suppress(LookupError, TypeError, ValueError):
                 points = manifest.located(contents.manifest, contents.points)
                 if points is not None:
                     about = contents.failed, contents.seconds, [contents.environment]

@@ -91,8 +91,8 @@ def serve(pipe, begin):
     """Answer whatever is asked, until the other side closes."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     begin()
-    # Whatever is slow to import.
-    commands.fiv(".", "list", "scenes")
+    # Whatever is slow to import or to compile.
+    commands.fiv(".", "plan", "scenes")
     pipe.send("ready")
     while True:
         try:

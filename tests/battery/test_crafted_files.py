@@ -39,8 +39,8 @@ def of_another_shape(rng, whole):
     """A file of packed arrays with one thing else in what it says of itself, or with another array."""
     about, arrays = whole.about, whole.read(whole.names)
     if rng.random() < 0.6:
-        about = reshaped(rng, about)
-        return json.dumps(about), about, arrays
+        about = about | {(name := drawn(rng, list(about))): reshaped(rng, about[name])}
+        return f"{name} = {json.dumps(about[name])}", about, arrays
     name = drawn(rng, list(arrays))
     value = drawn(
         rng, [arrays[name][:1], arrays[name][:0], arrays[name][::-1], np.array(HOSTILE), np.full(9, np.nan)]

@@ -140,6 +140,24 @@ def test_a_manifest_of_another_shape(kept, tmp_path):
             check(kept(*command), "tiny.nc", "tiny.parts")
 
 
+def test_a_part_of_another_shape(kept, tmp_path):
+    """Its points are pending, and computed again."""
+    path = min((tmp_path / "half" / "tiny" / "tiny.parts").glob("*.part"))
+    file = Packed(path)
+    arrays = file.read(file.names)
+    wrong = [(file.about | {key: value}, arrays) for key in file.about for value in (None, {"a": {}}, ["a"], 0.5)]
+    wrong += [(file.about, arrays | {name: each[:0]}) for name, each in arrays.items()]
+    wrong += [(file.about, arrays | {name: np.array(["text"])}) for name in arrays]
+    for number, (about, others) in enumerate(wrong):
+        path.write_bytes(pack(about, others))
+        for command in OF_PARTS[number % 2 :: 2]:
+            print(number, *command)
+            check(kept(*command), "tiny.nc", "tiny.parts")
+    done = kept("run", "tiny", "-q", "--out", "half")
+    assert done.returncode in (1, 3), done.stderr
+    check(done, "tiny.parts", "failed: ")
+
+
 def test_a_configuration_that_is_nested_too_deeply(here, tmp_path):
     (tmp_path / "deep.toml").write_text("axes = " + "[" * 100_000)
     done = here("plan", "fig5", "--config", "deep.toml")
@@ -235,6 +253,14 @@ def test_what_a_result_says_of_its_making_is_of_another_type(kept):
             change(file)
         for command in (("plot", "tiny"), ("run", "tiny", "-q", "--set", "x=1:6:6")):
             check(kept(*command), "tiny.nc", "failed: ")
+
+
+@pytest.mark.filterwarnings("always")
+def test_units_that_look_like_a_date(kept):
+    with netCDF4.Dataset(FILE, "a") as file:
+        file["y"].units = "seconds since 0"
+    done = kept("query", "tiny", "--where", "x == 2", "--show", "y")
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def numbered(file):
