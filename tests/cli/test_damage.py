@@ -133,6 +133,7 @@ def test_a_manifest_of_another_shape(kept, tmp_path):
     wrong += [({k: v for k, v in file.about.items() if k != key}, arrays) for key in file.about]
     wrong += [(file.about, arrays | {name: each[:1]}) for name, each in arrays.items()]
     wrong += [(file.about, {k: v for k, v in arrays.items() if k != name}) for name in arrays]
+    wrong += [(file.about, arrays | {name: np.array(["text"])}) for name in arrays for _ in range(2)]
     for number, (about, others) in enumerate(wrong):
         path.write_bytes(pack(about, others))
         for command in OF_PARTS[number % 2 :: 2]:
