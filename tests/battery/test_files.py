@@ -197,7 +197,7 @@ CSV = """V [mm/s],mu,theta,p1_length
 """
 # Values that a study refuses, whoever gave them.
 SCENE = ("V = ", "mu = ", "theta = ", "duration = ", "p1_length = ", "record = ", "settings.", "axes.")
-SCENE += ("sample_rate = ", "points: ", "--samples", "--scatter", "--seed", "F = ")
+SCENE += ("sample_rate = ", "points: ", "--points ", "--samples", "--scatter", "--seed", "F = ")
 OWN = """import numpy as np
 from studies.study import Setting, Study
 from sweeps import Axis, Variable
