@@ -347,6 +347,9 @@ def _check_described(data: xr.Dataset) -> None:
             raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
     if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
         raise InputError("its configuration is of another shape")
+    for name in json.loads(data.attrs.get("identity", "{}")).get("variables", ()):
+        if name in data and data[name].dims[: len(points)] != points:
+            raise InputError(f"{name} runs along {', '.join(map(str, data[name].dims))}")
     for name, variable in data.variables.items():
         if "flag_values" in variable.attrs:
             words = variable.attrs["flag_meanings"].split()
@@ -360,7 +363,8 @@ def _opened(path: Path) -> xr.Dataset:
     with NETCDF:
         with netCDF4.Dataset(path) as file:
             check_sizes(file)
-        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF)
+        # No sweep has dates, and what looks like one may be none.
+        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF, decode_times=False)
         if data.nbytes <= READ_AT_ONCE:
             with data:
                 return data.load()
