@@ -99,7 +99,7 @@ def check_backend(scheduler: str, workers: int | None) -> None:
 
 
 def _checked_environments(plan: PlanData, scheduler: str) -> list[Environment]:
-    """The environments of what is at hand and of who is to compute; several are a warning, or refused if strict."""
+    """Environments of what is at hand and of who is to compute; several are a warning, or refused if strict."""
     here = [environment()]
     if scheduler not in LOCAL:
         # Imported here: it takes long, and few runs need it.
