@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import time
 from contextlib import suppress
@@ -46,11 +47,24 @@ class Outside:
 
     def join(self, home=HOME, **told):
         """One more worker, which may have other versions."""
-        self.workers.append(self._started(home, worker=self.address, **told)[0])
+        self.summon(home, **told)()
+
+    def summon(self, home=HOME, **told):
+        """What has one more worker join at once."""
+        worker, _ = self._started(home, worker=self.address, waits=True, **told)
+        self.workers.append(worker)
+
+        def admit():
+            os.kill(worker.pid, signal.SIGUSR1)
+            assert worker.stdout.readline(), worker.stderr.read()
+
+        return admit
 
     def end(self):
+        """End what has not ended yet."""
         for process in (self.scheduler, *self.workers):
-            end(process)
+            if process.poll() is None:
+                end(process)
 
 
 def altered_home(folder):

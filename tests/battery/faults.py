@@ -109,6 +109,7 @@ def fails_to_write(storm, what, **told):
     line = storm.run(0, 3, **told)
     if line != "done":
         one_line(line, FULL)
+        assert ("nothing was finished" in line) == (not storm.finished()), line
         storm.tried[what] += 1
 
 
@@ -142,12 +143,15 @@ def scheduler_killed(storm):
 def workers_of_a_cluster_killed(storm):
     """All of them at once; sometimes somebody starts another."""
     cluster = storm.cluster()
-    process = storm.start(cluster.address, bereft=3.0)
+    there = [*cluster.workers]
+    another = cluster.summon() if storm.rng.random() < 0.4 else None
+    process = storm.start(cluster.address, bereft=10.0 if another else 3.0)
     storm.wait_a_moment(process, least=1)
-    for worker in cluster.workers:
+    for worker in there:
         end(worker)
-    if another := storm.rng.random() < 0.4:
-        cluster.join()
+    if another:
+        time.sleep(storm.rng.uniform(0.0, 1.0))
+        another()
     line = storm.over(process, *([0] if another else [0, 3]))
     if line != "done":
         one_line(line, "ClusterLostError: the cluster has no workers left$")
@@ -159,12 +163,13 @@ def workers_of_a_cluster_killed(storm):
 def other_version(storm):
     """Of a library, at the beginning or later, for who is strict or not."""
     cluster, strict, late = storm.cluster(), storm.rng.random() < 0.4, storm.rng.random() < 0.5
+    join = cluster.summon(numpy="9.9")
     if not late:
-        cluster.join(numpy="9.9")
+        join()
     process = storm.start(cluster.address, strict=strict)
     if late:
         storm.wait_a_moment(process, least=1)
-        cluster.join(numpy="9.9")
+        join()
     line = storm.over(process, 0, 2) if strict else storm.over(process, 0)
     if strict and line != "done":
         one_line(line, VERSION)
@@ -181,12 +186,13 @@ def other_code(storm):
     """Of the function, at the beginning or later: nothing of it is kept."""
     home = altered_home(storm.folder / "altered")
     cluster, late = storm.cluster(), storm.rng.random() < 0.5
+    join = cluster.summon(home)
     if not late:
-        cluster.join(home)
+        join()
     process = storm.start(cluster.address)
     if late:
         storm.wait_a_moment(process, least=1)
-        cluster.join(home)
+        join()
     line = storm.over(process, 0, 2)
     if line != "done":
         one_line(line, "SchedulerError: the workers cannot compute this: RuntimeError: this worker has another")

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import tempfile
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -36,8 +37,9 @@ class Storm:
     tried: Any
     points: int
     pause: float
+    codes: list[int | None] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
-    started: list[Any] = field(default_factory=list)
+    under_way: list[Any] = field(default_factory=list)
     lines: list[tuple[Any, str]] = field(default_factory=list)
     outside: Outside | None = None
     afterwards: ExitStack = field(default_factory=ExitStack)
@@ -50,7 +52,6 @@ class Storm:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.store = Store(self.path)
         self.about = {"points": self.points, "pause": self.pause, "log": self.log}
-        self.sweep = make(**self.about)
 
     def finished(self):
         """The points that are kept."""
@@ -93,13 +94,13 @@ class Storm:
         return self
 
     def __exit__(self, *problem):
-        for process in self.started:
+        for process in self.under_way:
             end(process)
         self.afterwards.close()
 
     def start(self, scheduler=None, **told):
         """Start a run; what is kept now is not to be computed again."""
-        self.before = self.finished()
+        self.before, self.scratch, self.codes = self.finished(), os.listdir(tempfile.gettempdir()), []
         self.log.write_text("")
         return self.one_more(scheduler or self.backend(), **told)
 
@@ -107,13 +108,13 @@ class Storm:
         """Start a run beside others."""
         self.say(f"run on {scheduler} {told or ''}")
         process = sweep_programs.start(store=self.path, scheduler=scheduler, **self.about, **told)
-        self.started.append(process)
+        self.under_way.append(process)
         sweep_programs.wait_for(process, "ready")
         return process
 
     def wait_a_moment(self, process, least=0):
         """Wait until anything between the beginning of a run, or its first points, and its end."""
-        if least or self.rng.random() < 0.6:
+        if least or self.rng.random() < 0.7:
             left = max(self.points - len(self.before), least + 1)
             after = int(self.rng.integers(least, left))
             for line in process.stdout:
@@ -122,7 +123,7 @@ class Storm:
                     break
             time.sleep(self.rng.uniform(0.0, 0.05))
         else:
-            time.sleep(self.rng.uniform(0.0, 1.5))
+            time.sleep(self.rng.uniform(0.0, 0.8))
 
     def over(self, process, *codes):
         """Wait for a run; it must have ended by one of these codes, in one line, and left nothing behind."""
@@ -130,12 +131,15 @@ class Storm:
         while process.poll() is None and time.monotonic() < until:
             time.sleep(0.01)
         code = process.poll()
-        left = not groups_end(process.pid) if code is not None else True
-        end(process) if left else None
+        left = code is None or not groups_end(process.pid)
+        if left:
+            end(process)
+        self.under_way.remove(process)
         out, err = ("", "") if left else process.communicate()
         lines = [*(line for owner, line in self.lines if owner is process), *out.splitlines()]
         lines = [line.rstrip() for line in lines if not line.startswith("progress")]
         self.say(f"ended by {code}: {lines} {err}")
+        self.codes.append(code)
         assert code is not None, "the run did not end"
         assert not left, "processes of the run are left"
         assert code in codes, f"ended by {code}, not {codes}"
@@ -144,11 +148,14 @@ class Storm:
         return (lines or [""])[0] + err
 
     def check_kept(self):
-        """Nothing that was finished is lost, or was computed again, and the store is free."""
+        """Nothing that was finished is lost, or was computed again; the store is free, nothing is left."""
         now, again = self.finished(), self.before & set(self.logged())
         assert not again, f"computed again: {sorted(again)}"
         assert self.before <= now, f"lost: {sorted(self.before - now)}"
         assert not is_locked(self.store)
+        if -signal.SIGKILL not in self.codes:
+            left = {*os.listdir(tempfile.gettempdir())} - {*self.scratch}
+            assert not left, f"temporary: {left}"
 
     def run(self, *codes, scheduler=None, **told):
         """A run from its beginning to its end."""
@@ -160,20 +167,29 @@ class Storm:
         """Finish a sweep of every third point first: values are added between those that are there."""
         self.log.write_text("")
         self.say("every third point first")
-        replace(self.sweep, grid=Grid({"x": Axis(np.arange(0.0, self.points, 3.0), "m")})).plan(self.path).run(
-            "sync"
-        )
+        third = Grid({"x": Axis(np.arange(0.0, self.points, 3.0), "m")})
+        replace(make(**self.about), grid=third).plan(self.path).run("sync")
+
+    def renew(self, expected):
+        """Begin anew where nothing is left to be done."""
+        if not self.store.manifest.exists() and len(self.finished()) == self.points:
+            self.check(expected)
+            self.path.unlink()
+            self.mixed = False
 
     def complete(self, expected):
-        """Run to the end; the file is what an undisturbed run makes, and alone."""
+        """Run to the end."""
         self.run(0)
+        self.check(expected)
+
+    def check(self, expected):
+        """The file is what an undisturbed run makes, and alone."""
         found = contents(self.path)
         if self.mixed:
             self.check_marks(found)
             found["environments"] = expected["environments"]
-        differing = sorted(
-            name for name in {*found, *expected} if repr(found.get(name)) != repr(expected.get(name))
-        )
+        names = sorted({*found, *expected})
+        differing = [name for name in names if repr(found.get(name)) != repr(expected.get(name))]
         assert not differing, f"differing from the undisturbed file: {differing}"
         assert os.listdir(self.path.parent) == [self.path.name]
 

@@ -6,6 +6,7 @@ python -m tests.helpers.dask_programs '{"worker": "tcp://127.0.0.1:8786", "numpy
 import asyncio
 import json
 import logging
+import signal
 import sys
 import tempfile
 
@@ -29,10 +30,14 @@ async def serve(told):
 
 
 def main(told):
-    """Serve until killed, with another version of NumPy where one is told."""
+    """Serve until killed, with another version of NumPy where one is told; who waits begins at a signal."""
     if "numpy" in told:
         before = provenance._version
         provenance._version = lambda name: told["numpy"] if name == "numpy" else before(name)
+    if told.get("waits"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGUSR1])
+        print("ready", flush=True)
+        signal.sigwait([signal.SIGUSR1])
     folder = told.get("folder", tempfile.gettempdir())
     logging.disable(logging.CRITICAL)
     with dask.config.set({"temporary-directory": folder}):
