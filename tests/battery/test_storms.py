@@ -12,17 +12,17 @@ import time
 import numpy as np
 import pytest
 
-from tests.battery import faults
-from tests.battery.faults import KINDS, disk_full, mount
-from tests.battery.readers import Reader, contents
-from tests.battery.storms import Storm
+from tests.helpers.storms import happenings
+from tests.helpers.storms.happenings import KINDS, disk_full, mount
+from tests.helpers.storms.readers import Reader, contents
+from tests.helpers.storms.storm import Storm
 from tests.helpers.sweep_programs import COMPARED, make
 
 pytestmark = [pytest.mark.battery, pytest.mark.slow]
 MINUTES = 15.0
 SIZES = [(20, 0.02), (40, 0.02), (60, 0.01), (40, 0.05)]
 # Faults that come before or after others.
-OTHERS = [faults.killed, faults.stopped, faults.interrupted, faults.clock_set_back, faults.disk_refuses]
+OTHERS = ["killed", "stopped", "interrupted", "clock_set_back", "disk_refuses"]
 # What must have been tried in the end.
 ALWAYS = ["runs killed", "runs stopped and continued", "runs interrupted once", "runs interrupted twice"]
 ALWAYS += ["workers killed", "disks that refuse", "files that may not grow", "schedulers killed", "racing runs"]
@@ -75,11 +75,11 @@ def storm_of(kind, seed, undisturbed, tried):
         try:
             if rng.random() < 0.3:
                 storm.grow()
-            for fault in rng.permutation([kind, *rng.choice(OTHERS, rng.integers(0, 3))]):
+            for name in rng.permutation([kind.__name__, *rng.choice(OTHERS, rng.integers(0, 3))]):
                 if reader is None:
                     storm.renew(file)
-                storm.say(fault.__name__)
-                fault(storm)
+                storm.say(name)
+                getattr(happenings, name)(storm)
             storm.complete(file)
         except AssertionError as problem:
             wrong.append(str(problem))
@@ -98,7 +98,8 @@ def test_whatever_happens_the_file_is_that_of_an_undisturbed_run(tmp_path, rng, 
     undisturbed, failures = Undisturbed(tmp_path), []
     if asked := os.environ.get("FIV_STORM"):
         name, seed = asked.split()
-        assert not storm_of(getattr(faults, name), int(seed), undisturbed, tried)
+        wrong = storm_of(getattr(happenings, name), int(seed), undisturbed, tried)
+        assert not wrong, wrong
         return
     until = time.monotonic() + 60.0 * float(os.environ.get("FIV_STORM_MINUTES", MINUTES))
     while time.monotonic() < until:

@@ -31,7 +31,7 @@ from sweeps import (
 from sweeps.plan import batches
 from sweeps.storage.store import Store
 from tests import HOME
-from tests.helpers import faults
+from tests.helpers.storms import faults
 
 COMPARED = ["square", "powers", "status", "error"]
 

@@ -39,7 +39,7 @@ class Outside:
         self.scheduler, self.address = self._started()
 
     def _started(self, home=HOME, **told):
-        process = program("dask_programs", told | {"folder": self.folder}, home)
+        process = program("storms.dask_programs", told | {"folder": self.folder}, home)
         address = process.stdout.readline().strip()
         if not address:
             raise AssertionError(f"no server: {process.stderr.read()}")

@@ -12,7 +12,7 @@ import numpy as np
 
 from sweeps import open_results
 from sweeps.storage.lock import is_locked
-from tests.battery.clusters import altered_home, workers_of
+from tests.helpers.storms.clusters import altered_home, workers_of
 from tests.helpers.sweep_programs import end
 
 FULL = r"StoreError: \S+ could not be written: .*; (.* kept|nothing was finished)"

@@ -1,6 +1,6 @@
 """A Dask scheduler or a worker in a process of its own, as somebody else would have started it.
 
-python -m tests.helpers.dask_programs '{"worker": "tcp://127.0.0.1:8786", "numpy": "9.9"}'
+python -m tests.helpers.storms.dask_programs '{"worker": "tcp://127.0.0.1:8786", "numpy": "9.9"}'
 """
 
 import asyncio
