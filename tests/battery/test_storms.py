@@ -22,12 +22,12 @@ pytestmark = [pytest.mark.battery, pytest.mark.slow]
 MINUTES = 15.0
 SIZES = [(20, 0.02), (40, 0.02), (60, 0.01), (40, 0.05)]
 # Faults that come before or after others.
-OTHERS = ["killed", "stopped", "interrupted", "clock_set_back", "disk_refuses"]
+OTHERS = ["killed", "stopped", "interrupted", "interrupted_twice", "clock_set_back", "disk_refuses"]
 # What must have been tried in the end.
 ALWAYS = ["runs killed", "runs stopped and continued", "runs interrupted once", "runs interrupted twice"]
 ALWAYS += ["workers killed", "disks that refuse", "files that may not grow", "schedulers killed", "racing runs"]
 ALWAYS += ["racing runs refused", "clusters whose workers were killed", "workers of another version"]
-ALWAYS += ["workers of another code", "clocks set back", "reads beside a writer"]
+ALWAYS += ["workers of another code", "workers stopped and continued", "clocks set back", "reads beside a writer"]
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from tests.helpers.storms.clusters import altered_home, workers_of
 from tests.helpers.sweep_programs import end
 
 FULL = r"StoreError: \S+ could not be written: .*; (.* kept|nothing was finished)"
-CHANGED = r"StoreError: \S+ has changed since this was planned; plan again$"
+CHANGED = r"StoreError: \S+ has changed (since|while) this was planned; plan again$"
 VERSION = (
     r"InputError: \S+ not all points are computed in one environment|SchedulerError: a worker joined whose env"
 )
@@ -59,27 +59,39 @@ def stopped(storm):
     storm.check_kept()
 
 
-def worker_stopped_or_killed(storm):
+def worker_killed(storm):
+    """One of the run's own."""
     process = storm.start("processes")
-    storm.wait_a_moment(process)
-    if found := workers_of(process.pid):
-        worker = int(storm.rng.choice(found))
-        kill = storm.rng.random() < 0.7
+    if worker := one_of_its_workers(storm, process):
         with suppress(ProcessLookupError):
-            os.kill(worker, signal.SIGKILL if kill else signal.SIGSTOP)
-        if not kill:
-            time.sleep(storm.rng.uniform(0.1, 2.0))
-            with suppress(ProcessLookupError):
-                os.kill(worker, signal.SIGCONT)
-        storm.tried["workers killed" if kill else "workers stopped and continued"] += 1
+            os.kill(worker, signal.SIGKILL)
+        storm.tried["workers killed"] += 1
     storm.over(process, 0)
     storm.check_kept()
 
 
-def interrupted(storm):
+def worker_stopped(storm):
+    process = storm.start("processes")
+    if worker := one_of_its_workers(storm, process):
+        with suppress(ProcessLookupError):
+            os.kill(worker, signal.SIGSTOP)
+            time.sleep(storm.rng.uniform(0.1, 2.0))
+            os.kill(worker, signal.SIGCONT)
+        storm.tried["workers stopped and continued"] += 1
+    storm.over(process, 0)
+    storm.check_kept()
+
+
+def one_of_its_workers(storm, process):
+    """A worker in the middle of the run; None where it has ended."""
+    storm.wait_a_moment(process, least=1)
+    found = workers_of(process.pid)
+    return int(storm.rng.choice(found)) if found else None
+
+
+def interrupted(storm, times=1):
     process = storm.start()
     storm.wait_a_moment(process)
-    times = int(storm.rng.integers(1, 3))
     for _ in range(times):
         with suppress(ProcessLookupError):
             (os.killpg if storm.rng.random() < 0.5 else os.kill)(process.pid, signal.SIGINT)
@@ -89,6 +101,10 @@ def interrupted(storm):
     storm.check_kept()
     if times == 1:
         assert set(storm.logged()) <= storm.finished(), "what was begun is not kept"
+
+
+def interrupted_twice(storm):
+    interrupted(storm, 2)
 
 
 def disk_full(storm):
@@ -238,5 +254,6 @@ def one_line(line, words):
     assert len(line.splitlines()) == 1, line
 
 
-KINDS = [killed, stopped, worker_stopped_or_killed, interrupted, disk_full, disk_refuses, files_may_not_grow]
+KINDS = [killed, stopped, worker_killed, worker_stopped, interrupted, interrupted_twice]
+KINDS += [disk_full, disk_refuses, files_may_not_grow]
 KINDS += [scheduler_killed, workers_of_a_cluster_killed, other_version, other_code, clock_set_back, raced]

@@ -14,8 +14,10 @@ import pytest
 import xarray as xr
 
 from sweeps import LockedError, StoreError
+from sweeps.plan import planning
 from sweeps.storage import lock
 from sweeps.storage.parts import PartFolder
+from sweeps.storage.sources import FileSource
 from sweeps.storage.store import Store
 from tests.helpers.sweep_programs import check, end, finished_points, flip, make, start, wait_for
 
@@ -197,6 +199,36 @@ def test_an_old_plan_is_refused(path):
         assert path.read_bytes() == before
         old = make(points=4).plan(path)
         assert old.whole
+
+
+def test_what_another_run_does_while_one_plans_makes_the_plan_an_old_one(path, monkeypatch):
+    """It is neither computed again nor lost."""
+    check_same_draws = planning.check_same_draws
+
+    def meanwhile(*arguments):
+        monkeypatch.setattr(planning, "check_same_draws", check_same_draws)
+        make(points=8).plan(path).run()
+
+    monkeypatch.setattr(planning, "check_same_draws", meanwhile)
+    old = make(points=6).plan(path)
+    with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
+        old.run()
+    check(path, 8)
+
+
+def test_a_file_that_is_replaced_while_one_plans_is_not_damaged(path, monkeypatch):
+    make(points=4).plan(path).run()
+    held = FileSource.held
+
+    def meanwhile(self, manifest):
+        monkeypatch.setattr(FileSource, "held", held)
+        make(points=8).plan(path).run()
+        return held(self, manifest)
+
+    monkeypatch.setattr(FileSource, "held", meanwhile)
+    with pytest.raises(StoreError, match=r"has changed while this was planned; plan again$"):
+        make(points=6).plan(path)
+    check(path, 8)
 
 
 def test_progress_of_a_run_can_be_read_at_any_time(tmp_path):
