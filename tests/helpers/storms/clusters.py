@@ -23,6 +23,12 @@ def groups_end(leader, seconds=30.0):
     return True
 
 
+def send(process, number):
+    """Send a signal, unless the process has ended."""
+    with suppress(ProcessLookupError):
+        os.kill(process, number)
+
+
 def workers_of(leader):
     """The processes that compute for a run."""
     options = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(leader)]

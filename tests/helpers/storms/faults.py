@@ -3,6 +3,7 @@
 import itertools
 import os
 import shutil
+import subprocess
 import time
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -42,6 +43,13 @@ def refuse_steps(first, last, code):
             raise OSError(code, os.strerror(code))
 
     at_each_step(refuse, WRITING)
+
+
+def mount(folder, kilobytes, how=""):
+    """A disk of that size at a folder; a `CalledProcessError` for who may not."""
+    subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"{how}size={kilobytes}k", "none", folder], check=True, capture_output=True
+    )
 
 
 def shift_clock(seconds):

@@ -12,7 +12,8 @@ import numpy as np
 
 from sweeps import open_results
 from sweeps.storage.lock import is_locked
-from tests.helpers.storms.clusters import altered_home, workers_of
+from tests.helpers.storms.clusters import altered_home, send, workers_of
+from tests.helpers.storms.faults import mount
 from tests.helpers.sweep_programs import end
 
 FULL = r"StoreError: \S+ could not be written: .*; (.* kept|nothing was finished)"
@@ -26,8 +27,7 @@ TAKEN = r"LockedError: \S+ is being written by (another run|process \d+ on \S+, 
 def killed(storm):
     process = storm.start()
     storm.wait_a_moment(process)
-    with suppress(ProcessLookupError):
-        os.kill(process.pid, signal.SIGKILL)
+    send(process.pid, signal.SIGKILL)
     storm.over(process, -signal.SIGKILL, 0)
     storm.tried["runs killed"] += storm.codes[-1] == -signal.SIGKILL
     storm.check_kept()
@@ -37,8 +37,7 @@ def stopped(storm):
     """Whoever stands still keeps the store."""
     process = storm.start()
     storm.wait_a_moment(process)
-    with suppress(ProcessLookupError):
-        os.kill(process.pid, signal.SIGSTOP)
+    send(process.pid, signal.SIGSTOP)
     time.sleep(0.05)
     held = is_locked(storm.store)
     try:
@@ -49,8 +48,7 @@ def stopped(storm):
                 storm.tried["runs refused while another stands still"] += 1
         time.sleep(storm.rng.uniform(0.1, 2.0))
     finally:
-        with suppress(ProcessLookupError):
-            os.kill(process.pid, signal.SIGCONT)
+        send(process.pid, signal.SIGCONT)
     # Whoever stood still before he had the store finds it finished by the other.
     line = storm.over(process, 0) if held else storm.over(process, 0, 3)
     if line != "done":
@@ -63,8 +61,7 @@ def worker_killed(storm):
     """One of the run's own."""
     process = storm.start("processes")
     if worker := one_of_its_workers(storm, process):
-        with suppress(ProcessLookupError):
-            os.kill(worker, signal.SIGKILL)
+        send(worker, signal.SIGKILL)
         storm.tried["workers killed"] += 1
     storm.over(process, 0)
     storm.check_kept()
@@ -73,10 +70,9 @@ def worker_killed(storm):
 def worker_stopped(storm):
     process = storm.start("processes")
     if worker := one_of_its_workers(storm, process):
-        with suppress(ProcessLookupError):
-            os.kill(worker, signal.SIGSTOP)
-            time.sleep(storm.rng.uniform(0.1, 2.0))
-            os.kill(worker, signal.SIGCONT)
+        send(worker, signal.SIGSTOP)
+        time.sleep(storm.rng.uniform(0.1, 2.0))
+        send(worker, signal.SIGCONT)
         storm.tried["workers stopped and continued"] += 1
     storm.over(process, 0)
     storm.check_kept()
@@ -113,12 +109,6 @@ def disk_full(storm):
     storm.afterwards.callback(subprocess.run, ["umount", "-l", storm.path.parent], check=True)
     fails_to_write(storm, "disks filled")
     mount(storm.path.parent, 1 << 14, "remount,")
-
-
-def mount(folder, kilobytes, how=""):
-    subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"{how}size={kilobytes}k", "none", folder], check=True, capture_output=True
-    )
 
 
 def fails_to_write(storm, what, **told):
@@ -227,8 +217,7 @@ def clock_set_back(storm):
     process = storm.start(str(storm.rng.choice(["sync", "threads"])), clock=shift)
     if storm.rng.random() < 0.5:
         storm.wait_a_moment(process)
-        with suppress(ProcessLookupError):
-            os.kill(process.pid, signal.SIGKILL)
+        send(process.pid, signal.SIGKILL)
     storm.over(process, 0, -signal.SIGKILL)
     storm.tried["clocks set back"] += 1
     storm.check_kept()
