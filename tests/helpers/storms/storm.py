@@ -113,10 +113,10 @@ class Storm:
         return process
 
     def wait_a_moment(self, process, least=0):
-        """Wait until anything between the beginning of a run, or its first points, and its end."""
+        """Wait until anything between the beginning of a run and its end, or its first points and its middle."""
         if least or self.rng.random() < 0.7:
-            left = max(self.points - len(self.before), least + 1)
-            after = int(self.rng.integers(least, left))
+            left = self.points - len(self.before)
+            after = int(self.rng.integers(least, max(left // 2 if least else left, least + 1)))
             for line in process.stdout:
                 self.lines.append((process, line))
                 if line.startswith("progress") and int(line.split()[1]) >= after:
