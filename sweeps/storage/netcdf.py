@@ -29,7 +29,7 @@ from sweeps.storage.manifest import BESIDES, LARGE, Manifest
 from sweeps.storage.merge import Gathered, dataset, fill, gather
 from sweeps.storage.replacing import replacing
 from sweeps.storage.sources import COMPUTED, NETCDF, DamagedError, Source
-from sweeps.storage.store import Store
+from sweeps.storage.store import Store, mark
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
 # A file up to this size is checked as a whole whenever it is opened, which takes 0.2 s at most. Of a larger one
@@ -376,7 +376,7 @@ def _opened(path: Path) -> xr.Dataset:
 
 def _unfinished(store: Store) -> xr.Dataset:
     """The points that are finished so far; the others are pending, and so are those of damaged parts."""
-    manifest = Manifest.load(store.manifest)
+    manifest, before = Manifest.load(store.manifest), mark(store.file)
     sources = sources_of(store, manifest)
     while True:
         try:
@@ -384,7 +384,8 @@ def _unfinished(store: Store) -> xr.Dataset:
             break
         except DamagedError as problem:
             sources = [source for source in sources if source.name != problem.part]
-    if not store.manifest.is_file():
+    # The new file may be there when the parts still are, and have its points at other places than the old one.
+    if not store.manifest.is_file() or mark(store.file) != before:
         raise StoreError(f"{store.file} was finished while its parts were read")
     _check_described(data)
     return data

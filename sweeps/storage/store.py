@@ -25,6 +25,14 @@ OTHER = "choose another folder"
 LEFT = re.compile(rf"{NAME.pattern}|\..*\.tmp|\.nfs.*|\.DS_Store")
 
 
+def mark(path: Path) -> tuple[int, ...]:
+    """Changes whenever a file is replaced; nothing where there is none."""
+    with suppress(OSError):
+        about = path.stat()
+        return about.st_ino, about.st_mtime_ns, about.st_size
+    return ()
+
+
 class Store:
     """The files of one sweep; nothing is touched before it is asked for."""
 
@@ -43,11 +51,7 @@ class Store:
     def stamp(self) -> tuple[Any, ...]:
         """Changes whenever another run has been here."""
         marks: list[Any] = list(self.folder.names())
-        for path in (self.file, self.manifest):
-            with suppress(OSError):
-                about = path.stat()
-                marks += [about.st_ino, about.st_mtime_ns, about.st_size]
-        return tuple(marks)
+        return (*marks, *mark(self.file), *mark(self.manifest))
 
     def check_place(self, name: str) -> None:
         """Refuse, before anything is computed, a place where the results of `name` cannot go."""
