@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from decimal import Decimal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from decimal import Context, Decimal, localcontext
+from itertools import accumulate, repeat
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,8 @@ FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30,
 # A number and what stands behind it.
 QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμΩ°%].*?)?\s*")
 MOST_VALUES = 10_000_000
+# What so many steps lose of it is far behind the 15th digit.
+EXACT = Context(prec=40)
 # A list of more values is no SPEC that anybody types.
 MOST_LISTED = 60
 
@@ -119,7 +123,7 @@ def refined(spec: str, name: str, halvings: int, units: str = "") -> NDArray[Any
     for _ in range(halvings):
         # Written so that no sum or product overflows.
         low, high = values[:-1], values[1:]
-        middle = _written(np.sqrt(low) * np.sqrt(high) if logarithmic else low + 0.5 * (high - low))
+        middle = _floats(np.sqrt(low) * np.sqrt(high) if logarithmic else low + 0.5 * (high - low))
         if not np.all((low < middle) & (middle < high)):
             raise InputError(refusal)
         both = np.empty(len(values) + len(middle))
@@ -149,24 +153,21 @@ def evenly(start: float, stop: float, count: int) -> NDArray[Any]:
 
     So a value that is asked for alone is the one that a range has, also near zero between ends of both signs.
     """
-    return _written(np.linspace(start, stop, count) if (exact := _weighed(start, stop, count)) is None else exact)
-
-
-def _weighed(start: float, stop: float, count: int) -> NDArray[Any] | None:
-    """Means of both ends with whole weights, where these can be computed exactly: nothing cancels."""
-    ends = [Decimal(repr(float(end))) for end in (start, stop)]
-    places = max(0, *(-int(end.as_tuple().exponent) for end in ends))
-    low, high = (int(end.scaleb(places)) for end in ends)
-    steps = count - 1
-    if not 1 <= steps * max(abs(low), abs(high), 10**places) < 2**53:
-        return None
-    weights = np.arange(count, dtype=np.int64)
-    return np.asarray((low * (steps - weights) + high * weights) / (steps * 10**places))
+    with localcontext(EXACT):
+        low, high = _decimal(start), _decimal(stop)
+        return _floats(low + (high - low) * k / max(count - 1, 1) for k in range(count))
 
 
 def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
     """Values of equal ratio from start to stop, likewise."""
-    return _written(np.geomspace(start, stop, count))
+    with localcontext(EXACT):
+        low, high = _decimal(start), _decimal(stop)
+        ratio = ((high / low).ln() / max(count - 1, 1)).exp()
+        return _floats(accumulate(repeat(ratio, count - 1), mul, initial=low))
+
+
+def _decimal(value: float) -> Decimal:
+    return Decimal(repr(float(value)))
 
 
 def typed(value: float | str) -> str:
@@ -186,7 +187,8 @@ def written(values: Any, halvings: int = 0) -> str:
     return next((text for text in order if np.array_equal(refined(text, "", halvings), values)), "")
 
 
-def _written(values: NDArray[Any]) -> NDArray[Any]:
+def _floats(values: Iterable[Decimal | float]) -> NDArray[Any]:
+    """The numbers of 15 digits that are nearest."""
     return np.array([float(f"{value:.15g}") for value in values])
 
 

@@ -14,6 +14,7 @@ import sweeps
 from studies import registry, results
 from studies.maps import maps
 from studies.report.answers import answers
+from studies.report.battery import battery
 from studies.report.context import OVERVIEW, Broken, Result, overview, shown, table, why
 from studies.report.explained import explained
 from studies.runner import written
@@ -114,6 +115,7 @@ def page(
         results=[(result, parts) for result, _, parts, _ in whole],
         overview=table(OVERVIEW, [row for _, row, _, _ in whole], "What is in this page"),
         newest=max((result.made for result, *_ in whole), default=""),
+        battery=battery(out),
         index=names.items(),
         answers=[(*titles[name], each) for name in registry.MODULES for each in findings.get(name, ())],
         explained=(words := explained()),

@@ -2,7 +2,7 @@
 
 `python -m pytest` tries a few cases of each surface, always the same. `python -m pytest -m battery` tries
 thousands of them, and what takes minutes, by a seed: half an hour on two cores. `--hypothesis-seed=N` gives the
-seed, without which a new one is drawn; `--keep-counts` writes results/battery.json.
+seed, without which a new one is drawn; `--counts results/battery.json` keeps what it prints.
 """
 
 from __future__ import annotations
@@ -13,23 +13,22 @@ import secrets
 import time
 from collections import Counter
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from sweeps.fingerprint.provenance import environment
-from tests import HOME
 from tests.benchmarks import tables
 
-FILE = HOME / "results" / "battery.json"
 # What was tried in this process, by what it is.
 TRIED: Counter[str] = Counter()
 began = time.monotonic()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Counts are kept where somebody asks for it."""
-    parser.addoption("--keep-counts", action="store_true", help=f"write {FILE.relative_to(HOME)}")
+    """The file for the counts."""
+    parser.addoption("--counts", metavar="FILE", type=Path, help="JSON file for the counts of a long run")
 
 
 def at_length(config: pytest.Config) -> bool:
@@ -81,8 +80,9 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     terminalreporter.section(f"battery, seed {seed(config)}")
     for what, count in tried.items():
         terminalreporter.line(f"{count:>9,} {what}".replace(",", " "))
-    if config.option.keep_counts:
+    if file := config.option.counts:
         keep(
+            file,
             {
                 "date": f"{datetime.now(UTC):%Y-%m-%d}",
                 "commit": tables.git("describe", "--always", "--dirty", "--exclude=*", "--abbrev=7"),
@@ -94,12 +94,12 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
                 "failed": len(stats["failed"]) + len(stats["error"]),
                 "skipped": len(stats["skipped"]),
                 "tried": tried,
-            }
+            },
         )
 
 
-def keep(outcome: dict[str, Any]) -> None:
+def keep(file: Path, outcome: dict[str, Any]) -> None:
     """Write the file, which is whole at any time."""
-    temporary = FILE.with_name(f".{FILE.name}.{os.getpid()}.tmp")
+    temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
     temporary.write_text(json.dumps(outcome, indent=1) + "\n", encoding="utf-8")
-    os.replace(temporary, FILE)
+    os.replace(temporary, file)

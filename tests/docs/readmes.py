@@ -4,7 +4,8 @@ import re
 
 from tests import HOME
 
-NAMES = ("README.md", "fivcore/README.md", "sweeps/README.md", "studies/README.md", "results/README.md")
+FOLDERS = ("fivcore", "sweeps", "studies", "results", "tests")
+NAMES = ("README.md", *(f"{folder}/README.md" for folder in FOLDERS))
 TEXTS = {name: (HOME / name).read_text() for name in NAMES}
 ALL = "\n".join(TEXTS.values())
 # All as one line: a sentence of theirs is found wherever its lines end.
