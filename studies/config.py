@@ -110,7 +110,7 @@ def read_values(study: Study, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_counts(study: Study, values: Mapping[str, Any]) -> None:
-    """Refuse more points than a plan can hold before their values are made; `given` are arrays, or SPECs."""
+    """Refuse more points than a plan can hold before their values are made; `values` are arrays, or SPECs."""
     counts = {name: len(axis) for name, axis in study.axes.items()}
     for name, value in values.items():
         if name in counts:

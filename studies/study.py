@@ -138,11 +138,11 @@ class Study:
     def sweep(
         self, values: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
     ) -> Sweep:
-        """The study's sweep with the `given` values in place of its own.
+        """The study's sweep with these values in place of its own.
 
         Parameters
         ----------
-        given : mapping
+        values : mapping
             Values of axes and settings.
         record : sequence of str
             Series of the motion to keep besides, of `studies.motion.recording.SERIES`; by default none.

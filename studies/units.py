@@ -16,25 +16,25 @@ POWER = re.compile(r"(?<=[A-Za-zµμΩ°%])\s*(?:\^|\*\*)?\s*(-?\d)")
 PURE = ("", "1", "-")
 
 
-def convert(value: float, given: str, own: str) -> float:
-    """A value in the unit `given` as one in the unit `own`, as one would write it; as it is where these are one.
+def convert(value: float, unit: str, own: str) -> float:
+    """A value in the unit `unit` as one in the unit `own`, as one would write it; as it is where these are one.
 
     Raises
     ------
     InputError
         If there is no such unit, or it measures something else.
     """
-    return value if given == own else float(f"{value * factor(given, own):.15g}")
+    return value if unit == own else float(f"{value * factor(unit, own):.15g}")
 
 
-def factor(given: str, own: str) -> float:
-    """How many of the unit `own` one of the unit `given` is, to 15 digits."""
-    one, other = _unit(given), _unit(own)
+def factor(unit: str, own: str) -> float:
+    """How many of the unit `own` one of `unit` is, to 15 digits."""
+    one, other = _unit(unit), _unit(own)
     # A temperature in degrees Celsius is no multiple of one in kelvin; neither is a level in decibels.
     if _registry().Quantity(0.0, one.units).to_base_units().magnitude != 0.0:
-        raise InputError(f"[{given}] has a zero of its own; write the column in [{own}]")
+        raise InputError(f"[{unit}] has a zero of its own; write the column in [{own}]")
     if one.dimensionality != other.dimensionality:
-        raise InputError(f"[{given}] measures {one.dimensionality}, but [{own}] {other.dimensionality}")
+        raise InputError(f"[{unit}] measures {one.dimensionality}, but [{own}] {other.dimensionality}")
     return float(f"{one.to(other).magnitude:.15g}")
 
 

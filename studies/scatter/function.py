@@ -36,7 +36,7 @@ class Base:
 def computed(base: Base, points: Points, **constants: Any) -> dict[str, Any]:
     """The results of a batch; points that agree in their scattered settings are computed together.
 
-    `given` are the other settings, and whatever else the function is to get.
+    `constants` are the other settings, and whatever else the function is to get.
     """
     settings = {name: value for name, value in constants.items() if name in base.settings}
     more = {name: value for name, value in constants.items() if name not in base.settings}

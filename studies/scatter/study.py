@@ -69,7 +69,7 @@ def scattered(
     Parameters
     ----------
     study : Study
-    given : mapping
+    values : mapping
         Values of other axes and settings; they may not be scattered too.
     scatter : mapping of str to str, optional
         Distributions of axes and settings: `normal:0.2:0.02`.
