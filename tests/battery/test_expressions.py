@@ -359,6 +359,11 @@ def tree_of(node):
     return None
 
 
+def as_python(text):
+    """The tree that Python reads, in whose texts a backslash means itself."""
+    return ast.parse(text.strip().replace("\\", "\\\\"), mode="eval").body
+
+
 @QUIET
 @examples(120)
 @given(case=TREES, changes=st.data())
@@ -369,10 +374,10 @@ def test_a_damaged_expression_means_what_python_reads_or_is_one_line(data, case,
     text = text[:place] + changes.draw(letters) + text[place + changes.draw(st.integers(0, 1)) :]
     said = message(data, text)
     if said is None:
-        assert chosen(data, text) == expected(tree_of(ast.parse(text.strip(), mode="eval").body))
+        assert chosen(data, text) == expected(tree_of(as_python(text)))
         return
     try:
-        ast.parse(text.strip(), mode="eval")
+        as_python(text)
     except SyntaxError:
         assert "unexpected " in said or "missing at its end" in said or "it is empty" in said
         if "unexpected " in said:

@@ -13,7 +13,7 @@ from fivcore import Beam, InputError, Rig, Scene, flutter_onsets, simulate, slid
 from tests.battery.examples import surface
 from tests.helpers.rigs import workshop_rig
 
-examples = surface("scenes and rigs", times=38)
+examples = surface("scenes and rigs", times=70)
 pytestmark = pytest.mark.battery
 
 # Of every number the range that is documented.

@@ -195,6 +195,7 @@ def test_what_is_not_known_is_told_with_the_nearest(data):
         ({"sort": "-knid"}, "sort = 'knid': no such column; did you mean kind?"),
         ({"where": "zzz == 1"}, "no such column; there are a, b, size, "),
         ({"where": "kind == calm"}, "no such column; to compare with the word, write 'calm' in quotes"),
+        ({"where": r"kind in ('calm', 'cal\')"}, r"kind is never 'cal\\\\'; did you mean calm\?"),
         ({"show": ""}, "show = '': it must be one name or more"),
         ({"show": "a,,b"}, "show = 'a,,b': it must be one name or more"),
         ({"show": []}, r"show = \[\]: it must be one name or more"),
