@@ -7,11 +7,12 @@ Nothing heavy is imported before it is used: the command line starts from here.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+# Not typing's, which takes a while to import: the command line cannot answer to Ctrl-C before it begins itself.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
+    from typing import Any
 
     import xarray as xr
 

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import re
 import sys
-from typing import NoReturn
 
-import click
+try:
+    import errno
+    import re
+    from typing import NoReturn
 
-from studies.cli import check, compute, read  # noqa: F401 - they add their commands
-from studies.cli.app import BrokenPipe, fiv
-from studies.cli.completion import answer
-from studies.cli.errors import (
-    INTERNAL,
-    INTERRUPTED,
-    SOME_FAILED,
-    STORE_TAKEN,
-    WRONG_INPUT,
-    is_unread,
-    show_traceback,
-)
-from studies.cli.output import show, streams
+    import click
+
+    from studies.cli import check, compute, read  # noqa: F401 - they add their commands
+    from studies.cli.app import BrokenPipe, fiv
+    from studies.cli.completion import answer
+    from studies.cli.errors import (
+        INTERNAL,
+        INTERRUPTED,
+        SOME_FAILED,
+        STORE_TAKEN,
+        WRONG_INPUT,
+        is_unread,
+        show_traceback,
+    )
+    from studies.cli.output import show, streams
+except KeyboardInterrupt:
+    # In the first tenth of a second. What says so otherwise is not there yet.
+    os.write(2, b"fiv: interrupted\n")
+    sys.exit(130)
 
 FAILED_DEVICE = (errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EDQUOT, errno.EBADF)
 

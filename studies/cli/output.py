@@ -10,9 +10,11 @@ import logging
 import os
 import re
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from traceback import extract_tb
 from typing import Any
 
 import click
@@ -67,7 +69,10 @@ class Rows:
 
 @contextmanager
 def streams() -> Iterator[None]:
-    """Standard streams that take any text; warnings, and what libraries log, go the same way as all else."""
+    """Standard streams that take any text; all that Python itself reports there goes the same way as all else.
+
+    That is warnings, what libraries log, and what is raised in threads and destructors, where nobody catches it.
+    """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             # It was closed: a file that is opened now would get its number, and what is said would go there.
@@ -78,15 +83,38 @@ def streams() -> Iterator[None]:
             stream.reconfigure(errors="backslashreplace")
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(_Harmless())
-    with warnings.catch_warnings():
-        warnings.showwarning = _show_warning
-        yield
+    hooks = threading.excepthook, sys.unraisablehook
+    threading.excepthook, sys.unraisablehook = _show_of_thread, _show_unraisable
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            yield
+    finally:
+        threading.excepthook, sys.unraisablehook = hooks
 
 
 def _show_warning(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
 ) -> None:
     show(warnings.formatwarning(message, category, filename, lineno).rstrip("\n"), err=True)
+
+
+def _show_of_thread(raised: threading.ExceptHookArgs) -> None:
+    if raised.exc_type is not SystemExit:
+        thread = "a thread that has ended" if raised.thread is None else f"thread {raised.thread.name}"
+        _show_raised(thread, raised)
+
+
+def _show_unraisable(raised: sys.UnraisableHookArgs) -> None:
+    name = getattr(raised.object, "__qualname__", type(raised.object).__qualname__)
+    _show_raised(f"{raised.err_msg or 'ignored in'} {name}", raised)
+
+
+def _show_raised(where: str, raised: threading.ExceptHookArgs | sys.UnraisableHookArgs) -> None:
+    """Say in one line what was raised, and the place of it."""
+    at = "".join(f" ({each.filename}, line {each.lineno})" for each in extract_tb(raised.exc_traceback)[-1:])
+    text = f"fiv: {where}: {raised.exc_type.__name__}: {raised.exc_value}{at}"
+    show(" ".join(harmless(text).split()), err=True)
 
 
 class _Harmless(logging.Formatter):

@@ -204,7 +204,9 @@ def _refused(node: ast.expr, part: str) -> type[ast.AST] | None:
 def _spot(expression: Expression, node: ast.expr) -> tuple[int, int]:
     """Where what is wrong with a node stands: behind its first part, if it begins with one."""
     start, end = expression.span(node)
-    parts = [expression.span(part) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
+    # From Python 3.12 on an f-string has parts of their own places.
+    inside = [] if isinstance(node, ast.JoinedStr) else ast.iter_child_nodes(node)
+    parts = [expression.span(part) for part in inside if isinstance(part, ast.expr)]
     behind = min(parts)[1] if parts else end
     behind += len(expression.text[behind:]) - len(expression.text[behind:].lstrip(" )"))
     return (behind, end) if behind < end else (start, end)

@@ -117,7 +117,9 @@ def _table(study: Study, where: str, heads: Sequence[str], rows: Sequence[tuple[
 def _heads(study: Study, where: str, heads: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names and units of the columns."""
     columns = columns_of(study)
-    if len(heads) == 1 and (separator := next((each for each in SEPARATORS if each in heads[0].strip()), "")):
+    alone = HEAD.fullmatch(heads[0])
+    is_one = len(heads) > 1 or (alone is not None and alone[1] in columns)
+    if not is_one and (separator := next((each for each in SEPARATORS if each in heads[0].strip()), "")):
         raise InputError(
             f"{where}: line 1: {heads[0]!r}: its cells are separated by {SEPARATORS[separator]}; separate them by "
             "commas, and write numbers with a decimal point"

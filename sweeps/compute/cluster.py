@@ -10,6 +10,7 @@ receipt; from any other the part itself travels.
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 import signal
 import tempfile
@@ -137,6 +138,10 @@ def _theirs(address: str) -> Iterator[distributed.Client]:
 
 @contextmanager
 def _own(workers: int) -> Iterator[distributed.Client]:
+    if multiprocessing.current_process().daemon:
+        raise SchedulerError(
+            "scheduler = 'processes': no workers could be started by a worker of another cluster; use threads"
+        )
     with tempfile.TemporaryDirectory(prefix="sweeps-", ignore_cleanup_errors=True) as folder:
         # A terminal's Ctrl-C goes to every process, but workers are to finish what they have. What is blocked here
         # is blocked in the cluster's thread, and in every process which that starts, now or later; but the thread

@@ -48,7 +48,7 @@ def tables(draw):
     """Heads, cells as texts, and the exact values in SI, a list for each row."""
     names = draw(st.lists(st.sampled_from(sorted(COLUMNS)), min_size=1, max_size=5, unique=True))
     units = [draw(st.one_of(st.none(), units_of(COLUMNS[name][0]))) for name in names]
-    inside = ["" if unit is None else f"{draw(SPACE)}[{draw(SPACE)}{unit[0]}{draw(SPACE)}]" for unit in units]
+    inside = ["" if unit is None else f"{draw(BLANK)}[{draw(SPACE)}{unit[0]}{draw(SPACE)}]" for unit in units]
     heads = [f"{draw(BLANK)}{name}{unit}{draw(BLANK)}" for name, unit in zip(names, inside, strict=True)]
     rows, values = [], []
     for _ in range(draw(st.integers(1, 6))):

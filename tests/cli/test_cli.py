@@ -156,6 +156,23 @@ def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path, here):
     assert written(tmp_path) == FILES
 
 
+@pytest.mark.parametrize("module", ["typing", "click", "studies.cli.read"])
+def test_ctrl_c_is_exit_130_before_all_is_imported(tmp_path, module):
+    program = (
+        "import sys\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, *rest):\n"
+        f"        if name == {module!r}:\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        f"sys.modules.pop({module!r}, None)\n"
+        "from studies.cli.main import main\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "fiv: interrupted\n")
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_plain_lines_tell_of_progress_where_there_is_no_terminal(here, instead, monkeypatch):
     def slow(points, **constants):

@@ -6,6 +6,7 @@ import json
 import logging
 import re
 import sys
+import threading
 import warnings
 from dataclasses import replace
 from importlib.metadata import EntryPoint
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 
 import studies
 from studies import registry
+from studies.check import installation
 from studies.cli import output, progress
 from studies.study import Setting, Study
 from sweeps import Axis, Snapshot, Variable
@@ -112,6 +114,7 @@ def check(done, count=1):
         (("plan", "hostile", "--points", "hostile.csv"), 2),
         (("plan", "raising.py"), 2),
         (("completion", HOSTILE), 2),
+        (("check", HOSTILE), 2),
     ],
 )
 def test_no_command_prints_what_a_terminal_obeys(kept, arguments, code):
@@ -181,6 +184,18 @@ def test_a_fault_of_ours_is_told_with_a_harmless_traceback(kept, monkeypatch):
     check(done)
 
 
+def test_a_check_that_fails_is_told_harmlessly(here, monkeypatch):
+    def raises(folder, known):
+        raise ValueError(HOSTILE)
+
+    for name in ("stability", "motion", "contact", "engine"):
+        monkeypatch.setattr(installation, name, raises)
+    monkeypatch.setattr(installation.platform, "system", lambda: HOSTILE)
+    done = here("check")
+    assert done.returncode == 1
+    check(done, 5)
+
+
 def test_a_bar_shows_what_is_under_way(monkeypatch, capsys):
     monkeypatch.setenv("TTY_COMPATIBLE", "1")
     monkeypatch.setenv("FORCE_COLOR", "1")
@@ -200,6 +215,33 @@ def test_what_libraries_log_is_harmless_too():
     with output.streams():
         record = logging.makeLogRecord({"msg": HOSTILE})
         assert logging.lastResort.format(record) == SHOWN
+
+
+def test_what_nobody_can_catch_is_told_in_one_line(capsys):
+    class Late:
+        def __del__(self):
+            raise ValueError(HOSTILE)
+
+    def leave(problem):
+        raise problem
+
+    with output.streams():
+        for problem in (ValueError(f"{HOSTILE}\nmore"), SystemExit(HOSTILE)):
+            thread = threading.Thread(target=leave, args=[problem], name=HOSTILE)
+            thread.start()
+            thread.join()
+        Late()
+    of_thread, of_destructor = capsys.readouterr().err.splitlines()
+    assert of_thread.startswith(f"fiv: thread {SHOWN}: ValueError: {SHOWN} more ({__file__}, line ")
+    assert re.search(r"ignored in .*Late.__del__: ValueError: ", of_destructor)
+    assert SHOWN in of_destructor
+
+
+def test_what_python_reports_goes_its_own_way_afterwards():
+    before = threading.excepthook, sys.unraisablehook, warnings.showwarning
+    with output.streams():
+        assert threading.excepthook is not before[0]
+    assert (threading.excepthook, sys.unraisablehook, warnings.showwarning) == before
 
 
 @given(st.text(st.characters(codec=None)))

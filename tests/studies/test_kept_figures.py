@@ -1,8 +1,10 @@
 """Figures: what is drawn of the kept results is the picture that is kept beside them."""
 
+import re
 from functools import cache
 from itertools import combinations
 
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.testing.compare import compare_images
@@ -13,7 +15,7 @@ from studies import registry, runner
 from studies.plotting import figures
 from tests import HOME
 
-# Root mean square over the pixels, of 255: another Matplotlib may draw letters otherwise; a line that is missing
+# Root mean square over the pixels, of 255: another machine may draw letters otherwise; a line that is missing
 # makes more (`test_a_line_that_is_missing_shows`).
 TOLERANCE = 1.0
 KEPT = HOME / "results" / "reference"
@@ -33,6 +35,9 @@ def drawn(name, folder, alter):
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_every_kept_figure_is_drawn_again(name, tmp_path):
     kept, again = KEPT / name / f"{name}.png", tmp_path / f"{name}.png"
+    drawn_by = re.search(rb"Matplotlib version(\d+\.\d+)", kept.read_bytes())[1].decode()
+    if not matplotlib.__version__.startswith(f"{drawn_by}."):
+        pytest.skip(f"Matplotlib {drawn_by} drew it; another measures letters otherwise, and so moves the axes")
     with figures.style():
         again.write_bytes(figures.saved(figure_of(name), "png", ""))
     assert compare_images(str(kept), str(again), TOLERANCE) is None

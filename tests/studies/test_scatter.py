@@ -13,6 +13,7 @@ from studies.scatter.distributions import parse
 from studies.scatter.figure import draw
 from studies.scatter.findings import findings, rank_correlation
 from studies.scatter.study import scattered
+from studies.scatter.table import table
 from studies.study import Setting, Study
 from studies.tables import text
 from sweeps import Axis, InputError, StoreError, Variable
@@ -323,6 +324,7 @@ def test_series_need_one_length():
         ("mu\n\n", "it has no row below its heads"),
         ("mu;theta\n0,2;5", "line 1: 'mu;theta': its cells are separated by semicolons; separate them by commas"),
         ("mu\ttheta\n1\t2", "separated by tabs"),
+        ("contact_position\t[mm]\tmu\n1\t2", "separated by tabs"),
         (
             "mu,thickness\n1,2",
             "line 1, column 'thickness': study fig5 has no axis and no setting of that name; did",
@@ -374,6 +376,9 @@ def test_a_spreadsheets_file(tmp_path):
     assert data["p1_thickness"].attrs["units"] == "m"
     # Equal rows are two rows.
     np.testing.assert_array_equal(data["frequency"][0], data["frequency"][1])
+    for head in ("p1_thickness\t[mm]", "\tp1_thickness \t[\tmm ]\t", "p1_thickness\t[mm],mu"):
+        file.write_text(f"{head}\n{'1.5,0.2' if ',' in head else '1.5'}\n")
+        assert table(registry.load("fig5"), file).columns["p1_thickness"].tolist() == [1.5e-3]
     file.write_bytes(b"mu\xff\n0.2")
     with pytest.raises(InputError, match="it is not a text in UTF-8"):
         computed("fig5", {}, points=file)

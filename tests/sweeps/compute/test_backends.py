@@ -371,7 +371,22 @@ def test_within_a_thread_and_within_a_worker(address):
         xr.testing.assert_identical(client.submit(nested, "threads").result(60), expected)
         told = client.submit(nested, "processes").result(60)
         assert isinstance(told, str), told
-        assert "no workers could be started" in told
+        assert "no workers could be started by a worker" in told
+
+
+def test_a_script_that_every_worker_would_run_again_is_told_so(tmp_path):
+    """Dask before 2026.8 waits for such workers for ever."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from tests.helpers.sweep_programs import make\nmake(points=24).plan().run('processes', 1)\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(HOME)}
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, timeout=100, env=environment, cwd=tmp_path
+    )
+    assert done.returncode == 1
+    assert "SchedulerError: scheduler = 'processes': no workers could be started" in done.stderr
+    assert "under if __name__ == '__main__'" in done.stderr
 
 
 def test_workers_that_leave_and_join_cost_nothing(path):

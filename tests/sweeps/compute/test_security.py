@@ -19,6 +19,7 @@ pytestmark = pytest.mark.usefixtures("small_pieces")
 # It becomes somebody else, where it may, once everything is imported: he may not read what is installed.
 INTRUDER = """
 import asyncio, json, os, sys, urllib.error, urllib.request
+import tornado.platform.asyncio  # Tornado itself imports it when there is a loop
 from distributed import Security
 from distributed.core import connect
 
