@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from tests import HOME
-from tests.helpers.sweep_programs import end, program
+from tests.helpers.processes.sweep_programs import end, program
 
 
 def groups_end(leader, seconds=30.0):

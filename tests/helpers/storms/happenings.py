@@ -12,9 +12,9 @@ import numpy as np
 
 from sweeps import open_results
 from sweeps.storage.lock import is_locked
+from tests.helpers.processes.sweep_programs import end
 from tests.helpers.storms.clusters import altered_home, send, workers_of
 from tests.helpers.storms.faults import mount
-from tests.helpers.sweep_programs import end
 
 FULL = r"StoreError: \S+ could not be written: .*; (.* kept|nothing was finished)"
 CHANGED = r"StoreError: \S+ has changed (since|while) this was planned; plan again$"

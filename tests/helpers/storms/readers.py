@@ -10,7 +10,7 @@ import netCDF4
 import numpy as np
 
 from sweeps import PENDING, open_results, status
-from tests.helpers.sweep_programs import COMPARED
+from tests.helpers.processes.sweep_programs import COMPARED
 
 # What two runs do not have in common: computing times, and the date.
 OWN = {"wall_time"}, {"history"}

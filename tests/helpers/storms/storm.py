@@ -15,10 +15,10 @@ import numpy as np
 from sweeps import DONE, FAILED, Axis, Grid, open_results
 from sweeps.storage.lock import is_locked
 from sweeps.storage.store import Store
-from tests.helpers import sweep_programs
+from tests.helpers.processes import sweep_programs
+from tests.helpers.processes.sweep_programs import end, make
 from tests.helpers.storms.clusters import Outside, groups_end
 from tests.helpers.storms.readers import contents
-from tests.helpers.sweep_programs import end, make
 
 # s. No run of a storm takes as long.
 PATIENCE = 120.0

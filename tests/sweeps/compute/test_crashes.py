@@ -10,8 +10,8 @@ import pytest
 
 from sweeps.storage import lock
 from sweeps.storage.store import Store
+from tests.helpers.processes.sweep_programs import check, end, finished_points, make, start, wait_for
 from tests.helpers.storms import faults
-from tests.helpers.sweep_programs import check, end, finished_points, make, start, wait_for
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 SCHEDULERS = ["sync", "threads", "processes"]

@@ -19,7 +19,7 @@ from sweeps.storage import lock
 from sweeps.storage.parts import PartFolder
 from sweeps.storage.sources import FileSource
 from sweeps.storage.store import Store
-from tests.helpers.sweep_programs import check, end, finished_points, flip, make, start, wait_for
+from tests.helpers.processes.sweep_programs import check, end, finished_points, flip, make, start, wait_for
 
 KEPT = r"could not be written: .*; (what was finished is kept, and the same run goes on|all points are kept)"
 NOTHING = r"could not be written: [^;]*; nothing was finished$"

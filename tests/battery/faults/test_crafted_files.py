@@ -14,16 +14,15 @@ import numpy as np
 import pytest
 
 from sweeps.storage.packed import Packed, pack
-from tests.battery.damage import ATTRIBUTES, DEEP, HOSTILE, JSON, crafted, drawn, reshaped
-from tests.battery.reader import COMMANDS, FILE, NAMES
-from tests.battery.test_files import CSV, OF_HALF, PARTS, SCENE, TABLE, TOML, kept, reader, trial  # noqa: F401
+from tests.battery.faults.damage import ATTRIBUTES, DEEP, HOSTILE, JSON, crafted, drawn, reshaped
+from tests.battery.faults.reader import COMMANDS, CSV, FILE, NAMES, OF_HALF, PARTS, SCENE, TABLE
 
 pytestmark = [pytest.mark.battery, pytest.mark.slow]
 
 RESULTS, STORES, TEXTS = 150, 60, 60
 
 
-def test_results(trial, rng, tried, tmp_path):  # noqa: F811 - a fixture
+def test_results(trial, rng, tried, tmp_path):
     whole = (trial.kept / FILE).read_bytes()
     for n in range(RESULTS):
         made = tmp_path / f"{n}.nc"
@@ -51,7 +50,7 @@ def of_another_shape(rng, whole):
 
 
 @pytest.mark.parametrize("kind", ["manifest", "part"])
-def test_what_a_run_has_left(trial, rng, tried, kind):  # noqa: F811
+def test_what_a_run_has_left(trial, rng, tried, kind):
     """Their check sums are right, so that their values may be others."""
     name = kind if kind == "manifest" else min(each.name for each in (trial.kept / PARTS).glob("*.part"))
     whole = Packed(trial.kept / PARTS / name)
@@ -116,7 +115,7 @@ def csv(rng):
 
 
 @pytest.mark.parametrize(("option", "name", "make"), [("config", "run.toml", toml), ("points", "points.csv", csv)])
-def test_texts_of_a_user(trial, rng, tried, option, name, make):  # noqa: F811
+def test_texts_of_a_user(trial, rng, tried, option, name, make):
     with trial.place(name) as path:
         for n in range(TEXTS):
             content = make(rng).encode(
@@ -182,7 +181,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_something_else_in_the_place_of_a_file(trial, rng, tried, place):  # noqa: F811
+def test_something_else_in_the_place_of_a_file(trial, rng, tried, place):
     for kind, command in product(KINDS, PLACES[place]):
         if kind is os.mkfifo and place in ("run.toml", "points.csv"):
             continue

@@ -14,8 +14,8 @@ from studies.report.context import Result, shown
 from sweeps import StoreError, open_results
 from sweeps.plan import batches
 from sweeps.storage import manifest, netcdf
-from tests.battery import commands
-from tests.battery.commands import Done
+from tests.battery.surfaces import commands
+from tests.battery.surfaces.commands import Done
 from tests.helpers.tiny import STUDY
 
 # s until a reader counts as one that hangs, also on a busy machine, and the memory that it may have.
@@ -40,6 +40,26 @@ COMMANDS = [
 ]
 # A message may tell of a value in the file by what it is the value of.
 NAMES = ("tiny.nc", "x = ", "kind = ", "gain = ", "STUDY = ", "show = ", "where = ", "by = ")
+
+PARTS = "half/tiny/tiny.parts"
+OF_HALF = [(*command, "--out", "half") for command in COMMANDS if FILE not in command]
+TABLE = ("query", "tiny", "--format", "csv", "--show", "x,kind,y,word,status,error")
+TOML = """study = "scenes"
+record = ["velocity_B"]
+[axes]
+V = "1:5:3mm/s"
+mu = [0.1, 0.2]
+[settings]
+duration = "0.1"
+p1_length = 0.06
+"""
+CSV = """V [mm/s],mu,theta,p1_length
+1,0.2,5,0.06
+2.5,0.3,-8.5,0.05
+"""
+# Values that a study refuses, whoever gave them.
+SCENE = ("V = ", "mu = ", "theta = ", "duration = ", "p1_length = ", "record = ", "settings.", "axes.")
+SCENE += ("sample_rate = ", "points: ", "--points ", "--samples", "--scatter", "--seed", "F = ")
 
 
 def prepare():

@@ -20,53 +20,26 @@ import json
 import pytest
 from filelock import lock_descriptor
 
-from studies import runner
 from sweeps.storage.checked import SEAL
-from tests.battery.damage import harmed
-from tests.battery.reader import (
+from tests.battery.faults.damage import harmed
+from tests.battery.faults.reader import (
     COMMANDS,
+    CSV,
     FILE,
     NAMES,
-    Reader,
-    Trial,
+    OF_HALF,
+    PARTS,
+    SCENE,
+    TABLE,
+    TOML,
     encoded,
     figure,
-    prepare,
     prepare_large,
 )
-from tests.helpers.tiny import STUDY
-from tests.helpers.waves import interrupted
 
 pytestmark = [pytest.mark.battery, pytest.mark.slow]
 
 FLIPS = 500
-PARTS = "half/tiny/tiny.parts"
-OF_HALF = [(*command, "--out", "half") for command in COMMANDS if FILE not in command]
-TABLE = ("query", "tiny", "--format", "csv", "--show", "x,kind,y,word,status,error")
-
-
-@pytest.fixture(scope="module", params=[prepare])
-def reader(request):
-    """A process that reads."""
-    with Reader(request.param) as one:
-        yield one
-
-
-@pytest.fixture(scope="module")
-def kept(reader, tmp_path_factory):
-    """A result, and in `half` a run that was interrupted, with four points."""
-    folder = tmp_path_factory.mktemp("kept")
-    assert reader.ask(folder, "run", "tiny", "-q").code == 1
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("studies.registry._registered", {"tiny": STUDY})
-        patch.setattr("sweeps.plan.batches.BATCH_BYTES", 1.0)
-        interrupted(runner.plan(STUDY, {}, folder / "half"), 4)
-    return folder
-
-
-@pytest.fixture
-def trial(reader, kept, tmp_path):
-    return Trial(reader, kept, tmp_path / "case")
 
 
 def cases(rng, whole, kinds=None):
@@ -182,22 +155,6 @@ def test_a_figure_beside_a_result(trial, rng, tried):
     assert trial.failures == []
 
 
-TOML = """study = "scenes"
-record = ["velocity_B"]
-[axes]
-V = "1:5:3mm/s"
-mu = [0.1, 0.2]
-[settings]
-duration = "0.1"
-p1_length = 0.06
-"""
-CSV = """V [mm/s],mu,theta,p1_length
-1,0.2,5,0.06
-2.5,0.3,-8.5,0.05
-"""
-# Values that a study refuses, whoever gave them.
-SCENE = ("V = ", "mu = ", "theta = ", "duration = ", "p1_length = ", "record = ", "settings.", "axes.")
-SCENE += ("sample_rate = ", "points: ", "--points ", "--samples", "--scatter", "--seed", "F = ")
 OWN = """import numpy as np
 from studies.study import Setting, Study
 from sweeps import Axis, Variable

@@ -1,6 +1,6 @@
 """A sweep in a process of its own, for tests that kill it, interrupt it or starve it.
 
-python -m tests.helpers.sweep_programs '{"store": "a.nc", "scheduler": "threads", "points": 60, "pause": 0.02}'
+python -m tests.helpers.processes.sweep_programs '{"store": "a.nc", "scheduler": "threads", "points": 60, "pause": 0.02}'
 """
 
 import json
@@ -214,6 +214,6 @@ def main(told):
 
 if __name__ == "__main__":
     # By its name, for the code of `__main__` is not that of this module.
-    from tests.helpers import sweep_programs
+    from tests.helpers.processes import sweep_programs
 
     sys.exit(sweep_programs.main(json.loads(sys.argv[1])))

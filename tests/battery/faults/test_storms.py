@@ -12,12 +12,12 @@ import time
 import numpy as np
 import pytest
 
+from tests.helpers.processes.sweep_programs import COMPARED, make
 from tests.helpers.storms import happenings
 from tests.helpers.storms.faults import mount
 from tests.helpers.storms.happenings import KINDS, disk_full
 from tests.helpers.storms.readers import Reader, contents
 from tests.helpers.storms.storm import Storm
-from tests.helpers.sweep_programs import COMPARED, make
 
 pytestmark = [pytest.mark.battery, pytest.mark.slow]
 MINUTES = 15.0
