@@ -14,7 +14,7 @@ import click
 
 from studies.cli.app import is_set, say, warned
 from studies.cli.errors import INTERRUPTED, SOME_FAILED, STORE_TAKEN
-from studies.cli.output import show
+from studies.cli.output import show, tell
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,7 +39,7 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
     # NaN, where no point gives an estimate, asks too.
     large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
     if large and asking and not click.confirm("Go ahead?", err=True):
-        show("fiv: nothing was done", err=True)
+        tell("nothing was done")
         sys.exit(INTERRUPTED)
     try:
         with results.reading(planned.store), warned(), progress(planned.todo) as callback:
@@ -49,7 +49,7 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _leave_interrupted(planned, isinstance(interrupt, AbandonedError))
     except ClusterLostError as lost:
-        show(f"fiv: {lost}{_kept(planned)}", err=True)
+        tell(f"{lost}{_kept(planned)}")
         sys.exit(STORE_TAKEN)
     show(finished.study.report(finished.dataset))
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
@@ -62,7 +62,7 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
 
 def _leave_interrupted(planned: Plan, abandoned: bool) -> NoReturn:
     """Print how many points are stored, and exit without waiting for threads that still compute."""
-    show(f"fiv: interrupted{_kept(planned)}", err=True)
+    tell(f"interrupted{_kept(planned)}")
     if abandoned:
         sys.stdout.flush()
         os._exit(INTERRUPTED)

@@ -24,7 +24,7 @@ try:
         is_unread,
         show_traceback,
     )
-    from studies.cli.output import show, streams
+    from studies.cli.output import streams, tell
 except KeyboardInterrupt:
     # In the first tenth of a second. What says so otherwise is not there yet.
     os.write(2, b"fiv: interrupted\n")
@@ -51,10 +51,10 @@ def _run() -> object:
     except click.exceptions.Exit as stop:
         code = stop.exit_code
     except (click.Abort, KeyboardInterrupt):
-        show("fiv: interrupted", err=True)
+        tell("interrupted")
         code = INTERRUPTED
     except click.ClickException as problem:
-        show(f"fiv: {problem.format_message()}", err=True)
+        tell(problem.format_message())
         code = WRONG_INPUT
     except Exception as problem:  # noqa: BLE001 - each has its exit code
         code = _code_of(problem)
@@ -84,7 +84,7 @@ def _code_of(problem: Exception) -> int:
         if broken:
             return 0  # whoever read has enough
         assert isinstance(problem, OSError)
-        show(f"fiv: standard output could not be written: {problem.strerror}", err=True)
+        tell(f"standard output could not be written: {problem.strerror}")
         return STORE_TAKEN
     for kind, code in (
         (InputError, WRONG_INPUT),
@@ -93,19 +93,19 @@ def _code_of(problem: Exception) -> int:
         (SweepStoppedError, SOME_FAILED),
     ):
         if isinstance(problem, kind):
-            show(f"fiv: {problem}", err=True)
+            tell(str(problem))
             return code
     if isinstance(problem, MemoryError):
-        show(f"fiv: out of memory: {problem or 'nothing more could be allocated'}; ask for less", err=True)
+        tell(f"out of memory: {problem or 'nothing more could be allocated'}; ask for less")
         return WRONG_INPUT
     if isinstance(problem, RecursionError):
-        show("fiv: something is nested too deeply; -v shows where", err=True)
+        tell("something is nested too deeply; -v shows where")
         return WRONG_INPUT
     if isinstance(problem, OSError) and problem.filename is not None:
-        show(f"fiv: {problem.filename}: {problem.strerror}", err=True)
+        tell(f"{problem.filename}: {problem.strerror}")
         return STORE_TAKEN
     show_traceback(problem)
-    show(f"fiv: internal error: {type(problem).__name__}; please report it with the lines above", err=True)
+    tell(f"internal error: {type(problem).__name__}; please report it with the lines above")
     return INTERNAL
 
 

@@ -46,6 +46,11 @@ def show(text: str, err: bool = False, mark: str = "") -> None:
         print(harmless(text) + mark, file=stream, flush=True)
 
 
+def tell(text: str) -> None:
+    r"""Print one line about what is done, to standard error; the end of a line within it is written as \n."""
+    show("fiv: " + text.replace("\r\n", "\n").replace("\n", "\\n"), err=True)
+
+
 class Rows:
     """Standard output as a file for rows: a pipe or a file gets data as they are, a terminal what is harmless.
 
@@ -113,8 +118,8 @@ def _show_unraisable(raised: sys.UnraisableHookArgs) -> None:
 def _show_raised(where: str, raised: threading.ExceptHookArgs | sys.UnraisableHookArgs) -> None:
     """Say in one line what was raised, and the place of it."""
     at = "".join(f" ({each.filename}, line {each.lineno})" for each in extract_tb(raised.exc_traceback)[-1:])
-    text = f"fiv: {where}: {raised.exc_type.__name__}: {raised.exc_value}{at}"
-    show(" ".join(harmless(text).split()), err=True)
+    text = f"{where}: {raised.exc_type.__name__}: {raised.exc_value}{at}"
+    tell(" ".join(harmless(text).split()))
 
 
 class _Harmless(logging.Formatter):

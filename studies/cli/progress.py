@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import click
 
 from studies.cli.app import is_set
-from studies.cli.output import harmless, show
+from studies.cli.output import harmless, tell
 from sweeps import Progress, Snapshot, duration
 
 # Between two plain lines, s.
@@ -54,7 +54,7 @@ def announce_compiling() -> None:
         def on_start(self, happening: object) -> None:
             if not self.announced:
                 self.announced = True
-                show(f"fiv: compiling once, about {COMPILING:.0f} s", err=True)
+                tell(f"compiling once, about {COMPILING:.0f} s")
 
         def on_end(self, happening: object) -> None:
             pass
@@ -73,12 +73,12 @@ class _Lines:
     def __call__(self, snapshot: Snapshot) -> None:
         if snapshot.stopping and not self._stopping:
             self._stopping = True
-            show(f"fiv: {STOPPING}", err=True)
+            tell(STOPPING)
         # When a batch begins: the line then says which.
         if snapshot.now and time.monotonic() - self._last >= INTERVAL:
             self._last = time.monotonic()
             done = ", ".join([f"{snapshot.done} of {snapshot.todo} done", *words(snapshot)])
-            show(f"fiv: {done}; now {snapshot.now[0]}", err=True)
+            tell(f"{done}; now {snapshot.now[0]}")
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from studies.cli import completion
 from studies.cli.app import command, fiv, is_set, say
 from studies.cli.execution import status_text
 from studies.cli.options import OUT, QUERY, TARGET
-from studies.cli.output import Rows, show
+from studies.cli.output import Rows, show, tell
 
 TARGETS = click.argument("targets", nargs=-1, metavar="[STUDY|PATH]...", shell_complete=completion.study)
 
@@ -188,7 +188,7 @@ def write_report(targets: tuple[str, ...], out: str | None, file: str | None) ->
 
     for target in targets or registry.names():
         announce_reference(target, out)
-    show(str(page.write(targets, out, file, lambda line: show(f"fiv: {line}", err=True))))
+    show(str(page.write(targets, out, file, tell)))
 
 
 def announce_reference(target: str, out: str | None) -> None:

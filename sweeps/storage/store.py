@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from sweeps.errors import StoreError
+from sweeps.errors import InputError, StoreError
 from sweeps.storage.parts import NAME, PartFolder
 
 OTHER = "choose another folder"
@@ -38,6 +38,8 @@ class Store:
 
     def __init__(self, path: str | Path) -> None:
         self.file = Path(os.path.abspath(Path(path).expanduser()))
+        if not self.file.name:
+            raise InputError(f"{path}: it is the root of all folders, and no file")
         self.parts = self.file.with_name(f"{self.file.stem}.parts")
         self.lock = self.file.with_name(f".{self.file.name}.lock")
         self.manifest = self.parts / "manifest"

@@ -51,6 +51,19 @@ def test_a_fault_of_ours_is_not_told_as_wrong_input(here, monkeypatch, problem, 
     assert ("Traceback" in done.stderr) == (code == 70)
 
 
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        (["status", "fig5", "\n"], r"fiv: Got unexpected extra argument (\n)"),
+        (["plan", "fig5", "--config", "\n"], r"fiv: --config \n: it cannot be read: No such file or directory"),
+        (["plan", "/"], "fiv: /: it is the root of all folders, and no file"),
+    ],
+)
+def test_words_that_hypothesis_wrote(here, line, told):
+    done = here(*line)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"{told}\n")
+
+
 def test_a_figure_that_fails_is_a_fault_of_ours(here, monkeypatch):
     here("run", "table4", "-q")
     monkeypatch.setattr("studies.runner.plot", fails(None))

@@ -1,6 +1,6 @@
 """A sweep in a process of its own, for tests that kill it, interrupt it or starve it.
 
-python -m tests.helpers.processes.sweep_programs '{"store": "a.nc", "scheduler": "threads", "points": 60, "pause": 0.02}'
+python -m tests.helpers.processes.sweep_programs '{"store": "a.nc", "scheduler": "threads", "points": 60}'
 """
 
 import json
@@ -144,7 +144,7 @@ def start(**told):
     """This program as the leader of a process group: a copy of this process, unless it needs others."""
     if told.get("scheduler", "threads") in ("threads", "sync"):
         return Copy(told)
-    return program("sweep_programs", told)
+    return program("processes.sweep_programs", told)
 
 
 def program(module, told, home=HOME):

@@ -78,7 +78,7 @@ def altered_home(folder):
     helpers = folder / "tests" / "helpers"
     shutil.copytree(HOME / "tests" / "helpers", helpers, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(HOME / "tests" / "__init__.py", folder / "tests")
-    file = helpers / "sweep_programs.py"
+    file = helpers / "processes" / "sweep_programs.py"
     code = file.read_text()
     assert '"square": x**2' in code
     file.write_text(code.replace('"square": x**2', '"square": x**2 + 1e-9'))

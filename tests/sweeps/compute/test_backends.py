@@ -183,9 +183,8 @@ def test_a_point_at_which_workers_die_fails_alone():
     assert int(lost["status"]) == 2
     assert "the process that computed this point died" in str(lost["error"].item())
     told = data["reproduce"].values[data["failure_x"].values.tolist().index(22.0)]
-    assert told.startswith(
-        "from numpy import array; from tests.helpers.processes.sweep_programs import powers; powers({'x'"
-    )
+    module = "tests.helpers.processes.sweep_programs"
+    assert told.startswith(f"from numpy import array; from {module} import powers; powers({{'x'")
 
 
 def test_a_function_that_cannot_be_sent():
