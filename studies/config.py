@@ -123,7 +123,7 @@ def check_counts(study: Study, values: Mapping[str, Any]) -> None:
 def read(file: str | Path) -> Config:
     """The configuration of a TOML file; `InputError` if it is invalid."""
     try:
-        content = tomllib.loads(registry.expanded(file).read_text(encoding="utf-8"))
+        content = tomllib.loads(registry.read_text(registry.expanded(file), "utf-8"))
         _check(content)
     except OSError as problem:
         raise InputError(f"--config {file}: it cannot be read: {problem.strerror}") from None

@@ -42,6 +42,8 @@ NAMES = tuple(name for name in MODULES if name not in UNLISTED)
 GROUP = "fiv.studies"
 # What a study at points that are no grid is called besides (`studies.scatter`), and what makes it.
 SUFFIXES = {"-scatter": "--scatter NAME=DISTRIBUTION", "-points": "--points FILE.csv"}
+# Of a text that is read as a whole.
+MOST_LETTERS = 100_000_000
 CATALOGUE = Path(__file__).with_name("catalogue.json")
 # Studies of one's own that this process was given, by name.
 _registered: dict[str, Study] = {}
@@ -87,6 +89,17 @@ def expanded(path: str | Path) -> Path:
         return Path(path).expanduser()
     except RuntimeError:
         raise InputError(f"{path}: {Path(path).parts[0]} has no home folder; write the whole path") from None
+
+
+def read_text(file: Path, encoding: str) -> str:
+    """A text that a user has written, as it stands there; an `InputError` if it is longer than anybody writes."""
+    from sweeps import InputError
+
+    with file.open(encoding=encoding, newline="") as opened:
+        text = opened.read(MOST_LETTERS + 1)
+    if len(text) > MOST_LETTERS:
+        raise InputError(f"it has more than {MOST_LETTERS} letters")
+    return text
 
 
 def is_file(text: str) -> bool:

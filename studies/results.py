@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -95,6 +97,17 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     if owner not in (file.stem, *registry.UNLISTED):
         raise InputError(f"{file}: it holds the results of {owner}, not of {file.stem}")
     return dataset
+
+
+@contextmanager
+def reading(file: Path | None) -> Iterator[None]:
+    """Turn the damage of a large file, which netCDF finds when its values are used, into an `InputError`."""
+    try:
+        yield
+    except RuntimeError as problem:
+        if not str(problem).startswith("NetCDF: "):
+            raise
+        raise InputError(f"{file}: it is damaged: {problem}") from None
 
 
 def command(verb: str, study: str, out: str | Path | None = None) -> str:

@@ -155,7 +155,8 @@ def _planned(
         requested = requested.over(config.read(config_file))
     name = study
     if results.is_path(study):
-        requested = requested.over(made := config.of_result(results.open_dataset(study), study))
+        with results.reading(results.results_file(study)):
+            requested = requested.over(made := config.of_result(results.open_dataset(study), study))
         name = made.study
     one = registry.resolve(name)
     if requested.study not in ("", one.name, study):

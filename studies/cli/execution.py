@@ -27,7 +27,7 @@ ASK_SECONDS, ASK_BYTES, LISTED = 300.0, 1e9, 20
 
 def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast: bool, yes: bool) -> None:
     """Show a plan, ask for confirmation where it takes long, execute it, and print its findings."""
-    from studies import runner
+    from studies import results, runner
     from studies.cli.progress import progress
     from sweeps import AbandonedError, ClusterLostError
 
@@ -42,7 +42,7 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
         show("fiv: nothing was done", err=True)
         sys.exit(INTERRUPTED)
     try:
-        with warned(), progress(planned.todo) as callback:
+        with results.reading(planned.store), warned(), progress(planned.todo) as callback:
             finished = runner.execute(planned, *backend, callback, fail_fast=fail_fast)
     except KeyboardInterrupt as interrupt:
         # A further interrupt must not cut the message short.

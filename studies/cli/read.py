@@ -75,10 +75,11 @@ def show_status(target: str, as_json: bool, as_toml: bool, out: str | None) -> N
 
     file = results.results_file(target, out)
     announce_reference(target, out)
-    if as_toml:
-        show(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
-        return
-    now = status(file)
+    with results.reading(file):
+        if as_toml:
+            show(config.toml(config.of_result(results.open_dataset(target, out), str(file))))
+            return
+        now = status(file)
     values = asdict(now)
     if isnan(values["run"].get("left", 0.0)):
         values["run"]["left"] = None  # JSON has no NaN
@@ -121,8 +122,9 @@ def query_rows(target: str, out: str | None, columns: str | None, form: str, uni
         say(f"fiv: {text}")
 
     announce_reference(target, out)
-    chosen = select(results.open_dataset(target, out), show=columns, note=note, **which)
-    print_rows(chosen, form, columns is None, units, note, Rows(form))
+    with results.reading(results.results_file(target, out)):
+        chosen = select(results.open_dataset(target, out), show=columns, note=note, **which)
+        print_rows(chosen, form, columns is None, units, note, Rows(form))
 
 
 @command(
@@ -149,13 +151,15 @@ def plot(target: str, out: str | None, form: str) -> None:
     from studies import results, runner
 
     announce_reference(target, out)
-    dataset, file = results.open_dataset(target, out), results.results_file(target, out)
-    study = results.study_of(dataset, str(file))
+    dataset, kept = results.open_dataset(target, out), results.results_file(target, out)
+    study, file = results.study_of(dataset, str(kept)), kept
     if out and results.is_path(target):
         file = results.results_folder(out) / file.name
     elif not results.is_path(target) and results.is_reference(file):
         file = results.file_of(study.name, out)
-    show(str(runner.plot(study, dataset, file, form)))
+    with results.reading(kept):
+        drawn = runner.plot(study, dataset, file, form)
+    show(str(drawn))
 
 
 @command(

@@ -124,7 +124,8 @@ class Block(dict[str, NDArray[Any]]):
             part: tuple[Any, ...] = (*(self._part.get(dim, slice(None)) for dim in dims), ...)
             values = np.asarray(source[part] if self._part else source)
         except (OSError, RuntimeError) as problem:
-            raise InputError(f"{column.name}: it cannot be read, the file is damaged: {problem}") from None
+            file = self._selection.dataset.encoding.get("source", "it")
+            raise InputError(f"{column.name}: it cannot be read, the file is damaged: {file}: {problem}") from None
         values = values.transpose([dims.index(dim) for dim in target if dim in dims])
         return np.expand_dims(values, [k for k, dim in enumerate(target) if dim not in dims])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import zlib
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -196,9 +197,20 @@ def _figure(result: Result) -> bytes:
     beside = result.file.with_suffix(".png")
     if beside.is_file():
         image = beside.read_bytes()
-        if image.startswith(PNG) and figures.shows(image, figures.data_digest(result.dataset)):
+        if is_whole(image) and figures.shows(image, figures.data_digest(result.dataset)):
             return image
     return runner.image(result.study, result.dataset, whose=result.file.name)
+
+
+def is_whole(image: bytes) -> bool:
+    """Whether an image is a PNG file with all its chunks, each of which has its check sum."""
+    at, kind = len(PNG), b""
+    while image.startswith(PNG) and kind != b"IEND" and at < len(image):
+        kind, end = image[at + 4 : at + 8], at + 8 + int.from_bytes(image[at : at + 4])
+        if zlib.crc32(image[at + 4 : end]).to_bytes(4) != image[end : end + 4]:
+            return False
+        at = end + 4
+    return kind == b"IEND"
 
 
 def _findings(parts: Iterable[Part], title: str) -> list[Any]:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 
 import sweeps
 from studies import registry, results
+from studies.cli.output import harmless
 from studies.maps import maps
 from studies.report.answers import answers
 from studies.report.battery import battery
@@ -108,7 +112,10 @@ def page(
         + [(each.anchor, each.title) for each in broken]
         + [("missing", "Not run yet")] * bool(missing)
     )
-    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    environment = Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined, finalize=_harmless
+    )
+    environment.policies["json.dumps_function"] = lambda data, **options: json.dumps(_harmless(data), **options)
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     style, script = _own("page.css"), "\n".join(map(_own, SCRIPTS))
     return environment.from_string(_own("page.html.j2")).render(
@@ -128,6 +135,15 @@ def page(
         script=script,
         script_digest=_digest(script),
     )
+
+
+def _harmless(value: Any) -> Any:
+    """What is put into the page, without what turns the direction of texts round; the page's own stays."""
+    if isinstance(value, str) and not isinstance(value, Markup):
+        return harmless(value)
+    if isinstance(value, dict):
+        return {_harmless(key): _harmless(each) for key, each in value.items()}
+    return [_harmless(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def _own(name: str) -> str:

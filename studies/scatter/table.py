@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies import units
-from studies.registry import expanded
+from studies.registry import expanded, read_text
 from studies.scatter.distributions import physical
 from studies.spec import finite
 from studies.study import Setting, Study, suggest
@@ -77,11 +78,12 @@ def _lines(file: Path, where: str) -> Iterator[tuple[int, list[str]]]:
     """The cells of each line that has any, with its number."""
     try:
         # A spreadsheet begins a file with a mark of its encoding.
-        with file.open(encoding="utf-8-sig", newline="") as opened:
-            reader = csv.reader(opened, strict=True)
-            for cells in reader:
-                if any(cell.strip() for cell in cells):
-                    yield reader.line_num, cells
+        reader = csv.reader(StringIO(read_text(file, "utf-8-sig"), newline=""), strict=True)
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                yield reader.line_num, cells
+    except InputError as problem:
+        raise InputError(f"{where}: {problem}") from None
     except OSError as problem:
         raise InputError(f"{where}: it cannot be read: {problem.strerror}") from None
     except UnicodeDecodeError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ from sweeps.errors import (
     SweepStoppedError,
     reason,
 )
-from sweeps.fingerprint.provenance import Environment, environment, mixed
+from sweeps.fingerprint.provenance import Environment, environment, environments_of, mixed
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.plan import PlanData, Selection
 from sweeps.plan.planning import ROW_BYTES, select
@@ -55,11 +55,14 @@ def execute(
 ) -> xr.Dataset:
     """Run a plan; see `Plan.run`."""
     check_backend(scheduler, workers)
-    only = _checked_environment(plan, scheduler) if plan.todo else None
+    known = _checked_environments(plan, scheduler) if plan.todo else []
+    only = known[0] if known and plan.strict else None
     if plan.store is None:
         sources = _Run(plan, None, list(plan.sources), progress, fail_fast, only).compute(scheduler, workers)
         found = gather(plan.manifest, sources, [*plan.manifest.variables, "wall_time"])
-        return attach(plan.manifest, dataset(plan.manifest, found), plan.sweep.derive)
+        data = attach(plan.manifest, dataset(plan.manifest, found), plan.sweep.derive)
+        _tell_late(plan, known, data)
+        return data
     store = Store(plan.store)
     if plan.whole:
         _check_unchanged(plan, store)
@@ -78,7 +81,9 @@ def execute(
             text = f"{problem.part} in {store.parts} got damaged; plan and run again"
             raise StoreError(text) from None
         store.clear()
-    return _requested(plan, store)
+    data = _requested(plan, store)
+    _tell_late(plan, known, data)
+    return data
 
 
 def check_backend(scheduler: str, workers: int | None) -> None:
@@ -93,21 +98,34 @@ def check_backend(scheduler: str, workers: int | None) -> None:
         raise SchedulerError(f"workers = {workers!r}: it must be a whole number, 1 or above")
 
 
-def _checked_environment(plan: PlanData, scheduler: str) -> Environment | None:
-    """The only environment in which to compute, if the plan is strict; otherwise several are a warning."""
+def _checked_environments(plan: PlanData, scheduler: str) -> list[Environment]:
+    """Environments of what is at hand and of who is to compute; several are a warning, or refused if strict."""
     here = [environment()]
     if scheduler not in LOCAL:
         # Imported here: it takes long, and few runs need it.
         from sweeps.compute.cluster import environments_at
 
         here = environments_at(scheduler)
-    every = [*plan.environments, *here]
+    every: list[Environment] = [*plan.environments, *here]
     if told := mixed(every):
-        text = f"{plan.store or plan.sweep.name}: not all points are computed in one environment: {told}"
+        text = _not_one(plan, told)
         if plan.strict:
             raise InputError(f"{text}; choose another folder, start over with fresh, or leave strict out")
         warnings.warn(f"{text}; computed_by says which are", MixedWarning, stacklevel=4)
-    return every[0] if plan.strict else None
+    return every
+
+
+def _tell_late(plan: PlanData, known: Sequence[Environment], data: xr.Dataset) -> None:
+    """Tell of environments of points that were not known when the run began: of workers that joined it later."""
+    found = environments_of(data.attrs)
+    late = [each for each in found if each not in known]
+    if known and late and len(found) > 1:
+        text = _not_one(plan, mixed([known[0], *late]))
+        warnings.warn(f"{text}; computed_by says which are", MixedWarning, stacklevel=4)
+
+
+def _not_one(plan: PlanData, told: str) -> str:
+    return f"{plan.store or plan.sweep.name}: not all points are computed in one environment: {told}"
 
 
 def _check_unchanged(plan: PlanData, store: Store) -> None:
@@ -129,7 +147,7 @@ def _prepare(plan: PlanData, store: Store, known: Collection[str]) -> None:
                 (store.parts / name).unlink()
         plan.manifest.save(store.manifest)
     except (OSError, RuntimeError) as problem:
-        raise StoreError(_unwritten(store, problem)) from problem
+        raise StoreError(_unwritten(store, problem, plan.cached)) from problem
 
 
 def _tidy(store: Store) -> None:
@@ -159,9 +177,10 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     return attach(manifest, some, plan.sweep.derive)
 
 
-def _unwritten(store: Store, problem: BaseException) -> str:
-    kept = "what was finished is kept, and the same run goes on from there"
-    return f"{store.file} could not be written: {reason(problem)}; {kept}"
+def _unwritten(store: Store, problem: BaseException, kept: int) -> str:
+    """Say what could not be written and why, and that so many computations are kept, where there are any."""
+    done = "what was finished is kept, and the same run goes on from there" if kept else "nothing was finished"
+    return f"{store.file} could not be written: {reason(problem)}; {done}"
 
 
 @dataclass(eq=False)
@@ -307,7 +326,8 @@ class _Run:
         try:
             self.folder.put(name, receipt.content)
         except (OSError, RuntimeError) as problem:
-            raise StoreError(_unwritten(self.store, problem)) from problem
+            kept = self.plan.cached + len(self.folder.names())
+            raise StoreError(_unwritten(self.store, problem, kept)) from problem
         return receipt._replace(content=None)
 
     def _suspected(self, points: NDArray[np.intp], deaths: int | None) -> Receipt | None:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_info
 
+from sweeps.errors import InputError
 from sweeps.fingerprint.code import differing
 
 # What an environment is: by the versions of these, of Python and of BLAS with its core type, and by the processor.
@@ -41,9 +42,16 @@ def environments_of(attributes: Mapping[str, Any]) -> list[dict[str, str]]:
     Older files have the versions of all libraries that their code imports.
     """
     if "environments" in attributes:
-        return [dict(each) for each in json.loads(attributes["environments"])]
+        return [read_environment(each) for each in json.loads(attributes["environments"])]
     known = json.loads(attributes.get("libraries", "{}"))
-    return [{name: each for name, each in known.items() if name in ("python", *LIBRARIES)}]
+    return [read_environment({name: each for name, each in known.items() if name in ("python", *LIBRARIES)})]
+
+
+def read_environment(found: Any) -> dict[str, str]:
+    """An environment as a file has it, or an `InputError` if it is none."""
+    if not (isinstance(found, dict) and all(isinstance(text, str) for text in found.values())):
+        raise InputError(f"{json.dumps(found)[:80]} is no environment")
+    return found
 
 
 def mixed(environments: Sequence[Environment]) -> str:

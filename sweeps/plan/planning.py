@@ -11,12 +11,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.compute.batch import Task
 from sweeps.compute.values import rounded, scaled
+from sweeps.errors import StoreError
 from sweeps.fingerprint.identity import configuration, fingerprint, metadata_digest
 from sweeps.grid import FAILED, PENDING, Embedding, Grid, check_counts
 from sweeps.plan.declaration import Declaration
@@ -28,7 +30,7 @@ from sweeps.storage.existing import Existing, check_replaceable, existing
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.merge import surveyed
 from sweeps.storage.sources import DamagedError, Source
-from sweeps.storage.store import Store
+from sweeps.storage.store import Store, mark
 
 # What the engine itself does to a value belongs to the fingerprint.
 ENGINE = (rounded, scaled)
@@ -42,11 +44,32 @@ def make_plan(
     sweep: Declaration, store: str | Path | None, fresh: bool, retry_failed: bool, strict: bool
 ) -> PlanData:
     """The plan of a sweep; see `Sweep.plan`."""
-    place = None if store is None else Store(store)
+    if store is None:
+        return _make_plan(sweep, None, (), fresh, retry_failed, strict)
+    place = Store(store)
+    place.check_place(sweep.name)
+    # Before anything is read: what changes from now on makes the plan an old one.
+    stamp, before = place.stamp(), (mark(place.file), mark(place.manifest))
+    try:
+        return _make_plan(sweep, place, stamp, fresh, retry_failed, strict)
+    except StoreError:
+        # A file that is replaced while it is read seems damaged.
+        if (mark(place.file), mark(place.manifest)) != before:
+            raise StoreError(f"{place.file} has changed while this was planned; plan again") from None
+        raise
+
+
+def _make_plan(
+    sweep: Declaration,
+    place: Store | None,
+    stamp: tuple[Any, ...],
+    fresh: bool,
+    retry_failed: bool,
+    strict: bool,
+) -> PlanData:
     attributes: dict[str, str] = {}
     present = Existing(sweep.grid, [], {})
     if place is not None:
-        place.check_place(sweep.name)
         own = fingerprint(sweep, ENGINE)
         attributes = {
             "identity": json.dumps(own),
@@ -57,7 +80,6 @@ def make_plan(
         else:
             present = existing(place, sweep.name, own) or present
             check_same_draws(place.file, present.grid, sweep.grid)
-    stamp = () if place is None else place.stamp()
 
     check_size(sweep.grid)
     grid = present.grid.grown(sweep.grid)

@@ -16,6 +16,8 @@ from sweeps.grid import MOST_POINTS
 
 # What stands before the check sum at a file's end; bytes that are read at a time.
 SEAL, BLOCK = b"\nsweeps CRC-32 ", 1 << 20
+# Where HDF5 says how long a file is, by the version of what the file begins with; its library cuts files to that.
+HDF5, LENGTH_AT = b"\x89HDF\r\n\x1a\n", {0: 40, 1: 44, 2: 28, 3: 28}
 
 
 def check_regular(path: Path) -> None:
@@ -34,15 +36,24 @@ def seal(path: Path) -> None:
 
 
 def check_seal(path: Path) -> None:
-    """Raise an `InputError` if a file has a seal, and it is that of another content."""
+    """Raise an `InputError` if a file has a seal of another content, or something else behind what is HDF5's."""
     check_regular(path)
     with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size - len(SEAL) - 8
+        begin = file.read(64)
+        whole = os.fstat(file.fileno()).st_size
+        size = whole - len(SEAL) - 8
         file.seek(max(size, 0))
         last = file.read()
         file.seek(0)
-        if last.startswith(SEAL) and last != _seal(file, size):
-            raise InputError("its content is not what was written")
+        sound = last == _seal(file, size) if last.startswith(SEAL) else whole <= _length(begin, whole)
+    if not sound:
+        raise InputError("its content is not what was written")
+
+
+def _length(begin: bytes, whole: int) -> int:
+    """How long a file is as HDF5 says at its beginning; of another file, what it is."""
+    at = LENGTH_AT.get(begin[8]) if begin.startswith(HDF5) and len(begin) == 64 else None
+    return whole if at is None else int.from_bytes(begin[at : at + 8], "little")
 
 
 def _seal(file: BinaryIO, size: int) -> bytes:

@@ -52,14 +52,25 @@ def existing(store: Store, name: str, identity: dict[str, Any]) -> Existing | No
     """
     manifest = _unfinished(store, name)
     if manifest is None:
-        return _finished(store.file, name, identity) if store.file.exists() else None
+        return (
+            _of_axes(_finished(store.file, name, identity), store.file, identity) if store.file.exists() else None
+        )
     try:
         _check_same(store.parts, manifest.attributes, identity)
     except StoreError as problem:
         if manifest.fresh and store.file.exists():
             raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
         raise
-    return Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
+    found = Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
+    return _of_axes(found, store.parts, identity)
+
+
+def _of_axes(found: Existing, path: Path, identity: dict[str, Any]) -> Existing:
+    """What is there, unless its axes are others than it says: texts in the place of numbers."""
+    own = {name: axis.values.dtype.kind == "U" for name, axis in found.grid.axes.items()}
+    if own != {name: each["text"] for name, each in identity["axes"].items()}:
+        raise StoreError(f"{path} is damaged: its axes are of other types; move it away or choose another folder")
+    return found
 
 
 def check_replaceable(store: Store, name: str) -> None:

@@ -31,8 +31,8 @@ def locked(store: Store) -> Iterator[None]:
     StoreError
         If nothing can be written there.
     """
-    store.check_parts()
     try:
+        store.check_parts()
         store.file.parent.mkdir(parents=True, exist_ok=True)
         file = _acquired(store.lock)
     except OSError as problem:

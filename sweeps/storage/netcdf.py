@@ -29,7 +29,7 @@ from sweeps.storage.manifest import BESIDES, LARGE, Manifest
 from sweeps.storage.merge import Gathered, dataset, fill, gather
 from sweeps.storage.replacing import replacing
 from sweeps.storage.sources import COMPUTED, NETCDF, DamagedError, Source
-from sweeps.storage.store import Store
+from sweeps.storage.store import Store, mark
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
 # A file up to this size is checked as a whole whenever it is opened, which takes 0.2 s at most. Of a larger one
@@ -347,6 +347,9 @@ def _check_described(data: xr.Dataset) -> None:
             raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
     if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
         raise InputError("its configuration is of another shape")
+    for name in json.loads(data.attrs.get("identity", "{}")).get("variables", ()):
+        if name in data and data[name].dims[: len(points)] != points:
+            raise InputError(f"{name} runs along {', '.join(map(str, data[name].dims))}")
     for name, variable in data.variables.items():
         if "flag_values" in variable.attrs:
             words = variable.attrs["flag_meanings"].split()
@@ -360,7 +363,8 @@ def _opened(path: Path) -> xr.Dataset:
     with NETCDF:
         with netCDF4.Dataset(path) as file:
             check_sizes(file)
-        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF)
+        # No sweep has dates, and what looks like one may be none.
+        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF, decode_times=False)
         if data.nbytes <= READ_AT_ONCE:
             with data:
                 return data.load()
@@ -372,7 +376,7 @@ def _opened(path: Path) -> xr.Dataset:
 
 def _unfinished(store: Store) -> xr.Dataset:
     """The points that are finished so far; the others are pending, and so are those of damaged parts."""
-    manifest = Manifest.load(store.manifest)
+    manifest, before = Manifest.load(store.manifest), mark(store.file)
     sources = sources_of(store, manifest)
     while True:
         try:
@@ -380,7 +384,8 @@ def _unfinished(store: Store) -> xr.Dataset:
             break
         except DamagedError as problem:
             sources = [source for source in sources if source.name != problem.part]
-    if not store.manifest.is_file():
+    # The new file may be there when the parts still are, and have its points at other places than the old one.
+    if not store.manifest.is_file() or mark(store.file) != before:
         raise StoreError(f"{store.file} was finished while its parts were read")
     _check_described(data)
     return data

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from sweeps.compute.batch import BatchResult, Failure
 from sweeps.errors import UNREADABLE, StoreError, reason
+from sweeps.fingerprint.provenance import read_environment
 from sweeps.grid import MOST_POINTS, Variable
 from sweeps.storage.packed import Packed, pack
 from sweeps.storage.replacing import replacing
@@ -129,11 +130,14 @@ class PartFolder:
         try:
             part = Packed(self.path / name)
             about, index = part.about, part.read([each for each in ("steps", "failed") if each in part.names])
-            if not 0 < about["rows"] <= MOST_POINTS:
+            sound = isinstance(about["manifest"], str) and isinstance(about["seconds"], (int, float))
+            if not (sound and isinstance(about["rows"], int) and 0 < about["rows"] <= MOST_POINTS):
                 return None
             points = np.cumsum(index["steps"]) if "steps" in index else about["first"] + np.arange(about["rows"])
             failed = index.get("failed", np.zeros(0, dtype=np.int64))
-            where = about.get("environment", {})
+            if points.dtype.kind != "i" or failed.dtype.kind != "i":
+                return None
+            where = read_environment(about.get("environment", {}))
             return Contents(about["manifest"], points, failed, about["seconds"], where)
         except UNREADABLE:
             return None
@@ -144,6 +148,9 @@ class PartFolder:
             part = Packed(self.path / name)
             failing = ["failed", "failures"] if reasons and "failed" in part.names else []
             found = part.read(["wall_time", *failing, *(f"value_{each}" for each in variables)])
+            for each in (found["wall_time"], *(found[f"value_{name}"] for name in variables)):
+                if each.shape[:1] != (part.about["rows"],) or each.dtype.kind not in "biuf":
+                    return None
             texts = json.loads(found["failures"].tobytes()) if failing else []
             rows = found["failed"].tolist() if failing else []
             failures = {row: Failure(*each) for row, each in zip(rows, texts, strict=True)}

@@ -95,8 +95,8 @@ class PartSource:
         """The points of the manifest's grid that get something."""
         contents = self.folder.contents(self.name)
         if contents is not None:
-            # What is not of its grid is IndexError or ValueError.
-            with suppress(IndexError, ValueError):
+            # What is not of its grid is one of these.
+            with suppress(LookupError, TypeError, ValueError):
                 points = manifest.located(contents.manifest, contents.points)
                 if points is not None:
                     about = contents.failed, contents.seconds, [contents.environment]
@@ -221,7 +221,8 @@ class FileSource:
         failures = {row: Failure(text) for row, text in zip(rows.tolist(), errors.tolist(), strict=True)}
         if "failure" in file.dimensions:
             points = self.grid.at([plain(file[f"failure_{name}"]) for name in self.grid.axes])
-            texts = zip(*(plain(file[name]).tolist() for name in ("traceback", "reproduce")), strict=True)
+            columns = [as_texts(np.asarray(file[name][...])).tolist() for name in ("traceback", "reproduce")]
+            texts = zip(*columns, strict=True)
             for row, about in zip((points - self._points(file)[0]).tolist(), texts, strict=True):
                 if row in failures:
                     failures[row] = Failure(failures[row].error, *about)
@@ -276,5 +277,7 @@ def plain(variable: Any) -> NDArray[Any]:
 
 def as_texts(letters: NDArray[np.bytes_]) -> NDArray[np.str_]:
     """Rows of padded characters as texts."""
+    if letters.dtype.kind != "S":
+        raise InputError(f"it has {letters.dtype} where texts must be")
     texts = np.ascontiguousarray(letters).view(f"S{letters.shape[-1]}")[..., 0]
     return np.char.decode(texts, "utf-8", "replace")

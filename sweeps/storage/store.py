@@ -11,15 +11,26 @@ STUDY.parts/        while a run goes on, or after it was interrupted:
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from sweeps.errors import StoreError
-from sweeps.storage.parts import PartFolder
+from sweeps.storage.parts import NAME, PartFolder
 
 OTHER = "choose another folder"
+# What a run may have left besides its manifest and progress, or its system.
+LEFT = re.compile(rf"{NAME.pattern}|\..*\.tmp|\.nfs.*|\.DS_Store")
+
+
+def mark(path: Path) -> tuple[int, ...]:
+    """Changes whenever a file is replaced; nothing where there is none."""
+    with suppress(OSError):
+        about = path.stat()
+        return about.st_ino, about.st_mtime_ns, about.st_size
+    return ()
 
 
 class Store:
@@ -40,11 +51,7 @@ class Store:
     def stamp(self) -> tuple[Any, ...]:
         """Changes whenever another run has been here."""
         marks: list[Any] = list(self.folder.names())
-        for path in (self.file, self.manifest):
-            with suppress(OSError):
-                about = path.stat()
-                marks += [about.st_ino, about.st_mtime_ns, about.st_size]
-        return tuple(marks)
+        return (*marks, *mark(self.file), *mark(self.manifest))
 
     def check_place(self, name: str) -> None:
         """Refuse, before anything is computed, a place where the results of `name` cannot go."""
@@ -63,17 +70,30 @@ class Store:
             raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
 
     def check_parts(self) -> None:
-        """Refuse a link in the place of the parts: what it leads to is somebody's, and parts are removed.
+        """Refuse what is somebody's in the place of the parts, which are removed: a link, a file, another folder.
 
-        Neither can a file be there.
+        A link in the place of the lock would make a file elsewhere.
         """
         if self.parts.exists() and not self.parts.is_dir():
             raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {OTHER}")
         if self.parts.is_symlink():
             raise StoreError(f"{self.parts} is a link, where a folder of its own is needed; remove it, or {OTHER}")
+        if not self.manifest.exists() and (found := self._foreign()):
+            raise StoreError(f"{self.parts} holds {found}, which no run has left; move it away, or {OTHER}")
+        if self.lock.is_symlink():
+            raise StoreError(f"{self.lock} is a link, where a file of its own is needed; remove it, or {OTHER}")
 
     def clear(self) -> None:
-        """Remove the parts."""
-        # The manifest goes first: without it the folder is nothing.
-        self.manifest.unlink(missing_ok=True)
-        shutil.rmtree(self.parts, ignore_errors=True)
+        """Remove the parts, with all that is among them; a folder that no run has left stays."""
+        if self.manifest.exists() or not self._foreign():
+            # The manifest goes first: without it the folder is nothing.
+            self.manifest.unlink(missing_ok=True)
+            shutil.rmtree(self.parts, ignore_errors=True)
+
+    def _foreign(self) -> str:
+        """The name of something in the folder of parts that is not ours; "" if there is none."""
+        with suppress(FileNotFoundError, NotADirectoryError):
+            ours = self.manifest.name, self.progress.name
+            names = (name for name in os.listdir(self.parts) if not (name in ours or LEFT.fullmatch(name)))
+            return min(names, default="")
+        return ""

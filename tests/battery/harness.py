@@ -43,7 +43,7 @@ def pytest_configure(config: pytest.Config) -> None:
         if config.option.hypothesis_seed is None:
             config.option.hypothesis_seed = str(secrets.randbelow(10**6))
         # Test files are imported later.
-        from tests.battery import examples
+        from tests.battery.surfaces import examples
 
         examples.at_length = True
 

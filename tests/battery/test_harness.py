@@ -7,7 +7,7 @@ import sys
 
 from tests import HOME
 
-TEST = "tests/battery/test_spec.py::test_a_unit_without_a_short_factor_is_known_to_14_digits"
+TEST = "tests/battery/surfaces/test_spec.py::test_a_unit_without_a_short_factor_is_known_to_14_digits"
 COMMAND = [sys.executable, "-m", "pytest", "-m", "battery", "-q", "-n", "1", TEST]
 
 

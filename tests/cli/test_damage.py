@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import shutil
 import signal
 from pathlib import Path
@@ -11,51 +12,12 @@ import numpy as np
 import pytest
 
 from studies import registry, runner
-from studies.study import Setting, Study
-from sweeps import Axis, Variable
 from sweeps.storage.checked import SEAL
 from sweeps.storage.packed import Packed, pack
+from tests.helpers.tiny import STUDY
 from tests.helpers.waves import interrupted
 
-WORDS = {0: "calm", 1: "wild"}
 FILE = Path("results/tiny/tiny.nc")
-
-
-def tiny(points, gain):
-    """Numbers, words and a row of each point; one fails."""
-    x = points["x"]
-    if np.any(x == 3.0):
-        raise ValueError("three is not allowed")
-    return {"y": gain * x, "word": (x > 2.0).astype(int), "row": x[:, None] ** np.arange(3.0)}
-
-
-def draw(data):
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(1.0, 1.0))
-    axes = figure.subplots()
-    axes.plot(data["x"], data["y"])
-    axes.set_title(str(data["x"].attrs["units"]))
-    return figure
-
-
-STUDY = Study(
-    name="tiny",
-    title="A small study",
-    question="Does it last?",
-    paper="No word of it.",
-    axes={"x": Axis(np.arange(1.0, 6.0), "m", "place"), "kind": Axis(["one", "other"])},
-    settings={"gain": Setting(2.0, "1", "gain")},
-    function=tiny,
-    variables={
-        "y": Variable("m", "height", digits=6),
-        "word": Variable("1", "word", dtype="int8", flags=WORDS),
-        "row": Variable("1", "row", dims=("power",), dtype="float32"),
-    },
-    coords={"power": Axis([0, 1, 2])},
-    draw=draw,
-    findings=lambda data: ["nothing"],
-)
 COMMANDS = (
     ("status", "tiny"),
     ("status", "tiny", "--json"),
@@ -171,6 +133,7 @@ def test_a_manifest_of_another_shape(kept, tmp_path):
     wrong += [({k: v for k, v in file.about.items() if k != key}, arrays) for key in file.about]
     wrong += [(file.about, arrays | {name: each[:1]}) for name, each in arrays.items()]
     wrong += [(file.about, {k: v for k, v in arrays.items() if k != name}) for name in arrays]
+    wrong += [(file.about, arrays | {name: np.array(["text"])}) for name in arrays for _ in range(2)]
     for number, (about, others) in enumerate(wrong):
         path.write_bytes(pack(about, others))
         for command in OF_PARTS[number % 2 :: 2]:
@@ -178,11 +141,37 @@ def test_a_manifest_of_another_shape(kept, tmp_path):
             check(kept(*command), "tiny.nc", "tiny.parts")
 
 
+def test_a_part_of_another_shape(kept, tmp_path):
+    """Its points are pending, and computed again."""
+    path = min((tmp_path / "half" / "tiny" / "tiny.parts").glob("*.part"))
+    file = Packed(path)
+    arrays = file.read(file.names)
+    wrong = [(file.about | {key: value}, arrays) for key in file.about for value in (None, {"a": {}}, ["a"], 0.5)]
+    wrong += [(file.about, arrays | {name: each[:0]}) for name, each in arrays.items()]
+    wrong += [(file.about, arrays | {name: np.array(["text"])}) for name in arrays]
+    for number, (about, others) in enumerate(wrong):
+        path.write_bytes(pack(about, others))
+        for command in OF_PARTS[number % 2 :: 2]:
+            print(number, *command)
+            check(kept(*command), "tiny.nc", "tiny.parts")
+    done = kept("run", "tiny", "-q", "--out", "half")
+    assert done.returncode in (1, 3), done.stderr
+    check(done, "tiny.parts", "failed: ")
+
+
 def test_a_configuration_that_is_nested_too_deeply(here, tmp_path):
     (tmp_path / "deep.toml").write_text("axes = " + "[" * 100_000)
     done = here("plan", "fig5", "--config", "deep.toml")
     assert done.returncode == 2
     check(done, "deep.toml")
+
+
+@pytest.mark.parametrize("option", ["--config", "--points"])
+def test_a_text_that_never_ends(here, monkeypatch, option):
+    monkeypatch.setattr(registry, "MOST_LETTERS", 1000)
+    done = here("plan", "fig5", option, "/dev/zero")
+    assert done.returncode == 2
+    assert done.stderr == f"fiv: {option} /dev/zero: it has more than 1000 letters\n"
 
 
 def nested(path):
@@ -237,3 +226,53 @@ def test_something_else_in_the_place_of_a_file(kept, tmp_path, monkeypatch, plac
         assert done.returncode in (1, 3)
         check(done, "tiny.nc", "tiny.parts", "failed: ")
         shutil.rmtree(tmp_path / "half")
+
+
+def test_a_large_result_is_damaged_where_it_is_read(kept, monkeypatch):
+    """HDF5 finds it when a value is used."""
+    for name in ("netcdf.CHECKED", "netcdf.READ_AT_ONCE", "netcdf.LARGE", "manifest.LARGE"):
+        monkeypatch.setattr(f"sweeps.storage.{name}", 100)
+    kept("run", "tiny", "-q", "--fresh")
+    content, one = bytearray(FILE.read_bytes().rpartition(SEAL)[0]), np.float32([4.0, 16.0]).tobytes()
+    content[content.index(one)] ^= 1
+    other = FILE.with_name("other.nc")
+    other.write_bytes(content)
+    other.replace(FILE)
+    for command in (("query", "tiny", "--show", "x,row"), ("plot", "tiny"), ("run", "tiny", "-q")):
+        done = kept(*command)
+        assert done.returncode == 2
+        assert re.fullmatch(r"fiv: .*damaged.*: NetCDF: .*\n", done.stderr), done.stderr
+        assert "tiny.nc: " in done.stderr
+
+
+def test_what_a_result_says_of_its_making_is_of_another_type(kept):
+    """Environments are numbers, a variable has no points, and a traceback is no text."""
+    whole = FILE.read_bytes()
+    for change in (numbered, pointless, counted):
+        FILE.write_bytes(whole)
+        with netCDF4.Dataset(FILE, "a") as file:
+            change(file)
+        for command in (("plot", "tiny"), ("run", "tiny", "-q", "--set", "x=1:6:6")):
+            check(kept(*command), "tiny.nc", "failed: ")
+
+
+@pytest.mark.filterwarnings("always")
+def test_units_that_look_like_a_date(kept):
+    with netCDF4.Dataset(FILE, "a") as file:
+        file["y"].units = "seconds since 0"
+    done = kept("query", "tiny", "--where", "x == 2", "--show", "y")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def numbered(file):
+    file.environments = '[{"python": 3.11}]'
+
+
+def pointless(file):
+    file.renameVariable("y", "old")
+    file.createVariable("y", "f8", ("kind",))
+
+
+def counted(file):
+    file.renameVariable("traceback", "old")
+    file.createVariable("traceback", "f4", ("failure", "power"))

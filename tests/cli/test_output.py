@@ -126,6 +126,17 @@ def test_no_command_prints_what_a_terminal_obeys(kept, arguments, code):
     check(done)
 
 
+def test_no_text_of_a_file_turns_others_round_in_the_page(kept):
+    """Neither as it stands there, nor where the page's own script puts it."""
+    assert kept("report", "hostile", "--file", "page.html").returncode == 0
+    page = Path("page.html").read_text()
+    assert not output.OBEYED.search(page)
+    assert len(re.findall(r"\\x1b\]0;owned", page)) >= 5
+    [data] = re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page)
+    assert not re.search(r"(?<!\\)\\u(001b|202e)", data)
+    assert r"\\x1b]0;owned" in data
+
+
 @pytest.mark.parametrize("form", ["csv", "json"])
 def test_data_are_as_they_are_but_on_a_terminal(kept, monkeypatch, form):
     command = ("query", "hostile", "--show", "kind,error", "--format", form)

@@ -272,6 +272,16 @@ def test_settings_and_axes_of_a_file_are_quoted(folder):
     assert again(odd) == ("", "")
 
 
+def test_a_damaged_figure_is_drawn_anew(folder, tmp_path):
+    shutil.copytree(folder / "table4", tmp_path / "table4")
+    beside = tmp_path / "table4" / "table4.png"
+    kept = beside.read_bytes()
+    for content in (kept[:-20], kept.replace(b"IDAT", b"IDAU", 1), kept[:-500] + b"\0" + kept[-499:]):
+        beside.write_bytes(content)
+        image = b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', written(tmp_path, "table4"))[1])
+        assert image == kept
+
+
 @pytest.mark.parametrize("content", [b"", b"<svg onload=alert(1)>", b"\x89PNG"])
 def test_only_a_png_is_embedded(folder, tmp_path, content):
     """Even where what lies beside says that it shows the file."""

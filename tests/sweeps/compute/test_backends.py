@@ -38,7 +38,7 @@ from sweeps.compute.batch import one_blas_thread
 from sweeps.compute.cluster import Cluster
 from sweeps.storage.parts import PartFolder
 from tests import HOME
-from tests.helpers.sweep_programs import cut, end, make, undisturbed, values
+from tests.helpers.processes.sweep_programs import cut, end, make, undisturbed, values
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 # Options of a cluster that says nothing and shows nothing.
@@ -183,7 +183,9 @@ def test_a_point_at_which_workers_die_fails_alone():
     assert int(lost["status"]) == 2
     assert "the process that computed this point died" in str(lost["error"].item())
     told = data["reproduce"].values[data["failure_x"].values.tolist().index(22.0)]
-    assert told.startswith("from numpy import array; from tests.helpers.sweep_programs import powers; powers({'x'")
+    assert told.startswith(
+        "from numpy import array; from tests.helpers.processes.sweep_programs import powers; powers({'x'"
+    )
 
 
 def test_a_function_that_cannot_be_sent():
@@ -378,7 +380,7 @@ def test_a_script_that_every_worker_would_run_again_is_told_so(tmp_path):
     """Dask before 2026.8 waits for such workers for ever."""
     script = tmp_path / "script.py"
     script.write_text(
-        "from tests.helpers.sweep_programs import make\nmake(points=24).plan().run('processes', 1)\n"
+        "from tests.helpers.processes.sweep_programs import make\nmake(points=24).plan().run('processes', 1)\n"
     )
     environment = os.environ | {"PYTHONPATH": str(HOME)}
     done = subprocess.run(

@@ -12,7 +12,7 @@ import xarray as xr
 
 from sweeps import SchedulerError
 from sweeps.compute import cluster
-from tests.helpers.sweep_programs import make, undisturbed, values
+from tests.helpers.processes.sweep_programs import make, undisturbed, values
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 # Tries every port as whoever has no key, or one of his own; says which let him in, and what web servers show him.

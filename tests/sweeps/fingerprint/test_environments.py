@@ -252,5 +252,20 @@ def test_a_worker_that_joins_later_is_refused_by_who_is_strict(path, far, monkey
     monkeypatch.setattr("sweeps.compute.cluster.environments_at", lambda address: [here])
     with pytest.raises(SchedulerError, match=f"a worker joined whose environment is another .*{OTHER}"):
         sweep(MORE).plan(path, strict=True).run(far)
-    data = sweep(MORE).plan(path).run(far)
+    # Where nobody else computes, nothing is mixed.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        data = sweep(FIRST).plan(path).run(far)
     assert [each["numpy"] for each in environments_of(data.attrs)] == ["9.9"]
+
+
+def test_workers_that_join_later_are_told_at_the_end(path, far, monkeypatch):
+    sweep(FIRST).plan(path).run("sync")
+    here = environment()
+    monkeypatch.setattr("sweeps.compute.cluster.environments_at", lambda address: [here])
+    told = f"^{path}: not all points are computed in one environment: {OTHER}; computed_by says"
+    with pytest.warns(MixedWarning, match=told) as seen:
+        data = sweep(MORE).plan(path).run(far)
+    assert len(seen) == 1
+    assert seen[0].filename == __file__
+    assert data["computed_by"].values.tolist() == [0, 1, 0, 1]

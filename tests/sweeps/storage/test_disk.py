@@ -14,12 +14,15 @@ import pytest
 import xarray as xr
 
 from sweeps import LockedError, StoreError
+from sweeps.plan import planning
 from sweeps.storage import lock
 from sweeps.storage.parts import PartFolder
+from sweeps.storage.sources import FileSource
 from sweeps.storage.store import Store
-from tests.helpers.sweep_programs import check, end, finished_points, flip, make, start, wait_for
+from tests.helpers.processes.sweep_programs import check, end, finished_points, flip, make, start, wait_for
 
 KEPT = r"could not be written: .*; (what was finished is kept, and the same run goes on|all points are kept)"
+NOTHING = r"could not be written: [^;]*; nothing was finished$"
 FULL, HDF = OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
@@ -67,12 +70,25 @@ def test_a_disk_full_at_the_end(path, tmp_path, monkeypatch, problem):
     check(path, 20)
 
 
+def test_what_is_kept_is_said_to_be_only_where_something_is(path, half, monkeypatch):
+    def full(self, name, content):
+        raise FULL
+
+    monkeypatch.setattr(PartFolder, "put", full)
+    with pytest.raises(StoreError, match=KEPT):
+        make(points=20).plan(path).run("sync")
+    half.clear()
+    with pytest.raises(StoreError, match=NOTHING):
+        make(points=20).plan(path).run("sync")
+
+
 @pytest.mark.parametrize("size", [100, 12_000, 18_000])
 def test_files_that_may_not_grow(path, size):
     process = start(store=path, points=20, file_size=size)
     told = wait_for(process, "StoreError")
     assert process.wait(10) == 3
-    assert re.search(KEPT, told)
+    # The first cannot hold the manifest.
+    assert re.search(KEPT if size > 100 else NOTHING, told)
     assert process.stderr.read() == ""
     end(process)
     assert not path.exists()
@@ -183,6 +199,36 @@ def test_an_old_plan_is_refused(path):
         assert path.read_bytes() == before
         old = make(points=4).plan(path)
         assert old.whole
+
+
+def test_what_another_run_does_while_one_plans_makes_the_plan_an_old_one(path, monkeypatch):
+    """It is neither computed again nor lost."""
+    check_same_draws = planning.check_same_draws
+
+    def meanwhile(*arguments):
+        monkeypatch.setattr(planning, "check_same_draws", check_same_draws)
+        make(points=8).plan(path).run()
+
+    monkeypatch.setattr(planning, "check_same_draws", meanwhile)
+    old = make(points=6).plan(path)
+    with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
+        old.run()
+    check(path, 8)
+
+
+def test_a_file_that_is_replaced_while_one_plans_is_not_damaged(path, monkeypatch):
+    make(points=4).plan(path).run()
+    held = FileSource.held
+
+    def meanwhile(self, manifest):
+        monkeypatch.setattr(FileSource, "held", held)
+        make(points=8).plan(path).run()
+        return held(self, manifest)
+
+    monkeypatch.setattr(FileSource, "held", meanwhile)
+    with pytest.raises(StoreError, match=r"has changed while this was planned; plan again$"):
+        make(points=6).plan(path)
+    check(path, 8)
 
 
 def test_progress_of_a_run_can_be_read_at_any_time(tmp_path):

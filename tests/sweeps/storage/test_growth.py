@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, open_results
 from sweeps.plan import batches
-from tests.helpers.waves import BROKEN, LOG, NAMES, VARIABLES, product, sweep, wave
+from sweeps.storage.sources import FileSource
+from tests.helpers.waves import BROKEN, LOG, NAMES, VARIABLES, interrupted, product, sweep, wave
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 
@@ -135,3 +136,20 @@ def test_what_is_skipped_may_change(path):
     BROKEN["points"] = {(3.0, 1.0)}
     assert skipping(9.0).plan(path).run()["status"].values.tolist() == [[1, 1], [1, 1], [2, 1]]
     assert skipping(2.5).plan(path).run()["status"].values.tolist() == [[1, 1], [1, 1], [3, 1]]
+
+
+def test_a_reader_whose_file_is_replaced_meanwhile_sees_the_new_one(path, tmp_path, monkeypatch):
+    """Its points lie elsewhere there, and the parts of the run that replaced it are not removed yet."""
+    few, all_of_them = {"x": [1.0, 3.0]}, {"x": [1.0, 2.0, 3.0, 4.0]}
+    sweep(few).plan(path).run("sync")
+    whole = sweep(all_of_them).plan(tmp_path / "whole.nc").run("sync")
+    interrupted(sweep(all_of_them).plan(path), 1)
+    read = FileSource.read
+
+    def late(self, *arguments):
+        (tmp_path / "whole.nc").rename(path)
+        monkeypatch.setattr(FileSource, "read", read)
+        return read(self, *arguments)
+
+    monkeypatch.setattr(FileSource, "read", late)
+    assert open_results(path)[NAMES].equals(whole[NAMES])

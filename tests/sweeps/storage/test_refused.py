@@ -186,3 +186,30 @@ def test_a_link_in_the_place_of_the_parts_is_refused_and_not_followed(path, tmp_
             attempt()
     assert {each: each.read_bytes() for each in other.parent.rglob("*") if each.is_file()} == before
     assert not path.exists()
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_folder_in_the_place_of_the_parts_that_no_run_has_left(path, fresh):
+    """What is in it stays."""
+    parts = path.with_suffix(".parts")
+    sweep().plan(path).run()
+    plan = sweep({"x": [1.0, 2.0, 7.0], "y": [1.0]}).plan(path, fresh=fresh)
+    (parts / "data").mkdir(parents=True)
+    (parts / "data" / "notes.txt").write_text("mine")
+    for attempt in (lambda: sweep().plan(path, fresh=fresh), plan.run):
+        with pytest.raises(StoreError, match=r"sweep\.parts holds data, which no run has left; move it away, or "):
+            attempt()
+    assert (parts / "data" / "notes.txt").read_text() == "mine"
+    (parts / "data").rename(path.with_name("elsewhere"))
+    plan.run()
+    assert open_results(path).sizes["x"] == (3 if fresh else 4)
+    assert not parts.exists()
+
+
+def test_a_link_in_the_place_of_the_lock_is_not_followed(path, tmp_path):
+    plan = sweep().plan(path)
+    path.with_name(".sweep.nc.lock").symlink_to(tmp_path / "elsewhere")
+    for attempt in (lambda: sweep().plan(path), plan.run):
+        with pytest.raises(StoreError, match=r"\.sweep\.nc\.lock is a link, where a file of its own is needed; "):
+            attempt()
+    assert not (tmp_path / "elsewhere").exists()

@@ -84,6 +84,16 @@ def test_nor_does_one_of_the_seal_itself(path):
     assert unnoticed(path, range(bits - 8 * len(checked.SEAL) - 64, bits)) == []
 
 
+@pytest.mark.parametrize("harm", [lambda whole: whole[:-500] + bytes(500), lambda whole: whole + b"more"])
+def test_what_stands_in_the_place_of_a_seal_is_noticed(path, harm):
+    """A block of a disk is lost as a whole."""
+    path.write_bytes(harm(path.read_bytes()))
+    with pytest.raises(InputError, match=r"damaged: its content is not what was written$"):
+        open_results(path)
+    with pytest.raises(StoreError, match="its content is not what was written; move it away"):
+        sweep().plan(path)
+
+
 def test_files_without_a_seal_are_read_and_completed(path):
     unseal(path)
     assert open_results(path).attrs["title"] == "Another"

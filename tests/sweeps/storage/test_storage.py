@@ -24,7 +24,7 @@ from sweeps.storage.parts import PartFolder, encode
 from sweeps.storage.sources import NETCDF
 from sweeps.storage.store import Store
 from tests.helpers import waves
-from tests.helpers.sweep_programs import flip
+from tests.helpers.processes.sweep_programs import flip
 
 LOG: list[float] = []
 

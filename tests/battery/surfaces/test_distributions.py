@@ -12,8 +12,8 @@ from scipy import integrate, stats
 
 from studies.scatter import distributions
 from sweeps import InputError
-from tests.battery.examples import surface
-from tests.battery.numerals import SAME, digits15, numerals, units_of
+from tests.battery.surfaces.examples import surface
+from tests.battery.surfaces.numerals import SAME, digits15, numerals, units_of
 
 examples = surface("distributions", times=70)
 pytestmark = pytest.mark.battery

@@ -8,8 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests import HOME
-from tests.battery.commands import fiv, refusal
-from tests.battery.examples import surface
+from tests.battery.surfaces.commands import fiv, refusal
+from tests.battery.surfaces.examples import surface
 
 examples = surface("command lines", times=80)
 pytestmark = pytest.mark.battery

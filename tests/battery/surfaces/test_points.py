@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from studies import registry
 from studies.scatter.table import table
 from sweeps import InputError
-from tests.battery.examples import surface
-from tests.battery.numerals import digits15, numerals, units_of
+from tests.battery.surfaces.examples import surface
+from tests.battery.surfaces.numerals import digits15, numerals, units_of
 
 examples = surface("tables of points", times=63)
 pytestmark = pytest.mark.battery

@@ -1,6 +1,6 @@
 """A sweep in a process of its own, for tests that kill it, interrupt it or starve it.
 
-python -m tests.helpers.sweep_programs '{"store": "a.nc", "scheduler": "threads", "points": 60, "pause": 0.02}'
+python -m tests.helpers.processes.sweep_programs '{"store": "a.nc", "scheduler": "threads", "points": 60, "pause": 0.02}'
 """
 
 import json
@@ -17,10 +17,21 @@ from functools import cache
 import numpy as np
 import xarray as xr
 
-from sweeps import AbandonedError, Axis, Grid, StoreError, Sweep, Variable, open_results
+from sweeps import (
+    AbandonedError,
+    Axis,
+    ClusterLostError,
+    Grid,
+    InputError,
+    StoreError,
+    Sweep,
+    Variable,
+    open_results,
+)
 from sweeps.plan import batches
 from sweeps.storage.store import Store
 from tests import HOME
+from tests.helpers.storms import faults
 
 COMPARED = ["square", "powers", "status", "error"]
 
@@ -130,13 +141,18 @@ class Copy(multiprocessing.get_context("fork").Process):
 
 
 def start(**told):
-    """This program as the leader of a process group: a copy of this process, unless it starts others."""
-    if told.get("scheduler") != "processes":
+    """This program as the leader of a process group: a copy of this process, unless it needs others."""
+    if told.get("scheduler", "threads") in ("threads", "sync"):
         return Copy(told)
+    return program("sweep_programs", told)
+
+
+def program(module, told, home=HOME):
+    """A module of helpers as the leader of a process group; `home` may have helpers of its own."""
     path = os.pathsep.join([str(HOME), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
-        [sys.executable, "-m", "tests.helpers.sweep_programs", json.dumps(told, default=str)],
-        cwd=HOME,
+        [sys.executable, "-m", f"tests.helpers.{module}", json.dumps(told, default=str)],
+        cwd=home,
         env=os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -160,17 +176,25 @@ def main(told):
     if "file_size" in told:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (told["file_size"], resource.RLIM_INFINITY))
+    if "refused" in told:
+        faults.refuse_steps(*told["refused"])
+    if "clock" in told:
+        faults.shift_clock(told["clock"])
+    if "bereft" in told:
+        faults.wait_for_workers(told["bereft"])
     print("ready", flush=True)
     wanted = {key: told[key] for key in ("points", "log", "pause", "long") if key in told}
     store = Store(told["store"])
     try:
-        plan = make(**wanted).plan(store.file)
+        plan = make(**wanted).plan(store.file, strict=told.get("strict", False))
         plan.run(
             told.get("scheduler", "threads"),
             2,
             lambda snapshot: print(f"progress {snapshot.done} {snapshot.stopping} {snapshot.now}", flush=True),
         )
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     except AbandonedError:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         print("AbandonedError", flush=True)
         if "linger" in told:
             print(f"before {sorted(os.listdir(store.parts))}", flush=True)
@@ -178,17 +202,18 @@ def main(told):
             print(f"after {sorted(os.listdir(store.parts))}", flush=True)
         os._exit(130)
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         print("KeyboardInterrupt", flush=True)
         return 130
-    except StoreError as problem:
+    except (StoreError, ClusterLostError, InputError) as problem:
         print(f"{type(problem).__name__}: {problem}", flush=True)
-        return 3
+        return 2 if isinstance(problem, InputError) else 3
     print("done", flush=True)
     return 0
 
 
 if __name__ == "__main__":
     # By its name, for the code of `__main__` is not that of this module.
-    from tests.helpers import sweep_programs
+    from tests.helpers.processes import sweep_programs
 
     sys.exit(sweep_programs.main(json.loads(sys.argv[1])))

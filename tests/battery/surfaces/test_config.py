@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from studies import config, registry, runner
-from tests.battery.commands import fiv, refusal
-from tests.battery.examples import surface
+from tests.battery.surfaces.commands import fiv, refusal
+from tests.battery.surfaces.examples import surface
 
 examples = surface("TOML files", times=170)
 pytestmark = pytest.mark.battery

@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fivcore import Beam, InputError, Rig, Scene, flutter_onsets, simulate, sliding_modes
-from tests.battery.examples import surface
+from tests.battery.surfaces.examples import surface
 from tests.helpers.rigs import workshop_rig
 
 examples = surface("scenes and rigs", times=70)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from studies import spec
 from sweeps import InputError
-from tests.battery.examples import surface
-from tests.battery.numerals import SAME, digits15, numerals, units_of
+from tests.battery.surfaces.examples import surface
+from tests.battery.surfaces.numerals import SAME, digits15, numerals, units_of
 
 examples = surface("SPEC with units", times=15)
 pytestmark = pytest.mark.battery

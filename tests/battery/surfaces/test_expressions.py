@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from studies.query.query import query
 from sweeps import open_results
-from tests.battery.examples import surface
+from tests.battery.surfaces.examples import surface
 from tests.helpers.trials import FAILS, WORDS, A, B, sweep
 
 examples = surface("expressions of a query", times=34)
