@@ -23,7 +23,7 @@ import tomllib
 import xml.etree.ElementTree as xml
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -144,8 +144,9 @@ def counted(report: Path) -> dict[str, int]:
     return {"passed": total - failures - errors - skipped, "failed": failures + errors, "skipped": skipped}
 
 
+@cache
 def commit() -> str:
-    """The commit that is tested."""
+    """The commit that is tested, asked before the file is changed."""
     command = ["git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
     return subprocess.run(command, cwd=HOME, check=True, capture_output=True, text=True).stdout.strip()
 
