@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -156,3 +157,6 @@ def _positive(what: str, value: float) -> None:
 def _ascending(low: tuple[str, float], high: tuple[str, float]) -> None:
     if not low[1] < high[1]:
         raise InputError(f"{low[0]} = {low[1]:g} must be below {high[0]} = {high[1]:g}")
+    if math.isinf(high[1] - low[1]):
+        most = sys.float_info.max
+        raise InputError(f"{high[0]} - {low[0]} must be at most {most:.3g}, not {high[1]:g} - {low[1]:g}")

@@ -289,6 +289,13 @@ def test_a_table_that_changed_is_refused(tmp_path, undrawn):
         ("fig5", {}, {"scatter": {"mu": "gauss:1:1"}}, "'gauss' is none of normal, uniform, lognormal"),
         ("fig5", {}, {"scatter": {"mu": "normal:1:0"}}, "SD must be above 0, not 0"),
         ("fig5", {}, {"scatter": {"mu": "uniform:1:1"}}, "LOW = 1 must be below HIGH = 1"),
+        (
+            "fig7",
+            {},
+            {"scatter": {"V": "uniform:-1e308:1e308"}},
+            "HIGH - LOW must be at most 1.8e.308, not 1e",
+        ),
+        ("fig7", {}, {"scatter": {"V": "triangular:-1e308:0:1e308"}}, "HIGH - LOW must be at most"),
         ("fig5", {}, {"scatter": {"mu": "triangular:1:5:2"}}, "MODE must be from LOW = 1 to HIGH = 2, not 5"),
         ("fig5", {}, {"scatter": {"mu": "lognormal:-1:1"}}, "MEDIAN must be above 0, not -1"),
         ("fig5", {}, {"scatter": {"mu": "normal:a:1"}}, "'a' must be a finite number"),
