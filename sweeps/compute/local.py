@@ -50,9 +50,7 @@ class Job:
     def compute(self, points: NDArray[np.intp]) -> Receipt:
         """Compute a batch; its part is in the receipt."""
         if self.only is not None and (other := mixed([self.only, environment()])):
-            raise SchedulerError(
-                f"a worker joined whose environment is another ({other}); what was finished is kept"
-            )
+            raise SchedulerError(f"a worker joined whose environment is another ({other})")
         begin = time.perf_counter()
         result = self.task.compute(self.grid.points(points))
         return self.receipt(points, result, time.perf_counter() - begin)
