@@ -152,12 +152,19 @@ def test_a_record_obeys_the_contact_law(vibrating):
     assert np.max(np.abs(vibrating.slip_velocity[state == 1])) < 1e-9
 
 
+def differences(run):
+    """Shares of time and mean normal force of a record less those of its summary."""
+    summary, settled = run.summary, run.time > run.summary["first_slip_time"] + 0.1
+    shares = [np.mean(run.state[settled] == k) - summary[key] for key, k in zip(FRACTIONS, (1, 2, 0), strict=True)]
+    return [*shares, run.normal_force[settled].mean() / summary["mean_normal_force"] - 1.0]
+
+
 def test_a_record_is_what_the_summary_speaks_of(vibrating):
+    # Samples of one chaotic run are off by up to .001 (standard deviation of 12 runs).
+    others = [simulate(paper_scene(V), 1.0, record=True, sample_rate=50e3) for V in (1.999e-3, 2.001e-3)]
+    assert np.abs(np.mean([differences(run) for run in (vibrating, *others)], axis=0)).max() < 2e-3
     summary, t = vibrating.summary, vibrating.time
     settled = t > summary["first_slip_time"] + 0.1
-    for key, state in zip(FRACTIONS, (1, 2, 0), strict=True):
-        assert np.mean(vibrating.state[settled] == state) == pytest.approx(summary[key], abs=2e-3)
-    assert vibrating.normal_force[settled].mean() == pytest.approx(summary["mean_normal_force"], rel=2e-3)
     # Sampled twice as often it would differ by up to half a percent.
     assert vibrating.velocity_B[settled].std() == pytest.approx(summary["velocity_rms"], rel=1e-9)
     assert t[1] - t[0] == pytest.approx(2e-5, rel=0.1)
