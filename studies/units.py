@@ -56,9 +56,9 @@ def _unit(text: str) -> Any:
         raise unknown
     powers = POWER.sub(r"**\1", text.strip())
     # A pint that cannot be imported is no unknown unit.
-    registry = _registry()
+    known = _registry()
     try:
-        found = registry.Quantity(1.0, re.sub(r"\s*(\*\*|[*/])\s*|[\s.]+", lambda m: m[1] or "*", powers))
+        found = known.Quantity(1.0, re.sub(r"\s*(\*\*|[*/])\s*|[\s.]+", lambda m: m[1] or "*", powers))
     except Exception:  # noqa: BLE001 - pint raises of many kinds for a text that it does not understand
         raise unknown from None
     return found

@@ -133,6 +133,8 @@ def parse(text: str, name: str) -> Scatter:
         count, make = KINDS[kind]
         if len(parts) != count:
             raise InputError(f"{kind} takes {count} numbers, not {len(parts)}")
+        if "," in text:
+            raise InputError("',' separates no numbers here, ':' does")
         low, high = physical(name)
         # The SIGMA of logarithms has no unit.
         sized = 1 if kind == "lognormal" else count

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 SCATTER, POINTS = registry.SUFFIXES
 SAMPLES, SEED, SAMPLING = 1024, 0, "sobol"
+# Whole numbers up to this one are floats too.
+MOST_EXACT = 2**53
 ROW = "row"
 # Of so many drawn rigs one must be possible; of a table's rigs as many are checked in full.
 TRIED, CHECKED = 16, 100
@@ -121,6 +123,8 @@ def _by_itself(
     settings = dict(study.settings)
     for name, value in counts.items():
         if value is not None:
+            if not 0 <= value <= MOST_EXACT:
+                raise InputError(f"--{name} {value}: it must be from 0 to {MOST_EXACT}")
             settings[name] = replace(settings[name], value=float(value))
     if not scatter:
         return replace(study, settings=settings)

@@ -128,8 +128,8 @@ def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
     with opened(path) as file:
         grid = Grid({axis: Axis(plain(file[axis])) for axis in stored["axes"]}, stored["groups"])
         present = [file[each] for each in stored["variables"] if each in file.variables]
-        every = [*present, file["status"], file["wall_time"]]
-        shapes = {each.shape[: len(grid.shape)] for each in every}
+        whole = (file["status"], file["wall_time"])
+        shapes = {each.shape[: len(grid.shape)] for each in present} | {each.shape for each in whole}
         if shapes != {grid.shape}:
             raise InputError(f"its variables have the shapes {shapes}, its axes {grid.shape}")
         row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)

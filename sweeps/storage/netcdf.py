@@ -7,6 +7,7 @@ import json
 import math
 import os
 import tempfile
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import UTC, datetime
@@ -347,9 +348,14 @@ def _check_described(data: xr.Dataset) -> None:
             raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
     if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
         raise InputError("its configuration is of another shape")
-    for name in json.loads(data.attrs.get("identity", "{}")).get("variables", ()):
-        if name in data and data[name].dims[: len(points)] != points:
+    along = dict.fromkeys(json.loads(data.attrs.get("identity", "{}")).get("variables", ()), points)
+    along |= dict.fromkeys(("traceback", "reproduce"), ("failure",))
+    for name, dims in along.items():
+        if name in data and data[name].dims[: len(dims)] != dims:
             raise InputError(f"{name} runs along {', '.join(map(str, data[name].dims))}")
+    for name, variable in data.variables.items():
+        if len(set(variable.dims)) < variable.ndim:
+            raise InputError(f"{name} runs twice along a dimension")
     for name, variable in data.variables.items():
         if "flag_values" in variable.attrs:
             words = variable.attrs["flag_meanings"].split()
@@ -364,7 +370,10 @@ def _opened(path: Path) -> xr.Dataset:
         with netCDF4.Dataset(path) as file:
             check_sizes(file)
         # No sweep has dates, and what looks like one may be none.
-        data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF, decode_times=False)
+        # What runs twice along a dimension is refused later, and not in so many lines.
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Duplicate dimension names")
+            data = xr.open_dataset(path, engine="netcdf4", lock=NETCDF, decode_times=False)
         if data.nbytes <= READ_AT_ONCE:
             with data:
                 return data.load()

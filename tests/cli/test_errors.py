@@ -57,6 +57,10 @@ def test_a_fault_of_ours_is_not_told_as_wrong_input(here, monkeypatch, problem, 
         (["status", "fig5", "\n"], r"fiv: Got unexpected extra argument (\n)"),
         (["plan", "fig5", "--config", "\n"], r"fiv: --config \n: it cannot be read: No such file or directory"),
         (["plan", "/"], "fiv: /: it is the root of all folders, and no file"),
+        (
+            ["plan", "robust", "--samples", "9" * 400],
+            f"fiv: --samples {'9' * 400}: it must be from 0 to 9007199254740992",
+        ),
     ],
 )
 def test_words_that_hypothesis_wrote(here, line, told):

@@ -286,6 +286,12 @@ def test_a_table_that_changed_is_refused(tmp_path, undrawn):
         ("fig5", {}, {"scatter": {"nu": "normal:1:1"}}, "no axis and no setting of that name; did you mean mu"),
         ("fig5", {}, {"scatter": {"mu": "normal:-9:1"}}, "100 % of it is beyond what mu can be, 0 to inf"),
         ("fig5", {}, {"scatter": {"mu": "normal:1"}}, "normal takes 2 numbers, not 1; the forms are normal:MEAN"),
+        (
+            "fig5",
+            {},
+            {"scatter": {"mu": "uniform:,1:2"}},
+            "',' separates no numbers here, ':' does; the forms are",
+        ),
         ("fig5", {}, {"scatter": {"mu": "gauss:1:1"}}, "'gauss' is none of normal, uniform, lognormal"),
         ("fig5", {}, {"scatter": {"mu": "normal:1:0"}}, "SD must be above 0, not 0"),
         ("fig5", {}, {"scatter": {"mu": "uniform:1:1"}}, "LOW = 1 must be below HIGH = 1"),

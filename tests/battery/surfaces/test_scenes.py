@@ -169,9 +169,17 @@ def test_stability_is_that_of_the_scene_in_the_mirror(rig, theta, mu, speed, loa
     np.testing.assert_array_equal(one.frequency, mirrored.frequency)
 
 
+def growth_near(rig, theta, mu, frequency, step):
+    """Growth rates of the mode whose eigenvalue is nearest to i omega, a relative step below, at and above mu."""
+    modes = sliding_modes(rig, theta, mu * np.array([1.0 - step, 1.0, 1.0 + step]), 12e3)
+    away = np.abs(modes.growth_rate + 2j * np.pi * (modes.frequency - frequency))
+    return modes.growth_rate[np.arange(3), np.nanargmin(away, axis=1)]
+
+
 @examples(15)
 @given(WORKSHOP, st.floats(1.0, 40.0))
 @example(Rig(), 5.0)
+@example(workshop_rig(1652), 21.0)
 def test_a_growth_rate_passes_through_zero_at_an_onset(rig, theta):
     found = flutter_onsets(rig, theta, 6e3)
     for mu, frequency, sign in (
@@ -181,14 +189,12 @@ def test_a_growth_rate_passes_through_zero_at_an_onset(rig, theta):
         assert np.all(np.diff(mu) > 0.0)
         assert np.all((mu > 0.0) & (mu <= 1.0))
         for m, f in zip(mu, frequency, strict=True):
-            near = np.array([m * (1.0 - 1e-6), m, m * (1.0 + 1e-6)])
-            modes = sliding_modes(rig, theta, near, 12e3)
-            # The mode whose eigenvalue is nearest to i omega.
-            away = np.abs(modes.growth_rate + 2j * np.pi * (modes.frequency - f))
-            place = np.nanargmin(away, axis=1)
-            growth = modes.growth_rate[np.arange(3), place]
-            assert abs(growth[1]) < 1e-6 * 2.0 * np.pi * f
-            assert sign * growth[0] < 0.0 < sign * growth[2]
+            before, at, after = growth_near(rig, theta, m, f, 1e-6)
+            if not sign * before < 0.0 < sign * after:
+                # Near a place where eigenvalues are equal these move as a square root.
+                before, at, after = growth_near(rig, theta, m, f, 1e-8)
+            assert abs(at) < 1e-6 * 2.0 * np.pi * f
+            assert sign * before < 0.0 < sign * after
 
 
 # Motion.
@@ -231,7 +237,8 @@ def test_a_motion_is_homogeneous_in_speed_and_load_and_the_same_in_the_mirror(sc
     mirrored = simulate(scene.mirrored(), 0.01, record=True, settle=0.0)
     for name, sense in (("velocity_B", -1.0), ("normal_force", 1.0), ("slip_velocity", -1.0)):
         own = getattr(one, name)
-        np.testing.assert_allclose(getattr(larger, name), factor * own, rtol=1e-12)
+        # What is below has lost digits.
+        np.testing.assert_allclose(getattr(larger, name), factor * own, rtol=1e-12, atol=np.finfo(float).tiny)
         np.testing.assert_array_equal(getattr(mirrored, name), sense * own)
     np.testing.assert_array_equal(larger.state, one.state)
     np.testing.assert_array_equal(mirrored.state, one.state)

@@ -92,8 +92,9 @@ def interrupted(storm, times=1):
         with suppress(ProcessLookupError):
             (os.killpg if storm.rng.random() < 0.5 else os.kill)(process.pid, signal.SIGINT)
         time.sleep(storm.rng.uniform(0.0, 0.1))
-    storm.over(process, 130, 0)
-    storm.tried[f"runs interrupted {'once' if times == 1 else 'twice'}"] += storm.codes[-1] == 130
+    # `python -m` ends itself by the signal where that met an `exec` of a text, as of a named tuple's class.
+    storm.over(process, 130, -signal.SIGINT, 0)
+    storm.tried[f"runs interrupted {'once' if times == 1 else 'twice'}"] += storm.codes[-1] != 0
     storm.check_kept()
     if times == 1:
         assert set(storm.logged()) <= storm.finished(), "what was begun is not kept"
