@@ -9,6 +9,11 @@ import pytest
 from tests.battery import harness
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Storms come first: they take their time whatever else there is, and the other process does the rest."""
+    items.sort(key=lambda item: item.path.name != "test_storms.py")
+
+
 @pytest.fixture
 def tried() -> Counter[str]:
     """Counts of what was tried, by what it is, for the end of the run and its file: `tried["flips"] += 1`."""
