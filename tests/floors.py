@@ -23,7 +23,7 @@ import tomllib
 import xml.etree.ElementTree as xml
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -144,11 +144,15 @@ def counted(report: Path) -> dict[str, int]:
     return {"passed": total - failures - errors - skipped, "failed": failures + errors, "skipped": skipped}
 
 
-@cache
 def commit() -> str:
-    """The commit that is tested, asked before the file is changed."""
-    command = ["git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
-    return subprocess.run(command, cwd=HOME, check=True, capture_output=True, text=True).stdout.strip()
+    """The commit that is tested; outcomes that were kept since change nothing of it."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", *arguments]
+        return subprocess.run(command, cwd=HOME, check=True, capture_output=True, text=True).stdout.strip()
+
+    changed = git("status", "--porcelain", "--", ".", f":!{FILE.relative_to(HOME)}")
+    return git("rev-parse", "--short=12", "HEAD") + ("-dirty" if changed else "")
 
 
 def main() -> None:
