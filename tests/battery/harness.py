@@ -2,7 +2,7 @@
 
 `python -m pytest` tries a few cases of each surface, always the same. `python -m pytest -m battery` tries
 thousands of them, and what takes minutes, by a seed: half an hour on two cores. `--hypothesis-seed=N` gives the
-seed, without which a new one is drawn; `--counts results/battery.json` keeps what it prints.
+seed, without which a new one is drawn; `--counts=results/battery.json` keeps what it prints.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ def run(*options):
 
 def test_counts_of_all_processes_are_printed_and_kept(tmp_path):
     file = tmp_path / "battery.json"
-    done = run("--hypothesis-seed=7", "--counts", str(file))
+    done = run("--hypothesis-seed=7", f"--counts={file}")
     assert done.returncode == 0, done.stdout
     kept = json.loads(file.read_text())
     assert (kept["seed"], kept["passed"], kept["failed"]) == (7, 1, 0)
