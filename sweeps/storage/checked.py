@@ -11,6 +11,8 @@ import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
+
 from sweeps.errors import InputError
 from sweeps.grid import MOST_POINTS
 
@@ -64,13 +66,13 @@ def _seal(file: BinaryIO, size: int) -> bytes:
     return SEAL + b"%08x" % check
 
 
-def check_sizes(file: Any) -> None:
-    """Refuse an open netCDF file that declares more than a result may have, before it is allocated.
+def check_declared(file: Any) -> None:
+    """Refuse an open netCDF file that declares more than a result may have, or other types, before it is read.
 
     Raises
     ------
     InputError
-        Naming the variable and its shape.
+        Naming the variable and its shape or type.
     LookupError, TypeError, ValueError, AttributeError
         If what the file says of itself cannot be understood.
     """
@@ -80,6 +82,8 @@ def check_sizes(file: Any) -> None:
     for name, variable in file.variables.items():
         if math.prod(variable.shape) > most.get(name, math.inf):
             raise InputError(f"{name} has the shape {' x '.join(map(str, variable.shape))}, which no result has")
+        if not isinstance(variable.datatype, np.dtype) and variable.dtype is not str:
+            raise InputError(f"{name} is of a type of its own, which no result has")
 
 
 def _most_entries(file: Any, identity: dict[str, Any]) -> dict[str, int]:

@@ -24,7 +24,7 @@ from sweeps.compute.batch import Failure
 from sweeps.errors import UNREADABLE, InputError, MissingFileError, StoreError, reason, said
 from sweeps.fingerprint.provenance import environments_of, listed, source
 from sweeps.grid import DONE, FAILED
-from sweeps.storage.checked import check_seal, check_sizes, seal
+from sweeps.storage.checked import check_declared, check_seal, seal
 from sweeps.storage.existing import sources_of
 from sweeps.storage.manifest import BESIDES, LARGE, Manifest
 from sweeps.storage.merge import Gathered, dataset, fill, gather
@@ -354,8 +354,8 @@ def _check_described(data: xr.Dataset) -> None:
         if name in data and data[name].dims[: len(dims)] != dims:
             raise InputError(f"{name} runs along {', '.join(map(str, data[name].dims))}")
     for name, variable in data.variables.items():
-        if len(set(variable.dims)) < variable.ndim:
-            raise InputError(f"{name} runs twice along a dimension")
+        if len(set(variable.dims)) < variable.ndim or (name in data.dims and variable.dims != (name,)):
+            raise InputError(f"{name} runs along {', '.join(map(str, variable.dims))}")
     for name, variable in data.variables.items():
         if "flag_values" in variable.attrs:
             words = variable.attrs["flag_meanings"].split()
@@ -368,7 +368,7 @@ def _opened(path: Path) -> xr.Dataset:
         check_seal(path)
     with NETCDF:
         with netCDF4.Dataset(path) as file:
-            check_sizes(file)
+            check_declared(file)
         # No sweep has dates, and what looks like one may be none.
         # What runs twice along a dimension is refused later, and not in so many lines.
         with warnings.catch_warnings():

@@ -24,7 +24,7 @@ from sweeps.compute.values import unscaled
 from sweeps.errors import UNREADABLE, InputError, StoreError, said
 from sweeps.fingerprint.provenance import environments_of
 from sweeps.grid import DONE, FAILED, Grid
-from sweeps.storage.checked import check_sizes
+from sweeps.storage.checked import check_declared
 from sweeps.storage.manifest import Manifest
 from sweeps.storage.parts import PartFolder
 
@@ -258,7 +258,7 @@ def opened(path: Path) -> Iterator[Any]:
     """A netCDF file with everything as it is stored; if it is damaged, a StoreError."""
     try:
         with NETCDF, netCDF4.Dataset(path) as file:
-            check_sizes(file)
+            check_declared(file)
             file.set_auto_maskandscale(False)
             file.set_auto_chartostring(False)
             yield file

@@ -125,6 +125,32 @@ def test_what_a_result_says_of_itself_is_of_another_shape(kept):
             check(kept(*command), "tiny.nc", "STUDY = ", "show = ", "where = ")
 
 
+OF_ITS_OWN = {
+    "vlen": lambda file: file.createVLType(np.int32, "vlen"),
+    "compound": lambda file: file.createCompoundType(np.dtype([("a", "f8"), ("b", "i4")]), "compound"),
+    "enum": lambda file: file.createEnumType(np.int8, "enum", {"a": 0}),
+    "number": lambda file: np.float64,
+}
+OTHERS = [(name, kind, None) for name in ("row", "word", "y") for kind in ("vlen", "compound", "enum")]
+OTHERS += [("status", "number", ("x", "kind", "long")), ("reproduce", "number", ())]
+OTHERS += [("power", "number", ("long", "power")), ("else", "number", ("long", "long"))]
+
+
+def test_variables_of_another_type_or_other_dimensions(kept):
+    whole = FILE.read_bytes()
+    for name, kind, dims in OTHERS:
+        FILE.write_bytes(whole)
+        with netCDF4.Dataset(FILE, "a") as file:
+            file.createDimension("long", 9)
+            if name in file.variables:
+                dims = file[name].dimensions if dims is None else dims
+                file.renameVariable(name, f"other_{name}")
+            file.createVariable(name, OF_ITS_OWN[kind](file), dims)
+        for command in COMMANDS:
+            print(name, kind, dims, *command)
+            check(kept(*command), "tiny.nc")
+
+
 def test_a_manifest_of_another_shape(kept, tmp_path):
     path = tmp_path / "half" / "tiny" / "tiny.parts" / "manifest"
     file = Packed(path)
