@@ -346,10 +346,14 @@ def _check_described(data: xr.Dataset) -> None:
         dims = data.variables[name].dims
         if not set(dims) <= set(points):
             raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
+        if data.variables[name].dtype.kind == "f" and not np.isfinite(data.variables[name].values).all():
+            raise InputError(f"{name} has values that are no numbers")
     if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
         raise InputError("its configuration is of another shape")
     along = dict.fromkeys(json.loads(data.attrs.get("identity", "{}")).get("variables", ()), points)
-    along |= dict.fromkeys(("traceback", "reproduce"), ("failure",))
+    along |= dict.fromkeys(("error", "wall_time"), points) | dict.fromkeys(
+        ("traceback", "reproduce"), ("failure",)
+    )
     for name, dims in along.items():
         if name in data and data[name].dims[: len(dims)] != dims:
             raise InputError(f"{name} runs along {', '.join(map(str, data[name].dims))}")

@@ -133,6 +133,7 @@ OF_ITS_OWN = {
 }
 OTHERS = [(name, kind, None) for name in ("row", "word", "y") for kind in ("vlen", "compound", "enum")]
 OTHERS += [("status", "number", ("x", "kind", "long")), ("reproduce", "number", ())]
+OTHERS += [("error", "number", ("long", "long")), ("error", "number", ("long", "kind", "x"))]
 OTHERS += [("power", "number", ("long", "power")), ("else", "number", ("long", "long"))]
 
 
