@@ -42,6 +42,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if at_length(config):
         if config.option.hypothesis_seed is None:
             config.option.hypothesis_seed = str(secrets.randbelow(10**6))
+        # xdist would begin with the files of many tests; the storms are one.
+        config.option.loadscopereorder = False
         # Test files are imported later.
         from tests.battery.surfaces import examples
 
