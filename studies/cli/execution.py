@@ -96,7 +96,8 @@ def _list_failures(dataset: xr.Dataset) -> None:
         at = dict(zip(dataset["status"].dims, place, strict=True))
         point = dataset.isel(at)
         where = ", ".join(f"{dim} = {point[dim].item()}" for dim in at)
-        show(f"failed: {where}: {point['error'].item()}", err=True)
+        why = point["error"].item() if "error" in point else "its reason is not in the file"
+        show(f"failed: {where}: {why}", err=True)
     if len(places) > LISTED:
         show(f"failed: and {len(places) - LISTED} more", err=True)
     if "reproduce" in dataset and dataset.sizes["failure"]:

@@ -8,6 +8,7 @@ import math
 import os
 import stat
 import zlib
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,6 +21,9 @@ from sweeps.grid import MOST_POINTS
 SEAL, BLOCK = b"\nsweeps CRC-32 ", 1 << 20
 # Where HDF5 says how long a file is, by the version of what the file begins with; its library cuts files to that.
 HDF5, LENGTH_AT = b"\x89HDF\r\n\x1a\n", {0: 40, 1: 44, 2: 28, 3: 28}
+# What a heap of it begins with, and how much of a file's beginning and of its end is searched for them: in a large
+# file that was written here they are nowhere else.
+HEAP, AT_END = b"GCOL\x01", 1 << 25
 
 
 def check_regular(path: Path) -> None:
@@ -50,6 +54,34 @@ def check_seal(path: Path) -> None:
         sound = last == _seal(file, size) if last.startswith(SEAL) else whole <= _length(begin, whole)
     if not sound:
         raise InputError("its content is not what was written")
+
+
+def check_heaps(path: Path) -> None:
+    """Raise an `InputError` if a file has a heap in which the HDF5 library would stay for ever.
+
+    It goes through a heap's objects by their lengths, also where free space, number 0, is said to have none.
+    """
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        for begin in chain(range(0, min(AT_END, size), BLOCK), range(max(AT_END, size - AT_END), size, BLOCK)):
+            file.seek(begin)
+            piece = file.read(BLOCK + len(HEAP) - 1)
+            at = piece.find(HEAP)
+            while at >= 0:
+                _check_heap(file, begin + at, size)
+                at = piece.find(HEAP, at + 1)
+
+
+def _check_heap(file: BinaryIO, begin: int, size: int) -> None:
+    file.seek(begin + 8)
+    length = int.from_bytes(file.read(8), "little")
+    heap, at = file.read(length - 16 if 16 < length <= size else 0), 0
+    while at + 16 <= len(heap):
+        number, length = (int.from_bytes(heap[at + a : at + b], "little") for a, b in ((0, 2), (8, 16)))
+        step = 16 + (length + 7) // 8 * 8 if number else length
+        if step == 0:
+            raise InputError("a heap of it has no end")
+        at += step
 
 
 def _length(begin: bytes, whole: int) -> int:

@@ -14,7 +14,7 @@ import netCDF4
 from sweeps.errors import UNREADABLE, InputError, StoreError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
-from sweeps.storage.checked import check_regular, check_seal
+from sweeps.storage.checked import check_heaps, check_regular, check_seal
 from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.sources import (
     COMPUTED,
@@ -118,6 +118,7 @@ def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
     """A finished file, in blocks that memory can hold."""
     try:
         check_seal(path)
+        check_heaps(path)
     except InputError as problem:
         raise StoreError(f"{path} is damaged: {problem}; move it away or choose another folder") from None
     except OSError:

@@ -24,7 +24,7 @@ from sweeps.compute.batch import Failure
 from sweeps.errors import UNREADABLE, InputError, MissingFileError, StoreError, reason, said
 from sweeps.fingerprint.provenance import environments_of, listed, source
 from sweeps.grid import DONE, FAILED
-from sweeps.storage.checked import check_declared, check_seal, seal
+from sweeps.storage.checked import check_declared, check_heaps, check_seal, seal
 from sweeps.storage.existing import sources_of
 from sweeps.storage.manifest import BESIDES, LARGE, Manifest
 from sweeps.storage.merge import Gathered, dataset, fill, gather
@@ -339,8 +339,10 @@ def open_results(path: str | Path) -> xr.Dataset:
 
 def _check_described(data: xr.Dataset) -> None:
     """Raise one of UNREADABLE where a result does not say of itself what whoever reads it needs."""
-    configuration = json.loads(data.attrs["configuration"])
+    configuration, identity = json.loads(data.attrs["configuration"]), json.loads(data.attrs.get("identity", "{}"))
     points = data["status"].dims
+    if not all(isinstance(configuration[name], dict) for name in ("axes", "constants")):
+        raise InputError("its configuration is of another shape")
     for name in configuration["axes"]:
         # Where it is lacking, `data[name]` counts.
         dims = data.variables[name].dims
@@ -348,9 +350,12 @@ def _check_described(data: xr.Dataset) -> None:
             raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
         if data.variables[name].dtype.kind == "f" and not np.isfinite(data.variables[name].values).all():
             raise InputError(f"{name} has values that are no numbers")
-    if not (isinstance(configuration["name"], str) and isinstance(configuration["constants"], dict)):
+    if not isinstance(configuration["name"], str):
         raise InputError("its configuration is of another shape")
-    along = dict.fromkeys(json.loads(data.attrs.get("identity", "{}")).get("variables", ()), points)
+    for name in ("status", "wall_time", *identity.get("variables", ())):
+        if name in data and data[name].dtype.kind not in "biuf":
+            raise InputError(f"{name} has texts in the place of numbers")
+    along = dict.fromkeys(identity.get("variables", ()), points)
     along |= dict.fromkeys(("error", "wall_time"), points) | dict.fromkeys(
         ("traceback", "reproduce"), ("failure",)
     )
@@ -370,6 +375,7 @@ def _check_described(data: xr.Dataset) -> None:
 def _opened(path: Path) -> xr.Dataset:
     if path.stat().st_size <= CHECKED:
         check_seal(path)
+    check_heaps(path)
     with NETCDF:
         with netCDF4.Dataset(path) as file:
             check_declared(file)

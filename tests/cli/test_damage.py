@@ -104,6 +104,7 @@ def test_a_bit_of_what_a_run_has_left(kept, tmp_path):
 
 
 TEXTS = ("", "[]", "3", "{}", '{"axes": 3}', '{"constants": [], "axes": {}}', "[" * 100_000)
+TEXTS += ('{"name": "tiny", "axes": [], "constants": {"gain": 2.0}}',)
 
 
 def test_what_a_result_says_of_itself_is_of_another_shape(kept):
@@ -130,8 +131,10 @@ OF_ITS_OWN = {
     "compound": lambda file: file.createCompoundType(np.dtype([("a", "f8"), ("b", "i4")]), "compound"),
     "enum": lambda file: file.createEnumType(np.int8, "enum", {"a": 0}),
     "number": lambda file: np.float64,
+    "letters": lambda file: "S1",
+    "texts": lambda file: str,
 }
-OTHERS = [(name, kind, None) for name in ("row", "word", "y") for kind in ("vlen", "compound", "enum")]
+OTHERS = [(name, kind, None) for name in ("row", "word", "y") for kind in OF_ITS_OWN if kind != "number"]
 OTHERS += [("status", "number", ("x", "kind", "long")), ("reproduce", "number", ())]
 OTHERS += [("error", "number", ("long", "long")), ("error", "number", ("long", "kind", "x"))]
 OTHERS += [("power", "number", ("long", "power")), ("else", "number", ("long", "long"))]

@@ -350,12 +350,17 @@ def tree_of(node):
             for each in rest:
                 first = Node(kinds[type(node.op)], parts=(first, each))
             return first
-        case ast.Compare(ops=[ast.In() | ast.NotIn() as sign]):
-            members = map(tree_of, node.comparators[0].elts)
-            return Node("in" if isinstance(sign, ast.In) else "not in", parts=(tree_of(node.left), *members))
         case ast.Compare():
-            pairs = [(signs[type(s)], tree_of(c)) for s, c in zip(node.ops, node.comparators, strict=True)]
-            return _chain(tree_of(node.left), *pairs)
+            # a < b in (c, d) asks for both.
+            whole, left = None, node.left
+            for sign, right in zip(node.ops, node.comparators, strict=True):
+                if isinstance(sign, ast.In | ast.NotIn):
+                    word = "in" if isinstance(sign, ast.In) else "not in"
+                    link = Node(word, parts=(tree_of(left), *map(tree_of, right.elts)))
+                else:
+                    link = _chain(tree_of(left), (signs[type(sign)], tree_of(right)))
+                whole, left = link if whole is None else Node("and", parts=(whole, link)), right
+            return whole
     return None
 
 

@@ -107,6 +107,18 @@ def test_files_without_a_seal_are_read_and_completed(path):
         open_results(path)
 
 
+def test_heaps_in_which_hdf5_would_stay_for_ever_are_refused(path):
+    """Its library goes from object to object by their lengths: free space that has none has no end."""
+    unseal(path)
+    whole = path.read_bytes()
+    at = whole.index(checked.HEAP) + 16
+    path.write_bytes(whole[:at] + bytes(16) + whole[at + 16 :])
+    with pytest.raises(InputError, match=f"^{path}: it is damaged: a heap of it has no end$"):
+        open_results(path)
+    with pytest.raises(StoreError, match=f"^{path} is damaged: a heap of it has no end; move it away"):
+        sweep().plan(path)
+
+
 def test_a_large_file_is_checked_where_it_is_read_and_as_a_whole_by_who_completes_it(path, limits, monkeypatch):
     limits(400)
     monkeypatch.setattr("sweeps.storage.netcdf.CHECKED", 1000)
