@@ -108,21 +108,40 @@ def check_declared(file: Any) -> None:
     LookupError, TypeError, ValueError, AttributeError
         If what the file says of itself cannot be understood.
     """
+    identity = json.loads(file.identity) if "identity" in file.ncattrs() else {"variables": {}}
     most = {name: MOST_POINTS for name in ("status", *file.dimensions)}
-    if "identity" in file.ncattrs():
-        most |= _most_entries(file, json.loads(file.identity))
+    if identity["variables"]:
+        most |= _most_entries(file, identity)
     for name, variable in file.variables.items():
         if math.prod(variable.shape) > most.get(name, math.inf):
             raise InputError(f"{name} has the shape {' x '.join(map(str, variable.shape))}, which no result has")
         if not isinstance(variable.datatype, np.dtype) and variable.dtype is not str:
             raise InputError(f"{name} is of a type of its own, which no result has")
+    if "status" in file.variables:
+        numbers, texts = ("status", "wall_time", *identity["variables"]), ("error", "traceback", "reproduce")
+        for name in filter(file.variables.__contains__, (*numbers, *texts)):
+            _check_kept(
+                file[name], name in texts, ("failure",) if name in texts[1:] else file["status"].dimensions
+            )
+
+
+def _check_kept(variable: Any, text: bool, along: tuple[str, ...]) -> None:
+    """Refuse a variable of which not every point, or every failure, has its own numbers or its text."""
+    if text != (variable.dtype is str or variable.dtype.kind == "S"):
+        raise InputError(f"{variable.name} has {'numbers' if text else 'texts'}")
+    if variable.dimensions[: len(along)] != along or (
+        text and variable.ndim - len(along) != (variable.dtype == "S1")
+    ):
+        raise InputError(f"{variable.name} runs along {', '.join(variable.dimensions)}")
 
 
 def _most_entries(file: Any, identity: dict[str, Any]) -> dict[str, int]:
     """Of each variable that was computed how many entries it may have, by its points and its own dimensions."""
     points = math.prod(len(file.dimensions[group[0]]) for group in identity["groups"])
+    return {name: points * math.prod(inner) for name, inner in shapes_of(identity).items()}
+
+
+def shapes_of(identity: dict[str, Any]) -> dict[str, tuple[int, ...]]:
+    """The shape that each variable has at one point, by a result's identity."""
     lengths = {name: int(text.partition(" ")[0]) for name, text in identity["coords"].items()}
-    return {
-        name: points * math.prod(lengths[dim] for dim in each["dims"])
-        for name, each in identity["variables"].items()
-    }
+    return {name: tuple(lengths[dim] for dim in each["dims"]) for name, each in identity["variables"].items()}

@@ -14,7 +14,7 @@ import netCDF4
 from sweeps.errors import UNREADABLE, InputError, StoreError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
-from sweeps.storage.checked import check_heaps, check_regular, check_seal
+from sweeps.storage.checked import check_heaps, check_regular, check_seal, shapes_of
 from sweeps.storage.manifest import LARGE, Manifest
 from sweeps.storage.sources import (
     COMPUTED,
@@ -128,12 +128,12 @@ def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
     stored = json.loads(attributes["identity"])
     with opened(path) as file:
         grid = Grid({axis: Axis(plain(file[axis])) for axis in stored["axes"]}, stored["groups"])
-        present = [file[each] for each in stored["variables"] if each in file.variables]
-        whole = (file["status"], file["wall_time"])
-        shapes = {each.shape[: len(grid.shape)] for each in present} | {each.shape for each in whole}
-        if shapes != {grid.shape}:
-            raise InputError(f"its variables have the shapes {shapes}, its axes {grid.shape}")
-        row = max(each.dtype.itemsize * math.prod(each.shape[len(grid.shape) :]) for each in present)
+        inner = shapes_of(stored) | {"status": (), "wall_time": ()}
+        present = [name for name in inner if name in file.variables]
+        for name in present:
+            if file[name].shape != (*grid.shape, *inner[name]):
+                raise InputError(f"{name} has the shape {file[name].shape}, its points {grid.shape}")
+        row = max(file[name].dtype.itemsize * math.prod(inner[name]) for name in present)
         computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
     computed = computations > 0
     cuts = blocks((computations,) if computed else grid.shape, max(LARGE // row, 1))

@@ -137,7 +137,12 @@ OF_ITS_OWN = {
 OTHERS = [(name, kind, None) for name in ("row", "word", "y") for kind in OF_ITS_OWN if kind != "number"]
 OTHERS += [("status", "number", ("x", "kind", "long")), ("reproduce", "number", ())]
 OTHERS += [("error", "number", ("long", "long")), ("error", "number", ("long", "kind", "x"))]
-OTHERS += [("power", "number", ("long", "power")), ("else", "number", ("long", "long"))]
+OTHERS += [("reproduce", "letters", ("kind", "failure", "long")), ("wall_time", "letters", None)]
+OTHERS += [
+    ("row", "number", ("x", "kind")),
+    ("power", "number", ("long", "power")),
+    ("else", "number", ("long", "long")),
+]
 
 
 def test_variables_of_another_type_or_other_dimensions(kept):

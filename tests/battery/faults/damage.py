@@ -30,13 +30,13 @@ PLAIN = ["f4", "f8", "i1", "i2", "i4", "i8", "u1", "u8"]
 TYPES = [*PLAIN, "S1", str, "vlen", "compound", "enum"]
 
 
-def harmed(rng, whole: bytes) -> tuple[str, bytes]:
-    """The content of a file with a bit changed, or with one of larger damages."""
+def harmed(rng, whole: bytes, kinds=None) -> tuple[str, bytes]:
+    """The content of a file with a bit changed, or with one of larger damages, of all `kinds` or of these."""
     size, content = len(whole), bytearray(whole)
     place, length = int(rng.integers(size)), int(min(rng.choice([1, 16, 512, 4096]), size))
     # Often at the end, where a seal is.
     begin, other = (int(rng.choice([rng.integers(size - length + 1), size - length], p=[0.7, 0.3])) for _ in "ab")
-    kind = drawn(rng, ["bit"] * 5 + ["end", "zeros", "exchange", "more"])
+    kind = drawn(rng, kinds or ["bit"] * 5 + ["end", "zeros", "exchange", "more"])
     if kind == "bit":
         bit = int(rng.integers(8))
         content[place] ^= 1 << bit

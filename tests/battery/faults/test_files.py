@@ -11,7 +11,8 @@
 | run.toml, points.csv, FILE.py | plan, run, list | refused, or another that is right |
 
 Crafted ones are in `test_crafted_files.py`. The program's own files (its Python, catalogue.json, known.json,
-templates) are no input.
+templates) are no input. Of a large file bits alone are changed: the check sum of zeros is zero, so that what was
+small and is lost as a block is read as zeros.
 """
 
 import json
@@ -41,12 +42,12 @@ pytestmark = [pytest.mark.battery, pytest.mark.slow]
 FLIPS = 500
 
 
-def cases(rng, whole):
+def cases(rng, whole, kinds=None):
     """Other contents of a file, each with its number and what was done."""
     for n in range(FLIPS):
-        told, content = harmed(rng, whole)
+        told, content = harmed(rng, whole, kinds)
         while content == whole:
-            told, content = harmed(rng, whole)
+            told, content = harmed(rng, whole, kinds)
         yield n, f"{n}: {told}", content
 
 
@@ -80,7 +81,7 @@ def test_a_result_without_its_seal(trial, rng, tried):
 def test_a_large_result(trial, rng, tried):
     """HDF5 checks what is read of its variables, but not where it is."""
     good = json.loads(trial.good(None).out)["values"]
-    for n, case, content in cases(rng, (trial.kept / FILE).read_bytes()):
+    for n, case, content in cases(rng, (trial.kept / FILE).read_bytes(), ["bit"]):
         for command in turns(n):
             with trial.place(FILE) as path:
                 done = trial.asked_of(path, content, case, command, *NAMES)
