@@ -176,6 +176,8 @@ def _of_result(dataset: xr.Dataset) -> Config:
     configuration = json.loads(dataset.attrs["configuration"])
     # A study without settings asks for nothing besides its axes.
     request = configuration["request"] if configuration["constants"] else configuration.get("request", {})
+    # Of what is drawn a file has only the names.
+    _check({key: value for key, value in request.items() if key not in ("axes", "points")})
     # An axis may be within the results alone.
     names = [*configuration["axes"], *request.get("axes", ())]
     axes = {name: dataset[name].values.tolist() for name in names}

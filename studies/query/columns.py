@@ -226,5 +226,7 @@ def settings(constants: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         if isinstance(value, Mapping):
             flat |= settings(value, prefix if name == "rig" else f"{prefix}{name}_")
         elif value is None or isinstance(value, (bool, int, float, str)):
-            flat[f"{prefix}{name}"] = value
+            # A column of whole numbers has 64 bits.
+            long = isinstance(value, int) and not -(1 << 63) <= value < 1 << 63
+            flat[f"{prefix}{name}"] = float(str(value)) if long else value
     return flat

@@ -118,21 +118,22 @@ def check_declared(file: Any) -> None:
         if not isinstance(variable.datatype, np.dtype) and variable.dtype is not str:
             raise InputError(f"{name} is of a type of its own, which no result has")
     if "status" in file.variables:
-        numbers, texts = ("status", "wall_time", *identity["variables"]), ("error", "traceback", "reproduce")
-        for name in filter(file.variables.__contains__, (*numbers, *texts)):
-            _check_kept(
-                file[name], name in texts, ("failure",) if name in texts[1:] else file["status"].dimensions
-            )
+        points, own = file["status"].dimensions, identity["variables"]
+        kept = {name: (points, own[name]["dims"] if name in own else []) for name in ("status", "wall_time", *own)}
+        kept |= {"error": (points, None), "traceback": (("failure",), None), "reproduce": (("failure",), None)}
+        for name in filter(file.variables.__contains__, kept):
+            _check_kept(file[name], *kept[name])
 
 
-def _check_kept(variable: Any, text: bool, along: tuple[str, ...]) -> None:
-    """Refuse a variable of which not every point, or every failure, has its own numbers or its text."""
-    if text != (variable.dtype is str or variable.dtype.kind == "S"):
-        raise InputError(f"{variable.name} has {'numbers' if text else 'texts'}")
-    if variable.dimensions[: len(along)] != along or (
-        text and variable.ndim - len(along) != (variable.dtype == "S1")
-    ):
-        raise InputError(f"{variable.name} runs along {', '.join(variable.dimensions)}")
+def _check_kept(variable: Any, along: tuple[str, ...], own: list[str] | None) -> None:
+    """Refuse a variable that has not a text for each point, or numbers along some of its `own` dimensions."""
+    text = variable.dtype is str or variable.dtype.kind == "S"
+    if text != (own is None):
+        raise InputError(f"{variable.name} has {'texts' if text else 'numbers'}")
+    dims, count = variable.dimensions, len(along)
+    right = len(dims) == count + (variable.dtype == "S1") if own is None else set(dims[count:]) <= set(own)
+    if dims[:count] != along or not right:
+        raise InputError(f"{variable.name} runs along {', '.join(dims)}")
 
 
 def _most_entries(file: Any, identity: dict[str, Any]) -> dict[str, int]:

@@ -105,6 +105,7 @@ def test_a_bit_of_what_a_run_has_left(kept, tmp_path):
 
 TEXTS = ("", "[]", "3", "{}", '{"axes": 3}', '{"constants": [], "axes": {}}', "[" * 100_000)
 TEXTS += ('{"name": "tiny", "axes": [], "constants": {"gain": 2.0}}',)
+TEXTS += ('{"name": "tiny", "axes": {}, "constants": {"gain": 2.0}, "request": {"settings": 3}}',)
 
 
 def test_what_a_result_says_of_itself_is_of_another_shape(kept):

@@ -132,6 +132,12 @@ def test_settings_have_the_units_that_are_declared():
     assert units("none", "d1") == [""]
 
 
+def test_a_whole_number_of_more_than_64_bits_is_a_float(data):
+    made = json.loads(data.attrs["configuration"])
+    made["constants"]["level"] = 1 << 63
+    assert set(query(data.assign_attrs(configuration=json.dumps(made)), show="a,level")["level"]) == {2.0**63}
+
+
 @pytest.mark.parametrize("limit", [None, 0, 1, 7, 100])
 @pytest.mark.parametrize("few", [1, 6, 10_000])
 def test_sort_and_limit(data, limit, few, monkeypatch):
