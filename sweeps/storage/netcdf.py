@@ -344,11 +344,13 @@ def _check_described(data: xr.Dataset) -> None:
         raise InputError("its configuration is of another shape")
     for name in configuration["axes"]:
         # Where it is lacking, `data[name]` counts.
-        dims = data.variables[name].dims
-        if not set(dims) <= set(points):
-            raise InputError(f"{name} runs along {', '.join(map(str, dims))}")
-        if data.variables[name].dtype.kind == "f" and not np.isfinite(data.variables[name].values).all():
-            raise InputError(f"{name} has values that are no numbers")
+        axis = data.variables[name]
+        if not set(axis.dims) <= set(points):
+            raise InputError(f"{name} runs along {', '.join(map(str, axis.dims))}")
+        if not axis.size:
+            raise InputError(f"{name} has no value")
+        if axis.dtype.kind not in "biufOU" or (axis.dtype.kind == "f" and not np.isfinite(axis.values).all()):
+            raise InputError(f"{name} has values that are neither numbers nor texts")
     for name, variable in data.variables.items():
         if len(set(variable.dims)) < variable.ndim or (name in data.dims and variable.dims != (name,)):
             raise InputError(f"{name} runs along {', '.join(map(str, variable.dims))}")

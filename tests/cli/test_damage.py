@@ -139,8 +139,9 @@ OTHERS = [(name, kind, None) for name in ("row", "word", "y") for kind in OF_ITS
 OTHERS += [("status", "number", ("x", "kind", "long")), ("reproduce", "number", ())]
 OTHERS += [("error", "number", ("long", "long")), ("error", "number", ("long", "kind", "x"))]
 OTHERS += [("reproduce", "letters", ("kind", "failure", "long")), ("wall_time", "letters", None)]
+OTHERS += [("row", "number", ("x", "kind")), ("y", "number", ("x", "kind", "long")), ("x", "letters", None)]
 OTHERS += [
-    ("row", "number", ("x", "kind")),
+    ("x", "number", ("empty",)),
     ("power", "number", ("long", "power")),
     ("else", "number", ("long", "long")),
 ]
@@ -152,6 +153,7 @@ def test_variables_of_another_type_or_other_dimensions(kept):
         FILE.write_bytes(whole)
         with netCDF4.Dataset(FILE, "a") as file:
             file.createDimension("long", 9)
+            file.createDimension("empty", None)
             if name in file.variables:
                 dims = file[name].dimensions if dims is None else dims
                 file.renameVariable(name, f"other_{name}")

@@ -135,7 +135,9 @@ def test_settings_have_the_units_that_are_declared():
 def test_a_whole_number_of_more_than_64_bits_is_a_float(data):
     made = json.loads(data.attrs["configuration"])
     made["constants"]["level"] = 1 << 63
-    assert set(query(data.assign_attrs(configuration=json.dumps(made)), show="a,level")["level"]) == {2.0**63}
+    found = query(data.assign_attrs(configuration=json.dumps(made)), show="a,level")["level"]
+    assert found.dtype == float
+    assert set(found) == {2.0**63}
 
 
 @pytest.mark.parametrize("limit", [None, 0, 1, 7, 100])
