@@ -25,6 +25,10 @@ HDF5, LENGTH_AT = b"\x89HDF\r\n\x1a\n", {0: 40, 1: 44, 2: 28, 3: 28}
 # file that was written here they are nowhere else.
 HEAP, AT_END = b"GCOL\x01", 1 << 25
 
+# What a result says of itself.
+TEXTS = {"sweep", "identity", "configuration", "presentation", "environments"}
+TEXTS |= {"title", "history", "source", "Conventions"}
+
 
 def check_regular(path: Path) -> None:
     """Raise the `OSError` of a path at which there is no regular file: a pipe would be waited for, for ever."""
@@ -104,10 +108,13 @@ def check_declared(file: Any) -> None:
     Raises
     ------
     InputError
-        Naming the variable and its shape or type.
+        Naming the variable or attribute, and its shape or type.
     LookupError, TypeError, ValueError, AttributeError
         If what the file says of itself cannot be understood.
     """
+    for name in TEXTS.intersection(file.ncattrs()):
+        if not isinstance(file.getncattr(name), str):
+            raise InputError(f"its {name} is no text")
     identity = json.loads(file.identity) if "identity" in file.ncattrs() else {"variables": {}}
     most = {name: MOST_POINTS for name in ("status", *file.dimensions)}
     if identity["variables"]:

@@ -112,7 +112,8 @@ def test_what_a_result_says_of_itself_is_of_another_shape(kept):
     whole = FILE.read_bytes()
     with netCDF4.Dataset(FILE) as file:
         attributes, variables = file.ncattrs(), list(file.variables)
-    changes = [lambda file, n=name, t=text: file.setncattr(n, t) for name in attributes for text in TEXTS]
+    shapes = (*TEXTS, np.arange(4.0))
+    changes = [lambda file, n=name, t=text: file.setncattr(n, t) for name in attributes for text in shapes]
     changes += [lambda file, n=name: file.delncattr(n) for name in attributes]
     changes += [lambda file, n=name: file.renameVariable(n, "else") for name in variables]
     changes += [lambda file, n=name: file[n].setncattr("flag_values", np.int8([1])) for name in variables]
