@@ -48,7 +48,7 @@ class MixedWarning(UserWarning):
 
 
 class InputError(ValueError):
-    """What was given cannot be used; the message names it, its value and what would do."""
+    """An argument that cannot be used; the message names it, its value and what would do."""
 
 
 class MissingFileError(InputError, FileNotFoundError):

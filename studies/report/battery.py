@@ -1,4 +1,4 @@
-"""What the project's long tests tried last, for one line of the page."""
+"""The line of the page that says what the project's long tests tried last."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def page(
 
 
 def _harmless(value: Any) -> Any:
-    """What is put into the page, without what turns the direction of texts round; the page's own stays."""
+    """A value for the page, without what turns the direction of texts round; the page's own stays."""
     if isinstance(value, str) and not isinstance(value, Markup):
         return harmless(value)
     if isinstance(value, dict):

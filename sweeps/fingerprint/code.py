@@ -309,7 +309,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _inner(function: Any) -> Any:
-    """What a wrapper of whatever kind calls, or None."""
+    """The function that a wrapper of whatever kind calls, or None."""
     if isinstance(function, (partial, MethodType)):
         return function.func if isinstance(function, partial) else function.__func__
     held = {} if isinstance(function, type) else getattr(function, "__dict__", {})

@@ -1,4 +1,4 @@
-"""What makes two sweeps one and the same: their results may be mixed only if all of this is equal.
+"""The identity of a sweep: results of two may be mixed only if all of it is equal.
 
 The values of the axes do not belong to it: they may grow. The code of constants' classes does.
 """
@@ -41,7 +41,7 @@ def _summary(axis: Axis) -> Any:
 
 
 def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
-    """What stored results are compared by, as JSON holds it; `engine` is what the engine does to a value.
+    """The identity by which results are compared, as JSON holds it; `engine` is what the engine does to a value.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def metadata_digest(sweep: Declaration) -> str:
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
-    """What differs, in one line; "" if nothing does.
+    """The differences, in one line; "" if there are none.
 
     A constant may have been computed from what was asked for. Where both sides were asked for the same, constants
     differ if they do so by more than ROUNDING; what was asked for itself is compared by the constants.

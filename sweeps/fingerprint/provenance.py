@@ -1,4 +1,4 @@
-"""What made a result: the version of this project, and the environment that decides the last bits of its values.
+"""The provenance of a result: the version of this project, and the environment that decides its values' last bits.
 
 Another environment does not make results stale, but chaotic motion makes much of a last bit: where the points of a
 file have several, that is told, and each point is marked by its own.
