@@ -32,7 +32,7 @@ from packaging.version import Version
 
 from tests import HOME
 
-PYTHONS = ("3.11", "3.12", "3.13", "3.14")
+PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
 KINDS = ("floors", "newest")
 FILE = HOME / "results" / "versions.json"
 # A file that says how it was with other lowest versions is not yet what its tests ask for.
