@@ -7,7 +7,9 @@ only who types the path of a file has it loaded.
 from __future__ import annotations
 
 import json
+import os
 import re
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -82,13 +84,22 @@ def resolve(text: str | Study) -> Study:
 
 
 def expanded(path: str | Path) -> Path:
-    """A path with the home folder in place of `~`, or an `InputError` where there is none."""
+    """A path with the home folder in place of `~`, or an `InputError` where there is none.
+
+    Raises
+    ------
+    OSError
+        If nobody can tell whether there is a file; from Python 3.14 on `exists` would say that there is none.
+    """
     from sweeps import InputError
 
     try:
-        return Path(path).expanduser()
+        found = Path(path).expanduser()
     except RuntimeError:
         raise InputError(f"{path}: {Path(path).parts[0]} has no home folder; write the whole path") from None
+    with suppress(FileNotFoundError, NotADirectoryError, ValueError):
+        os.lstat(found)
+    return found
 
 
 def read_text(file: Path, encoding: str) -> str:

@@ -22,7 +22,6 @@ import os
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from enum import Enum
 from functools import cache, partial
 from hashlib import blake2b
@@ -39,6 +38,7 @@ from sweeps.fingerprint.source import Module, Statement, bound, imported, is_lib
 ENGINE = root(__name__)
 # Attributes of a class that hold no code of it.
 ASIDE = {"__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__"}
+ASIDE |= {"__annotate__", "__annotate_func__", "__annotations_cache__"}  # what annotations are since Python 3.14
 REFUSED = "cannot be compared with a stored one"
 PLAIN = (type(None), type(...), bool, int, float, complex, str, bytes, range)
 
@@ -171,6 +171,8 @@ class _Reach:
         if isinstance(value, (np.ndarray, np.generic)):
             content = self.text(value.tolist()) if value.dtype.hasobject else digest(value.tobytes())
             return f"{value.dtype.str}{value.shape} {content}"
+        if isinstance(value, slice):  # a constant of code since Python 3.14
+            return f"slice {self.text((value.start, value.stop, value.step))}"
         if isinstance(value, (list, tuple, dict, set, frozenset)):
             parts = [self.text(each) for each in (value.items() if isinstance(value, dict) else value)]
             return f"{self._class(kind)} {sorted(parts) if isinstance(value, (set, frozenset)) else parts}"
@@ -220,9 +222,13 @@ class _Reach:
 
     def _if_told(self, value: Any) -> str:
         """The text of a value if it has one."""
-        with suppress(ValueError):
+        seen = dict(self._seen)
+        try:
             return self.text(value)
-        return ""
+        except ValueError:
+            # What was seen on the way is in no text yet.
+            self._seen = seen
+            return ""
 
     def _name_in_library(self, value: Any) -> str:
         """The name under which a library holds a value; "" if none does."""
