@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from studies.cli import output
 from studies.cli.app import is_set, say, warned
 from studies.cli.errors import INTERRUPTED, SOME_FAILED, STORE_TAKEN
 from studies.cli.output import show, tell
@@ -27,10 +28,13 @@ ASK_SECONDS, ASK_BYTES, LISTED = 300.0, 1e9, 20
 
 def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast: bool, yes: bool) -> None:
     """Show a plan, ask for confirmation where it takes long, execute it, and print its findings."""
+    import dask
+
     from studies import results, runner
     from studies.cli.progress import progress
     from sweeps import AbandonedError, ClusterLostError
 
+    preload = [*dask.config.get("distributed.worker.preload", []), output.__name__]
     backend = runner.backend(scheduler, workers)
     asking = not yes and sys.stdin.isatty()
     if asking and isnan(planned.seconds):
@@ -42,7 +46,12 @@ def execute(planned: Plan, scheduler: str | None, workers: int | None, fail_fast
         tell("nothing was done")
         sys.exit(INTERRUPTED)
     try:
-        with results.reading(planned.store), warned(), progress(planned.todo) as callback:
+        with (
+            dask.config.set({"distributed.worker.preload": preload}),
+            results.reading(planned.store),
+            warned(),
+            progress(planned.todo) as callback,
+        ):
             finished = runner.execute(planned, *backend, callback, fail_fast=fail_fast)
     except KeyboardInterrupt as interrupt:
         # A further interrupt must not cut the message short.

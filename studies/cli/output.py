@@ -13,7 +13,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from traceback import extract_tb
 from typing import Any
 
@@ -21,6 +21,8 @@ import click
 
 # Controls but \n and \t, what ends a line or turns its direction round elsewhere, and halves of surrogate pairs.
 OBEYED = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+# What a worker's process reports by, to its end.
+OF_WORKER = ExitStack()
 
 
 def harmless(text: str) -> str:
@@ -96,6 +98,11 @@ def streams() -> Iterator[None]:
             yield
     finally:
         threading.excepthook, sys.unraisablehook = hooks
+
+
+def dask_setup(worker: Any) -> None:
+    """Let a process of `--workers N`, which preloads this module, report as this one does: Dask calls it there."""
+    OF_WORKER.enter_context(streams())
 
 
 def _show_warning(

@@ -5,6 +5,7 @@ import io
 import json
 import logging
 import re
+import subprocess
 import sys
 import threading
 import warnings
@@ -235,6 +236,35 @@ def test_what_nobody_can_catch_is_told_in_one_line(capsys):
     assert of_thread.startswith(f"fiv: thread {SHOWN}: ValueError: {SHOWN} more ({__file__}, line ")
     assert re.search(r"ignored .*Late.__del__.*: ValueError: ", of_destructor)
     assert SHOWN in of_destructor
+
+
+OWN = f"""import threading, warnings
+from matplotlib.figure import Figure
+from studies.study import Study
+from sweeps import Axis, Variable
+def late():
+    raise ValueError({HOSTILE!r})
+def own(points):
+    thread = threading.Thread(target=late, name={HOSTILE!r})
+    thread.start()
+    thread.join()
+    warnings.warn({HOSTILE!r})
+    return {{"y": points["x"]}}
+STUDY = Study(
+    name="own", title="Own", question="?", paper="-", axes={{"x": Axis([1.0])}}, settings={{}}, function=own,
+    variables={{"y": Variable()}}, draw=lambda data: Figure((1.0, 1.0)), findings=lambda data: ["nothing"],
+)
+"""
+
+
+def test_what_python_reports_in_a_process_of_its_own_goes_the_same_way(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    command = [sys.executable, "-m", "studies", "run", "own.py", "--workers", "1", "-q"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert f"fiv: thread {SHOWN}: ValueError: {SHOWN}" in done.stderr
+    assert f"UserWarning: {SHOWN}" in done.stderr
+    assert not output.OBEYED.search(done.stdout + done.stderr)
 
 
 def test_what_python_reports_goes_its_own_way_afterwards():
