@@ -22,7 +22,7 @@ FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 DEFINITIONS = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 IMPORTS = (ast.Import, ast.ImportFrom)
 # Fields of a syntax tree that change nothing: whether a name is read or written shows in its place.
-IGNORED = ("ctx", "kind", "returns", "type_comment", "type_params")
+IGNORED = ("ctx", "kind", "returns", "type_comment", "type_params", "is_lazy")
 SCRIPT = "__name__ == '__main__'"
 STANDARD_LIBRARY = Path(os.__file__).parent
 
