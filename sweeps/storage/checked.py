@@ -21,8 +21,8 @@ from sweeps.grid import MOST_POINTS
 SEAL, BLOCK = b"\nsweeps CRC-32 ", 1 << 20
 # Where HDF5 says how long a file is, by the version of what the file begins with; its library cuts files to that.
 HDF5, LENGTH_AT = b"\x89HDF\r\n\x1a\n", {0: 40, 1: 44, 2: 28, 3: 28}
-# What a heap of it begins with, and how much of a file's beginning and of its end is searched for them: a large file
-# that was written here had its own in the first 3 kB.
+# What a heap of it begins with, and how much of a file's beginning and of its end is searched for them: in a large
+# file that was written here it stood in the first 3 kB.
 HEAP, AT_END = b"GCOL\x01", 1 << 25
 
 # What a result says of itself.
