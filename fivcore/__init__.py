@@ -16,11 +16,10 @@ from fivcore.stability.sensitivity import (
     sliding_sensitivity,
 )
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
-from fivcore.transient.critical import critical_mu
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
-from fivcore.transient.simulate import simulate, simulate_many
-from fivcore.transient.uncertainty.until import Until
+from fivcore.transient.simulate import critical_mu, simulate, simulate_many
+from fivcore.transient.until import Until
 
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "ManyFlutterOnsets",

@@ -242,13 +242,8 @@ class Scene:
         )
 
     def _repr_html_(self) -> str:
-        numbers = (
-            ("V", self.V, "m s-1"),
-            ("theta", self.theta, "degree"),
-            ("mu", self.mu, "1"),
-            ("F", self.F, "N"),
-        )
-        rows = ((name, f"{value:g}", unit) for name, value, unit in numbers)
+        units = {"V": "m s-1", "theta": "degree", "mu": "1", "F": "N"}
+        rows = ((name, f"{getattr(self, name):g}", unit) for name, unit in units.items())
         return html_table("Scene", ("", "value", "unit"), rows) + self.rig._repr_html_()
 
     def mirrored(self) -> Scene:

@@ -1,1 +1,1 @@
-"""The two separate beams: finite elements (`elements`), `modes`, and free motion of modes (`free_motion`)."""
+"""The two separate beams: finite elements (`elements`), `modes` and their free motion."""

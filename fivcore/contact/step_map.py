@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import propagator
 from fivcore.contact.impulse import Impulse
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel

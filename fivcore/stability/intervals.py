@@ -231,9 +231,9 @@ Ending = Callable[[list[Point], list[Point], float], Pairs]
 
 def _onsets(rig: Rig, fmax: float, mu_max: float, theta: float, *, exact: bool = False) -> Sample:
     """Onsets and recoveries up to the limits if `exact`, else beyond, to bracket where branches pass them."""
-    crossings = onset_crossings(rig, theta, fmax if exact else 1.1 * fmax, mu_max if exact else 2.0 * mu_max)
-    points: list[Point] = []
-    for mu, frequency, rises in sorted(crossings, key=lambda each: each[1]):
+    band, most = (fmax, mu_max) if exact else (1.1 * fmax, 2.0 * mu_max)
+    crossings, points = onset_crossings(rig, theta, band, most), list[Point]()
+    for mu, frequency, rises in sorted((each for each in crossings if each[1] <= band), key=lambda each: each[1]):
         # This close to a fold they are one zero and its rounding.
         if points and points[-1].rises != rises and frequency - points[-1].frequency < 1e-8 * frequency:
             points.pop()

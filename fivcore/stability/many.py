@@ -23,8 +23,8 @@ from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays, kernel
-from fivcore.rig import Rig
-from fivcore.stability.onsets import MOST_INTERVALS, axis_point, isolate, onset_friction, onset_function
+from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS, Rig
+from fivcore.stability.onsets import MOST_INTERVALS, axis_point, entries, isolate, onset_friction, onset_function
 from fivcore.stability.secular import MOST_REPORTED
 
 FAR, NODES = 25.0, 12
@@ -34,10 +34,7 @@ POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
 BATCH = 256
 # Numbers of a beam, and those of a rig and theta: the columns of `rig_table`.
-BEAM, OWN = (
-    ("length", "width", "thickness", "young_modulus", "density"),
-    ("contact_position", "head_mass", "d1", "d2"),
-)
+BEAM, OWN = tuple(BEAM_NUMBERS)[:5], tuple(RIG_NUMBERS)[:4]
 NUMBERS = ("theta", *OWN, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM))
 _PAPERS = Rig()
 
@@ -48,7 +45,7 @@ class ManyFlutterOnsets(ReadOnlyArrays):
 
     Attributes
     ----------
-    mu, frequency, recovery_mu, recovery_frequency : ndarray, (n, onsets) or (n, recoveries)
+    mu, frequency, recovery_mu, recovery_frequency, entry_mu : ndarray, (n, any)
         As for `FlutterOnsets`.
     divergence_mu : ndarray, (n,)
         Friction above which a motion grows without oscillation, at no more than twice the band's angular frequency
@@ -61,6 +58,7 @@ class ManyFlutterOnsets(ReadOnlyArrays):
     frequency: Array
     recovery_mu: Array
     recovery_frequency: Array
+    entry_mu: Array
     divergence_mu: Array
     mu_max: float
 
@@ -68,17 +66,15 @@ class ManyFlutterOnsets(ReadOnlyArrays):
         """(n, m): whether a motion grows at friction mu, (m,) for all rigs or each rig's own, (n, m).
 
         A mu that is not from 0 to mu_max is a `ValueError`.
-        A pair of modes counts from its onset to its recovery in the band, even where it grows beyond the band. One
-        that enters the band while it grows does not count.
+        A pair of modes counts from its onset or entry to its recovery in the band, even where it grows beyond it.
         """
         limits = 0.0, self.mu_max, "a coefficient of friction up to mu_max"
         friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits))
         friction = np.atleast_2d(friction)
         pairs = np.zeros(np.broadcast_shapes((len(self.mu), 1), friction.shape), dtype=np.int16)
-        for onset in self.mu.T:
-            pairs += onset[:, None] < friction
-        for recovery in self.recovery_mu.T:
-            pairs -= recovery[:, None] < friction
+        for sign, table in ((1, self.mu), (1, self.entry_mu), (-1, self.recovery_mu)):
+            for each in table.T:
+                pairs += sign * (each[:, None] < friction)
         return (pairs > 0) | (self.divergence_mu[:, None] < friction)
 
 
@@ -127,10 +123,11 @@ def flutter_onsets_many(
         solutions = list(pool.map(search, range(0, len(table), BATCH)))
     crossings = np.concatenate([np.empty((4, 0)), *(part for part, _ in solutions)], axis=1)
     crossings = crossings[:, np.lexsort(crossings[1::-1])] * [[1.0], [1.0], [band], [1.0]]
-    rises = crossings[3] > 0.0
-    tables = [*_padded(crossings[:3, rises], len(table)), *_padded(crossings[:3, ~rises], len(table))]
+    on_axis, rises = crossings[2] <= band, crossings[3] > 0.0
+    chosen = on_axis & rises, on_axis & ~rises, entries(crossings[0], ~on_axis, rises)
+    tables = [part for each in chosen for part in _padded(crossings[:3, each], len(table))]
     divergence = np.concatenate([np.empty(0), *(part for _, part in solutions)])
-    return ManyFlutterOnsets(tables[0], tables[1], tables[2], tables[3], divergence, most)
+    return ManyFlutterOnsets(tables[0], tables[1], tables[2], tables[3], tables[4], divergence, most)
 
 
 def _padded(values: Array, rows: int) -> Array:
@@ -217,7 +214,7 @@ def _isolate_rows(
     rows = len(table)
     systems = np.empty((rows, 3, upper[0].shape[1] + lower[0].shape[1] + 1 + NODES))
     sizes, divergence = np.zeros(rows, dtype=np.int64), np.full(rows, np.nan)
-    roots, total, brackets = np.empty((rows, 4)), 0, np.empty((MOST_INTERVALS, 3))
+    roots, brackets = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3))
     for k in range(rows):
         d1, d2 = table[k, 3] / unit, table[k, 4] * unit
         x, y = axis_point(1.0, d1, d2)
@@ -236,15 +233,11 @@ def _isolate_rows(
             divergence[k] = -h_nn / h_nt
         count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
         if judged == MOST_INTERVALS:
-            return systems, sizes, roots[:0], divergence, k
-        if total + count > len(roots):
-            last, roots = roots, np.empty((2 * len(roots) + count, 4))
-            roots[:total] = last[:total]
-        for i in range(count):
-            roots[total, 0], roots[total, 1] = k, brackets[i, 0]
-            roots[total, 2], roots[total, 3] = brackets[i, 1], brackets[i, 2]
-            total += 1
-    return systems, sizes, roots[:total], divergence, -1
+            return systems, sizes, roots, divergence, k
+        new = np.full((count, 4), float(k))
+        new[:, 1:] = brackets[:count]
+        roots = np.concatenate((roots, new))
+    return systems, sizes, roots, divergence, -1
 
 
 @kernel

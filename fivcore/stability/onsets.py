@@ -4,8 +4,9 @@ On the imaginary axis, phi = i omega, the undamped eigenvalue is lambda = x - i 
 B = h_NT there. mu is real, at an onset, where W = A_i B_r - A_r B_i = 0 with A = A_r - i y A_i, B = B_r - i y B_i;
 without damping, y = 0, two real eigenvalues meet there. A and B are multiplied by (p_n - lambda) of the nearest
 pole, which changes no zero. No pair of zeros is missed: an interval is left only when a bound on |W''| shows that
-W keeps its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max]. Kernels take omega in units
-of 2 pi fmax, p in units of its square, d1 and d2 to match.
+W keeps its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max]. The same holds along the
+top of the band, where growing pairs enter and leave it: omega > 1 stands for phi = omega - 1 + i there. Kernels
+take omega in units of 2 pi fmax, p in units of its square, d1 and d2 to match.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from fivcore import checks
@@ -24,25 +26,30 @@ from fivcore.stability.secular import nearest_pole
 
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
 MOST_INTERVALS = 100_000
+# Where the path ends: |phi| = 2 at the top of the band, which is where `sliding_modes` ends.
+END = 1.0 + 3.0**0.5
 
 
 @dataclass(frozen=True, eq=False)
 class FlutterOnsets:
     """Where growth rates pass through zero as mu rises, ascending in mu.
 
-    A divergence or a growing mode that enters the band from beyond it has no onset. No onset is therefore no proof
-    of stability; `sliding_modes` at the mu in question is.
+    A divergence has none of them: whether sliding is stable at a friction, only `sliding_modes` tells.
 
     Attributes
     ----------
     mu, frequency, recovery_mu, recovery_frequency : ndarray, (n,) or (m,)
         Friction and frequency (Hz) at which a growth rate rises through zero, or falls back through it.
+    entry_mu : ndarray, (k,)
+        Friction at which a pair enters the band through its top already growing, at no more than 1.7 times the
+        band's angular frequency; not where one that left the band growing may be coming back.
     """
 
     mu: Array
     frequency: Array
     recovery_mu: Array
     recovery_frequency: Array
+    entry_mu: Array
 
 
 def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
@@ -68,13 +75,26 @@ def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1
     checks.instance("rig", rig, Rig)
     angle = checks.theta_degrees(theta)
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    crossings = np.array(onset_crossings(rig, angle, band, most)).reshape(-1, 3)
-    mu, frequency, rises = crossings[:, 0], crossings[:, 1], crossings[:, 2] == 1.0
-    return FlutterOnsets(mu[rises], frequency[rises], mu[~rises], frequency[~rises])
+    mu, place, sign = np.array(onset_crossings(rig, angle, band, most)).reshape(-1, 3).T
+    on_axis, rises = place <= band, sign == 1.0
+    onset, recovery, entry = on_axis & rises, on_axis & ~rises, entries(np.zeros(len(mu)), ~on_axis, rises)
+    return FlutterOnsets(mu[onset], place[onset], mu[recovery], place[recovery], mu[entry])
+
+
+def entries(row: Array, at_top: NDArray[np.bool_], rises: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which crossings, ascending in mu in each row, are entries of a pair that did not leave the band before."""
+    entry, beyond = at_top & rises, dict.fromkeys(row, 0)
+    for k in np.flatnonzero(at_top):
+        entry[k] &= beyond[row[k]] == 0
+        beyond[row[k]] += 0 if entry[k] else -1 if rises[k] else 1
+    return entry
 
 
 def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[tuple[float, float, bool]]:
-    """Friction, frequency (Hz) and whether it is an onset, of each crossing, ascending; arguments unchecked."""
+    """Friction, place and whether a pair begins to grow in the band, of each crossing, ascending in friction.
+
+    The place is the frequency in Hz, or t fmax > fmax at the top of the band; arguments are not checked.
+    """
     stiffness, normal, tangential = contact_modes(rig, theta)
     unit = 2.0 * np.pi * fmax
     seen = normal != 0.0
@@ -103,7 +123,11 @@ def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[
 
 @kernel
 def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
-    """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) = x - i y at phi = i omega."""
+    """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) = x - i y on the path."""
+    if omega > 1.0:
+        s, square = omega - 1.0, 1.0 + (omega - 1.0) ** 2
+        scale = 1.0 / ((1.0 + d2 * s) ** 2 + d2 * d2)
+        return (1.0 - s * (s + d1) - d2 * square * (s + d1)) * scale, (2.0 * s + d1 + d2 * square) * scale
     scale = 1.0 / (1.0 + (d2 * omega) ** 2)
     return omega * omega * (1.0 - d1 * d2) * scale, omega * (d1 + d2 * omega * omega) * scale
 
@@ -153,8 +177,8 @@ def _judge(
     middle, width = 0.5 * (low + high), high - low
     half = 0.5 * width
     x, y = axis_point(middle, d1, d2)
-    # Bounds on the first and second derivative of lambda = n / q with respect to omega.
-    q = np.hypot(1.0, d2 * low)
+    # Bounds on the first and second derivative of lambda = n / q with respect to omega, which is at least |phi|.
+    q = np.hypot(1.0, d2 * min(low, 1.0))
     l1 = (2.0 * high + d1 + high * (high + d1) * d2 / q) / q
     l2 = (2.0 + 2.0 * d2 * l1) / q
     # Sums over |p_n - p_i| u^k (|a_i| + i |b_i|), where 1 / u is the least |p_i - lambda|.
@@ -196,8 +220,8 @@ def _judge(
 def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
     """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged."""
     found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
-    while low < 1.0 and judged < MOST_INTERVALS:
-        high = min(low + width, 1.0)
+    while low < END and judged < MOST_INTERVALS:
+        high = min(low + width, 1.0 if low < 1.0 else END)
         n = nearest_pole(axis_point(0.5 * (low + high), d1, d2)[0], p)
         verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)
         judged += 1

@@ -25,7 +25,7 @@ from fivcore.transient.record import Record
 from fivcore.transient.spectra import BLOCK, Monitor
 from fivcore.transient.summary import summarise
 from fivcore.transient.uncertainty.blocks import Blocks
-from fivcore.transient.uncertainty.until import Watch
+from fivcore.transient.until import Watch
 
 # Runs under way at once: their segments and records are in memory together.
 AT_ONCE = 32

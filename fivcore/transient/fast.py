@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import propagator
 from fivcore.contact.ablation import modified
 from fivcore.contact.reduced import INTERVAL, ReducedModel, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
@@ -34,7 +34,8 @@ from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
 
 # Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
-MOST_STEPS = 1_000_000
+# Their usual steps at most, and all that they may need, each with room in memory for a stick; so long is a record.
+MOST_STEPS, MOST_ROOM = 1_000_000, 1e8
 # Rows of a record that are handed over at once, about.
 MOST_ROWS = 10_000
 
@@ -55,6 +56,13 @@ class FastRun:
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
+        least = min(options.duration, at.MAX_SKIP * INTERVAL) / MOST_ROOM
+        if self.step < least:
+            what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
+            if options.step is None and self.step * damping > 1.0:
+                what = f"Rig: d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
+                what += f" fastest mode must be at most {at_most(2.0 / least, 3)} 1/s"
+            raise SceneValueError(f"{what} over this duration, or a segment has more than {MOST_ROOM:g} steps")
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.

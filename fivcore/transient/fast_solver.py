@@ -6,8 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fivcore.beams.free_motion import propagator
-from fivcore.beams.modes import one_blas_thread
+from fivcore.beams.modes import one_blas_thread, propagator
 from fivcore.contact.impulse import between_impulses
 from fivcore.contact.law import regime_maps
 from fivcore.contact.reduced import ReducedModel

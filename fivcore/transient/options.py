@@ -17,7 +17,7 @@ from fivcore.rig import Scene
 from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.record import SERIES
-from fivcore.transient.uncertainty.until import Until
+from fivcore.transient.until import Until
 
 BOUNDS = {
     "duration": (1e-9, 1e6, "s"),

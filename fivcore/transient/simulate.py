@@ -1,4 +1,4 @@
-"""The motion of scenes in time: `simulate` and `simulate_many`."""
+"""The motion of scenes in time, `simulate` and `simulate_many`, and how far it is unique, `critical_mu`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from inspect import signature
 from typing import Any
 
 from fivcore import checks
-from fivcore.contact.ablation import Modify
+from fivcore.contact.ablation import Modify, modified
+from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.errors import InputError, SceneError
-from fivcore.rig import Scene
+from fivcore.rig import Rig, Scene
+from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.options import options_for
-from fivcore.transient.published import with_numerical_damping
-from fivcore.transient.uncertainty.until import Until
+from fivcore.transient.options import law_options, options_for
+from fivcore.transient.until import Until
 
 
 def simulate(
@@ -152,6 +153,54 @@ def simulate_many(
         options = arguments | {name: arguments[name][k] for name in own}
         normalised = Normalised.of(scene)
         checked = options_for(scene, normalised, options)
-        rig = with_numerical_damping(scene.rig, checked.method, checked.numerical_damping)
+        rig = published.with_numerical_damping(scene.rig, checked.method, checked.numerical_damping)
         requests.append((scene, replace(normalised, rig=rig), checked))
     return drive(requests)
+
+
+def critical_mu(
+    rig: Rig,
+    theta: Any,
+    method: str = "fast",
+    *,
+    numerical_damping: str | None = None,
+    cutoff: float | None = None,
+    termination: str = "absorbing",
+    step: float | None = None,
+    modify: Modify | None = None,
+    beta2: float | None = None,
+) -> float:
+    """Find the coefficient of friction from which on a method's contact force is not unique (Painleve's paradox).
+
+    It is where a divisor of the method's slip vanishes: `published.critical_friction` or `contact.law`.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta : float
+        Degrees; its sign does not matter, for both directions of slip are looked at.
+    method, numerical_damping, cutoff, termination, step, modify, beta2
+        As in `fivcore.simulate`.
+
+    Returns
+    -------
+    float
+        Infinite where normal and tangential direction do not couple at the contact.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value and what is allowed.
+    """
+    checks.instance("rig", rig, Rig)
+    theta = checks.theta_degrees(theta)
+    law = law_options(method, termination, modify, numerical_damping, beta2)
+    rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
+    step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
+    if method == "paper":
+        return published.critical_friction(
+            full_model(rig, theta), step or published.STEP, beta2 or published.BETA2
+        )
+    cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
+    model = modified(reduced_model(rig, theta, cutoff, termination), modify)
+    return model.critical_mu(None if method == "exact" else step or model.default_step)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, Transient, critical_mu, flutter_onsets, glued_frequencies
+from fivcore import Rig, Scene, Transient, critical_mu, glued_frequencies
 from studies import paper
 from studies.gallery.regimes import study as regimes
 from studies.gallery.stability import study as stability
@@ -83,12 +83,10 @@ def growth(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
 
 
 def onset(points: Points, *, quantity: str, **fixed: Any) -> dict[str, Any]:
-    """Friction or frequency of the flutter onset at the lowest friction up to 1; NaN where there is none."""
+    """Lowest friction up to 1 from which a pair grows in the band, or its frequency; NaN where there is none."""
 
     def lowest(rig: Rig, theta: float) -> float:
-        onsets = flutter_onsets(rig, theta, transients.BAND)
-        values = onsets.mu if quantity == "onset_mu" else onsets.frequency
-        return float(values[0]) if len(values) else np.nan
+        return stability.first_growth(rig, theta, transients.BAND, 1.0)[quantity == "onset_frequency"]
 
     return {quantity: _each(lowest, points, fixed)}
 
@@ -201,8 +199,8 @@ def _columns(points: Points, *columns: NDArray[Any]) -> NDArray[Any]:
 
 
 ONSETS = {
-    "onset_mu": Variable("1", "friction at the lowest flutter onset below 10 kHz and up to 1"),
-    "onset_frequency": Variable("Hz", "frequency at the lowest flutter onset below 10 kHz and up to 1"),
+    "onset_mu": Variable("1", "lowest friction up to 1 from which a pair grows below 10 kHz"),
+    "onset_frequency": Variable("Hz", "frequency of the pair that grows from the lowest friction on, or 10 kHz"),
 }
 GLUED = {
     f"glued_frequency_{k}": Variable("Hz", f"natural frequency {k} of the beams glued at the contact")

@@ -85,11 +85,17 @@ def onsets(rig: Rig, numbers: Mapping[str, Any], mu_max: float = MU_MAX) -> Many
 
 
 def lowest(table: ManyFlutterOnsets, otherwise: float) -> tuple[Array, Array]:
-    """Friction at the lowest onset of each rig and its frequency, Hz; where there is none, `otherwise` and NaN."""
-    if not table.mu.shape[1]:
-        return np.full(len(table.mu), otherwise), np.full(len(table.mu), np.nan)
-    mu, frequency = table.mu[:, 0], table.frequency[:, 0]
-    return np.where(np.isnan(mu), otherwise, mu), frequency
+    """Lowest friction from which a pair grows in the band and its frequency, Hz, there, for each rig.
+
+    That is at an onset or at the top of the band, which a pair enters already growing; where there is neither,
+    `otherwise` and NaN.
+    """
+    onset, frequency, entry = (
+        np.append(each, np.full((len(each), 1), np.nan), axis=1)[:, 0]
+        for each in (table.mu, table.frequency, table.entry_mu)
+    )
+    mu, enters = np.fmin(onset, entry), ~(onset <= entry) & np.isfinite(entry)
+    return np.where(np.isnan(mu), otherwise, mu), np.where(enters, transients.BAND, frequency)
 
 
 def unstable_share(rig: Rig, numbers: Mapping[str, Any], mu: Array) -> Array:

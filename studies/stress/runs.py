@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from fivcore import Transient
-from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import propagator
 from fivcore.contact.impulse import Impulse
 from fivcore.contact.reduced import full_model
 from fivcore.jit import kernel

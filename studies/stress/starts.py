@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from fivcore import Scene
-from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fivcore import Rig
-from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import propagator
 from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
 from fivcore.contact.reduced import reduced_model
 from fivcore.transient.steady import steady_sliding

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel
 from fivcore.transient import fast_kernel, published
 from fivcore.transient import fast_scene as at

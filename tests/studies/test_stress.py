@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fivcore import Beam, ContactError, Rig, Scene, simulate
-from fivcore.beams.free_motion import propagator
+from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.contact.step_map import at_most
 from fivcore.rig import P1, P2

@@ -1,1 +1,1 @@
-"""How well a run knows its statistics: block sums, standard errors, and runs that end when they know enough."""
+"""How well a run knows its statistics: sums over blocks of samples, and standard errors."""

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import Rig
-from studies.gallery import fig5
+from studies.gallery.stability import study as stability
 from studies.motion import regimes, transients
 from sweeps import FAILED
 
@@ -27,10 +27,9 @@ def with_verdicts(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
     """Add where steady sliding loses its stability, and each point's verdict."""
     highest, onset = float(dataset["mu"].max()), np.full((2, dataset.sizes["theta"]), np.nan)
     for k, theta in enumerate(dataset["theta"].values):
-        mu, frequency = fig5.onsets(rig, float(theta), transients.BAND, highest)
-        if len(mu):
-            onset[:, k] = mu[0], frequency[0]
-    about = f"lowest flutter onset {BELOW} up to the largest friction of the grid"
+        if highest > 0.0:
+            onset[:, k] = stability.first_growth(rig, float(theta), transients.BAND, highest)
+    about = f"lowest friction from which a pair grows {BELOW}, up to the largest friction of the grid"
     codes = xr.Variable(
         dataset["regime"].dims,
         verdicts(dataset),
@@ -38,7 +37,7 @@ def with_verdicts(dataset: xr.Dataset, *, rig: Rig, **_: Any) -> xr.Dataset:
         {"dtype": "int8", "_FillValue": np.int8(np.iinfo(np.int8).min)},
     )
     whole = dataset.assign(
-        onset_mu=("theta", onset[0], {"units": "1", "long_name": f"coefficient of friction at the {about}"}),
+        onset_mu=("theta", onset[0], {"units": "1", "long_name": about}),
         onset_frequency=("theta", onset[1], {"units": "Hz", "long_name": f"frequency at the {about}"}),
         verdict=codes,
     )

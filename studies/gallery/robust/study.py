@@ -35,9 +35,9 @@ VARIABLES = {
     "nominal_unstable": Variable(
         "1", "whether the nominal rig's is", ("mu",), "int8", flags={0: "stable", 1: "unstable"}
     ),
-    "nominal_onset_mu": Variable("1", "friction at the nominal rig's lowest flutter onset"),
+    "nominal_onset_mu": Variable("1", "lowest friction from which a pair of the nominal rig grows"),
     "nominal_onset_frequency": Variable("Hz", "frequency there"),
-    "onset_mu": Variable("1", "friction at a scattered rig's lowest flutter onset", ("sample",), digits=6),
+    "onset_mu": Variable("1", "lowest friction from which a pair of a scattered rig grows", ("sample",), digits=6),
     "onset_frequency": Variable("Hz", "frequency there", ("sample",), digits=6),
     "sobol_first": Variable("1", "first Sobol index of the lowest onset", ("parameter",)),
     "sobol_total": Variable("1", "total Sobol index of the lowest onset", ("parameter",)),
@@ -136,6 +136,7 @@ def build(axes: Mapping[str, Axis], settings: Mapping[str, Any]) -> Sweep:
             "sample": Axis(np.arange(counted["samples"]), long_name="number of the draw"),
             "parameter": Axis(list(scatter), long_name="number that scatters"),
         },
+        code=("fivcore",),
         title=STUDY.title,
         derive=partial(with_draws, **fixed),
         # So that progress shows.

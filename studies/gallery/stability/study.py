@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import OnsetCurve, OnsetCurves, Rig, checks, onset_curves, sliding_modes
+from fivcore import OnsetCurve, OnsetCurves, Rig, checks, flutter_onsets, onset_curves, sliding_modes
 from studies import paper
 from studies.gallery.table6.windows import with_windows
 from studies.motion import transients
@@ -28,6 +28,8 @@ VARIABLES = {
 }
 # How a branch ends, as its flags name it.
 ENDS = ("range", "mu_max", "fmax", "fold")
+# Curves of onsets are followed within the band.
+LEFT_OUT = "; pairs that enter the band already growing are not counted"
 # Of each point of a branch, with units.
 TRACED = {"theta": "degree", "mu": "1", "frequency": "Hz"}
 
@@ -45,6 +47,16 @@ def largest_growth(rig: Rig, theta: Any, mu: Any, fmax: float) -> tuple[Array, A
     top = growth.argmax(axis=-1)[..., None]
     fastest = [np.take_along_axis(each, top, -1)[..., 0] for each in (modes.growth_rate, modes.frequency)]
     return fastest[0], fastest[1], np.count_nonzero(modes.unstable, axis=-1)
+
+
+def first_growth(rig: Rig, theta: float, fmax: float, largest: float) -> tuple[float, float]:
+    """Lowest friction up to the largest from which a pair grows in the band, and its frequency there, Hz; or NaN.
+
+    That is at a flutter onset, or at the top of the band, which a pair enters already growing.
+    """
+    found = flutter_onsets(rig, theta, fmax, largest)
+    onsets = zip(found.mu.tolist(), found.frequency.tolist(), strict=True)
+    return min((*onsets, *((mu, fmax) for mu in found.entry_mu.tolist())), default=(np.nan, np.nan))
 
 
 def fastest(points: Mapping[str, Any], *, rig: Rig, fmax: float) -> dict[str, Any]:
@@ -112,8 +124,8 @@ def lowest(curves: OnsetCurves) -> dict[str, Any]:
     ]
     mu, frequency = np.array(rows).T
     return {
-        "onset_mu": variable("theta", mu, "1", "coefficient of friction at the lowest flutter onset"),
-        "onset_frequency": variable("theta", frequency, "Hz", "frequency at the lowest flutter onset"),
+        "onset_mu": variable("theta", mu, "1", f"coefficient of friction at the lowest flutter onset{LEFT_OUT}"),
+        "onset_frequency": variable("theta", frequency, "Hz", f"frequency at the lowest flutter onset{LEFT_OUT}"),
     }
 
 

@@ -16,7 +16,7 @@ from tests.helpers import extended_onsets as extended
 from tests.helpers.rigs import workshop_rig
 from tests.helpers.scattered import rig_of, scattered
 
-FIELDS = ("mu", "frequency", "recovery_mu", "recovery_frequency")
+FIELDS = ("mu", "frequency", "recovery_mu", "recovery_frequency", "entry_mu")
 
 
 def made(p1=None, p2=None, **change) -> Rig:

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from fivcore import Beam, Rig, flutter_onsets, sliding_modes
+from fivcore import Beam, Rig, flutter_onsets, flutter_onsets_many, sliding_modes
 from fivcore.beams.modes import contact_modes
 from fivcore.rig import P1, P2
-from fivcore.stability.onsets import MOST_INTERVALS, isolate, onset_friction, onset_function
+from fivcore.stability.onsets import (
+    MOST_INTERVALS,
+    entries,
+    isolate,
+    onset_crossings,
+    onset_friction,
+    onset_function,
+)
 from tests.helpers import reference
 from tests.helpers.rigs import workshop_rig
 
@@ -70,24 +77,45 @@ BLOCKS = [0, 1, *(pytest.param(block, marks=pytest.mark.slow) for block in range
 
 @pytest.mark.parametrize("block", BLOCKS)
 def test_no_onset_is_missed(block):
-    """Counting growing modes over mu steps up and down at the onsets and recoveries, and nowhere else."""
-    checked = 0
+    """Counting growing modes over mu steps up and down at onsets, recoveries and the band's top, nowhere else."""
+    checked = entered = 0
     for seed in range(30 * block, 30 * block + 30):
         rng = np.random.default_rng(seed)
         rig, theta, fmax = workshop_rig(seed, seed % 4 > 0), rng.uniform(1.0, 35.0), 10 ** rng.uniform(3.0, 4.2)
         found = flutter_onsets(rig, theta, fmax, 0.9)
         mu = np.sort(rng.uniform(0.0, 0.9, 60))
         up = (found.mu < mu[:, None]).sum(axis=1) - (found.recovery_mu < mu[:, None]).sum(axis=1)
-        # Modes that leave or enter through the top of the band while growing are nobody's onset, and
-        # a divergence that comes from beyond it is not a flutter: from there on nothing is compared.
+        # Growing pairs come and go through the top of the band as well.
+        crossings = np.array(onset_crossings(rig, theta, fmax, 0.9)).reshape(-1, 3)
+        at_top = crossings[crossings[:, 1] > fmax]
+        up = up + ((at_top[:, 0] < mu[:, None]) * (2 * at_top[:, 2].astype(int) - 1)).sum(axis=1)
+        entered += len(found.entry_mu)
+        # A divergence that comes from beyond the band is not a flutter: from there on nothing is compared.
         wider = sliding_modes(rig, theta, mu, 1.3 * fmax)
-        edge = wider.unstable & (wider.frequency > 0.7 * fmax)
-        outside = np.maximum.accumulate(np.any(edge, axis=-1))
         violent = wider.unstable & ((wider.frequency == 0.0) | (np.abs(wider.eigenvalue) > (6.0 * fmax) ** 2))
-        fit = ~(outside | np.maximum.accumulate(np.any(violent, axis=-1)))
+        fit = ~np.maximum.accumulate(np.any(violent, axis=-1))
         np.testing.assert_array_equal(right_half_plane(rig, theta, mu, fmax)[fit], 2 * up[fit], str(seed))
         checked += len(np.nonzero(up[fit])[0])
     assert checked > 100
+    assert entered > 0 or block not in (0, 1)
+
+
+def test_a_pair_that_enters_the_band_already_growing():
+    rig = Rig(replace(P1, length=0.045625), contact_position=0.068125)
+    found, [entry] = flutter_onsets(rig, 8.0), flutter_onsets(rig, 8.0).entry_mu
+    assert entry < found.mu[0]
+    modes = sliding_modes(rig, 8.0, [entry * (1.0 - 1e-6), entry * (1.0 + 1e-6)])
+    np.testing.assert_array_equal(modes.unstable.sum(axis=-1), [0, 1])
+    np.testing.assert_allclose(modes.frequency[modes.unstable], 10e3, rtol=1e-6)
+    many = flutter_onsets_many({"theta": 8.0}, rig=rig)
+    np.testing.assert_allclose(many.entry_mu, [[entry]], rtol=1e-10)
+    np.testing.assert_array_equal(many.unstable([0.2, 0.26, 0.5]), [[False, True, True]])
+
+
+def test_a_pair_that_left_the_band_growing_and_comes_back_is_no_new_one():
+    row, rises = np.array([0.0, 0.0, 0.0, 0.0, 1.0]), np.array([False, True, True, False, True])
+    found = entries(row, np.array([True, True, True, True, True]), rises)
+    np.testing.assert_array_equal(found, [False, False, True, False, True])
 
 
 @pytest.mark.parametrize(("theta", "last"), [(0.03, 0.1), (5.0, 0.9)])

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate, simulate_many
 from fivcore.contact.reduced import reduced_model
+from fivcore.errors import SceneError
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
 from fivcore.transient.fast_kernel import FEW
@@ -297,3 +299,17 @@ def test_no_kernel_leaves_its_arrays(tmp_path):
                 assert other[name] == value, name
             else:
                 assert other[name] == pytest.approx(value, rel=1e-5, abs=1e-9, nan_ok=True), name
+
+
+@pytest.mark.parametrize(("rig", "named"), [(Rig(d2=100.0), "d2 = 100:"), (Rig(d1=1e12), "d1 = 1e+12,")])
+def test_damping_that_needs_too_many_steps_is_refused_and_leaves_the_others_alone(rig, named):
+    scene = Scene(2e-3, 5.0, 0.2, 9.0)
+    alone = simulate(scene, 2e-3)
+    refused, other = simulate_many([replace(scene, rig=rig), scene], 2e-3)
+    assert isinstance(refused, SceneError)
+    assert named in str(refused)
+    assert "must be at most 9.9e+10 1/s over this duration" in str(refused)
+    assert refused.scene.rig == rig
+    np.testing.assert_equal(other.summary | {"wall_time": 0.0}, alone.summary | {"wall_time": 0.0})
+    with pytest.raises(ValueError, match=r"^step = 1e-12: it must be at least 2e-11 s over this duration"):
+        simulate(scene, 2e-3, step=1e-12)

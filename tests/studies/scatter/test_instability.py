@@ -148,3 +148,19 @@ def test_what_cannot_scatter_is_refused():
         maps.sweep_of(plane, "growth_rate", {}, scatter={"d1": "normal:50:10"})
     with pytest.raises(ValueError, match=r"samples = 0\.5: it must be a whole number"):
         maps.sweep_of(plane, "probability_unstable", {"samples": 0.5})
+
+
+def test_a_pair_that_enters_the_band_already_growing_counts():
+    """In a map of onsets, among scattered rigs and in the probability, with the band's top as its frequency."""
+    numbers = {"contact_position": 0.068125, "p1_length": 0.045625}
+    rig, theta = rig_of(SETTINGS | numbers | {"theta": 8.0})
+    [entry] = flutter_onsets(rig, theta).entry_mu
+    plane = maps.plane_of("theta=8:9:2", "contact_position=0.068125:0.07:2")
+    for quantity, value in (("onset_mu", entry), ("onset_frequency", 10e3)):
+        whole = maps.sweep_of(plane, quantity, {"p1_length": numbers["p1_length"]}).plan().run(scheduler="sync")
+        at = whole[quantity].sel(theta=8.0, contact_position=numbers["contact_position"])
+        assert float(at) == pytest.approx(value, rel=1e-9)
+    found = instability.lowest(instability.onsets(Rig(), numbers | {"theta": [8.0, 0.0]}), np.nan)
+    np.testing.assert_allclose(found, [[entry, np.nan], [10e3, np.nan]], rtol=1e-9)
+    mu = entry * np.array([1.0 - 1e-6, 1.0 + 1e-6])
+    np.testing.assert_array_equal(instability.unstable_share(Rig(), numbers | {"theta": 8.0}, mu), [0.0, 1.0])
