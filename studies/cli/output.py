@@ -12,8 +12,8 @@ import re
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from traceback import extract_tb
 from typing import Any
 
@@ -21,8 +21,8 @@ import click
 
 # Controls but \n and \t, what ends a line or turns its direction round elsewhere, and halves of surrogate pairs.
 OBEYED = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-# What a worker's process reports by, to its end.
-OF_WORKER = ExitStack()
+# A hook's default argument: when the interpreter ends, the names of modules are gone before the hooks are.
+_ENDS = sys.is_finalizing
 
 
 def harmless(text: str) -> str:
@@ -76,7 +76,18 @@ class Rows:
 
 @contextmanager
 def streams() -> Iterator[None]:
-    """Standard streams that take any text; all that Python itself reports there goes the same way as all else.
+    """`report_here`, with hooks and warnings as they were at the end."""
+    hooks = threading.excepthook, sys.unraisablehook
+    try:
+        with warnings.catch_warnings():
+            report_here()
+            yield
+    finally:
+        threading.excepthook, sys.unraisablehook = hooks
+
+
+def report_here() -> None:
+    """Make standard streams take any text; all that Python itself reports there goes the same way as all else.
 
     That is warnings, what libraries log, and what is raised in threads and destructors, where nobody catches it.
     """
@@ -90,34 +101,41 @@ def streams() -> Iterator[None]:
             stream.reconfigure(errors="backslashreplace")
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(_Harmless())
-    hooks = threading.excepthook, sys.unraisablehook
     threading.excepthook, sys.unraisablehook = _show_of_thread, _show_unraisable
-    try:
-        with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
-            yield
-    finally:
-        threading.excepthook, sys.unraisablehook = hooks
+    warnings.showwarning = _show_warning
 
 
 def dask_setup(worker: Any) -> None:
-    """Let a process of `--workers N`, which preloads this module, report as this one does: Dask calls it there."""
-    OF_WORKER.enter_context(streams())
+    """Let a process of `--workers N`, which preloads this module, report as this one does: Dask calls it there.
+
+    To the end of the process: there is no context, whose own end would come when the names it needs are gone.
+    """
+    report_here()
 
 
 def _show_warning(
-    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: Any = None,
+    line: Any = None,
+    ends: Callable[[], bool] = _ENDS,
 ) -> None:
-    show(warnings.formatwarning(message, category, filename, lineno).rstrip("\n"), err=True)
+    if not ends():
+        show(warnings.formatwarning(message, category, filename, lineno).rstrip("\n"), err=True)
 
 
-def _show_of_thread(raised: threading.ExceptHookArgs) -> None:
-    if raised.exc_type is not SystemExit:
+def _show_of_thread(raised: threading.ExceptHookArgs, ends: Callable[[], bool] = _ENDS) -> None:
+    if not ends() and raised.exc_type is not SystemExit:
         thread = "a thread that has ended" if raised.thread is None else f"thread {raised.thread.name}"
         _show_raised(thread, raised)
 
 
-def _show_unraisable(raised: sys.UnraisableHookArgs) -> None:
+def _show_unraisable(raised: sys.UnraisableHookArgs, ends: Callable[[], bool] = _ENDS) -> None:
+    # What fails while modules are taken down tells of that alone.
+    if ends():
+        return
     name = getattr(raised.object, "__qualname__", type(raised.object).__qualname__)
     _show_raised(f"{raised.err_msg or 'ignored in'} {name}", raised)
 

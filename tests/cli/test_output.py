@@ -3,14 +3,12 @@
 import ast
 import io
 import json
-import logging
 import re
 import subprocess
 import sys
 import threading
 import warnings
 from dataclasses import replace
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import netCDF4
@@ -24,10 +22,8 @@ from studies import registry
 from studies.check import installation
 from studies.cli import output, progress
 from studies.study import Setting, Study
-from sweeps import Axis, Snapshot, Variable
-from sweeps.storage.lock import locked
-from sweeps.storage.store import Store
-from sweeps.watch.monitor import write_state
+from sweeps import Axis, Snapshot, Store, Variable
+from sweeps.storage.store import write_state
 
 # Sets a window's title, clears the screen, turns the direction round, and overwrites the line.
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u202eowned\r\x9b1m\x7f"
@@ -154,24 +150,11 @@ def test_data_are_as_they_are_but_on_a_terminal(kept, monkeypatch, form):
 @pytest.mark.parametrize(("verb", "code"), [("status", 0), ("run", 3)])
 def test_who_holds_the_lock_is_told(kept, verb, code):
     store = Store(FILE)
-    with locked(store):
+    with store.locked():
         write_state(store.progress, HELD | {"rate": 1.0, "left": 1.0, "now": [HOSTILE], "stopping": False})
         done = kept(verb, "hostile")
     assert done.returncode == code
     check(done)
-
-
-def test_names_of_installed_studies(here, monkeypatch):
-    monkeypatch.setattr(
-        registry, "installed", lambda: {HOSTILE: EntryPoint(HOSTILE, f"{__name__}:STUDY", registry.GROUP)}
-    )
-    check(here("list"))
-    monkeypatch.setenv("COMP_WORDS", "fiv list ")
-    monkeypatch.setenv("COMP_CWORD", "2")
-    monkeypatch.setenv("_FIV_COMPLETE", "bash_complete")
-    done = here()
-    assert "plain,fig5" in done.stdout
-    assert not output.OBEYED.search(done.stdout)
 
 
 def test_a_fault_of_ours_is_told_with_a_harmless_traceback(kept, monkeypatch):
@@ -210,12 +193,6 @@ def test_a_bar_shows_what_is_under_way(monkeypatch, capsys):
     assert HOSTILE not in said
     assert "\x1b]0;" not in said
     assert "\u202e" not in said
-
-
-def test_what_libraries_log_is_harmless_too():
-    with output.streams():
-        record = logging.makeLogRecord({"msg": HOSTILE})
-        assert logging.lastResort.format(record) == SHOWN
 
 
 def test_what_nobody_can_catch_is_told_in_one_line(capsys):
@@ -267,11 +244,28 @@ def test_what_python_reports_in_a_process_of_its_own_goes_the_same_way(tmp_path)
     assert not output.OBEYED.search(done.stdout + done.stderr)
 
 
-def test_what_python_reports_goes_its_own_way_afterwards():
-    before = threading.excepthook, sys.unraisablehook, warnings.showwarning
-    with output.streams():
-        assert threading.excepthook is not before[0]
-    assert (threading.excepthook, sys.unraisablehook, warnings.showwarning) == before
+LATE = """
+import sys
+from studies.cli import output
+
+class Raising:
+    def __del__(self):
+        raise ValueError("early" if self.early else "late")
+
+output.dask_setup(None)
+Raising().early = True
+output.kept = sys.kept = Raising()
+sys.kept.early = False
+"""
+
+
+def test_nothing_is_said_when_a_process_has_lost_its_names():
+    """Of the interpreter's end, at which modules are emptied, the hooks tell nothing."""
+    done = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert [line.partition(" (")[0] for line in done.stderr.splitlines()] == [
+        "fiv: ignored in Raising.__del__: ValueError: early"
+    ]
 
 
 @given(st.text(st.characters(codec=None)))
