@@ -60,7 +60,7 @@ def notice(name: str | Path, out: str | Path | None = None) -> str:
 
 def is_there(file: Path) -> bool:
     """Whether there is a result, finished or not."""
-    return file.exists() or file.with_suffix(".parts").exists()
+    return sweeps.Store(file).exists()
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import sweeps
 from studies import registry
@@ -17,6 +21,7 @@ from studies.comparison import compared
 from studies.config import read_values, request
 from studies.plausible import UnusualWarning, unusual
 from studies.results import FOLDER, command, file_of, open_dataset, reference_folder, results_folder
+from studies.spec import typed
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -96,10 +101,23 @@ def plan(
     values = {name: setting.value for name, setting in one.settings.items()} | dict(given)
     values |= {name: axis.values for name, axis in sweep.grid.axes.items()}
     lines = unusual(values, {name: one.units(name) for name in values}, {*given, *one.request.get("scatter", ())})
+    # A study of somebody's file, or at scattered points, has no command for one of them.
+    named = one.name in registry.MODULES
     sweep = replace(
-        sweep, request=request(one, given, tuple(record), sample_rate), remark=remark(lines, strict=strict)
+        sweep,
+        request=request(one, given, tuple(record), sample_rate),
+        remark=remark(lines, strict=strict),
+        rerun=partial(rerun, one.name, given) if named else None,
     )
     return sweep.plan(file_of(one.name, out), fresh=fresh, retry_failed=retry_failed, strict=strict)
+
+
+def rerun(study: str, given: Mapping[str, Any], point: Mapping[str, Any]) -> str:
+    """The command that computes one point of a study, with the values `given`, again."""
+    values = {name: value for name, value in given.items() if np.ndim(value) == 0} | dict(point)
+    settings = [f"{name}={typed(value)}" for name, value in values.items()]
+    options = [word for each in settings for word in ("--set", each)]
+    return shlex.join(["fiv", "run", study, *options, "--scheduler", "sync", "--out", "again"])
 
 
 def remark(lines: Sequence[str], *, strict: bool) -> str:

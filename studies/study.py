@@ -192,6 +192,7 @@ class Study:
             self.variables,
             fixed,
             coords=self.coords(**fixed) if callable(self.coords) else self.coords,
+            code=("fivcore",),
             title=self.title,
             derive=None if self.derive is None else partial(self.derive, **fixed),
             **self.options,

@@ -1,71 +1,75 @@
-"""Errors of a sweep as a whole. A point's failure is no error: it is kept with the point."""
+"""Errors of a sweep as a whole. The failure of a point is not an error: it is stored with the point."""
 
 from __future__ import annotations
 
+import zipfile
+import zlib
+
+# What reading a damaged or foreign file raises; netCDF4 reports damage as a RuntimeError.
+UNREADABLE = (OSError, ValueError, KeyError, RuntimeError, EOFError, zipfile.BadZipFile, zlib.error)
+
 
 def reason(problem: BaseException) -> str:
-    """Why a disk refuses, in a few words."""
+    """Return why a disk refuses, in a few words."""
     if isinstance(problem, OSError):
         return problem.strerror or str(problem)
-    # The netCDF library says no more when a disk is full.
+    # The netCDF library gives no other reason when a disk is full.
     return f"{problem} (is the disk full?)" if "HDF error" in str(problem) else str(problem)
 
 
-# What reading a file may raise that is damaged or something else: also by values that are none, by what is nested
-# too deeply (RuntimeError), and by what is too large (MemoryError).
-UNREADABLE = (
-    OSError,
-    RuntimeError,
-    LookupError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    ArithmeticError,
-    MemoryError,
-)
-
-
-def said(problem: BaseException) -> str:
-    """Text of an exception, in one line."""
+def message(problem: BaseException) -> str:
+    """Return type and message of an exception, in one line."""
     kind = "" if isinstance(problem, InputError) else f"{type(problem).__name__}: "
     return " ".join(f"{kind}{problem}".split())
 
 
 class StoreError(RuntimeError):
-    """The place where results are to be kept cannot be used; the message says why."""
+    """The results cannot be stored at this place; the message gives the reason."""
 
 
 class LockedError(StoreError):
-    """Another run is writing there; the message says which."""
+    """Another run is writing there; the message names it."""
+
+
+class DamagedError(StoreError):
+    """A part is damaged or gone; `part` is its file name."""
+
+    def __init__(self, part: str, folder: str = "") -> None:
+        super().__init__(f"{part} in {folder} is damaged; the same run computes its points again")
+        self.part = part
 
 
 class SweepStoppedError(RuntimeError):
-    """A point failed and the sweep was to stop at once; what was finished is kept."""
+    """The run stopped at a failure, as requested, or because its first points all failed with the same error."""
 
 
 class MixedWarning(UserWarning):
-    """Points of one result are computed in different environments; the message says how these differ."""
+    """Points of one result are computed in different environments; the message names the differences."""
 
 
 class InputError(ValueError):
-    """An argument that cannot be used; the message names it, its value and what would do."""
+    """An argument is unusable; the message names it, its value and what would do."""
 
 
 class MissingFileError(InputError, FileNotFoundError):
-    """There is no such file; the message names it, and what makes it."""
+    """The file does not exist; the message names it, and what creates it."""
 
 
 class SchedulerError(InputError):
-    """The scheduler that was asked for cannot be used; the message says why."""
+    """The requested scheduler is unusable; the message gives the reason."""
+
+
+class WorkerDied(Exception):  # noqa: N818 - the run handles it
+    """A worker died while it had a batch."""
 
 
 class ClusterLostError(RuntimeError):
-    """The scheduler or all its workers went while they computed; what a store has of it is kept."""
+    """The scheduler or all workers disappeared during a run; finished batches stay in the store."""
 
 
 class AbandonedError(KeyboardInterrupt):
-    """A second interrupt, while threads compute: they have been given up, but they cannot be ended.
+    """A second interrupt came while threads compute; the run gives them up, but Python cannot end them.
 
-    What was finished is kept, the store is released, and nothing is written to it any more. Python waits for such
-    threads at its end; who does not want to leaves with `os._exit`.
+    Finished batches are stored, and the store is released. Python waits for such threads at its end; `os._exit`
+    leaves without waiting.
     """

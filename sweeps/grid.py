@@ -1,4 +1,4 @@
-"""What is varied and what comes out: axes, their grid, and the variables of a result."""
+"""Axes, the grid of points that they span, and the variables of a result."""
 
 from __future__ import annotations
 
@@ -8,42 +8,48 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from sweeps.errors import InputError
 
 Points = dict[str, NDArray[Any]]
-# One array a column, one entry a row.
+# One array for each column, one entry for each row.
 Columns = list[NDArray[Any]]
-# Points that are made at a time, where they are only looked at.
+# Points that are made at once where only their flags are needed.
 BLOCK = 1 << 18
-# A plan has a few flags of each point, all of them in memory.
-MOST_POINTS = 200_000_000
+# A plan keeps a few bytes for each point in memory.
+MOST_POINTS = 20_000_000
+# Floating-point values of an axis are rounded to these significant digits.
+DIGITS = 15
 
-# What has become of a point.
+# Status of a point.
 PENDING, DONE, FAILED, SKIPPED, INTERPOLATED = range(5)
 STATUS_FLAGS = {PENDING: "pending", DONE: "done", FAILED: "failed", SKIPPED: "skipped"}
 # Points of a refined sweep only.
 INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
-DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64")
-# What a sweep's file holds besides axes and results; names that begin with `failure_` are its own as well.
-OF_POINTS = ("status", "error", "wall_time", "computed_by")
-RESERVED = (*OF_POINTS, "traceback", "reproduce", "failure", "point", "computed")
+DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "complex128")
+# Long names of real parts begin with this.
+REAL = "real part of "
+# What a sweep's file contains besides axes and results; names that begin with `failure_` are reserved as well.
+BOOKKEEPING = ("status", "error", "wall_time")
+RESERVED = (*BOOKKEEPING, "traceback", "reproduce", "failure", "point")
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """The values one name takes.
+    """The values of one parameter.
 
     Parameters
     ----------
     values : array_like, (n,)
-        Numbers or texts; at least one, all finite.
+        Numbers or strings; at least one, all finite. Floats are rounded to 15 significant digits, so that 0.3 is
+        the same point however it was computed.
     units : str
         As UDUNITS reads them; "1" for a pure number.
     long_name : str
-        What a reader of the file or a figure sees.
+        Description for the file and figures.
     """
 
     values: Any
@@ -52,20 +58,34 @@ class Axis:
 
     def __post_init__(self) -> None:
         values = np.atleast_1d(np.asarray(self.values))
+        if values.dtype.kind == "O" and values.size and all(isinstance(each, str) for each in values.flat):
+            values = values.astype(str)
         if values.ndim != 1 or values.size == 0:
             raise InputError(f"Axis: values of shape {values.shape}: they must be a list with one or more")
         if values.dtype.kind not in "biufU":
-            raise InputError(f"Axis: values = {self.values!r}: they must be numbers or texts")
+            raise InputError(f"Axis: values = {self.values!r}: they must be numbers or strings")
         if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
-            values = values.astype(float)  # what netCDF can hold
+            values = values.astype(float)  # netCDF has these two
         if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
             raise InputError(f"Axis: values contain {values[~np.isfinite(values)][0]}: all must be finite")
-        values = values.copy()
+        values = _decimal(values) if values.dtype == float else values.copy()
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
 
     def __len__(self) -> int:
         return len(self.values)
+
+
+def _decimal(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Round to DIGITS significant digits, as decimal text does."""
+    shift = DIGITS - 1 - np.floor(np.log10(np.abs(values), where=values != 0.0, out=np.zeros(values.shape)))
+    power = 10.0 ** np.clip(shift, 0.0, 22.0)  # these powers of ten are exact
+    product = values * power
+    found: NDArray[np.float64] = np.rint(product) / power
+    # Products have a rounding error of their own, which matters near ties.
+    unsure = (shift < 0.0) | (shift > 22.0) | (np.abs(product - np.rint(product)) > 0.4)
+    found[unsure] = [float(f"{value:.{DIGITS}g}") for value in values[unsure]]
+    return found
 
 
 @dataclass(frozen=True)
@@ -76,17 +96,17 @@ class Variable:
     ----------
     units, long_name : str
     dims : tuple of str
-        Dimensions beyond the point's own; their coordinates are the sweep's `coords`.
+        Dimensions besides the grid's; their coordinates are the sweep's `coords`.
     dtype : str
-        One of DTYPES; missing entries are NaN. In the file a missing whole number is the least of its type,
-        which a result therefore may not be.
+        One of DTYPES; missing entries are NaN. The file marks a missing integer by the least value of its type,
+        which a result therefore must not have. It stores a complex variable `x` as `x_real` and `x_imag`.
     digits : int, optional
-        Significant decimal digits kept of a float; what lies beyond is rounded away, so that it can be
-        compressed. Default: all.
+        Significant decimal digits of a float; further ones are rounded away, so that compression works. Default:
+        all.
     scale : str
-        The factor of the sweep's `scale` by which a copy's value is multiplied; "" for none.
+        The factor of the sweep's `scale` by which the value is multiplied at each point; "" for none.
     flags : mapping of int to str, optional
-        What each value of a whole number means; the file has them as CF flags, blanks replaced by underscores.
+        Meaning of each value of an integer; CF flags in the file, with underscores in place of blanks.
     """
 
     units: str = "1"
@@ -102,93 +122,111 @@ class Variable:
             raise InputError(f"Variable: dtype = {self.dtype!r}: it must be one of {', '.join(DTYPES)}")
         dims = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
         if len(set(dims)) < len(dims):
-            raise InputError(f"Variable: dims = {dims}: each may stand once")
+            raise InputError(f"Variable: dims = {dims}: no dimension may occur twice")
         object.__setattr__(self, "dims", dims)
-        whole = np.dtype(self.dtype).kind != "f"
-        if whole and (self.digits is not None or self.scale):
+        if not self.is_float and (self.digits is not None or self.scale):
             raise InputError(
                 f"Variable: digits and scale are for floats; with dtype = {self.dtype!r} leave them out"
             )
-        digits = self.digits
-        if digits is not None and not (type(digits) is int and 1 <= digits <= 15):
-            raise InputError(f"Variable: digits = {digits!r}: it must be a whole number from 1 to 15")
+        if self.digits is not None and not (type(self.digits) is int and 1 <= self.digits <= 15):
+            raise InputError(f"Variable: digits = {self.digits!r}: it must be an integer from 1 to 15")
         flags = self.flags
         if flags is not None and not (
-            whole
+            np.dtype(self.dtype).kind == "i"
             and flags
             and all(isinstance(code, (int, np.integer)) and code > self.missing for code in flags)
             and all(isinstance(word, str) and word for word in flags.values())
         ):
             raise InputError(
-                f"Variable: flags = {flags!r}: they must be texts by whole numbers, with a dtype of those"
+                f"Variable: flags = {flags!r}: it must be a dict of int to str, with an integer dtype"
             )
         if flags is not None:
             object.__setattr__(self, "flags", {int(code): word for code, word in flags.items()})
 
     @property
+    def is_float(self) -> bool:
+        """Whether the values are floats, real or complex."""
+        return np.dtype(self.dtype).kind in "fc"
+
+    @property
     def missing(self) -> float:
-        """What stands where there is no result."""
+        """The value where there is no result; of the types that a file can have."""
         return math.nan if np.dtype(self.dtype).kind == "f" else int(np.iinfo(self.dtype).min)
+
+    def stored(self, name: str) -> dict[str, Variable]:
+        """The variables by which a file represents this one, by name: netCDF has no complex and no bool."""
+        if self.dtype == "complex128":
+            about = {
+                "real": f"{REAL}{self.long_name or name}",
+                "imag": f"imaginary part of {self.long_name or name}",
+            }
+            return {f"{name}_{k}": replace(self, dtype="float64", long_name=text) for k, text in about.items()}
+        if self.dtype == "bool":
+            return {name: replace(self, dtype="int8", flags={0: "false", 1: "true"})}
+        return {name: self}
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The product of axes; those zipped vary together, along the dimension of the first of them.
+    """The product of axes; zipped axes vary together, along the dimension of the first of them.
 
     Parameters
     ----------
-    axes : mapping of str to Axis
-        The order is the order of the dimensions.
+    axes : mapping of str to (Axis or array_like)
+        In the order of the dimensions.
     zipped : sequence of str, or of sequences of str
         One group of axes of equal length, or several groups.
     skip : callable, optional
-        `skip(points)` tells, as a boolean array, which points need not be computed.
-    drawn : mapping
-        How the values along the first dimension came about where they were not chosen (`sweeps.Sample`), as JSON
-        holds it: results of one grid do not go with those of another.
+        `skip(points)` returns, as a boolean array, which points are not computed.
+    sampling : mapping
+        How the values along the first dimension were drawn, if they were (`sweeps.Sample`), as JSON represents it:
+        results of one sample do not mix with those of another.
 
     Attributes
     ----------
     groups : tuple of tuple of str
-        The axes that vary together, one group a dimension.
+        The axes that vary together, one group for each dimension.
     """
 
-    axes: Mapping[str, Axis]
+    axes: Mapping[str, Any]
     zipped: Sequence[Any] = ()
     skip: Callable[[Points], Any] | None = None
-    drawn: Mapping[str, Any] = field(default_factory=dict)
+    sampling: Mapping[str, Any] = field(default_factory=dict)
     groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        axes = dict(self.axes)
+        axes = {name: each if isinstance(each, Axis) else Axis(each) for name, each in self.axes.items()}
         if not axes:
             raise InputError("Grid: axes = {}: there must be at least one axis")
         check_names("Grid: axes", axes, Axis)
         zipped = [self.zipped] if self.zipped and isinstance(self.zipped[0], str) else self.zipped
         named = [name for group in zipped for name in group]
-        for name in named:
-            if name not in axes or named.count(name) > 1:
-                raise InputError(
-                    f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group"
-                )
-        group_of = {name: (name,) for name in axes}
-        for group in map(tuple, zipped):
+        for name in [each for each in named if each not in axes or named.count(each) > 1]:
+            raise InputError(f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group")
+        group_of = {name: (name,) for name in axes} | {name: tuple(group) for group in zipped for name in group}
+        for group in group_of.values():
             lengths = {name: len(axes[name]) for name in group}
             if len(set(lengths.values())) > 1:
                 raise InputError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
-            group_of |= dict.fromkeys(group, group)
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "groups", tuple(dict.fromkeys(group_of.values())))
         for group in self.groups:
-            first = first_equal(self._columns(group))
-            again = np.flatnonzero(first < np.arange(len(first)))
-            if len(again):
-                twice = tuple(column[again[0]].item() for column in self._columns(group))
-                raise InputError(f"Grid: {', '.join(group)} takes the value {twice} twice; once is enough")
+            repeated = self._index(group).duplicated()
+            if repeated.any():
+                value = tuple(column[np.argmax(repeated)].item() for column in self._columns(group))
+                raise InputError(f"Grid: {', '.join(group)} takes the value {value} twice; once is enough")
+
+    @classmethod
+    def of(cls, points: Any) -> Grid:
+        """A grid as it is; of a mapping of axes or lists; or the rows of a pandas DataFrame as zipped axes."""
+        if isinstance(points, pd.DataFrame):
+            columns = {str(points.index.name or "row"): points.index} | {str(c): points[c] for c in points}
+            return cls({name: Axis(values.to_numpy()) for name, values in columns.items()}, tuple(columns))
+        return points if isinstance(points, cls) else cls(points)
 
     @property
     def dims(self) -> tuple[str, ...]:
-        """One dimension a group, named after its first axis."""
+        """One dimension for each group, named after its first axis."""
         return tuple(group[0] for group in self.groups)
 
     @property
@@ -206,132 +244,137 @@ class Grid:
         return next(group[0] for group in self.groups if name in group)
 
     def blocks(self) -> Iterator[NDArray[np.intp]]:
-        """The numbers of all points, some at a time."""
+        """Indices of all points, BLOCK at a time."""
         for begin in range(0, self.size, BLOCK):
             yield np.arange(begin, min(begin + BLOCK, self.size))
 
     def points(self, index: NDArray[np.intp] | None = None) -> Points:
-        """The points at `index`, one entry each; by default all, in C order of the dimensions."""
+        """The points at flat indices `index`, one entry each; by default all, in C order of the dimensions."""
         chosen = np.arange(self.size) if index is None else index
-        places = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
-        return {name: axis.values[places[self.dim_of(name)]] for name, axis in self.axes.items()}
+        along = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
+        return {name: axis.values[along[self.dim_of(name)]] for name, axis in self.axes.items()}
 
-    def at(self, values: Columns) -> NDArray[np.intp]:
-        """The point with each row of the axes' values; -1 where there is none."""
-        points = dict(zip(self.axes, values, strict=True))
-        along = [_find(self._columns(group), [points[name] for name in group]) for group in self.groups]
-        return _flat(along, self.shape)
+    def locate(self, points: Points) -> NDArray[np.intp]:
+        """Flat indices of points that the grid has."""
+        indexers = [self._index(group).get_indexer(_index([points[n] for n in group])) for group in self.groups]
+        return np.asarray(np.ravel_multi_index(indexers, self.shape))
 
-    def live(self) -> NDArray[np.bool_]:
-        """Whether each point is one that `skip` does not leave out."""
-        live = np.ones(self.size, dtype=bool)
+    def mask(self) -> NDArray[np.bool_]:
+        """False at the points that `skip` leaves out."""
+        mask = np.ones(self.size, dtype=bool)
         if self.skip is not None:
             for index in self.blocks():
                 flags = np.asarray(self.skip(self.points(index)), dtype=bool)
                 if flags.shape != index.shape:
                     raise InputError(f"Grid: skip returned the shape {flags.shape}; it must be {index.shape}")
-                live[index] = ~flags
-        return live
+                mask[index] = ~flags
+        return mask
 
-    def embed(self, other: Grid) -> Embedding:
-        """Where the points of `other`, a grid of the same axes, lie in this one."""
-        places: list[NDArray[np.intp] | slice] = []
+    def align(self, other: Grid) -> Alignment:
+        """Positions of the points of `other`, a grid of the same axes, in this one."""
+        indexers: list[NDArray[np.intp] | slice] = []
         for group in self.groups:
-            own, asked = self._columns(group), other._columns(group)
-            places.append(slice(None) if all(map(np.array_equal, own, asked)) else _find(own, asked))
-        return Embedding(other.shape, self.shape, tuple(places))
+            equal = all(map(np.array_equal, self._columns(group), other._columns(group)))
+            indexers.append(slice(None) if equal else self._index(group).get_indexer(other._index(group)))
+        return Alignment(other.shape, self.shape, tuple(indexers))
 
-    def grown(self, other: Grid) -> Grid:
-        """The values of this grid and of `other`, one of the same axes, with all else that `other` says of them.
+    def union(self, other: Grid) -> Grid:
+        """The values of this grid and of `other`, a grid of the same axes; everything else as in `other`.
 
-        Where both are sorted the sum is; otherwise what is new comes last.
+        The union of sorted axes is sorted; otherwise new values come last.
         """
-        if self.embed(other).identical:
-            return other
         axes = dict(other.axes)
         for group in self.groups:
-            own, asked = self._columns(group), other._columns(group)
-            new = _find(own, asked) < 0
-            every = [np.concatenate([column, more[new]]) for column, more in zip(own, asked, strict=True)]
-            step = next((step for step in (1, -1) if _sorted(own, step) and _sorted(asked, step)), None)
-            if step is not None:
-                order = np.lexsort(every[::-1])[::step]
-                every = [values[order] for values in every]
-            for name, values in zip(group, every, strict=True):
-                # A file has no flags, and may have whole numbers.
-                same = values.astype(axes[name].values.dtype)
-                axes[name] = replace(axes[name], values=same if np.array_equal(same, values) else values)
+            own, requested = self._index(group), other._index(group)
+            new = own.get_indexer(requested) < 0
+            pairs = zip(self._columns(group), other._columns(group), strict=True)
+            columns = [np.concatenate([before, values[new]]) for before, values in pairs]
+            if own.is_monotonic_increasing and requested.is_monotonic_increasing:
+                order = np.lexsort(columns[::-1])
+            elif own.is_monotonic_decreasing and requested.is_monotonic_decreasing:
+                order = np.lexsort(columns[::-1])[::-1]
+            else:
+                order = np.arange(len(columns[0]))
+            for name, values in zip(group, columns, strict=True):
+                # A file has no bool, and may have integers where the request has floats.
+                same = values[order].astype(axes[name].values.dtype)
+                exact = np.array_equal(same, values[order])
+                axes[name] = replace(axes[name], values=same if exact else values[order])
         return replace(other, axes=axes)
 
     def _columns(self, group: Sequence[str]) -> Columns:
         return [self.axes[name].values for name in group]
 
+    def _index(self, group: Sequence[str]) -> Any:
+        return _index(self._columns(group))
+
+
+def _index(columns: Columns) -> Any:
+    return pd.Index(columns[0]) if len(columns) == 1 else pd.MultiIndex.from_arrays(columns)
+
 
 @dataclass(frozen=True, eq=False)
-class Embedding:
-    """Where the points of one grid lie in another, by value.
+class Alignment:
+    """Positions of the points of one grid in another, by value.
 
     Attributes
     ----------
     inner, outer : tuple of int
         Shapes of the two.
-    places : tuple of (ndarray of int or slice)
-        Along each dimension where the values of the inner grid stand in the outer one, -1 where they do not; a
+    indexers : tuple of (ndarray of int or slice)
+        For each dimension the positions of the inner grid's values in the outer one, -1 where there is none; a
         slice of all where both have the same values.
     """
 
     inner: tuple[int, ...]
     outer: tuple[int, ...]
-    places: tuple[NDArray[np.intp] | slice, ...]
+    indexers: tuple[NDArray[np.intp] | slice, ...]
 
     @property
     def identical(self) -> bool:
-        """Whether the two are one grid."""
-        return all(isinstance(place, slice) for place in self.places)
+        """Whether the two grids are equal."""
+        return all(isinstance(each, slice) for each in self.indexers)
 
     @property
     def index(self) -> tuple[NDArray[np.intp], ...]:
-        """What picks the points of the inner grid from an array of the outer one's shape that holds all of it."""
-        return np.ix_(*(np.arange(n)[place] for n, place in zip(self.outer, self.places, strict=True)))
+        """Index of the inner grid's points in an array of the outer shape, if that has all of them."""
+        return np.ix_(*(np.arange(n)[each] for n, each in zip(self.outer, self.indexers, strict=True)))
 
-    def __call__(self, points: NDArray[np.intp]) -> NDArray[np.intp]:
-        """The outer grid's point of each of the inner one's; -1 where there is none."""
+    def __call__(self, points: NDArray[Any]) -> NDArray[Any]:
+        """Flat indices in the outer grid of points of the inner one; -1 where it does not have them."""
         if self.identical:
             return points
         index = np.unravel_index(points, self.inner)
-        along = [k if isinstance(place, slice) else place[k] for k, place in zip(index, self.places, strict=True)]
-        return _flat(along, self.outer)
+        along = [k if isinstance(each, slice) else each[k] for k, each in zip(index, self.indexers, strict=True)]
+        flat = np.ravel_multi_index(along, self.outer, mode="clip")
+        return np.where(np.logical_and.reduce([each >= 0 for each in along]), flat, -1)
 
 
 def first_equal(columns: Columns) -> NDArray[np.intp]:
-    """For each row the first that equals it."""
-    # Equal rows stay in their order, so that the first of them is the first that differs from the one before.
-    order = np.lexsort(columns)
-    new = np.arange(len(order)) == 0
+    """For each row the index of the first row that equals it."""
+    label = np.zeros(len(columns[0]), dtype=np.int64)
     for column in columns:
-        ranked = column[order]
-        new[1:] |= ranked[1:] != ranked[:-1]
-    first = np.empty_like(order)
-    first[order] = order[new][np.cumsum(new) - 1]
-    return first
+        label = pd.factorize(label * len(label) + pd.factorize(column)[0])[0]
+    return np.unique(label, return_index=True)[1][label]
 
 
-def _find(columns: Columns, requested: Columns) -> NDArray[np.intp]:
-    """For each of the rows requested the first that equals it; -1 where none does."""
-    count = len(columns[0])
-    first = first_equal([np.concatenate(pair) for pair in zip(columns, requested, strict=True)])[count:]
-    return np.where(first < count, first, -1)
+def blocks(shape: tuple[int, ...], most: int) -> list[tuple[slice, ...]]:
+    """Cut an array of this shape, in C order, into blocks of at most `most` entries, or of one."""
+    depth = len(shape) - 1
+    while depth >= 0 and math.prod(shape[depth:]) <= most:
+        depth -= 1
+    if depth < 0:
+        return [()]
+    step = max(most // math.prod(shape[depth + 1 :]), 1)
+    cuts = [slice(k, min(k + step, shape[depth])) for k in range(0, shape[depth], step)]
+    outer = (tuple(slice(k, k + 1) for k in index) for index in np.ndindex(shape[:depth]))
+    return [(*index, cut) for index in outer for cut in cuts]
 
 
-def _sorted(columns: Columns, step: int) -> bool:
-    """Whether rows, all different, ascend with a step of 1, or descend with one of -1."""
-    return np.array_equal(np.lexsort(columns[::-1])[::step], np.arange(len(columns[0])))
-
-
-def _flat(along: Sequence[NDArray[np.intp]], shape: tuple[int, ...]) -> NDArray[np.intp]:
-    """Points by their places along each dimension; -1 where one of these is."""
-    flat = np.ravel_multi_index(along, shape, mode="clip")
-    return np.where(np.logical_and.reduce([place >= 0 for place in along]), flat, -1)
+def flag_attributes(flags: Mapping[int, str], dtype: Any) -> dict[str, Any]:
+    """CF attributes of an integer whose values have meanings."""
+    words = " ".join(word.replace(" ", "_") for word in flags.values())
+    return {"flag_values": np.array(list(flags), dtype=dtype), "flag_meanings": words}
 
 
 def check_counts(counts: Mapping[str, int]) -> None:
@@ -345,13 +388,18 @@ def check_counts(counts: Mapping[str, int]) -> None:
     if (size := math.prod(counts.values())) > MOST_POINTS:
         shape = " x ".join(f"{name} {count}" for name, count in counts.items())
         raise InputError(
-            f"grid = {shape}: {size:.3g} points are more than the {MOST_POINTS:.3g} that one plan can hold; "
-            "take fewer values, or run parts of them into folders of their own"
+            f"grid = {shape}: {size:.3g} points are more than the {MOST_POINTS:.3g} of one plan; "
+            "take fewer values, or run parts of them into separate folders"
         )
 
 
+def check_size(grid: Grid) -> None:
+    """Refuse a grid of too many points; see `check_counts`."""
+    check_counts(dict(zip(grid.dims, grid.shape, strict=True)))
+
+
 def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:
-    """Raise unless every name can stand in a file and every value is a `kind`."""
+    """Raise unless every name is valid in a file and every value is a `kind`."""
     for name, value in named.items():
         usable = isinstance(name, str) and name.isidentifier() and not name.startswith("failure_")
         if not usable or name in RESERVED:

@@ -19,8 +19,8 @@ DIGITS = 12
 MOST = 1 << 24
 # Of a scrambled Sobol point; half of the last one keeps it off the faces of the cube.
 BITS = 30
-# Where a distribution without a description is told by its quantiles.
-SHARES = (0.001, 0.1, 0.25, 0.5, 0.75, 0.9, 0.999)
+# Quantile levels that identify a distribution without a description.
+LEVELS = (0.001, 0.1, 0.25, 0.5, 0.75, 0.9, 0.999)
 
 
 def Sample(
@@ -30,11 +30,11 @@ def Sample(
     seed: int = 0,
     *,
     axes: Mapping[str, Axis] | None = None,
-    about: Mapping[str, tuple[str, str]] | None = None,
+    units: Mapping[str, tuple[str, str]] | None = None,
 ) -> Grid:
     """A grid of independent draws, one from each distribution, along the dimension `sample`.
 
-    A sweep of more draws of the same kind goes on with the file of fewer; the draws are coordinates in it.
+    A sweep of more draws of the same kind extends the file of fewer; the draws are coordinates in it.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def Sample(
     seed : int
     axes : mapping of str to Axis, optional
         Axes besides: every draw is combined with each of their points.
-    about : mapping of str to (str, str), optional
+    units : mapping of str to (str, str), optional
         Units and long name of each draw.
 
     Raises
@@ -58,18 +58,18 @@ def Sample(
     """
     _check(distributions, count, method, seed)
     check_counts({DIM: count} | {name: len(axis) for name, axis in (axes or {}).items()})
-    shares = unit_draws(len(distributions), count, method, seed)
-    drawn: dict[str, Axis] = {}
-    for (name, each), column in zip(distributions.items(), shares.T, strict=True):
+    probabilities = unit_draws(len(distributions), count, method, seed)
+    draws: dict[str, Axis] = {}
+    for (name, each), column in zip(distributions.items(), probabilities.T, strict=True):
         values = quantiles(each, column)
         if not np.all(np.isfinite(values)):
             raise InputError(f"Sample: {name} = {described(each)}: it gives a draw that is not finite")
-        drawn[name] = Axis(values, *(about or {}).get(name, ("1", "")))
+        draws[name] = Axis(values, *(units or {}).get(name, ("1", "")))
     whole = f", {count} of them" if method == "latin" else ""
     return Grid(
-        {DIM: Axis(np.arange(count), long_name="number of the draw")} | drawn | dict(axes or {}),
-        zipped=(DIM, *drawn),
-        drawn={"drawn by": f"{method}, seed {seed}{whole}"}
+        {DIM: Axis(np.arange(count), long_name="number of the draw")} | draws | dict(axes or {}),
+        zipped=(DIM, *draws),
+        sampling={"method": f"{method}, seed {seed}{whole}"}
         | {name: described(each) for name, each in distributions.items()},
     )
 
@@ -109,9 +109,9 @@ def unit_draws(dimensions: int, count: int, method: str, seed: int) -> NDArray[n
     return np.asarray(np.clip(points, np.finfo(float).eps, 1.0 - np.finfo(float).eps))
 
 
-def quantiles(distribution: Any, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+def quantiles(distribution: Any, probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values of a distribution, to DIGITS."""
-    values = np.asarray(distribution.ppf(shares), dtype=float)
+    values = np.asarray(distribution.ppf(probabilities), dtype=float)
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
 
 
@@ -125,27 +125,27 @@ def described(distribution: Any) -> str:
         given = [f"{np.asarray(each).tolist()!r}" for each in distribution.args]
         given += [f"{key}={np.asarray(each).tolist()!r}" for key, each in sorted(distribution.kwds.items())]
         return f"{named.name}({', '.join(given)})"
-    return f"quantiles {quantiles(distribution, np.array(SHARES)).tolist()}"
+    return f"quantiles {quantiles(distribution, np.array(LEVELS)).tolist()}"
 
 
-def check_same_draws(file: Path, present: Grid, asked: Grid) -> None:
-    """Refuse to go on with a file that has other points of the same numbers; a grid that is not drawn may.
+def check_same_draws(file: Path, present: Grid, requested: Grid) -> None:
+    """Refuse to add draws to a file that has other ones under the same numbers; a grid without draws passes.
 
     Raises
     ------
     StoreError
         Naming the first that differs.
     """
-    if not asked.drawn:
+    if not requested.sampling:
         return
-    number, *names = asked.groups[0]
-    count = min(len(present.axes[number]), len(asked.axes[number]))
+    number, *names = requested.groups[0]
+    count = min(len(present.axes[number]), len(requested.axes[number]))
     for name in names:
-        there, here = present.axes[name].values[:count], asked.axes[name].values[:count]
+        there, here = present.axes[name].values[:count], requested.axes[name].values[:count]
         if len(other := np.flatnonzero(there != here)):
             k = other[0]
             raise StoreError(
                 f"{file} has other points: {name} = {there[k]} there, {here[k]} here, at {number} = "
-                f"{asked.axes[number].values[k]}; start over with fresh (--fresh), or choose another folder "
+                f"{requested.axes[number].values[k]}; start over with fresh (--fresh), or choose another folder "
                 "(--out)"
             )

@@ -1,24 +1,83 @@
-"""The two objects a user holds: a sweep, which can be planned, and its plan, which can be run."""
+"""The two objects of a user: a sweep, which plans, and its plan, which runs."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
 from sweeps.compute.run import execute
-from sweeps.fingerprint.identity import plain
-from sweeps.plan.declaration import Declaration
-from sweeps.plan.plan import PlanData
-from sweeps.plan.planning import make_plan
-from sweeps.plan.timing import timed
-from sweeps.watch.monitor import Progress
+from sweeps.declaration import Declaration
+from sweeps.errors import InputError
+from sweeps.fingerprint.code import plain
+from sweeps.plan.planning import PlanData, make_plan, timed
+from sweeps.status import Progress
+from sweeps.task import Pointwise
+
+
+def pointwise(function: Callable[..., Any]) -> Pointwise:
+    """Use a function of numbers where a sweep needs a function of arrays.
+
+    Parameters
+    ----------
+    function : callable
+        `function(a=..., b=..., **constants)` takes one number (or string) for each axis. It returns a dict of
+        numbers or arrays, or, if the sweep has one variable, its value. An exception is stored with its point.
+    """
+    if not callable(function):
+        raise InputError(f"pointwise: function = {function!r}: it must be a function")
+    return Pointwise(function)
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep(Declaration):  # noqa: D101 - the docstring of its fields
-    __doc__ = Declaration.__doc__
+class Sweep(Declaration):
+    """A function of points, mapped over a grid.
+
+    Parameters
+    ----------
+    name : str
+    function : callable
+        `function(points, **constants)` takes a batch, a dict of 1-D arrays with one entry for each point, and
+        returns a dict of arrays with the batch first, or, if there is one variable, its array. The result of a
+        point must not depend on its batch. It may also return `error`, an exception or None for each point, and
+        `wall_time` (s). `sweeps.pointwise` adapts a function of numbers.
+    grid : Grid, mapping or pandas.DataFrame
+        The points; a mapping of names to an Axis or a list is a grid, a DataFrame has a point in each row.
+    variables : mapping of str to Variable, or sequence of str
+        The results.
+    constants : mapping
+        Keyword arguments of the function: numbers, strings, arrays, DataFrames, dataclasses, and containers.
+    key : callable, optional
+        `key(points)` returns equal rows for points that share one computation, which is done once.
+    coords : mapping of str to (Axis or array_like)
+        Coordinates of the dimensions that variables have besides the grid's.
+    code : sequence of (str or Path)
+        Packages, modules and files on which the results depend, besides the function's own module.
+    title : str
+        The file's title.
+    derive : callable, optional
+        `derive(dataset)` returns the finished dataset with variables that follow from all points; it leaves what
+        was computed as it is.
+    scale : callable, optional
+        `scale(points)` returns factors by name; a variable that names one in its `scale` is multiplied by it at
+        each point, so that one computation serves points that differ in size only.
+    order_by : sequence of str
+        Axes whose change is costly: a batch has neighbours along the others first.
+    batch_multiple : int
+        Number of points that the function computes at little more than the cost of one.
+    request : mapping
+        The request from which the constants follow, as JSON represents it; part of the file's configuration.
+    remark : str
+        Text for the file's history.
+    rerun : callable, optional
+        `rerun(point)` returns a command that computes a failed point again, from a dict of its values. Default: a
+        call of the function, if it can be imported.
+    refinement : Refinement, optional
+        The rule that chooses the points to compute; set by `sweeps.refined`. Default: all.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -32,54 +91,69 @@ class Sweep(Declaration):  # noqa: D101 - the docstring of its fields
         retry_failed: bool = False,
         strict: bool = False,
     ) -> Plan:
-        """Decide everything before the first expensive call; the function is not called.
+        """Decide everything before the first expensive call, without calling the function.
 
         Parameters
         ----------
         store : path, optional
             The netCDF file to write; without it the result stays in memory.
         fresh : bool
-            Start over, whatever the store holds of this sweep.
+            Start over, whatever the store has of this sweep.
         retry_failed : bool
-            Compute again what failed.
+            Compute failed points again.
         strict : bool
-            Refuse to compute points in another environment than those at hand, or in several: with other versions
-            of Python, NumPy, SciPy, Numba or BLAS, or on another kind of processor. By default that is a
-            `MixedWarning`, and the variable `computed_by` of the result says which is whose.
+            Refuse to mix environments: other versions of Python, NumPy, SciPy, Numba, BLAS or a library that the
+            code imports, or another kind of processor. By default a mixture is a `MixedWarning`, and the file's
+            attribute `environments` lists them.
 
         Raises
         ------
         StoreError
             If the store cannot be used or belongs to something else; the message says what differs.
+        InputError
+            If the loaded code is not that of its file; if strict, if environments differ.
         """
-        return Plan(**vars(make_plan(self, store, fresh, retry_failed, strict)))
+        return Plan(**make_plan(self, store, fresh=fresh, retry_failed=retry_failed, strict=strict))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Plan(PlanData):  # noqa: D101 - the docstring of its fields
-    __doc__ = PlanData.__doc__
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Plan(PlanData):
+    """The decisions of `Sweep.plan`; its repr reports them.
+
+    Attributes
+    ----------
+    points, skipped, distinct, cached, failed, todo : int
+        Points of the grid, those that `skip` leaves out, different computations of the others, those that are
+        stored, stored ones that failed, those to do.
+    seconds, most_seconds : float
+        Estimated time on one core, and, of a refined sweep, if every point were requested in the end.
+    bytes : int
+        Expected size of the file.
+    covers : tuple of str
+        Modules, packages and files on which the results depend: a change of them makes the results outdated.
+    """
 
     def timed(self) -> Plan:
-        """The same plan with the estimated time as a few points tell it, computed now; NaN if all of them fail."""
+        """The same plan with a time estimated by computing some points now; NaN if all of them fail."""
         return replace(self, seconds=timed(self))
 
     def run(
         self,
-        scheduler: str = "threads",
+        scheduler: Any = "threads",
         workers: int | None = None,
         progress: Progress | None = None,
         *,
         fail_fast: bool = False,
     ) -> xr.Dataset:
-        """Compute what is to be done, write the netCDF file if there is a store, return the dataset.
+        """Compute the points to do, write the netCDF file if there is a store, and return the dataset.
 
         Parameters
         ----------
-        scheduler : str
+        scheduler : str, distributed.Client or Dask cluster
             "threads": threads of this process; "sync": one batch after the other; "processes": a Dask cluster of
             processes on this machine; or the address of a Dask scheduler, tcp://host:port.
         workers : int, optional
-            Threads or processes; default: one a core. Not for an address.
+            Threads or processes; default: one for each core. Not for an address.
         progress : callable, optional
             `progress(snapshot)` with a `Snapshot` when batches begin and end.
         fail_fast : bool
@@ -88,8 +162,8 @@ class Plan(PlanData):  # noqa: D101 - the docstring of its fields
         Returns
         -------
         xarray.Dataset
-            The points requested, dimensions in the grid's order; of a large file, large variables are read when
-            they are used. Points that failed keep their error text in `error`.
+            The requested points, dimensions in the grid's order; of a large file, large variables are read when
+            they are used. `error` has the reasons of failed points.
 
         Raises
         ------
@@ -98,13 +172,18 @@ class Plan(PlanData):  # noqa: D101 - the docstring of its fields
         SchedulerError
             If there is no such scheduler.
         InputError
-            If it would mix environments and the plan is strict.
+            If the plan is strict and workers have another environment.
         ClusterLostError
-            If it went, or all its workers, while they computed; what was finished is kept in the file's folder.
+            If the scheduler, or all its workers, disappear; finished batches stay in the store.
         SweepStoppedError
-            With `fail_fast`, if a point failed.
+            If the first points, which are from several places of the grid, all fail with the same error; with
+            `fail_fast`, if any point fails.
         KeyboardInterrupt
-            After the first interrupt, when what was under way is finished and kept. After the second at once: as
-            AbandonedError if threads still compute, for which a normal exit would wait.
+            After the first interrupt, when the batches that have begun are finished and stored. After the second
+            at once: as AbandonedError if threads still compute, for which a normal exit would wait.
         """
-        return execute(self, scheduler, workers, progress, fail_fast)
+        data, version = execute(self, scheduler, workers, progress, fail_fast)
+        # The same plan may run again: then it finds everything.
+        object.__setattr__(self, "version", version)
+        object.__setattr__(self, "whole", self.store is not None)
+        return data

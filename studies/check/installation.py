@@ -19,7 +19,7 @@ import xarray as xr
 
 from fivcore import Scene, simulate
 from studies import registry, results, runner
-from sweeps import DONE, open_results
+from sweeps import DONE, Store, open_results
 
 KNOWN = Path(__file__).with_name("known.json")
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
@@ -138,7 +138,7 @@ def engine(folder: Path, known: Mapping[str, Any]) -> Iterator[Found]:
     with suppress(_Interrupt):
         sweep.plan(store).run("sync", progress=interrupt)
     # Whatever was done, a part is lost now.
-    sorted(store.with_suffix(".parts").glob("*.part"))[0].unlink()
+    sorted(Store(store).parts.glob("*.part"))[0].unlink()
     plan = sweep.plan(store)
     yield _same(f"gone on with, {plan.todo} scenes due", whole, plan.run())
     kept = count - plan.todo

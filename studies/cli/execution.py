@@ -112,7 +112,8 @@ def _list_failures(dataset: xr.Dataset) -> None:
     if "reproduce" in dataset and dataset.sizes["failure"]:
         if is_set("verbose"):
             show(dataset["traceback"].values[0], err=True)
-        show(f"again, in Python: {dataset['reproduce'].values[0]}", err=True)
+        if again := dataset["reproduce"].values[0]:
+            show(f"compute one of them again with: {again}", err=True)
 
 
 def status_text(status: Status) -> str:
@@ -121,9 +122,8 @@ def status_text(status: Status) -> str:
 
     rows: list[tuple[str, object]] = [("file", status.file), ("state", status.state), ("points", status.points)]
     rows += [(name, getattr(status, name)) for name in ("done", "failed", "pending", "skipped")]
-    if status.pending and status.state == "complete":
-        why = "computed" if status.interpolated else "asked for"
-        rows[-2] = ("pending", f"{status.pending}, which no run has {why}")
+    if status.state == "incomplete":
+        rows[-2] = ("pending", f"{status.pending}, which no run has requested")
     if status.interpolated:
         rows.append(("interpolated", status.interpolated))
     run = status.run

@@ -14,7 +14,7 @@ from studies.plotting import planes
 from studies.scatter import instability
 from studies.study import constants
 from studies.tables import Part
-from sweeps import INTERPOLATED_FLAG, STATUS_FLAGS
+from sweeps import INTERPOLATED_FLAG, STATUS_FLAGS, refinement_report
 
 # Units and factors for a reader.
 UNITS = {"m s-1": ("mm/s", 1e3), "s": ("ms", 1e3), "s-1": ("1/s", 1.0), "1": ("", 1.0)}
@@ -37,6 +37,7 @@ def findings(dataset: xr.Dataset) -> list[Part]:
     lines += ["", f"{status.size} points: {', '.join(counts)}."]
     return [
         *lines,
+        *refinement_report(dataset),
         *_values_text(quantity, values.values[np.isfinite(values.values)]),
         *_scattered(constants(dataset)),
     ]

@@ -101,6 +101,7 @@ def sweep_of(
         {"quantity": quantity} | constants,
         key=definition.key,
         scale=quantities.load if scaled else None,
+        code=("fivcore",),
         # Bases are made anew for each of their values.
         order_by=tuple(name for name in axes if name not in ("V", "mu", "F")),
         title=f"{variable.long_name[0].upper()}{variable.long_name[1:]}, over {plane.x} and {plane.y}",

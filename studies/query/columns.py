@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NUMBER, TEXT, WORDS = "number", "text", "words"
 # What a file says of how each point was computed.
-MAKING = ("status", "error", "wall_time", "computed_by")
+MAKING = ("status", "error", "wall_time")
 
 
 @dataclass(frozen=True, eq=False)

@@ -152,9 +152,9 @@ def _of_distributions(
     _check_apart(values, scatter, "--scatter")
     # In the study's order, so that the order of options changes nothing.
     drawn = {name: distributions.parse(scatter[name], name) for name in columns if name in scatter}
-    about = {name: (columns[name].units, columns[name].long_name) for name in drawn}
+    units = {name: (columns[name].units, columns[name].long_name) for name in drawn}
     try:
-        grid = Sample(drawn, samples, sampling, seed, about=about)
+        grid = Sample(drawn, samples, sampling, seed, units=units)
     except InputError as problem:
         text = str(problem).replace("Sample: count", "--samples").replace("Sample: method", "--sampling")
         raise InputError(text.replace("Sample: seed", "--seed").removeprefix("Sample: ")) from None
@@ -176,7 +176,7 @@ def _of_table(study: Study, values: Mapping[str, Any], points: str | Path | Mapp
     _check_apart(values, read.columns, "--points")
     axes = {ROW: Axis(np.arange(1, len(read.places) + 1), long_name="row of the table")}
     axes |= {name: Axis(each, columns[name].units, columns[name].long_name) for name, each in read.columns.items()}
-    grid = Grid(axes, zipped=tuple(axes), drawn={"drawn by": "a table"})
+    grid = Grid(axes, zipped=tuple(axes), sampling={"method": "a table"})
     return _at(study, grid, POINTS, {"points": list(read.columns)}, {}, read.places)
 
 
@@ -264,7 +264,7 @@ def _sweep(
     own = tuple(study.axes)
     scattered = tuple(name for name in grid.axes if name in study.settings)
     skip = None if study.skip is None else partial(function.of_axes, study.skip, own)
-    whole = Grid({**grid.axes, **axes}, grid.groups[0], skip, grid.drawn)
+    whole = Grid({**grid.axes, **axes}, grid.groups[0], skip, grid.sampling)
     check_size(whole)
     base = function.Base(study.function, study.constants, own, (*settings, *scattered), scattered)
     options = dict(study.options)
@@ -282,6 +282,7 @@ def _sweep(
         study.variables,
         dict(settings),
         coords=_checked(study, grid, {**grid.axes, **axes}, settings, scattered, places),
+        code=("fivcore",),
         title=f"{study.title}, {len(next(iter(grid.axes.values())))} points",
         derive=partial(_with_attributes, attributes=attributes) if attributes else None,
         **options,

@@ -1,159 +1,101 @@
-"""A plan's way from batches to the dataset: compute, keep, merge. One loop serves every back end."""
+"""The execution of a plan: batches are computed, stored, and assembled. One loop serves all executors."""
 
 from __future__ import annotations
 
 import signal
 import threading
 import warnings
-from collections.abc import Collection, Iterator, Sequence
-from concurrent.futures import CancelledError, Future
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, Union
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from dask.local import SynchronousExecutor
 from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
-from sweeps.compute.batch import one_blas_thread
-from sweeps.compute.local import Job, Local, Receipt, WorkerDied
 from sweeps.errors import (
     AbandonedError,
+    DamagedError,
     InputError,
     MixedWarning,
     SchedulerError,
     StoreError,
     SweepStoppedError,
+    WorkerDied,
     reason,
 )
-from sweeps.fingerprint.provenance import Environment, environment, environments_of, mixed
+from sweeps.fingerprint.code import check_loaded
+from sweeps.fingerprint.identity import functions_of
+from sweeps.fingerprint.provenance import Environment, environment, mixed
 from sweeps.plan.batches import BatchSizes, Queue
-from sweeps.plan.plan import PlanData, Selection
-from sweeps.plan.planning import ROW_BYTES, select
-from sweeps.storage.lock import locked
-from sweeps.storage.merge import dataset, gather
-from sweeps.storage.netcdf import attach, open_results, stored_only, write
-from sweeps.storage.sources import DamagedError, PartSource, ResultSource, Source
+from sweeps.plan.planning import ROW_BYTES, STRICT, PlanData, mixed_line, select
+from sweeps.status import Monitor, Progress
+from sweeps.storage.assemble import Source, Table, assemble, declared
+from sweeps.storage.existing import opened
+from sweeps.storage.netcdf import described, stored_only, write
+from sweeps.storage.parts import PartSource, PartWriter, ResultSource
 from sweeps.storage.store import Store
-from sweeps.watch.monitor import Monitor, Progress
+from sweeps.task import BatchSummary, one_blas_thread
 
-if TYPE_CHECKING:
-    from sweeps.compute.cluster import Cluster
-
-Backend = Union[Local, "Cluster"]
 LOCAL = ("threads", "sync", "processes")
-# A point has failed when the worker that had nothing else to do died so many times.
-DEATHS = 2
-# Seconds between looks at whether to stop.
+# s between looks at whether to stop.
 TICK = 0.25
 
 
 def execute(
-    plan: PlanData, scheduler: str, workers: int | None, progress: Progress | None, fail_fast: bool
-) -> xr.Dataset:
-    """Run a plan; see `Plan.run`."""
+    plan: PlanData, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
+) -> tuple[xr.Dataset, tuple[Any, ...]]:
+    """Run a plan; see `sweeps.Plan.run`. Returns the dataset and the new version of the store."""
     check_backend(scheduler, workers)
-    known = _checked_environments(plan, scheduler) if plan.todo else []
-    only = known[0] if known and plan.strict else None
     if plan.store is None:
-        sources = _Run(plan, None, list(plan.sources), progress, fail_fast, only).compute(scheduler, workers)
-        found = gather(plan.manifest, sources, [*plan.manifest.variables, "wall_time"])
-        data = attach(plan.manifest, dataset(plan.manifest, found), plan.sweep.derive)
-        _tell_late(plan, known, data)
-        return data
+        table = _Run(plan, None, progress, fail_fast).compute(scheduler, workers)
+        return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), ()
     store = Store(plan.store)
     if plan.whole:
         _check_unchanged(plan, store)
         _tidy(store)
-        return _requested(plan, store)
-    with locked(store):
+        return _requested(plan, store), store.version()
+    with store.locked():
         _check_unchanged(plan, store)
-        sources = [source for source in plan.sources if source.name not in plan.damaged]
-        _prepare(plan, store, {source.name for source in sources})
-        sources = _Run(plan, store, sources, progress, fail_fast, only).compute(scheduler, workers)
+        table = _Run(plan, store, progress, fail_fast).compute(scheduler, workers)
         try:
-            write(store, plan.manifest, sources, plan.sweep.derive)
+            if table.damaged:
+                raise DamagedError(table.damaged[0], str(store.parts))
+            write(store, table, plan.sweep.derive)
         except DamagedError as problem:
             # The next plan computes its points again.
             (store.parts / problem.part).unlink(missing_ok=True)
-            text = f"{problem.part} in {store.parts} got damaged; plan and run again"
-            raise StoreError(text) from None
+            raise
         store.clear()
-    data = _requested(plan, store)
-    _tell_late(plan, known, data)
-    return data
+    return _requested(plan, store), store.version()
 
 
-def check_backend(scheduler: str, workers: int | None) -> None:
-    """Refuse a back end that there is not."""
-    if scheduler not in LOCAL and "://" not in str(scheduler):
+def check_backend(scheduler: Any, workers: int | None) -> None:
+    """Raise a `SchedulerError` unless the scheduler is one of those that `Plan.run` accepts."""
+    known = isinstance(scheduler, str) and (scheduler in LOCAL or "://" in scheduler)
+    if not known and not hasattr(scheduler, "scheduler_info"):
         raise SchedulerError(
-            f"scheduler = {scheduler!r}: it must be 'threads', 'sync', 'processes', or an address like "
-            "tcp://host:8786"
+            f"scheduler = {scheduler!r}: it must be 'threads', 'sync', 'processes', an address like "
+            "tcp://host:8786, or a Dask client or cluster"
         )
     whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
     if workers is not None and not (whole and workers >= 1):
-        raise SchedulerError(f"workers = {workers!r}: it must be a whole number, 1 or above")
-
-
-def _checked_environments(plan: PlanData, scheduler: str) -> list[Environment]:
-    """Environments of what is at hand and of who is to compute; several are a warning, or refused if strict."""
-    here = [environment()]
-    if scheduler not in LOCAL:
-        # Imported here: it takes long, and few runs need it.
-        from sweeps.compute.cluster import environments_at
-
-        here = environments_at(scheduler)
-    every: list[Environment] = [*plan.environments, *here]
-    if told := mixed(every):
-        text = _not_one(plan, told)
-        if plan.strict:
-            raise InputError(f"{text}; choose another folder, start over with fresh, or leave strict out")
-        warnings.warn(f"{text}; computed_by says which are", MixedWarning, stacklevel=4)
-    return every
-
-
-def _tell_late(plan: PlanData, known: Sequence[Environment], data: xr.Dataset) -> None:
-    """Tell of environments of points that were not known when the run began: of workers that joined it later."""
-    found = environments_of(data.attrs)
-    late = [each for each in found if each not in known]
-    if known and late and len(found) > 1:
-        text = _not_one(plan, mixed([known[0], *late]))
-        warnings.warn(f"{text}; computed_by says which are", MixedWarning, stacklevel=4)
-
-
-def _not_one(plan: PlanData, told: str) -> str:
-    return f"{plan.store or plan.sweep.name}: not all points are computed in one environment: {told}"
+        raise SchedulerError(f"workers = {workers!r}: it must be an integer, 1 or above")
 
 
 def _check_unchanged(plan: PlanData, store: Store) -> None:
-    if store.stamp() != plan.stamp:
+    if store.version() != plan.version:
         raise StoreError(f"{store.file} has changed since this was planned; plan again")
 
 
-def _prepare(plan: PlanData, store: Store, known: Collection[str]) -> None:
-    """Make the folder of parts, remove what is of no use, and say what is to come."""
-    try:
-        if plan.manifest.fresh and not plan.sources:
-            store.manifest.unlink(missing_ok=True)
-        store.parts.mkdir(parents=True, exist_ok=True)
-        # What a killed run left half written, and parts that are damaged or of another manifest.
-        for path in store.parts.glob(".*.tmp"):
-            path.unlink(missing_ok=True)
-        for name in store.folder.names():
-            if name not in known:
-                (store.parts / name).unlink()
-        plan.manifest.save(store.manifest)
-    except (OSError, RuntimeError) as problem:
-        raise StoreError(_unwritten(store, problem, plan.cached)) from problem
-
-
 def _tidy(store: Store) -> None:
-    """Remove what a run left that was killed when its file was written already."""
-    if store.parts.exists() or store.lock.exists():
-        with suppress(StoreError), locked(store):
+    """Remove the rest of a run that was killed when its file was complete."""
+    if store.parts.exists():
+        with suppress(StoreError), store.locked():
             if not store.manifest.exists():
                 store.clear()
 
@@ -161,198 +103,261 @@ def _tidy(store: Store) -> None:
 def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     """Select the requested points of the file, in the order of the request."""
     try:
-        found = open_results(store.file)
+        data = opened(store.file)
     except ValueError as problem:
         raise StoreError(f"{problem}; move it away, or start over with fresh (--fresh)") from None
-    if plan.embedding.identical:
-        return found
-    manifest, grid = plan.manifest, plan.manifest.grid
-    some = stored_only(manifest, found).isel(dict(zip(grid.dims, plan.embedding.places, strict=True)))
+    if plan.alignment.identical:
+        return declared(data)
+    grid = plan.manifest.grid
+    some = stored_only(plan.manifest, data).isel(dict(zip(grid.dims, plan.alignment.indexers, strict=True)))
     if "failure" in some.dims:
-        at = [np.asarray(some[f"failure_{name}"].values) for name in grid.axes]
-        points = grid.at([values.astype(str) if values.dtype.kind == "O" else values for values in at])
-        own = manifest.representatives(np.flatnonzero(plan.requested))
-        ours = np.isin(manifest.representatives(points), own)
-        some = some.isel(failure=ours) if ours.any() else some.drop_dims("failure")
-    return attach(manifest, some, plan.sweep.derive)
+        inside = [some[f"failure_{name}"].isin(plan.sweep.grid.axes[name].values).values for name in grid.axes]
+        own = np.logical_and.reduce(inside)
+        some = some.isel(failure=own) if own.any() else some.drop_dims("failure")
+    return declared(described(plan.manifest, some, plan.sweep.derive))
 
 
 def _unwritten(store: Store, problem: BaseException, kept: int) -> str:
-    """Say what could not be written and why, and that so many computations are kept, where there are any."""
+    """Report a failure to write, and whether anything is stored."""
     done = "what was finished is kept, and the same run goes on from there" if kept else "nothing was finished"
     return f"{store.file} could not be written: {reason(problem)}; {done}"
 
 
-@dataclass(eq=False)
+class _Local:
+    """An executor of threads of this process; with `workers` None this thread."""
+
+    # Submitted batches for each worker at most: one to work on, one that waits.
+    window = 2
+
+    def __init__(self, run: _Run, workers: int | None) -> None:
+        self._run, self.workers = run, workers or 1
+        self._pool: Executor = SynchronousExecutor() if workers is None else ThreadPoolExecutor(workers)
+
+    def __enter__(self) -> _Local:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
+        """Wait for the threads, which cannot be ended; after an interrupt give them up."""
+        abandoned = kind is not None and issubclass(kind, KeyboardInterrupt)
+        self._pool.shutdown(wait=not abandoned, cancel_futures=True)
+
+    def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
+        """That of this process."""
+        return [environment(libraries)]
+
+    def check(self) -> None:
+        """Threads do not disappear."""
+
+    def submit(self, name: str, points: NDArray[np.intp]) -> Future[Any]:
+        """Compute a batch, and store it as the part `name`."""
+        return self._pool.submit(lambda: self._run.write(name, points, self._run.plan.task.run(points)))
+
+    def result(self, future: Future[Any]) -> BatchSummary | None:
+        """The summary of a finished batch."""
+        summary: BatchSummary | None = future.result()
+        return summary
+
+    def halt(self) -> None:
+        """Begin no more batches."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
 class _Run:
-    """One execution of a plan's batches; `sources` are where results at hand are kept, and then all of them."""
+    """One execution of a plan's batches."""
 
-    plan: PlanData
-    store: Store | None
-    sources: list[Source]
-    progress: Progress | None
-    fail_fast: bool
-    only: Environment | None
-    # Plain values: a signal's handler sets the flag, and must not wait for a lock.
-    interrupted: bool = False
-    failure: str = ""
-
-    def __post_init__(self) -> None:
-        plan, store = self.plan, self.store
-        self.folder = None if store is None else store.folder
-        token = "" if store is None else plan.manifest.token
-        self.job = Job(plan.task, plan.manifest.grid, token, self.only)
-        self.monitor = Monitor(plan.todo, self.progress, None if store is None else store.progress)
-        row = sum(plan.manifest.row_bytes(name) for name in plan.sweep.variables) + ROW_BYTES
+    def __init__(self, plan: PlanData, store: Store | None, progress: Progress | None, fail_fast: bool) -> None:
+        self.plan, self.store, self.fail_fast = plan, store, fail_fast
+        self.sources: list[Source] = [each for each in plan.sources if each.name not in plan.damaged]
+        self.writer = None
+        if store is not None:
+            last = ["", *store.part_names()][-1]
+            self.writer = PartWriter(store.parts, plan.manifest.variables, plan.manifest.token, last)
+        self.monitor = Monitor(plan.todo, progress, None if store is None else store.progress)
+        row = sum(map(plan.manifest.row_bytes, plan.manifest.variables)) + ROW_BYTES
         self.sizes = BatchSizes(row, plan.sweep.batch_multiple)
-        # Of each batch its part's name, its points and, if it is alone at a worker, how often one has died of it.
-        self._under_way: dict[Future[Any], tuple[str, NDArray[np.intp], int | None]] = {}
+        # Plain values: a signal's handler sets the flag, and must not wait for a lock.
+        self.interrupted, self.failure, self.common_error = False, "", ""
+        self.environments: list[Environment] = [*plan.environments]
+        # Name and points of each submitted batch.
+        self._submitted: dict[Future[Any], tuple[str, NDArray[np.intp]]] = {}
         self._done: SimpleQueue[Future[Any]] = SimpleQueue()
-        # Batches at which a worker died, and how often each has died alone.
-        self._suspects: list[tuple[NDArray[np.intp], int]] = []
+        # Batches whose worker died; they are computed one at a time, so that only the guilty one can be blamed.
+        self._suspects: list[NDArray[np.intp]] = []
+        # The first batch, of points from several places of the grid.
+        self._first: NDArray[np.intp] | None = None
 
-    def compute(self, scheduler: str, workers: int | None) -> list[Source]:
-        """Do every batch, of a refined sweep pass after pass; where all results are kept."""
+    def compute(self, scheduler: Any, workers: int | None) -> Table:
+        """Compute every batch, of a refined sweep pass after pass; return the table of all results."""
         with self._interruptible():
             try:
                 if self.plan.todo:
                     self._passes(scheduler, workers)
             except KeyboardInterrupt:
-                if any(future.running() for future in self._under_way):
+                if any(future.running() for future in self._submitted):
                     raise AbandonedError from None
                 raise
             finally:
-                # Threads that were given up come too late from now on.
-                if self.folder is not None:
-                    self.folder.close()
+                # Threads that were given up write nothing from now on.
+                if self.writer is not None:
+                    self.writer.close()
                 self.monitor.close()
+        if self.common_error:
+            if self.store is not None and not self.sources:
+                self.store.clear()
+            raise SweepStoppedError(f"stopped, since the first points all failed alike: {self.common_error}")
         if self.failure and self.fail_fast:
             raise SweepStoppedError(f"stopped at the first failure: {self.failure}")
         if self.interrupted:
             raise KeyboardInterrupt
-        return self.sources
+        table = Table(self.plan.manifest, self.sources)
+        if late := [each for each in table.environments if each not in self.environments]:
+            # Of workers that joined during the run.
+            self._check_environments([*self.environments[:1], *late], strict=False)
+        return table
 
-    def _passes(self, scheduler: str, workers: int | None) -> None:
-        plan: PlanData = self.plan
-        selection: Selection = plan
+    def _check_environments(self, environments: Sequence[Environment], *, strict: bool = True) -> None:
+        """Warn of a mixture of environments, or refuse it if the plan is strict."""
+        if different := mixed(environments):
+            line = mixed_line(self.store, self.plan.sweep, different)
+            if strict and self.plan.strict:
+                raise InputError(f"{line}; {STRICT}")
+            warnings.warn(line, MixedWarning, stacklevel=6)
+
+    def _prepare(self) -> None:
+        """Make the folder of parts, remove useless files from it, and write the manifest."""
+        if (store := self.store) is None:
+            return
+        check_loaded(functions_of(self.plan.sweep), self.plan.sweep.code)
+        useful = {source.name for source in self.sources}
+        try:
+            store.parts.mkdir(parents=True, exist_ok=True)
+            # Temporary files of killed runs, damaged parts, and parts of another manifest.
+            useless = [*store.parts.glob(".*.tmp")]
+            for path in [*useless, *(store.parts / name for name in store.part_names() if name not in useful)]:
+                path.unlink(missing_ok=True)
+            self.plan.manifest.save(store)
+        except (OSError, RuntimeError) as problem:
+            raise StoreError(_unwritten(store, problem, self.plan.cached)) from problem
+
+    def _passes(self, scheduler: Any, workers: int | None) -> None:
+        plan, due = self.plan, self.plan.due
         most = plan.todo if plan.sweep.refinement is None else plan.points
-        # Held for all batches here, for it takes a few milliseconds.
-        with one_blas_thread(), self._backend(scheduler, min(workers or CPU_COUNT, most)) as backend:
-            # Whoever wants to stop at a failure wants nothing waiting at a worker that has one.
-            window = 1 if self.fail_fast or scheduler == "sync" else backend.window
-            while selection.todo:
-                self._loop(selection, backend, window)
+        # Set for all batches here, since it takes a few milliseconds.
+        with one_blas_thread(), self._executor(scheduler, min(workers or CPU_COUNT, most)) as executor:
+            self.environments += executor.environments(plan.task.libraries)
+            self._check_environments(self.environments)
+            self._prepare()
+            # A run that stops at a failure has no batches that wait behind one.
+            window = 1 if self.fail_fast or scheduler == "sync" else executor.window
+            while due.any():
+                self._loop(due, executor, window)
                 if plan.sweep.refinement is None or self._stopped():
                     return
-                selection = select(plan.sweep, plan.manifest, plan.embedding, plan.requested, self.sources)
-                self.monitor.todo += selection.todo
+                due = select(plan.sweep, plan.manifest, plan.alignment, plan.requested, self.sources)["due"]
+                self.monitor.todo += int(np.count_nonzero(due))
 
-    def _backend(self, scheduler: str, workers: int) -> AbstractContextManager[Backend]:
+    def _executor(self, scheduler: Any, workers: int) -> AbstractContextManager[Any]:
         if scheduler in ("threads", "sync"):
-            return Local(self._compute, workers if scheduler == "threads" else None)
-        # Imported here: it takes long, and few runs need it.
+            return _Local(self, workers if scheduler == "threads" else None)
+        # Imported here: it is slow, and few runs need it.
         from sweeps.compute.cluster import cluster
 
-        parts = None if self.store is None else self.store.parts
-        return cluster(None if scheduler == "processes" else scheduler, workers, self.job, parts)
+        return cluster(scheduler, workers, self.plan.task, tuple(self.plan.sweep.code), self.writer)
 
-    def _loop(self, selection: Selection, backend: Backend, window: int) -> None:
-        """Hand out batches as long as there are any, and take what comes of them."""
-        queue = Queue(self.plan.manifest.grid, selection.due, self.plan.sweep.order_by)
-        while (queue.left or self._suspects or self._under_way) and not self._stopped():
-            if self._suspects and backend.isolate(last=not (queue.left or self._under_way)):
-                points, deaths = self._suspects.pop()
-                self._submit(backend, [points], deaths)
-            batches, room = list[NDArray[np.intp]](), backend.room(window, len(self._under_way))
-            while queue.left and len(batches) < room:
-                batches.append(queue.take(self.sizes.next(queue.left, backend.workers)))
-            self._submit(backend, batches)
-            self._take(backend)
-        if self._under_way:
-            backend.halt()
-        while self._under_way:
-            self._take(backend)
+    def _loop(self, due: NDArray[np.bool_], executor: Any, window: int) -> None:
+        """Submit batches as long as there are points, and collect their results."""
+        queue = Queue(self.plan.manifest.grid, due, self.plan.sweep.order_by)
+        if self._first is None:
+            self._first = queue.take_spread(self.sizes.least)
+            self._submit(executor, self._first)
+        while (queue.left or self._suspects or self._submitted) and not self._stopped():
+            if self._suspects and not queue.left and not self._submitted:
+                self._submit(executor, self._suspects.pop())
+            free = window * executor.workers - len(self._submitted)
+            # A message to a cluster costs what a batch does, so half of the window is submitted at once.
+            if window == 1 or 2 * free >= window * executor.workers:
+                for _ in range(free):
+                    if queue.left:
+                        self._submit(executor, queue.take(self.sizes.next(queue.left, executor.workers)))
+            self._collect(executor, queue.left)
+        if self._submitted:
+            executor.halt()
+        while self._submitted:
+            self._collect(executor, queue.left)
 
-    def _submit(self, backend: Backend, batches: list[NDArray[np.intp]], deaths: int | None = None) -> None:
-        """Hand out batches; one at which a worker died so often, to a worker of its own."""
-        names = ["" if self.folder is None else self.folder.next_name() for _ in batches]
-        for points in batches:
-            ends = self.plan.manifest.grid.points(points[[0, -1]])
-            spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
-            self.monitor.begin(int(points[0]), ", ".join(spans))
-        futures = backend.submit(names, batches, deaths is not None)
-        for future, name, points in zip(futures, names, batches, strict=True):
-            self._under_way[future] = name, points, deaths
-            future.add_done_callback(self._done.put)
+    def _submit(self, executor: Any, points: NDArray[np.intp]) -> None:
+        name = "" if self.writer is None else self.writer.next_name()
+        ends = self.plan.manifest.grid.points(points[[0, -1]])
+        spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
+        self.monitor.begin(int(points[0]), ", ".join(spans))
+        future = executor.submit(name, points)
+        self._submitted[future] = name, points
+        future.add_done_callback(self._done.put)
 
-    def _take(self, backend: Backend) -> None:
-        """Keep what has come of a batch; wait a moment where nothing has."""
+    def _collect(self, executor: Any, left: int) -> None:
+        """Take the result of a finished batch; wait a moment if there is none."""
         try:
             future = self._done.get(timeout=TICK)
         except Empty:
-            backend.check()
+            executor.check()
             return
-        name, points, deaths = self._under_way.pop(future)
-        receipt: Receipt | None
+        name, points = self._submitted.pop(future)
+        summary: BatchSummary | None = None
         try:
-            receipt = future.result()
-            if receipt is not None:
-                self.sizes.finished(receipt.rows, receipt.seconds)
-            elif not self._stopped():  # it got lost
-                self._suspects.append((points, 0))
+            summary = executor.result(future)
         except CancelledError:
-            receipt = None  # it was taken back before it was begun
+            pass  # it was not begun
         except WorkerDied:
-            receipt = self._suspected(points, deaths)
-        if receipt is None:
+            summary = self._died(points)
+        if summary is None:
             self.monitor.end(int(points[0]))
             return
-        self.failure = self.failure or receipt.first_failure
-        self._write(name, receipt)
-        if self.folder is not None:
-            self.sources.append(PartSource(self.folder, name))
-        elif receipt.result is not None:
-            self.sources.append(ResultSource(points, receipt.result))
-        self.monitor.end(int(points[0]), receipt.rows, receipt.failed)
+        if points is self._first and left and summary.common_error:
+            # Nothing is stored of it, so that the next run tries these points again.
+            self.common_error = summary.first_failure
+            if self.store is not None:
+                (self.store.parts / name).unlink(missing_ok=True)
+            self.monitor.end(int(points[0]), summary.rows, summary.failed)
+            return
+        self.sizes.finished(summary.rows, summary.seconds)
+        self.failure = self.failure or summary.first_failure
+        self.write(name, points, summary)
+        if self.store is not None:
+            self.sources.append(PartSource(self.store.parts / name))
+        elif summary.result is not None:
+            self.sources.append(ResultSource(points, summary.result))
+        self.monitor.end(int(points[0]), summary.rows, summary.failed)
 
-    def _compute(self, name: str, points: NDArray[np.intp]) -> Receipt:
-        """A batch on a thread of this process, kept as the part of that name."""
-        return self._write(name, self.job.compute(points))
-
-    def _write(self, name: str, receipt: Receipt) -> Receipt:
-        """The receipt without the part that was in it, which is written."""
-        if self.folder is None or self.store is None or receipt.content is None:
-            return receipt
+    def write(self, name: str, points: NDArray[np.intp], summary: BatchSummary) -> BatchSummary:
+        """Write the part of a batch; return the summary without the result."""
+        if self.writer is None or self.store is None or summary.result is None:
+            return summary
         try:
-            self.folder.put(name, receipt.content)
+            self.writer.write(name, points, summary.result)
         except (OSError, RuntimeError) as problem:
-            kept = self.plan.cached + len(self.folder.names())
+            kept = self.plan.cached + len(self.store.part_names())
             raise StoreError(_unwritten(self.store, problem, kept)) from problem
-        return receipt._replace(content=None)
+        return summary._replace(result=None)
 
-    def _suspected(self, points: NDArray[np.intp], deaths: int | None) -> Receipt | None:
-        """Queue the halves of a batch at which a worker died; return a point at which too many died as failed."""
-        if deaths is None:
-            self._suspects.append((points, 0))
-        elif len(points) > 1:
-            self._suspects += [(half, 0) for half in np.array_split(points, 2)]
-        elif deaths + 1 < DEATHS:
-            self._suspects.append((points, deaths + 1))
-        else:
-            died = f"the process that computed this point died, {DEATHS} times out of {DEATHS}"
-            result = self.plan.task.failed(self.job.grid.points(points), RuntimeError(died))
-            return self.job.receipt(points, result, 0.0)
-        return None
+    def _died(self, points: NDArray[np.intp]) -> BatchSummary | None:
+        """Queue the halves of a batch whose worker died; a single point of which one died alone has failed."""
+        alone = len(points) == 1 and not self._submitted
+        if not alone:
+            self._suspects += np.array_split(points, 2) if len(points) > 1 else [points]
+            return None
+        problem = RuntimeError("the process that computed this point died")
+        task = self.plan.task
+        return task.summary(points, task.failed(task.grid.points(points), problem), 0.0)
 
     def _stopped(self) -> bool:
-        """Whether no more batches are to begin."""
-        return self.interrupted or bool(self.fail_fast and self.failure)
+        """Whether no more batches begin."""
+        return self.interrupted or bool(self.common_error) or bool(self.fail_fast and self.failure)
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """The first interrupt lets what is under way finish and be kept, the second means now."""
-        plain = threading.current_thread() is threading.main_thread()
-        if not plain or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        """The first interrupt lets the batches that have begun finish, the second stops at once."""
+        main = threading.current_thread() is threading.main_thread()
+        if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
             yield
             return
 

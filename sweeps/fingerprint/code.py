@@ -1,339 +1,563 @@
-"""Fingerprint of the code behind functions: one digest for each module of the project that they reach.
+"""Fingerprint of code: what results depend on, as far as it is code.
 
-It sees the top-level statements that functions reach by name in their own modules, and those that act on import:
-calls, entries and attributes set, definitions with decorators or bases. Another module of the project counts as a
-whole, a package's `__init__` as an own one; it is followed on from the names taken of it. By value, with the code
-of their classes, count closures, defaults of nested functions, arguments of partials, compilers' options, called
-instances; and numbers, arrays and texts that a function's names stand for, in its module and in those it names.
+Covered are the packages, modules and files that a sweep declares; of the functions' own packages the top-level
+definitions and assignments that they reach by name, with the statements that change these objects; other local
+packages that this code imports, whole; and values that functions carry along: closures, defaults of nested
+functions, arguments of partials, attributes of called instances.
 
-It does not see formatting, comments, docstrings, annotations outside classes; what a script does when it is
-started, except to the objects of names that are reached; libraries, whose versions `provenance` compares; this
-engine, unless its functions are given; what is found by a computed name; what a module sets in another, if it is
-only imported as `from package import module` and never named; what an assigned call changes elsewhere. Nothing is
-imported for it, and nothing in a file is executed.
+Not covered are files that a module reads, unless they are declared; names that are found by computation; and the
+code of installed packages: of those that are declared, or define a function, the version counts, that of others is
+part of the environment (`sweeps.fingerprint.provenance`). Formatting, comments and docstrings change nothing.
+Nothing in a file is executed.
 """
 
 from __future__ import annotations
 
-import builtins
+import ast
 import dataclasses
+import importlib.util
 import inspect
+import json
 import os
+import re
 import sys
-from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from enum import Enum
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from hashlib import blake2b
-from importlib.metadata import packages_distributions
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
 from types import CellType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
+import cloudpickle  # type: ignore[import-untyped]
 import numpy as np
+import pandas as pd
 
 from sweeps.errors import InputError
-from sweeps.fingerprint.scripts import is_script, own_name
-from sweeps.fingerprint.source import Module, Statement, bound, imported, is_library, names, read, root
 
-ENGINE = root(__name__)
-# Attributes of a class that hold no code of it.
-ASIDE = {"__module__", "__doc__", "__annotations__", "__firstlineno__", "__static_attributes__"}
-ASIDE |= {"__annotate__", "__annotate_func__", "__annotations_cache__"}  # what annotations are since Python 3.14
-REFUSED = "cannot be compared with a stored one"
-PLAIN = (type(None), type(...), bool, int, float, complex, str, bytes, range)
+DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+IMPORTS = (ast.Import, ast.ImportFrom)
+ENGINE = __name__.partition(".")[0]
+# Where installed packages lie.
+INSTALLED = {"site-packages", "dist-packages"}
+
+Functions = Iterable[Callable[..., Any]]
 
 
-def digests(*functions: Callable[..., Any]) -> dict[str, str]:
-    """Digests of the code that functions run, with the values that they carry along.
+def digests(functions: Functions, code: Sequence[str | Path] = ()) -> dict[str, str]:
+    """Digests by which the code of two runs is compared.
 
     Parameters
     ----------
-    *functions : callable
-        Plain, partial, wrapped or compiled ones, methods, lambdas, classes, instances that can be called.
+    functions : iterable of callable
+        Plain, partial, wrapped or compiled functions, methods, lambdas, classes, instances that can be called.
+    code : sequence of (str or Path)
+        Packages and modules by name, and files or folders, on which results depend besides.
 
     Returns
     -------
     dict of str to str
-        A digest for each module that is not a library's, sorted by name.
+        By the name of each module, package and file; of an installed package its version.
 
     Raises
     ------
-    ValueError
-        For a function that carries along what cannot be compared with a stored value.
+    InputError
+        If there is no such code, or a function carries along a value that cannot be compared.
     """
-    innermost = [_innermost(function) for function in functions]
-    # A library's class, or an instance of it, does not make the library the project's.
-    reach = _Reach({_home(each) for each in innermost if isinstance(each, FunctionType)})
-    for function, inner in zip(functions, innermost, strict=True):
-        reach.notes.add((_home(inner), reach.text(function)))
-    return reach.digests()
+    reach = _Reach(functions, code)
+    texts = {name: [s.text for s in _parsed(name).statements if s in taken] for name, taken in reach.taken.items()}
+    texts |= {name: [_parsed(each).text for each in sorted(_modules(name))] for name in reach.packages}
+    for name, values in reach.values.items():
+        texts[name] = texts.get(name, []) + sorted(values)
+    found = {name: _digest("\0".join(lines).encode()) for name, lines in texts.items() if lines}
+    for path in reach.files:
+        files = [path] if path.is_file() else sorted(each for each in path.rglob("*") if each.is_file())
+        found[path.name] = _digest(
+            b"\0".join(f"{each.relative_to(path)}".encode() + each.read_bytes() for each in files)
+        )
+    return dict(sorted((found | {name: f"version {_version(name)}" for name in reach.versions}).items()))
 
 
-def differing(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str]:
-    """Names of the modules whose code differs, or which only one side reaches; sorted."""
-    return sorted(name for name in {*stored, *present} if stored.get(name) != present.get(name))
+def libraries(functions: Functions, code: Sequence[str | Path] = ()) -> list[str]:
+    """Names of the installed packages that the covered code imports."""
+    return sorted(_Reach(functions, code).libraries)
 
 
-def digest(content: bytes) -> str:
-    """Short digest of bytes."""
-    return blake2b(content, digest_size=8).hexdigest()
+def check_loaded(functions: Functions, code: Sequence[str | Path] = ()) -> None:
+    """Refuse code that Python has loaded and that is not what its file says now.
+
+    Results of the loaded code would get the fingerprint of the file. Functions, methods and literals are compared.
+
+    Raises
+    ------
+    InputError
+        Naming the module.
+    """
+    reach = _Reach(functions, code)
+    reached: dict[str, set[str] | None] = {n: None for package in reach.packages for n in _modules(package)}
+    reached |= {home: set() for home, _ in reach.functions}
+    reached |= {name: set().union(*(each.binds for each in taken)) for name, taken in reach.taken.items()}
+    for name, names in reached.items():
+        loaded, file = sys.modules.get(_loaded_name(name)), _file(name)
+        # Other loaders, like that of pytest, may change the code.
+        if loaded is None or file is None or type(getattr(loaded, "__loader__", None)) is not SourceFileLoader:
+            continue
+        codes, literals = _compiled(file.read_bytes(), str(loaded.__file__))
+        wrong = [each.co_qualname for home, each in reach.functions if home == name and each not in codes]
+        for key in vars(loaded).keys() if names is None else names & vars(loaded).keys():
+            value = vars(loaded)[key]
+            differs = key in literals and (type(value), value) != (type(literals[key]), literals[key])
+            if differs or not codes.issuperset(_codes(value, loaded)):
+                wrong.append(key)
+        if wrong:
+            raise InputError(
+                f"{file.name} has changed since Python loaded it ({', '.join(sorted({*wrong}))}); restart Python, "
+                "or reload the module, and plan again"
+            )
 
 
 class _Reach:
-    """Goes from functions to all that they reach; the packages of their homes are followed wherever they lie."""
+    """Follows names from functions through the modules of their packages."""
 
-    def __init__(self, homes: set[str]) -> None:
-        self.homes = homes  # modules of the functions, where only what is reached counts
-        self.own = {root(name) for name in homes} | _siblings()
-        self.notes: set[tuple[str, str]] = set()  # values that count, by module
-        self._modules: dict[str, Module | None] = {}
-        self._taken: dict[Module, set[Statement]] = {}
-        self._asked: set[tuple[str, str]] = set()
-        self._todo: list[tuple[str, str]] = []
-        self._open: list[int] = []
-        self._seen: dict[int, Any] = {}  # keeps them alive: nothing else may take their id
+    def __init__(self, functions: Functions, code: Sequence[str | Path]) -> None:
+        self.taken: dict[str, set[_Statement]] = {}
+        self.values: dict[str, list[str]] = {}
+        self.packages, self.versions, self.libraries = set[str](), set[str](), set[str]()
+        self.files = [each for each in code if isinstance(each, Path)]
+        self.functions = list[tuple[str, CodeType]]()
+        self._own, self._seen = set[str](), set[Any]()
+        for name in code:
+            if not (name.exists() if isinstance(name, Path) else _spec(name)):
+                raise InputError(f"code = {str(name)!r}: there is no such package, module or file")
+            if isinstance(name, str) and _is_installed(name):
+                self.versions.add(name)
+            elif isinstance(name, str):
+                self._add(name)
+        for function in functions:
+            self._function(function)
 
-    def digests(self) -> dict[str, str]:
-        """A digest of what is reached in each module."""
-        while self._todo:
-            self._visit(*self._todo.pop())
-        texts: dict[str, list[str]] = defaultdict(list)
-        for module in [each for each in self._taken if self._taken[each]]:
-            counted = self._taken[module] if module.is_package or module.name in self.homes else module.statements
-            chosen = [each for each in module.statements if each in counted]
-            # Of imports the order makes no difference, unless something else may bind their names.
-            free = [each for each in chosen if each.is_import and module.binds_alone(each)]
-            texts[module.name] = sorted(each.text for each in free)
-            texts[module.name] += [each.text for each in chosen if each not in free]
-        for name, note in sorted(self.notes):
-            texts[name].append(note)
-        return {name: digest("\0".join(texts[name]).encode()) for name in sorted(texts)}
+    def _add(self, package: str) -> None:
+        """Cover a whole package, and what it imports."""
+        self.packages.add(package)
+        for root in set().union(*(_parsed(module).imports for module in _modules(package))):
+            self._count(root)
 
-    def _ask(self, module: str, path: str) -> None:
-        """Follow a name of a module, with attributes; all names for "", what acts on import for any."""
-        if (module, path) not in self._asked:
-            self._asked.add((module, path))
-            self._todo.append((module, path))
-
-    def _library(self, name: str) -> bool:
-        """Whether a module is another's, or the engine's."""
-        name = own_name(name)
-        return name not in self.homes if root(name) == ENGINE else root(name) not in self.own and is_library(name)
-
-    def _module(self, name: str) -> Module | None:
-        """The module of that name, unless it is a library's or has no source."""
-        if name not in self._modules:
-            self._modules[name] = None if self._library(name) else read(name)
-        return self._modules[name]
-
-    def _visit(self, source: str, path: str) -> None:
-        module, (head, _, rest) = self._module(source), path.partition(".")
-        if module is None:
+    def _count(self, root: str) -> None:
+        """Count a package that covered code imports."""
+        if root in self._own | {ENGINE} or root in sys.stdlib_module_names or _spec(root) is None:
             return
-        chosen = list(module.binding(head) if head else module.statements)
-        if head and module.is_package and self._module(f"{source}.{head}") is not None:
-            self._ask(f"{source}.{head}", rest)
-        elif not chosen and not hasattr(builtins, head):  # for the module's `__getattr__`
-            chosen += module.statements
-        if head and is_script(source):  # of what a script does counts what changes the name's object
-            chosen += [each for each in module.statements if head in each.effects]
-        if module not in self._taken:
-            self._taken[module] = set()
-            for loaded in {source.rpartition(".")[0]}.union(*(each.loads for each in module.statements)):
-                self._ask(loaded, "__name__")
-            acts = not is_script(source)
-            chosen += [each for each in module.statements if each.is_made or (acts and each.effects)]
-        for statement in chosen:
-            self._taken[module].add(statement)
-            for target, inner in statement.imports:
-                if inner == "*" and (starred := self._module(target)) and "__all__" in starred.binders:
-                    self._ask(target, "__all__")
-                parts = (inner.replace("*", head), rest if statement.is_import else "")
-                self._ask(target, ".".join(filter(None, parts)))
-            for use in statement.uses:
-                if module.binding(root(use)):
-                    self._ask(source, use)
+        if _is_installed(root):
+            self.libraries.add(root)
+        elif root not in {each.partition(".")[0] for each in self.packages}:
+            self._add(root)
 
-    def text(self, value: Any) -> str:
-        """A value in full, if it is plain or code, whose source is asked for."""
-        if id(value) in self._open:  # it holds itself
-            return f"again {len(self._open) - self._open.index(id(value))}"
-        self._open.append(id(value))
+    def _take(self, module: str, name: str, attribute: str = "") -> None:
+        """Take the statements of a module that bind a name or change its object; "*" takes all."""
+        if (module, name, attribute) in self._seen or _file(module) is None:
+            return
+        self._seen.add((module, name, attribute))
+        for each in _parsed(module).statements:
+            if name == "*" or {name, "*"} & (each.binds | each.effects):
+                self._follow(module, each, name, attribute)
+
+    def _follow(self, module: str, statement: _Statement, name: str = "", attribute: str = "") -> None:
+        """Take a statement, with all that it uses; of an import what `name` imports, with its attribute."""
+        for bound, target, inner in statement.imports:
+            if bound in (name, "") or "*" in (bound, name):
+                self._import(target, name if inner == "*" else inner, attribute)
+        taken = self.taken.setdefault(module, set())
+        if statement not in taken:
+            taken.add(statement)
+            for use, its_attribute in statement.uses:
+                self._take(module, use, its_attribute)
+
+    def _import(self, module: str, name: str, attribute: str) -> None:
+        """Follow an imported name, or the attribute that is used of an imported module."""
+        if name == ".":
+            self._take(module, "*")
+        elif module.partition(".")[0] not in self._own:
+            self._count(module.partition(".")[0])
+        elif name and _file(f"{module}.{name}") is not None:
+            self._take(f"{module}.{name}", attribute or "*")
+        else:
+            self._take(module, name or attribute or "*", attribute if name else "")
+
+    def _value(self, home: str, how: str, value: Any) -> None:
+        """Count a value that a function carries along."""
+        classes = set[type]()
         try:
-            return self._text(value)
-        finally:
-            self._open.pop()
+            text = getattr(value, "__qualname__", "") if callable(value) else json.dumps(plain(value, classes))
+        except InputError:
+            raise InputError(
+                f"{how} = {value!r}, which cannot be compared with a stored value; pass it as a constant"
+            ) from None
+        self.values.setdefault(home, []).append(f"{how} = {text}")
+        for each in [value] if callable(value) else classes:
+            self._function(each)
 
-    def _text(self, value: Any) -> str:
-        kind = type(value)
-        if kind in PLAIN or isinstance(value, np.dtype):
-            return f"{kind.__name__} {value!r}"
-        if isinstance(value, (np.ndarray, np.generic)):
-            content = self.text(value.tolist()) if value.dtype.hasobject else digest(value.tobytes())
-            return f"{value.dtype.str}{value.shape} {content}"
-        if isinstance(value, slice):  # a constant of code since Python 3.14
-            return f"slice {self.text((value.start, value.stop, value.step))}"
-        if isinstance(value, (list, tuple, dict, set, frozenset)):
-            parts = [self.text(each) for each in (value.items() if isinstance(value, dict) else value)]
-            return f"{self._class(kind)} {sorted(parts) if isinstance(value, (set, frozenset)) else parts}"
-        if isinstance(value, ModuleType):
-            name = own_name(value.__name__)
-            self._ask(name, "")
-            return name
-        if isinstance(value, type):
-            return self._class(value)
-        if isinstance(value, FunctionType):
-            return self._function(value)
-        if isinstance(value, CodeType):
-            return self._compiled(value)
-        if name := self._name_in_library(value):
-            return name
-        if isinstance(value, MethodType):
-            return f"{self.text(value.__self__)} {self.text(value.__func__)}"
-        if isinstance(value, partial):
-            name = getattr(value.func, "__qualname__", type(value.func).__qualname__)
-            given = {f"argument {place}": each for place, each in enumerate(value.args, 1)} | value.keywords
-            return f"partial {self.text(value.func)} {self._held(f'function {name} is given', given)}"
-        if _inner(value) is not None and self._library(kind.__module__):
-            # A compiler's options decide the last digits.
-            options = vars(value).get("targetoptions")
-            types = "" if getattr(value, "_can_compile", True) else f"{value.signatures} "
-            return (f"{self._if_told(options)} " if options else "") + types + self.text(_inner(value))
-        if isinstance(value, Enum):
-            return f"{self._class(kind)} {value.name}"
-        if dataclasses.is_dataclass(value):
-            fields = [(field.name, getattr(value, field.name, None)) for field in dataclasses.fields(value)]
-            return f"{self._class(kind)} {self.text(fields)}"
-        if not self._library(kind.__module__) or (callable(value) and hasattr(value, "__dict__")):
-            state: Any = object.__getstate__(value)
-            attributes, slots = state if isinstance(state, tuple) else (state, None)
-            held = {key: each for key, each in ((attributes or {}) | (slots or {})).items() if key not in ASIDE}
-            return f"{self._class(kind)} {self._held(f'the {kind.__qualname__} that is called holds', held)}"
-        raise _IncomparableError(f"a {kind.__qualname__} {REFUSED}; call it in a function")
+    def _function(self, function: Any) -> None:
+        """Follow a callable of any kind."""
+        inner = getattr(function, "py_func", None) or getattr(function, "__wrapped__", None)
+        kind = type(function)
+        name, home = getattr(function, "__qualname__", kind.__qualname__), _home(inner or function)
+        if isinstance(function, partial):
+            for key, value in [*enumerate(function.args), *function.keywords.items()]:
+                self._value(home, f"a partial has the argument {key}", value)
+            self._function(function.func)
+        elif isinstance(function, MethodType):
+            self._value(home, f"method {name} is of", function.__self__)
+            self._function(function.__func__)
+        elif inner is not None:
+            options = getattr(function, "targetoptions", {})
+            self.values.setdefault(home, []).append(f"{name} is compiled with {sorted(options.items(), key=str)}")
+            self._function(inner)
+        elif isinstance(function, (FunctionType, type)):
+            self._definition(function, home, name)
+        elif not inspect.isbuiltin(function):
+            self._function(kind)
+            for key, value in sorted(getattr(function, "__dict__", {}).items()):
+                self._value(home, f"the {name} that is called has {key}", value)
 
-    def _held(self, how: str, values: Mapping[str, Any]) -> str:
-        found = []
-        for name, value in sorted(values.items()):
-            try:
-                found.append(f"{name}={self.text(value)}")
-            except _IncomparableError:
-                raise InputError(f"{how} {name} = {value!r}, which {REFUSED}; pass it as a constant") from None
-        return ", ".join(found)
-
-    def _if_told(self, value: Any) -> str:
-        """The text of a value if it has one."""
-        seen = dict(self._seen)
-        try:
-            return self.text(value)
-        except ValueError:
-            # What was seen on the way is in no text yet.
-            self._seen = seen
-            return ""
-
-    def _name_in_library(self, value: Any) -> str:
-        """The name under which a library holds a value; "" if none does."""
-        module = str(getattr(value, "__module__", None))
-        name = str(getattr(value, "__qualname__", getattr(value, "__name__", None)))
-        is_there = getattr(sys.modules.get(module), name, None) is value
-        return f"{module}.{name}" if is_there and self._library(module) else ""
-
-    def _function(self, function: FunctionType) -> str:
-        code, home, name = function.__code__, _home(function), function.__qualname__
-        if id(function) in self._seen or self._library(home):
-            return f"{home}.{name} {self.text(_inner(function))}"
-        self._seen[id(function)] = function
-        self.homes.add(home)
-        module = self._module(home)
-        has_source = module is not None and os.path.realpath(code.co_filename) == os.path.realpath(module.file)
-        self._note(function, has_source)
-        self._ask(home, "__name__")
-        for each in () if has_source else imported(code):
-            self._ask(each, "")
-        if module is not None and has_source:
-            if self._defined(home, code.co_qualname):
-                return f"{home}.{name}"
-            for each in filter(module.binding, names(code)):
-                self._ask(home, each)
-        cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
-        # An empty cell, of a name that is not bound yet, equals another.
-        closed = {variable: cell.cell_contents for variable, cell in cells if cell != CellType()}
-        parameters = inspect.signature(function, follow_wrapped=False).parameters.values()
-        given = {each.name: each.default for each in parameters if each.default is not each.empty}
-        held = self._held(f"function {name} closes over", closed)
-        held += self._held(f"function {name} has the default", given)
-        return f"{home}.{name} {self._compiled(code, function.__doc__)} {held}"
-
-    def _defined(self, home: str, qualname: str) -> bool:
-        """Ask for the top-level statement that defines something; whether its text says all of it."""
-        module = self._module(home)
-        if module is None or not module.binding(root(qualname)):
-            return False
-        self._ask(home, root(qualname))
-        found = module.binding(root(qualname))
-        return "<" not in qualname and len(found) == 1 and found[0].is_definition
-
-    def _note(self, function: FunctionType, has_source: bool) -> None:
-        """Note the numbers, arrays and texts that a function's names stand for; without a source all told."""
-        present, used = function.__globals__, names(function.__code__) - bound(function.__code__)
-        named = [present[name] for name in used & set(present) if isinstance(present[name], ModuleType)]
-        spaces = {each.__name__: vars(each) for each in named if not self._library(each.__name__)}
-        for home, space in [(_home(function), present), *spaces.items()]:
-            for name in sorted(used & set(space)):
-                if _is_number(space[name]) or (space is present and not has_source):
-                    self.notes.add((home, f"{name} is {self._if_told(space[name])}"))
-
-    def _compiled(self, code: CodeType, document: str | None = None) -> str:
-        constants = [self.text(each) for each in code.co_consts if each is None or each != document]
-        taken = f"{inspect.getargs(code)} {code.co_posonlyargcount} {code.co_kwonlyargcount}"
-        return " ".join([taken, code.co_code.hex(), code.co_exceptiontable.hex(), *code.co_names, *constants])
-
-    def _class(self, kind: type) -> str:
-        home = own_name(kind.__module__)
-        name = f"{home}.{kind.__qualname__}"
-        if id(kind) in self._seen or self._library(home):
-            return name
-        self._seen[id(kind)] = kind
-        if self._defined(home, kind.__qualname__):
-            return name
-        fields = getattr(kind, "__dataclass_fields__", {})
-        members = {**vars(kind), **{f"{key} from": field.default_factory for key, field in fields.items()}}
-        for key in sorted(members.keys() - ASIDE):
-            parts = (members[key], *(getattr(members[key], part, None) for part in ("fget", "fset", "__func__")))
-            name += " ".join([key, *map(self._if_told, parts)])
-        return name + " ".join(map(self._class, kind.__bases__))
+    def _definition(self, function: FunctionType | type, home: str, name: str) -> None:
+        root = home.partition(".")[0]
+        if id(function) in self._seen or root in sys.stdlib_module_names:
+            return
+        self._seen.add(id(function))
+        if root in {each.partition(".")[0] for each in self.packages}:
+            return
+        if _is_installed(root):
+            self.versions |= {root} if isinstance(function, FunctionType) else set()
+            return
+        self._own.add(root)
+        nested = "<" in name
+        if isinstance(function, FunctionType):
+            code = function.__code__
+            for key, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+                if cell != CellType():  # a name that is not bound yet
+                    self._value(home, f"function {name} closes over {key}", cell.cell_contents)
+            for key, value in inspect.signature(function).parameters.items() if nested else ():
+                if value.default is not value.empty:
+                    self._value(home, f"function {name} has the default {key}", value.default)
+            if _file(home) is None:
+                # A notebook's: its bytecode, and the globals that it uses.
+                used = _names(code) & function.__globals__.keys()
+                self.values.setdefault(home, []).append(_bytecode(code))
+                for key in sorted(used):
+                    value = function.__globals__[key]
+                    if isinstance(value, ModuleType):
+                        self._count(value.__name__.partition(".")[0])
+                    else:
+                        self._value(home, f"function {name} uses {key}", value)
+            self.functions.append((home, code))
+            if nested:  # a statement may have several
+                self.values.setdefault(home, []).append(_bytecode(code))
+        elif _file(home) is None:
+            for key, value in vars(function).items():
+                if isinstance(value, (FunctionType, bool, int, float, str)) and key not in (
+                    "__module__",
+                    "__doc__",
+                ):
+                    self._value(home, f"class {name} has {key}", value)
+        if not (nested and isinstance(function, FunctionType)):
+            self._take(home, name.partition(".")[0])
+        elif _file(home) is not None:
+            for each in _parsed(home).statements:
+                if each.first <= function.__code__.co_firstlineno <= each.last:
+                    self._follow(home, each)
 
 
-class _IncomparableError(ValueError):
-    """A value has no text that would be the same in another process."""
+@dataclasses.dataclass(eq=False)
+class _Statement:
+    """A top-level statement of a file: its lines, what it binds, uses (with attributes), changes and imports."""
+
+    text: str
+    first: int
+    last: int
+    binds: set[str]
+    uses: set[tuple[str, str]]
+    effects: set[str]
+    # The name that is bound, "" within a function; the module; the name in it, "" for the module itself.
+    imports: list[tuple[str, str, str]]
 
 
-def _is_number(value: Any) -> bool:
-    """Whether a value is a number, an array or a text; texts with a slash may name a place on this machine."""
-    if isinstance(value, (np.ndarray, np.generic)):
-        return not value.dtype.hasobject
-    return type(value) in PLAIN and not (isinstance(value, str) and {*value} & {"/", os.sep})
+class _Parsed:
+    """A file without docstrings: its text, the packages that it imports, and its statements."""
+
+    def __init__(self, content: bytes, package: str) -> None:
+        self._package, tree = package, ast.parse(content)
+        every = list(ast.walk(tree))
+        for node in every:
+            _strip(node)
+        aliases = [each for node in every if isinstance(node, IMPORTS) for each in _aliases(node, package)]
+        self.imports = {module.partition(".")[0] for _, module, _ in aliases}
+        self._nodes = list[ast.stmt]()
+        for each in tree.body:
+            if not (isinstance(each, ast.If) and ast.unparse(each.test) == "__name__ == '__main__'"):
+                names = each.names if isinstance(each, IMPORTS) else []
+                self._nodes += [type(each)(**{**vars(each), "names": [name]}) for name in names] or [each]
+        # The order of imports changes nothing.
+        self._nodes.sort(key=lambda node: ast.unparse(node) if isinstance(node, IMPORTS) else "~")
+        self.text = "\0".join(map(ast.unparse, self._nodes))
+
+    @cached_property
+    def statements(self) -> list[_Statement]:
+        """The top-level statements, an import for each name."""
+        return [_statement(node, self._package) for node in self._nodes]
 
 
-def _inner(function: Any) -> Any:
-    """The function that a wrapper of whatever kind calls, or None."""
-    if isinstance(function, (partial, MethodType)):
-        return function.func if isinstance(function, partial) else function.__func__
-    held = {} if isinstance(function, type) else getattr(function, "__dict__", {})
-    return held.get("py_func", held.get("__wrapped__"))
+def _strip(node: ast.AST) -> None:
+    """Remove docstrings, and other strings that are no values."""
+    body = getattr(node, "body", None)
+    if isinstance(body, list):
+        kept = [s for s in body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+        node.body = kept or [ast.Pass()]  # type: ignore[attr-defined]
 
 
-def _innermost(function: Any) -> Any:
-    return function if _inner(function) is None else _innermost(_inner(function))
+def _statement(node: ast.stmt, package: str) -> _Statement:
+    code = compile(ast.fix_missing_locations(ast.Module([node], [])), "", "exec", dont_inherit=True)
+    used, top = _names(code), list(_top(node))
+    binds = {n.id for n in top if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
+    binds |= {n.name for n in top if isinstance(n, DEFINITIONS)}
+    imports = [("", *each[1:]) for n in ast.walk(node) if isinstance(n, IMPORTS) for each in _aliases(n, package)]
+    imports = [each for n in top if isinstance(n, IMPORTS) for each in _aliases(n, package)] or imports
+    binds |= {bound for bound, *_ in imports if bound}
+    uses = {(name, attribute) for name, attribute in _dotted(node) if name in used}
+    first = min([node.lineno, *(each.lineno for each in getattr(node, "decorator_list", []))])
+    return _Statement(ast.unparse(node), first, node.end_lineno or 0, binds, uses, _effects(node), imports)
 
 
-def _home(function: Any) -> str:
-    """The module where a function's globals are; `__module__` may be another's, copied or set."""
-    named = function.__globals__.get("__name__") if isinstance(function, FunctionType) else None
-    return own_name(str(named or getattr(function, "__module__", None) or "__main__"))
+def _top(node: ast.AST) -> Iterator[ast.AST]:
+    """The parts of a statement that run with its module: all but the bodies of functions and classes."""
+    yield node
+    for child in () if isinstance(node, (*DEFINITIONS, ast.Lambda)) else ast.iter_child_nodes(node):
+        yield from _top(child)
+
+
+def _dotted(node: ast.AST) -> Iterator[tuple[str, str]]:
+    """Names, each with the attribute that is taken of it."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        yield node.value.id, node.attr
+    elif isinstance(node, ast.Name):
+        yield node.id, ""
+    else:
+        for child in ast.iter_child_nodes(node):
+            yield from _dotted(child)
+
+
+def _effects(node: ast.AST) -> set[str]:
+    """Names whose objects a statement changes: by an attribute, an entry, or a method whose result is unused."""
+    places: list[ast.AST] = [
+        n for n in _top(node) if isinstance(n, (ast.Attribute, ast.Subscript)) and not isinstance(n.ctx, ast.Load)
+    ]
+    places += [n.value.func for n in _top(node) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call)]
+    names = set()
+    for place in places:
+        while isinstance(place, (ast.Attribute, ast.Subscript)):
+            place = place.value
+            names |= {place.id} if isinstance(place, ast.Name) else set()
+    return names
+
+
+def _aliases(node: Any, package: str) -> Iterator[tuple[str, str, str]]:
+    for each in node.names:
+        if isinstance(node, ast.Import):
+            root = each.name.partition(".")[0]
+            yield each.asname or root, each.name if each.asname else root, ""
+            if root != each.name and not each.asname:
+                yield "", each.name, "."
+        else:
+            with suppress(ImportError):
+                module = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+                yield each.asname or each.name, module, each.name
+
+
+def _names(code: CodeType) -> set[str]:
+    """Names that compiled code does not define itself, and those of attributes."""
+    return {*code.co_names}.union(*(_names(each) for each in code.co_consts if isinstance(each, CodeType)))
+
+
+def _bytecode(code: CodeType) -> str:
+    parts = [_bytecode(each) if isinstance(each, CodeType) else repr(each) for each in code.co_consts]
+    return f"{code.co_code.hex()} {code.co_names} {code.co_varnames} {parts}"
 
 
 @cache
-def _siblings() -> frozenset[str]:
-    """The packages installed together with this one, if it is installed at all."""
-    owners = packages_distributions() if is_library(ENGINE) else {}
-    return frozenset(top for top in owners if {*owners[top]} & {*owners.get(ENGINE, ())})
+def _compiled(content: bytes, file: str) -> tuple[set[CodeType], dict[str, Any]]:
+    """All code objects of a file, and the values of names that it sets once, to a literal."""
+    codes, tree = {compile(content, file, "exec", dont_inherit=True)}, ast.parse(content)
+    waiting = list(codes)
+    while waiting:
+        waiting = [each for code in waiting for each in code.co_consts if isinstance(each, CodeType)]
+        codes |= {*waiting}
+    names = [n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)]
+    literals, stars = dict[str, Any](), [n for n in ast.walk(tree) if isinstance(n, ast.alias) and n.name == "*"]
+    for node in () if stars else tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            with suppress(ValueError):
+                literals[node.targets[0].id] = ast.literal_eval(node.value)
+    # A dict, list or set may be filled later, by the module itself or as a cache.
+    fixed = {name: value for name, value in literals.items() if not isinstance(value, (dict, list, set))}
+    return codes, {name: value for name, value in fixed.items() if names.count(name) == 1}
+
+
+def _codes(value: Any, module: ModuleType) -> Iterator[CodeType]:
+    """The code of a loaded function, or of a class's methods, that the module defines."""
+    if isinstance(value, type) and value.__module__ == module.__name__:
+        for each in [each for each in vars(value).values() if not isinstance(each, type)]:
+            yield from _codes(getattr(each, "fget", None) or getattr(each, "__func__", each), module)
+    inner = getattr(value, "py_func", None) or value
+    inner = inspect.unwrap(inner) if callable(inner) else inner
+    # Functions that `exec` makes, like those of dataclasses, are in no file.
+    if isinstance(inner, FunctionType) and inner.__code__.co_filename == module.__file__:
+        yield inner.__code__
+
+
+def _home(function: Any) -> str:
+    """The module where a function's globals are; `__module__` may be copied or set."""
+    named = function.__globals__.get("__name__") if isinstance(function, FunctionType) else None
+    return _own_name(str(named or getattr(function, "__module__", None) or type(function).__module__))
+
+
+def _own_name(name: str) -> str:
+    """The name of a module, whether or not Python started it as a script."""
+    main = sys.modules["__main__"]
+    if name != "__main__":
+        return name
+    if main.__spec__ is not None:  # python -m
+        return main.__spec__.name
+    return _stem(main.__file__) if getattr(main, "__file__", None) else name
+
+
+def _loaded_name(name: str) -> str:
+    return "__main__" if name not in sys.modules and name == _own_name("__main__") else name
+
+
+def _stem(file: Any) -> str:
+    return re.sub(r"\W", "_", Path(file).stem)
+
+
+def _spec(name: str) -> ModuleSpec | None:
+    """Where a module lies."""
+    loaded = sys.modules.get(_loaded_name(name))
+    if isinstance(loaded, ModuleType):
+        file = getattr(loaded, "__file__", None)  # a script has no spec
+        return loaded.__spec__ or (importlib.util.spec_from_file_location(name, file) if file else None)
+    with suppress(ImportError, ValueError):
+        return importlib.util.find_spec(name)
+    return None
+
+
+def _file(name: str) -> Path | None:
+    """The source of a module."""
+    spec = _spec(name)
+    return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
+
+
+def _modules(package: str) -> dict[str, Path]:
+    """The modules of a package, or the module of that name, with their files."""
+    spec, found = _spec(package), dict[str, Path]()
+    for place in map(Path, (spec.submodule_search_locations or ()) if spec else ()):
+        for file in place.rglob("*.py"):
+            parts = file.relative_to(place).with_suffix("").parts
+            found[".".join([package, *(part for part in parts if part != "__init__")])] = file
+    own = _file(package)
+    return found or ({package: own} if own else {})
+
+
+def _is_installed(name: str) -> bool:
+    spec = _spec(name)
+    places = [spec.origin or "", *(spec.submodule_search_locations or ())] if spec else []
+    return bool(INSTALLED & {part for place in places for part in Path(place).parts})
+
+
+def _version(name: str) -> str:
+    root = name.partition(".")[0]
+    names = packages_distributions().get(root)
+    return version(names[0]) if names else "unknown"
+
+
+def _parsed(name: str) -> _Parsed:
+    file, spec = _file(name), _spec(name)
+    try:
+        return _parsed_content(file.read_bytes() if file else b"", (spec.parent if spec else "") or "")
+    except SyntaxError as problem:
+        raise InputError(f"{file}: it is no Python code: {problem}") from None
+
+
+# By content, since modification times are too coarse.
+_parsed_content = cache(_Parsed)
+
+
+def _digest(content: bytes) -> str:
+    return blake2b(content, digest_size=8).hexdigest()
+
+
+def plain(value: Any, classes: set[Any] | None = None) -> Any:
+    """A constant as JSON represents it; its functions, and the classes of its parts, are added to `classes`.
+
+    Raises
+    ------
+    InputError
+        If it is not made of numbers, strings, arrays, DataFrames, dataclasses and containers of these.
+    """
+    if classes is not None and callable(value):
+        classes.add(value)
+        return getattr(value, "__qualname__", type(value).__qualname__)
+    if classes is not None and type(value).__module__.partition(".")[0] not in ("builtins", "numpy", "pandas"):
+        classes.add(type(value))
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, (pd.DataFrame, pd.Series)):
+        value = value.to_dict("list") if isinstance(value, pd.DataFrame) else value.to_dict()
+    if isinstance(value, Mapping):
+        return {str(key): plain(each, classes) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(each, classes) for each in value]
+    if isinstance(value, (complex, np.complexfloating)):
+        return [value.real, value.imag]
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist(), classes)
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise InputError(f"constants contain {value!r}, which cannot be written as JSON")
+
+
+def load_script(file: str | Path) -> ModuleType:
+    """The module of a script's file, not started as a script.
+
+    It is named as its file, and imports modules beside it, as a script does. A sweep of its functions continues
+    the results of the script, and the other way round. Other processes get its functions by value.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, its name is another module's, or it raises.
+    """
+    path = Path(file).expanduser()
+    name, folder = _stem(path), str(path.resolve().parent)
+    if not path.is_file():
+        raise InputError(f"{file}: there is no such file")
+    present = sys.modules.get(name)
+    if present is not None:
+        if os.path.realpath(str(getattr(present, "__file__", None))) == os.path.realpath(path):
+            return present
+        raise InputError(f"{file}: Python has a module called {name} already; rename the file")
+    spec = importlib.util.spec_from_file_location(name, path.resolve())
+    if spec is None or spec.loader is None:
+        raise InputError(f"{file}: it is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    sys.path.insert(0, folder)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as problem:
+        del sys.modules[name]
+        sys.path.remove(folder)
+        raise InputError(f"{file}: it cannot be loaded: {type(problem).__name__}: {problem}") from problem
+    cloudpickle.register_pickle_by_value(module)
+    return module

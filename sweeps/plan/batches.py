@@ -1,6 +1,6 @@
-"""Cutting what is due into batches: in which order, and how many points each.
+"""Cutting the points to compute into batches: their order, and the size of each.
 
-The first batches are small; those that have finished tell how long the next may be.
+The first batches are small; the time that finished batches took decides the size of the next ones.
 """
 
 from __future__ import annotations
@@ -15,54 +15,56 @@ from numpy.typing import NDArray
 
 from sweeps.grid import Grid
 
-# A batch long enough to hide its own cost, short enough to spread and to show progress, small enough to hold.
+# A batch is long enough to hide its own cost, short enough to spread and show progress, small enough for memory.
 BATCH_SECONDS = 1.0
 BATCH_BYTES = 12e6
-# So many workers hand in so few batches a second that whoever hands these out is busy for a fifth of the time.
+# s a worker: hundreds of workers finish so few batches a second that the run is busy for a fifth of the time.
 WORKER_SECONDS = 0.01
-# A batch is at most this share of what is left for each worker, down to so long, s: workers end at the same time.
+# A batch is at most this share of the remaining points of each worker, but of this time, s: workers end together.
 LAST_SHARE, SHORTEST = 0.25, 0.1
-# A batch is at most so many times as long as one that has finished, for costs differ from point to point.
+# A batch is at most so many times as large as a finished one, since costs differ from point to point.
 GROWTH = 8
-# So many of the last batches tell what the next will cost; a clock may find none, s.
+# Number of the last batches that decide; the least time of a batch, since clocks may show none, s.
 REMEMBERED, TINY = 9, 1e-12
+# The first batch takes points from so many places of the grid.
+PLACES = 3
 
 
 class BatchSizes:
-    """Sizes batches by what those that have finished took.
+    """Chooses the size of each batch from the time of finished ones.
 
     Parameters
     ----------
     row_bytes : float
-        What a point leaves in memory.
+        Memory of the results of a point.
     multiple : int
-        How many are computed side by side at little more than the cost of one.
+        Number of points that the function computes at little more than the cost of one.
     """
 
     def __init__(self, row_bytes: float = 0.0, multiple: int = 1) -> None:
         self._room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
-        self._least = min(float(multiple), self._room)
+        self.least = int(min(float(multiple), self._room))
         self._largest = 0
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
 
     def finished(self, rows: int, seconds: float) -> None:
-        """A batch of so many points took so long."""
+        """Note the wall time of a finished batch."""
         self._largest = max(self._largest, rows)
         self._seconds.append(seconds / rows)
 
     def next(self, left: int, workers: int) -> int:
-        """How many points the next batch holds, where so many are left to so many workers."""
+        """Size of the next batch, of `left` points that remain for so many workers."""
         if not self._seconds:
-            return int(min(self._least, left))
-        # The median, for the first batch of each worker may have to wait until the function is compiled.
+            return min(self.least, left)
+        # The median, since the first batch of each worker may include compilation.
         seconds = max(median(self._seconds), TINY)
         longest = max(BATCH_SECONDS, WORKER_SECONDS * workers) / seconds
         share = max(SHORTEST / seconds, math.ceil(LAST_SHARE * left / workers))
-        return int(min(left, max(self._least, min(longest, share, self._room, GROWTH * self._largest))))
+        return int(min(left, max(self.least, min(longest, share, self._room, GROWTH * self._largest))))
 
 
 class Queue:
-    """Takes points that are due, in the grid's order or sorted by axes whose change is costly.
+    """The points to compute, in the grid's order or sorted by axes whose change is costly.
 
     Parameters
     ----------
@@ -73,25 +75,38 @@ class Queue:
     Attributes
     ----------
     left : int
-        Points that have not been taken.
+        Number of points that have not been taken.
     """
 
     def __init__(self, grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str] = ()) -> None:
+        self._due = due.copy()
         self.left = int(np.count_nonzero(due))
-        self._blocks = _in_order(grid, due, order_by)
+        self._blocks = _in_order(grid, self._due, order_by)
         self._ready = np.zeros(0, dtype=np.intp)
 
     def take(self, count: int) -> NDArray[np.intp]:
-        """The next so many points, or as many as there are."""
+        """The next `count` points, or as many as there are."""
         while len(self._ready) < min(count, self.left):
             self._ready = np.concatenate([self._ready, next(self._blocks)])
         taken, self._ready = np.split(self._ready, [count])
         self.left -= len(taken)
         return taken
 
+    def take_spread(self, count: int) -> NDArray[np.intp]:
+        """At least `count` points from PLACES places; before any other is taken."""
+        each = -(-count // PLACES)
+        if self.left <= PLACES * each:
+            return self.take(self.left)
+        points = np.flatnonzero(self._due)
+        begins = np.linspace(0, self.left - each, PLACES).astype(int)
+        taken = np.unique(points[begins[:, None] + np.arange(each)])
+        self._due[taken] = False
+        self.left -= len(taken)
+        return taken
+
 
 def _in_order(grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str]) -> Iterator[NDArray[np.intp]]:
-    """The points that are due, block by block: dimensions with axes of `order_by` change last, by their values."""
+    """The points to compute, block by block: dimensions with axes of `order_by` change last, by their values."""
     sorting = {
         dim: np.lexsort([grid.axes[name].values for name in reversed(order_by) if grid.dim_of(name) == dim])
         for dim in dict.fromkeys(map(grid.dim_of, order_by))

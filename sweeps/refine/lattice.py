@@ -1,84 +1,184 @@
-"""Which points of a dyadic lattice are worth computing, and what the others are likely to be.
+"""Which points of a dyadic lattice are computed, and how the others are predicted.
 
-A lattice has (m - 1) 2^levels + 1 points along each axis; every 2^levels-th is of the coarse lattice, which is
-computed throughout. Then the spacing is halved, level by level. A new point is predicted from the points about
-it that the level before had: of values by linear interpolation along the lattice, blended where it lies between
-points along several axes; of classes by agreement. A point is asked for
+A lattice has (m - 1) 2^levels + 1 points along each axis. The coarse lattice, every 2^levels-th point, is computed
+throughout. Then the spacing is halved, level by level. A new point is predicted from its neighbours on the lattice
+before: values by linear interpolation, classes by agreement. A class is a whole number, an interval between
+thresholds, or having no finite value. Each level computes, until results request no more, the points
 
-- where those do not agree on its class, or its predicted value is not of the class they agree on;
-- where a neighbour on the lattice of the level is of another class than is predicted for it;
-- where a point up to two steps away turned out not to be of the class that was predicted: it has met something
-  finer, or the result is rough there;
-- where second differences of the level before let an error of linear interpolation above the tolerance be
-  expected.
-
-What becomes known may ask for more; when nothing is asked for any more, the next level begins. A class is a whole
-number, the interval between thresholds in which a float lies, or having no finite value.
+- whose neighbours do not agree on their class, or whose predicted value is not of the class agreed on;
+- that have a neighbour on the lattice of the level in another class;
+- where second differences on the level before predict an error of linear interpolation above the tolerance;
+- near a mispredicted point of this level: its class, or its value by more than the tolerance, is not as predicted;
+- of a fixed sparse pattern, the control points.
 
 Guarantee. In the end two neighbours of the finest lattice that are shown in different classes are both computed.
-So every change of class that is shown is there, exactly where it is shown, and one that is met is followed along
-the finest lattice wherever it leads. What is missed are islands: points that hang together along the lattice, none
-of them computed, within what is shown as one class. They hold no coarse point and lie between computed ones: a
-patch smaller than a coarse cell, or a strip that passes between the coarse points without touching anything that
-was followed. What is said of values is an estimate: a peak between computed points leaves no trace in second
-differences.
+So every change of class that is shown is true, and each that is met is followed wherever it leads. What can be
+missed are islands: points connected along the lattice, none of them computed, within what is shown as one class.
+
+Estimate. The other rules choose points where errors are likely. Control points that they do not choose are a
+sample of the interpolated points: the share of it that is mispredicted estimates how many of those are wrong. One
+that is connected to another by mispredicted points does not count, for each would have led to the other; one that
+is alone does (Good, Biometrika 40, 1953, 237-264: what a sample lacks is about as frequent as what it met once).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import combinations, product, takewhile
+from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sweeps.declaration import Refinement
+
 Values = NDArray[np.float64]
 Codes = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-# Classes that are no class of a finite value: not agreed upon, no value, infinite.
+# Classes of what has no finite value: not agreed on, no value, infinite.
 UNSURE = int(np.iinfo(np.int64).min)
 NOTHING, BELOW, ABOVE = UNSURE + 1, UNSURE + 2, UNSURE + 3
-# So many steps about a surprise are looked at: the nearest island that its neighbours hide is two steps away.
-ABOUT = 2
+# Largest share and number of control points on a level: if none of so many is mispredicted, at most 1 % are wrong.
+CONTROL_SHARE, CONTROL_POINTS = 1.0 / 12.0, 350
 
 
-@dataclass(frozen=True)
-class Refinement:
-    """What decides where a sweep is computed.
+class Choice(NamedTuple):
+    """The points to be computed, as far as the results so far decide.
+
+    Attributes
+    ----------
+    points : ndarray of bool
+        All of them, computed or not.
+    levels : list of dict
+        Of each finished level its number (`level`) and `spacing` in units of the finest; the numbers of points
+        `computed`, of `mispredicted` ones among them, of `control` points in the sample and of `missed` ones among
+        these; how many points each of these `represents`; and the `largest` error of a prediction, 0 for classes.
+    exhausted : ndarray of bool
+        Mispredicted points of the finest level, once that is finished.
+    """
+
+    points: Flags
+    levels: list[dict[str, Any]]
+    exhausted: Flags
+
+
+@np.errstate(invalid="ignore")  # the difference of infinite values is NaN
+def choose(
+    values: Values, computed: Flags, levels: int, rule: Refinement, copies: Codes | None = None, start: Any = False
+) -> Choice:
+    """Choose the points to be computed, level by level, each time from the results of all chosen before.
+
+    So the choice does not depend on the order in which results come, nor on where a run was interrupted.
 
     Parameters
     ----------
-    variable : str
-        The variable that is looked at: one number a point. Of a whole number every value is a class of its own.
-    levels : int
-        Halvings of the coarse lattice's spacing along every axis: each has (m - 1) 2^levels + 1 values.
-    tolerance : float, optional
-        Largest error expected of interpolation, in units of the range of the values found; None: any.
-    thresholds : tuple of float
-        Ascending; a value up to the first of them is of one class, one above it of another, and so on.
-    resolution : float
-        Errors below this share of the largest value are rounding; `refined` makes it at least that of the variable
-        as it is kept.
-    whole : bool
-        Whether every value is a class, between which nothing is interpolated; `refined` sets it by the variable.
+    values, computed, levels, rule
+        As for `predict`; nothing need be computed.
+    copies : ndarray of int, optional
+        Equal for points that are one computation: with one of them all are computed.
+    start : ndarray of bool, optional
+        Points that are chosen in any case.
     """
+    from scipy.ndimage import label, maximum_filter  # here, because it takes long and few commands refine
 
-    variable: str
-    levels: int
-    tolerance: float | None = None
-    thresholds: tuple[float, ...] = ()
-    resolution: float = 1e-9
-    whole: bool = False
+    dims, finished = computed.ndim, list[dict[str, Any]]()
+    chosen, wrong = np.zeros_like(computed) | start, np.zeros_like(computed)
+    chosen[coarse(levels, dims)] = True
+    one = np.arange(computed.size).reshape(computed.shape) if copies is None else copies
+    # An island of a class can lie hidden two steps away; errors of values lead from each point to the next.
+    tolerance = None if rule.whole else rule.tolerance
+    reach = 2 if tolerance is None else 1
+
+    def complete() -> bool:
+        if copies is not None:
+            chosen[...] = np.isin(copies, copies[chosen])
+        return bool(computed[chosen].all())
+
+    for level in range(1, levels + 1) if complete() else ():
+        part = coarse(levels - level, dims)
+        here, own, same = chosen[part], values[part], one[part]  # views
+        control, sample, earlier = control_points(here.shape), np.zeros_like(here), np.zeros_like(here)
+        # Of each computation one point only.
+        control &= np.isin(np.arange(same.size), np.unique(same, return_index=True)[1]).reshape(same.shape)
+        earlier[coarse(1, dims)] = here[coarse(1, dims)]
+        expected, expected_codes = predict(own, earlier, level, rule)
+        while complete():
+            shown, codes = predict(own, here, level, rule)
+            finite, most = values[chosen & np.isfinite(values)], np.inf
+            if tolerance is not None and finite.size:
+                most = max(tolerance * float(np.ptp(finite)), rule.resolution * float(np.abs(finite).max()))
+            errors = np.nan_to_num(np.abs(shown - expected), posinf=0.0)
+            other = (codes != expected_codes) & (expected_codes != UNSURE)
+            wrong = here & ~earlier & ((errors > most) | other)
+            requested = _doubtful(shown, codes, most) | maximum_filter(wrong, 2 * reach + 1)
+            more = requested & ~here
+            if not more.any():  # and only then: the sample is of points that no result requests
+                more = control & ~here
+                sample |= more
+            if not more.any():
+                break
+            here |= more
+        else:
+            here |= control
+            break
+        # Cubes of `reach` points touch where mispredicted points are within reach of each other.
+        connected, count = label(maximum_filter(wrong, reach), np.ones((3,) * dims))
+        missed = sample & wrong
+        missed &= np.bincount(connected[missed], minlength=count + 1)[connected] == 1
+        new, sample = here & ~earlier, sample & (missed | ~requested)
+        sets = {"computed": new, "mispredicted": wrong, "control": sample, "missed": missed}
+        record: dict[str, Any] = {"level": level, "spacing": 2 ** (levels - level)}
+        record |= {name: len(np.unique(same[each])) for name, each in sets.items()}
+        record |= {"represents": max(1.0 / CONTROL_SHARE, here.size / CONTROL_POINTS)}
+        finished.append(record | {"largest": 0.0 if rule.whole else float(np.max(errors[new], initial=0.0))})
+    if len(finished) == levels and np.any(computed & ~chosen):
+        # Points that other runs have left in the file must not contradict their neighbours either.
+        chosen = choose(values, computed, levels, rule, copies, computed).points
+    return Choice(chosen, finished, wrong & (len(finished) == levels))
 
 
-class Survey(NamedTuple):
-    """Values of a lattice, predicted where they are not known; and the points that are to be computed next."""
+@np.errstate(invalid="ignore")  # the difference of infinite values is NaN
+def predict(values: Values, computed: Flags, levels: int, rule: Refinement) -> tuple[Values, Codes]:
+    """Predict the values and classes of the points that are not computed, level by level.
 
-    values: Values
-    asked: Flags
+    Classes are those of the neighbours that have one, where these agree. Values are interpolated along each axis
+    on which a point is odd and summed, less what then counts twice (Boolean sum). With only the corners of a cell
+    computed this is multilinear interpolation; with points on its edges or faces it passes through them (Gordon,
+    SIAM J. Numer. Anal. 8, 1971, 158-177).
+
+    Parameters
+    ----------
+    values : ndarray
+        Of any number of dimensions; read where `computed`.
+    computed : ndarray of bool, same shape
+    levels : int
+        Halvings from the coarse lattice, which must be computed, to this one; those of the rule do not count.
+    rule : Refinement
+    """
+    values, dims = np.where(computed, values, np.nan), computed.ndim
+    codes = np.where(computed, classes(values, rule), UNSURE)
+    # On each level the edges of cells before their faces and insides.
+    for level, count in product(reversed(range(levels)), range(1, dims + 1)):
+        own, own_codes, due = (each[coarse(level, dims)] for each in (values, codes, ~computed))  # views
+        for odd in combinations(range(dims), count):
+            (here,), beside = _near(dims, odd, 0), list(_near(dims, odd, 1))
+            near = np.stack([own_codes[place] for place in beside])
+            least = np.where(near == UNSURE, np.iinfo(np.int64).max, near).min(axis=0)
+            agreed = np.where(least == near.max(axis=0), least, UNSURE)
+            if rule.whole:
+                predicted = np.where((agreed == UNSURE) | (agreed == NOTHING), np.nan, agreed)
+            else:
+                total: Any = 0.0
+                for steps in range(1, count + 1):
+                    # As many means as there are choices of axes, each of 2^steps points.
+                    points = [own[place] for place in _near(dims, odd, steps)]
+                    total = total - (-0.5) ** steps * sum(points[1:], points[0])
+                predicted = np.where(np.isfinite(total), total, own[beside[0]])
+                agreed = np.where(classes(predicted, rule) == agreed, agreed, UNSURE)
+            np.copyto(own[here], predicted, where=due[here])
+            np.copyto(own_codes[here], agreed, where=due[here])
+    return values, codes
 
 
 def coarse(levels: int, dims: int) -> tuple[slice, ...]:
@@ -86,70 +186,20 @@ def coarse(levels: int, dims: int) -> tuple[slice, ...]:
     return (slice(None, None, 2**levels),) * dims
 
 
-def survey(values: Values, known: Flags, levels: int, rule: Refinement) -> Survey:
-    """Predict what is not known, and say what is to be computed next.
+def control_points(shape: Sequence[int]) -> Flags:
+    """New points of a level in a fixed pattern that is even and its own mirror image.
 
-    Parameters
-    ----------
-    values : ndarray
-        Of any number of dimensions; looked at where `known`.
-    known : ndarray of bool, same shape
-    levels : int
-        Halvings between the coarse lattice, which must be known, and this one; those of the rule do not count.
-    rule : Refinement
+    A linear function of their indices, modulo 1, is small. Its factors are powers of the root of x^(d + 1) = x + 1
+    in d dimensions, which spread points evenly; halved, they do so among the points of each parity.
     """
-    # Imported here: it takes long, and few commands refine.
-    from scipy.ndimage import maximum_filter
-
-    found = np.where(known, values, np.nan)
-    codes = np.where(known, classes(found, rule), UNSURE)
-    asked = np.zeros(known.shape, dtype=bool)
-    most = _largest_error(found[known], rule)
-    for level in reversed(range(levels)):
-        part = coarse(level, known.ndim)
-        with np.errstate(invalid="ignore"):  # infinite values have differences that are none
-            surprises = _predict(found[part], codes[part], known[part], rule)
-        if not asked.any():
-            about = maximum_filter(surprises, 2 * ABOUT + 1)
-            wanted = (codes[part] == UNSURE) | _at_changes(codes[part]) | about | (_errors(found[part]) > most)
-            asked[part] = wanted & ~known[part]
-    return Survey(found, asked)
-
-
-def closure(values: Values, known: Flags, levels: int, rule: Refinement, copies: Codes | None = None) -> Flags:
-    """All points that are wanted, as far as what is known tells.
-
-    The points are chosen level by level, each time from the results of all that were chosen before: so the choice
-    does not depend on the order in which results come, nor on where a run was interrupted.
-
-    Parameters
-    ----------
-    values, known, levels, rule
-        As for `survey`; nothing need be known.
-    copies : ndarray of int, optional
-        Equal for points that are one computation: with one of them all are known.
-    """
-    chosen = np.zeros(known.shape, dtype=bool)
-    chosen[coarse(levels, known.ndim)] = True
-    while True:
-        if copies is not None:
-            chosen = np.isin(copies, copies[chosen])
-        if not known[chosen].all():
-            return chosen
-        asked = survey(values, chosen, levels, rule).asked
-        if not asked.any():
-            break
-        chosen |= asked
-    # Of what other runs have left in the file, too, nothing may contradict the points about it.
-    chosen |= known
-    return chosen | survey(values, chosen, levels, rule).asked
-
-
-def finest_known(known: Flags) -> int | None:
-    """The number of halvings after which a lattice that is known throughout becomes this one; None if none is."""
-    spans = np.array(known.shape) - 1
-    levels = takewhile(lambda level: not np.any(spans % 2**level), range(max(known.shape).bit_length()))
-    return next((level for level in levels if known[coarse(level, known.ndim)].all()), None)
+    root, phases = 1.0, np.zeros(shape)
+    for _ in range(50):
+        root = (1.0 + root) ** (1.0 / (len(shape) + 1.0))
+    for axis, index in enumerate(np.indices(shape, sparse=True)):
+        phases += 0.5 * root ** -(axis + 1.0) * np.minimum(index, shape[axis] - 1 - index)
+    control = np.asarray(phases % 1.0 < min(CONTROL_SHARE, CONTROL_POINTS / phases.size))
+    control[coarse(1, len(shape))] = False
+    return control
 
 
 def classes(values: Values, rule: Refinement) -> Codes:
@@ -159,90 +209,27 @@ def classes(values: Values, rule: Refinement) -> Codes:
     return np.select([np.isfinite(values), values == np.inf, values == -np.inf], [codes, ABOVE, BELOW], NOTHING)
 
 
-def _predict(values: Values, codes: Codes, known: Flags, rule: Refinement) -> Flags:
-    """Predict the points half-way between the even ones; which known points are not of the class predicted."""
-    dims = values.ndim
-    surprises = np.zeros(known.shape, dtype=bool)
-    for count in range(1, dims + 1):
-        for odd in combinations(range(dims), count):
-            here = _shifted(dims, odd, {})
-            agreed = _agreed([codes[near] for near in _about(dims, odd, 1)])
-            surprises[here] = known[here] & (agreed != UNSURE) & (agreed != codes[here])
-            if rule.whole:
-                predicted = np.where((agreed == UNSURE) | (agreed == NOTHING), np.nan, agreed)
-            else:
-                predicted = _blended(values, odd)
-                agreed = np.where(classes(predicted, rule) == agreed, agreed, UNSURE)
-            np.copyto(values[here], predicted, where=~known[here])
-            np.copyto(codes[here], agreed, where=~known[here])
-    return surprises
-
-
-def _blended(values: Values, odd: Sequence[int]) -> Values:
-    """Linear interpolation along each odd axis, summed, less what then counts twice (Boolean sum).
-
-    With all but the corners of a cell predicted this is multilinear interpolation; with points known on its edges
-    or faces it passes through them (Gordon, SIAM J. Numer. Anal. 8, 1971, 158-177).
-    """
-    total: Any = 0.0
-    for count in range(1, len(odd) + 1):
-        near = [values[place] for place in _about(values.ndim, odd, count)]
-        # As many means as there are choices of axes, each of 2^count points.
-        total = total - (-0.5) ** count * sum(near[1:], near[0])
-    nearest = values[next(_about(values.ndim, odd, 1))]
-    return np.asarray(np.where(np.isfinite(total), total, nearest))
-
-
-def _agreed(codes: Sequence[Codes]) -> Codes:
-    """The class that all have who are sure; UNSURE if there is none."""
-    near = np.stack(codes)
-    least = np.where(near == UNSURE, np.iinfo(np.int64).max, near).min(axis=0)
-    return np.where(least == near.max(axis=0), least, UNSURE)
-
-
-def _at_changes(codes: Codes) -> Flags:
-    """Points with a neighbour of another class, where both are sure."""
-    found = np.zeros(codes.shape, dtype=bool)
-    for axis in range(codes.ndim):
-        lines, marks = np.moveaxis(codes, axis, 0), np.moveaxis(found, axis, 0)
-        here, next_ = lines[:-1], lines[1:]
-        change = (here != next_) & (here != UNSURE) & (next_ != UNSURE)
-        marks[:-1] |= change
-        marks[1:] |= change
-    return found
-
-
-def _errors(values: Values) -> Values:
-    """Error of linear interpolation at the odd points, by the second differences of the even ones about them.
-
-    Of h^2 f'' / 8 along each axis the larger from both sides, the sum over axes; 0 where nothing tells.
-    """
-    total = np.zeros(values.shape)
-    for axis in range(values.ndim):
-        even, sums = np.moveaxis(values, axis, 0)[::2], np.moveaxis(total, axis, 0)
-        bends = np.full(even.shape, np.nan)
-        with np.errstate(invalid="ignore"):
-            bends[1:-1] = np.abs(even[2:] - 2.0 * even[1:-1] + even[:-2])
-        sums[1::2] += np.nan_to_num(np.fmax(bends[1:], bends[:-1]), nan=0.0, posinf=0.0) / 8.0
-    return total
-
-
-def _largest_error(values: Values, rule: Refinement) -> float:
-    """The error that may remain, in the unit of the values."""
-    finite = values[np.isfinite(values)]
-    if rule.whole or rule.tolerance is None or not len(finite):
-        return np.inf
-    return max(rule.tolerance * float(np.ptp(finite)), rule.resolution * float(np.abs(finite).max()))
-
-
-def _about(dims: int, odd: Sequence[int], count: int) -> Iterator[tuple[slice, ...]]:
-    """Of the points that are odd along some axes, the neighbours by a step along each of `count` of these."""
-    for axes in combinations(odd, count):
-        for steps in product((-1, 1), repeat=count):
-            yield _shifted(dims, odd, dict(zip(axes, steps, strict=True)))
-
-
-def _shifted(dims: int, odd: Sequence[int], steps: dict[int, int]) -> tuple[slice, ...]:
-    """The points that are odd along some axes and even along the others, each a step further."""
+def _near(dims: int, odd: Sequence[int], count: int) -> Iterator[tuple[slice, ...]]:
+    """Of the points that are odd along some axes only, the neighbours by a step along each of `count` of these."""
     moved = {-1: slice(0, -1, 2), 0: slice(1, None, 2), 1: slice(2, None, 2)}
-    return tuple(moved[steps.get(axis, 0)] if axis in odd else slice(0, None, 2) for axis in range(dims))
+    for axes, signs in product(combinations(odd, count), product((-1, 1), repeat=count)):
+        steps = dict.fromkeys(odd, 0) | dict(zip(axes, signs, strict=True))
+        yield tuple(moved[steps[axis]] if axis in steps else slice(0, None, 2) for axis in range(dims))
+
+
+def _doubtful(values: Values, codes: Codes, most: float) -> Flags:
+    """Points without a class, at a change of class, or where linear interpolation is likely to be off by `most`.
+
+    Its error is h^2 f'' / 8, summed over the axes, by the larger of the second differences at both even neighbours.
+    """
+    doubtful, errors = codes == UNSURE, np.zeros(values.shape)
+    for axis in range(values.ndim):
+        lines, marks = np.moveaxis(codes, axis, 0), np.moveaxis(doubtful, axis, 0)
+        change = (lines[1:] != lines[:-1]) & (lines[1:] != UNSURE) & (lines[:-1] != UNSURE)
+        marks[1:] |= change
+        marks[:-1] |= change
+        even, sums = np.moveaxis(values, axis, 0)[::2], np.moveaxis(errors, axis, 0)
+        bends = np.full(even.shape, np.nan)
+        bends[1:-1] = np.abs(even[2:] - 2.0 * even[1:-1] + even[:-2])
+        sums[1::2] += np.nan_to_num(np.fmax(bends[1:], bends[:-1]), nan=0.0, posinf=0.0) / 8.0
+    return np.asarray(doubtful | (errors > most))

@@ -1,13 +1,14 @@
-"""Refinement of a sweep: its grid is a lattice, of which only the points are computed that are worth it.
+"""Refinement of a sweep: its grid is a lattice, of which only the points are computed that decide the others.
 
-A run of `refined(sweep, refinement)` goes in passes. Each asks for what the results so far make worth computing
-(`sweeps.refine.lattice`); a run that is interrupted goes on, and nothing is computed twice. In the file the other
-points are interpolated, and say so in their status; to the next plan they are pending.
+A run of `refined(sweep, refinement)` goes in passes. Each computes the points that the results so far request
+(`sweeps.refine.lattice`), and nothing twice. In the file the other points are interpolated and marked so in the
+status, and an attribute has the errors; for the next plan these points are pending.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -15,141 +16,180 @@ from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from sweeps import grid
+from sweeps.declaration import Declaration, Refinement
 from sweeps.errors import InputError
-from sweeps.grid import (
-    DONE,
-    FAILED,
-    INTERPOLATED,
-    INTERPOLATED_FLAG,
-    PENDING,
-    SKIPPED,
-    STATUS_FLAGS,
-    Embedding,
-)
-from sweeps.plan.declaration import Declaration
-from sweeps.refine.lattice import Refinement, closure, finest_known, survey
-from sweeps.storage.manifest import BESIDES, LARGE, Manifest
-from sweeps.storage.merge import attributes, gather
-from sweeps.storage.sources import Source
+from sweeps.refine.lattice import Choice, Codes, Flags, Values, choose, coarse, predict
 
 Declared = TypeVar("Declared", bound=Declaration)
-Derive = Callable[[xr.Dataset], xr.Dataset]
+Derive = Callable[[xr.Dataset], xr.Dataset] | None
+Copied = tuple[Callable[[dict[str, Any]], Any], Sequence[str]] | None  # a sweep's key and the names of its axes
+CONFIDENCE = 0.95  # with which the share of wrong points is at most `upper_share`
 
 
 def refined(sweep: Declared, refinement: Refinement) -> Declared:
-    """The sweep, to be computed where `refinement` says, and interpolated elsewhere.
+    """The sweep, computed where `refinement` requests it and interpolated elsewhere.
 
     Raises
     ------
     ValueError
         If they do not fit.
     """
-    _check(sweep, refinement)
-    variable = sweep.variables[refinement.variable]
-    if np.dtype(variable.dtype).kind == "f":
-        kept = max(float(np.finfo(variable.dtype).eps), 0.0 if variable.digits is None else 10.0**-variable.digits)
-        refinement = replace(refinement, resolution=max(refinement.resolution, kept), whole=False)
-    else:
-        refinement = replace(refinement, whole=True)
-    derive = partial(filled, refinement=refinement, then=sweep.derive)
-    return replace(sweep, refinement=refinement, derive=derive)
-
-
-def wanted_points(
-    sweep: Declaration,
-    refinement: Refinement,
-    manifest: Manifest,
-    embedding: Embedding,
-    status: NDArray[np.int8],
-    sources: Sequence[Source],
-) -> NDArray[np.bool_]:
-    """Which of the file's points a refined sweep asks for, as far as what is known of it tells.
-
-    Raises
-    ------
-    ValueError
-        If the file has so many points that not all values can be interpolated in memory.
-    """
-    large = [each for each in manifest.large() if each in manifest.variables and not manifest.variables[each].dims]
-    if large:
-        raise InputError(
-            f"Sweep {sweep.name}: {manifest.grid.size} points of {large[0]} are too many to refine; it must be at "
-            f"most {LARGE // manifest.row_bytes(large[0])}"
-        )
-    name, shape = refinement.variable, manifest.grid.shape
-    values = gather(manifest, sources, [name], reasons=False).values[name]
-    if refinement.whole:
-        values = np.where(values == manifest.variables[name].missing, np.nan, values.astype(float))
-    copies = None if sweep.key is None else manifest.representative
-
-    def lattice(array: NDArray[Any]) -> NDArray[Any]:
-        return array.reshape(shape)[embedding.index]
-
-    wanted = np.zeros(shape, dtype=bool)
-    wanted[embedding.index] = closure(
-        lattice(values),
-        lattice(_is_known(status)),
-        refinement.levels,
-        refinement,
-        None if copies is None else lattice(copies),
-    )
-    return wanted.ravel()
-
-
-def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive | None) -> xr.Dataset:
-    """Interpolate what is not computed and not to be computed next; then derive what else there is.
-
-    The lattice is the file's grid, which may be finer than the one that was asked for now. Where no coarse lattice
-    of it is known throughout, nothing is interpolated.
-    """
-    chosen_by = {name: value for name, value in asdict(refinement).items() if name != "whole"}
-    configuration = json.loads(dataset.attrs["configuration"]) | {"refinement": chosen_by}
-    dataset = dataset.assign_attrs(configuration=json.dumps(configuration))
-    status = dataset["status"]
-    known = _is_known(status.values)
-    levels = finest_known(known)
-    if levels is not None:
-        surveys = {}
-        for name, each in dataset.data_vars.items():
-            if each.dims == status.dims and each.dtype.kind in "fi" and name not in ("status", "wall_time"):
-                # Whole numbers are floats once some are missing.
-                whole = np.dtype(each.encoding.get("dtype", each.dtype)).kind == "i"
-                surveys[name] = survey(each.values.astype(float), known, levels, replace(refinement, whole=whole))
-        shown = known | ~surveys[refinement.variable].asked
-        for name, found in surveys.items():
-            own = dataset[name]
-            dataset[name] = own.copy(data=np.where(shown, found.values, np.nan).astype(own.dtype))
-        codes = np.where(known, status.values, np.where(shown, INTERPOLATED, PENDING)).astype(np.int8)
-        flags = attributes(replace(BESIDES["status"], flags=STATUS_FLAGS | INTERPOLATED_FLAG), "status")
-        dataset["status"] = status.copy(data=codes).assign_attrs(flags)
-    return dataset if then is None else then(dataset)
-
-
-def _check(sweep: Declaration, refinement: Refinement) -> None:
-    who = f"Sweep {sweep.name}: refinement"
-    levels, tolerance = refinement.levels, refinement.tolerance
+    who, levels, tolerance = f"Sweep {sweep.name}: refinement", refinement.levels, refinement.tolerance
     if type(levels) is not int or levels < 0:
-        raise InputError(f"{who}: levels = {levels!r}: it must be a whole number, 0 or above")
+        raise InputError(f"{who}: levels = {levels!r}: it must be an integer, 0 or above")
     if tolerance is not None and not tolerance > 0.0:
         raise InputError(f"{who}: tolerance = {tolerance!r}: it must be above 0")
-    variable = sweep.variables.get(refinement.variable)
-    if variable is None or variable.dims:
-        numbers = [name for name, each in sweep.variables.items() if not each.dims]
+    numbers = [name for name, each in sweep.variables.items() if not each.dims and each.dtype != "complex128"]
+    if refinement.variable not in numbers:
         raise InputError(f"{who}: variable = {refinement.variable!r}: it must be one of {', '.join(numbers)}")
     if list(refinement.thresholds) != sorted(set(refinement.thresholds)):
         raise InputError(f"{who}: thresholds = {refinement.thresholds}: they must ascend")
     for dim, length in zip(sweep.grid.dims, sweep.grid.shape, strict=True):
         if levels and length > 1 and sweep.grid.axes[dim].values.dtype.kind == "U":
-            raise InputError(f"{who}: {dim} is of texts, between which nothing is interpolated; levels must be 0")
+            raise InputError(f"{who}: {dim} has texts, between which nothing is interpolated; levels must be 0")
         if (length - 1) % 2**levels:
-            raise InputError(
-                f"{who}: {dim} has {length} values; with levels = {levels} it must have one more than a multiple "
-                f"of {2**levels}"
-            )
+            needed = f"with levels = {levels} it must have one more than a multiple of {2**levels}"
+            raise InputError(f"{who}: {dim} has {length} values; {needed}")
+    variable = sweep.variables[refinement.variable]
+    rounding = float(np.finfo(variable.dtype).eps) if variable.is_float else 0.0
+    resolution = max(refinement.resolution, rounding, 0.0 if variable.digits is None else 10.0**-variable.digits)
+    refinement = replace(refinement, resolution=resolution, whole=not variable.is_float)
+    copied = None if sweep.key is None else (sweep.key, tuple(sweep.grid.axes))
+    derive = partial(filled, refinement=refinement, then=sweep.derive, copied=copied)
+    return replace(sweep, refinement=refinement, derive=derive)
 
 
-def _is_known(status: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether there is nothing to be computed at a point: what failed is an answer too."""
-    return np.isin(status, (DONE, FAILED, SKIPPED))
+def requested_points(rule: Refinement, values: Values, computed: Flags, copies: Codes | None = None) -> Flags:
+    """All points of the lattice that the results so far request, computed or not.
+
+    Parameters
+    ----------
+    rule, values, computed, copies
+        As for `sweeps.refine.lattice.choose`; failed and skipped points are computed, with the value NaN.
+    """
+    return choose(values, computed, rule.levels, rule, copies).points
+
+
+def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive, copied: Copied) -> xr.Dataset:
+    """Interpolate the points that are neither computed nor requested, record how well, then derive the rest.
+
+    The lattice is the file's grid, which can be finer than the requested one. If none of its coarse lattices is
+    computed throughout, nothing is interpolated.
+    """
+    rule = {name: value for name, value in asdict(refinement).items() if name != "whole"}
+    configuration = json.loads(dataset.attrs["configuration"]) | {"refinement": rule}
+    dataset = dataset.assign_attrs(configuration=json.dumps(configuration))
+    status, dims = dataset["status"], dataset["status"].ndim
+    computed = np.isin(status.values, (grid.DONE, grid.FAILED, grid.SKIPPED))
+    # Halvings after which a lattice that is computed throughout becomes this one.
+    common, most = math.gcd(*(n - 1 for n in status.shape)), max(status.shape).bit_length()
+    possible = [n for n in range(most) if common % 2**n == 0 and computed[coarse(n, dims)].all()]
+    if possible:
+        levels = refinement.levels if refinement.levels in possible else min(possible)
+        values = dataset[refinement.variable].values.astype(float)
+        choice = choose(values, computed, levels, refinement, _copies(dataset, copied))
+        shown = computed | ~choice.points
+        for name, each in dataset.data_vars.items():
+            if each.dims == status.dims and each.dtype.kind in "fi" and name not in ("status", "wall_time"):
+                # Integers are floats once some are missing.
+                own = replace(refinement, whole=np.dtype(each.encoding.get("dtype", each.dtype)).kind == "i")
+                predicted, _ = predict(each.values.astype(float), computed, levels, own)
+                dataset[name] = each.copy(data=np.where(shown, predicted, np.nan).astype(each.dtype))
+        codes = np.where(computed, status.values, np.where(shown, grid.INTERPOLATED, grid.PENDING)).astype(np.int8)
+        flags = grid.flag_attributes(grid.STATUS_FLAGS | grid.INTERPOLATED_FLAG, np.int8)
+        dataset["status"] = status.copy(data=codes).assign_attrs(flags)
+        if levels:
+            dataset = dataset.assign_attrs(refinement=json.dumps(_errors(dataset, refinement, levels, choice)))
+    return dataset if then is None else then(dataset)
+
+
+def report(dataset: xr.Dataset) -> list[str]:
+    """How far the interpolated points of a refined sweep can be trusted, in up to three sentences.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of a refined sweep; there are no sentences for others.
+    """
+    if "refinement" not in dataset.attrs:
+        return []
+    errors, lines = json.loads(dataset.attrs["refinement"]), []
+    count, levels, tolerance = errors["interpolated"], errors["levels"], errors["tolerance"]
+    wrong = "in another class" if tolerance is None else f"off by more than {100.0 * tolerance:g} % of the range"
+    if count and errors["estimated_share"] is None:
+        lines.append(f"{count} points are interpolated; how many of them are {wrong} is not known.")
+    elif count:
+        share, upper, sure = map(_percent, (errors["estimated_share"], errors["upper_share"], CONFIDENCE))
+        lines.append(
+            f"{count} points are interpolated. An estimated {share} of them (at most {upper}, with {sure} "
+            f"confidence) are {wrong}, as were {errors['missed']} of {errors['control']} control points."
+        )
+    if levels:
+        counts = ", ".join(f"{each['mispredicted']} of {each['computed']}" for each in levels)
+        largest = ", ".join(_percent(each["largest"]) for each in levels)
+        ending = "" if tolerance is None else f"; largest errors {largest} of the range"
+        lines.append(f"Mispredicted on successive levels: {counts} computed points{ending}.")
+    if count := errors["exhausted"]:
+        within = ", ".join(f"{dim} {low:.4g} to {high:.4g}" for dim, (low, high) in errors["within"].items())
+        lines.append(f"Refinement ran out at {count} points of the finest level ({within}).")
+    return lines
+
+
+def shares(levels: Sequence[dict[str, Any]]) -> tuple[float | None, float | None]:
+    """Estimate the share of wrong points among the interpolated ones, and bound it; None without control points.
+
+    Counts are weighted by the points that each control point represents, and the bound is that for a weighted sum
+    of counts (Fay and Feuer, Statistics in Medicine 16, 1997, 791-801).
+    """
+    from scipy.special import gammaincinv  # here, because it takes long and few commands refine
+
+    sampled = [each for each in levels if each["control"]]
+    if not sampled:
+        return None, None
+    total = sum(each["control"] * each["represents"] for each in sampled)
+    weights = [each["represents"] / total for each in sampled]
+    estimate = sum(each["missed"] * weight for each, weight in zip(sampled, weights, strict=True))
+    variance = sum(each["missed"] * weight**2 for each, weight in zip(sampled, weights, strict=True))
+    mean, variance = estimate + max(weights), variance + max(weights) ** 2
+    return estimate, min(1.0, float(gammaincinv(mean**2 / variance, CONFIDENCE)) * variance / mean)
+
+
+def _errors(dataset: xr.Dataset, refinement: Refinement, levels: int, choice: Choice) -> dict[str, Any]:
+    """The attribute `refinement`.
+
+    It has the `tolerance` in units of the range, None for classes; the `levels` of the choice, none if unfinished,
+    their `largest` errors in units of the range; the number of `interpolated` points; the `control` points of all
+    samples and the `missed` ones; the `estimated_share` of wrong points and its bound `upper_share`; the number of
+    `exhausted` points, and by dimension the range `within` which they lie.
+    """
+    status, values = dataset["status"], dataset[refinement.variable].values
+    finite = values[np.isfinite(values)]
+    unit = float(np.ptp(finite)) if finite.size else 0.0
+    measured = choice.levels if len(choice.levels) == levels else []
+    places = np.argwhere(choice.exhausted)
+    ends = zip(status.dims, places.min(axis=0), places.max(axis=0), strict=True) if len(places) else ()
+    record = {
+        "tolerance": None if refinement.whole else refinement.tolerance,
+        "levels": [each | {"largest": each["largest"] / unit if unit else 0.0} for each in measured],
+        "interpolated": int(np.count_nonzero(status.values == grid.INTERPOLATED)),
+    }
+    record |= {name: sum(each[name] for each in measured) for name in ("control", "missed")}
+    record |= zip(("estimated_share", "upper_share"), shares(measured), strict=True)
+    within = {str(dim): [dataset[dim].values[end].item() for end in both] for dim, *both in ends}
+    return record | {"exhausted": len(places), "within": within}
+
+
+def _copies(dataset: xr.Dataset, copied: Copied) -> Codes | None:
+    """Equal numbers for points that are one computation, as for the plan."""
+    if copied is None:
+        return None
+    (key, axes), status = copied, dataset["status"]
+    points = {name: dataset[name].broadcast_like(status).transpose(*status.dims).values.ravel() for name in axes}
+    keys = np.asarray(key(points)).reshape(status.size, -1)
+    return np.where(status.values == grid.SKIPPED, -1, grid.first_equal(list(keys.T)).reshape(status.shape))
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"

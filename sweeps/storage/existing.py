@@ -1,39 +1,36 @@
-"""What a store holds already: a finished file, the parts of a run that was not finished, or both."""
+"""The results that a store has: a finished file, the parts of an unfinished run, or both.
+
+A run resumes them (`existing`); readers open them (`open_results`).
+"""
 
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import netCDF4
+import xarray as xr
 
-from sweeps.errors import UNREADABLE, InputError, StoreError
+from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
-from sweeps.storage.checked import check_heaps, check_regular, check_seal, shapes_of
-from sweeps.storage.manifest import LARGE, Manifest
-from sweeps.storage.sources import (
-    COMPUTED,
-    NETCDF,
-    FileSource,
-    PartSource,
-    Source,
-    blocks,
-    opened,
-    plain,
-)
-from sweeps.storage.store import Store
+from sweeps.storage.assemble import FileSource, Source, Table, assemble, declared, open_netcdf
+from sweeps.storage.netcdf import CHECKED, check_checksum, described
+from sweeps.storage.parts import Manifest, PartSource
+from sweeps.storage.store import Store, check_regular, signature
+
+# A file up to this size is read at once, so that it can be replaced meanwhile.
+READ_AT_ONCE = 50_000_000
+OTHERWISE = "start over with fresh (--fresh), or choose another folder (--out)"
 
 
 class Existing(NamedTuple):
-    """What a store holds already.
+    """The results of a store.
 
-    `attributes` is what it says of its sweep: `configuration`, `identity` and `presentation`.
-    `manifest` is that of a run that was not finished; None: everything is in the finished file.
+    `attributes` has the `configuration`, `fingerprint` and `metadata_digest` of their sweep. `manifest` is that of
+    an unfinished run; None: everything is in the finished file.
     """
 
     grid: Grid
@@ -42,35 +39,24 @@ class Existing(NamedTuple):
     manifest: Manifest | None = None
 
 
-def existing(store: Store, name: str, identity: dict[str, Any]) -> Existing | None:
-    """What can be resumed; None where there is nothing.
+def existing(store: Store, name: str, fingerprint: dict[str, Any]) -> Existing | None:
+    """The results that a sweep resumes; None if there are none.
 
     Raises
     ------
     StoreError
-        If what is there belongs to something else; the message says what differs.
+        If they belong to something else; the message says what differs.
     """
     manifest = _unfinished(store, name)
     if manifest is None:
-        return (
-            _of_axes(_finished(store.file, name, identity), store.file, identity) if store.file.exists() else None
-        )
+        return _finished(store, name, fingerprint) if store.file.exists() else None
     try:
-        _check_same(store.parts, manifest.attributes, identity)
+        _check_same(str(store.parts), manifest.attributes, fingerprint)
     except StoreError as problem:
         if manifest.fresh and store.file.exists():
             raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
         raise
-    found = Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
-    return _of_axes(found, store.parts, identity)
-
-
-def _of_axes(found: Existing, path: Path, identity: dict[str, Any]) -> Existing:
-    """What is there, unless its axes are others than it says: texts in the place of numbers."""
-    own = {name: axis.values.dtype.kind == "U" for name, axis in found.grid.axes.items()}
-    if own != {name: each["text"] for name, each in identity["axes"].items()}:
-        raise StoreError(f"{path} is damaged: its axes are of other types; move it away or choose another folder")
-    return found
+    return Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
 
 
 def check_replaceable(store: Store, name: str) -> None:
@@ -79,21 +65,28 @@ def check_replaceable(store: Store, name: str) -> None:
     Raises
     ------
     StoreError
-        If there is something else.
+        If the file or the parts belong to something else.
     """
     if store.file.exists():
-        _owned(store.file, name)
-    _unfinished(store, name)
+        _attributes(store, name)
+    try:
+        _unfinished(store, name)
+    except StoreError as problem:
+        # Starting over is what a damaged manifest needs.
+        if "--fresh" not in str(problem):
+            raise
 
 
-def sources_of(store: Store, manifest: Manifest, strict: bool = False) -> list[Source]:
-    """All sources of a manifest's points; without a file that is unusable, unless that is an error (`strict`)."""
-    folder = store.folder
-    parts: list[Source] = [PartSource(folder, name) for name in folder.names()]
+def sources_of(store: Store, manifest: Manifest, *, strict: bool = False, complete: bool = True) -> list[Source]:
+    """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`.
+
+    Readers of the status alone do not check all of that file (`complete`).
+    """
+    parts = part_sources(store)
     if not manifest.fresh and store.file.exists():
         try:
-            identity = json.loads(manifest.attributes["identity"])
-            return _finished(store.file, manifest.name, identity).sources + parts
+            fingerprint = json.loads(manifest.attributes["fingerprint"])
+            return _finished(store, manifest.name, fingerprint, complete=complete).sources + parts
         except StoreError:
             if strict:
                 raise
@@ -101,67 +94,155 @@ def sources_of(store: Store, manifest: Manifest, strict: bool = False) -> list[S
 
 
 def _unfinished(store: Store, name: str) -> Manifest | None:
-    """The manifest of a run that was not finished; None where there is none."""
-    try:
-        manifest = Manifest.load(store.manifest)
-    except ValueError:
-        # A manifest that cannot be read was never finished: a run was killed at its very beginning.
-        return None
-    if manifest.name != name:
+    manifest = Manifest.load(store)
+    if manifest is not None and manifest.name != name:
         raise StoreError(
-            f"{store.parts} holds the results of {manifest.name}; the results of {name} need another folder"
+            f"{store.parts} has the results of {manifest.name}; the results of {name} need another folder"
         )
     return manifest
 
 
-def _finished(path: Path, name: str, identity: dict[str, Any]) -> Existing:
-    """A finished file, in blocks that memory can hold."""
+def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, complete: bool = True) -> Existing:
+    """A finished file; readers of its status alone do not check all of it (`complete`)."""
+    path = store.file
+    attributes = _attributes(store, name, complete=complete)
     try:
-        check_seal(path)
-        check_heaps(path)
-    except InputError as problem:
+        _check_same(str(path), attributes, fingerprint)
+        stored = json.loads(attributes["fingerprint"])
+        with open_netcdf(path, cache=False) as data:
+            axes = {axis: Axis(data[axis].values) for axis in stored["axes"]}
+            shape = data["status"].shape
+        grid = Grid(axes, stored["groups"])
+        texts = {axis: each.values.dtype.kind == "U" for axis, each in grid.axes.items()}
+        if grid.shape != shape or texts != {axis: each["text"] for axis, each in stored["axes"].items()}:
+            raise InputError("its axes do not fit its points")
+        environments = json.loads(attributes["environments"])
+    except UNREADABLE as problem:
+        if isinstance(problem, StoreError):
+            raise
         raise StoreError(f"{path} is damaged: {problem}; move it away or choose another folder") from None
-    except OSError:
-        pass  # `_owned` says why it cannot be read
-    attributes = _owned(path, name)
-    _check_same(path, attributes, identity)
-    stored = json.loads(attributes["identity"])
-    with opened(path) as file:
-        grid = Grid({axis: Axis(plain(file[axis])) for axis in stored["axes"]}, stored["groups"])
-        inner = shapes_of(stored) | {"status": (), "wall_time": ()}
-        present = [name for name in inner if name in file.variables]
-        for name in present:
-            if file[name].shape != (*grid.shape, *inner[name]):
-                raise InputError(f"{name} has the shape {file[name].shape}, its points {grid.shape}")
-        row = max(file[name].dtype.itemsize * math.prod(inner[name]) for name in present)
-        computations = len(file[COMPUTED].dimensions["computation"]) if COMPUTED in file.groups else 0
-    computed = computations > 0
-    cuts = blocks((computations,) if computed else grid.shape, max(LARGE // row, 1))
-    return Existing(grid, [FileSource(path, grid, cut, computed) for cut in cuts], attributes)
+    return Existing(grid, [FileSource(path, grid, environments)], attributes)
 
 
-def _owned(path: Path, name: str) -> dict[str, Any]:
+def _attributes(store: Store, name: str, *, complete: bool = False) -> dict[str, Any]:
     """The attributes of a finished file of the sweep `name`; anything else is never overwritten."""
+    path = store.file
     if not os.access(path, os.R_OK):
         raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
     try:
         check_regular(path)
-        with NETCDF, netCDF4.Dataset(path) as file:
-            attributes = {name: file.getncattr(name) for name in file.ncattrs()}
+        if complete and path.stat().st_size <= CHECKED:
+            check_checksum(path)
+        with open_netcdf(path, decode_cf=False) as file:
+            attributes = dict(file.attrs)
+    except StoreError:
+        raise
     except UNREADABLE:
         raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
     owner = attributes.get("sweep")
     if owner != name:
-        whose = f"holds the results of {owner}" if owner else "was not made by a sweep"
+        whose = f"has the results of {owner}" if owner else "was not made by a sweep"
         raise StoreError(f"{path} {whose}; the results of {name} need another folder")
     return attributes
 
 
-def _check_same(path: Path, attributes: Mapping[str, Any], identity: dict[str, Any]) -> None:
-    otherwise = "start over with fresh (--fresh), or choose another folder (--out)"
+def _check_same(place: str, attributes: Mapping[str, Any], fingerprint: dict[str, Any]) -> None:
     try:
-        different = differences(json.loads(attributes["identity"]), identity)
+        different = differences(json.loads(attributes["fingerprint"]), fingerprint)
     except UNREADABLE:
-        raise StoreError(f"{path} does not say what made it; {otherwise}") from None
+        raise StoreError(f"{place} does not say what made it; {OTHERWISE}") from None
     if different:
-        raise StoreError(f"{path} holds something else: {different}; {otherwise}")
+        raise StoreError(f"{place} has other results: {different}; {OTHERWISE}")
+
+
+def open_results(path: str | Path) -> xr.Dataset:
+    """Open a sweep's netCDF file, or the finished points of a run that goes on or was interrupted.
+
+    A file of moderate size is read into memory, so that it can be replaced meanwhile; of a larger one, large
+    variables are read when they are used. Of an unfinished run these are Dask arrays over its parts.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or it is not the result of a sweep.
+    """
+    return declared(opened(path))
+
+
+def opened(path: str | Path) -> xr.Dataset:
+    """The same with the variables as the file represents them."""
+    store = Store(path)
+    if store.manifest.is_file():
+        try:
+            return _opened_parts(store)
+        except StoreError as problem:
+            # Unless the run has finished meanwhile.
+            if store.manifest.is_file() and not store.file.exists():
+                raise InputError(str(problem)) from None
+    if not store.file.exists():
+        raise MissingFileError(f"{path}: there is no such file")
+    if not store.file.is_file():
+        raise InputError(f"{path}: it is not a regular file")
+    if not os.access(store.file, os.R_OK):
+        raise InputError(f"{path}: it cannot be read")
+    try:
+        data = _read(store.file)
+    except StoreError as problem:
+        raise InputError(str(problem)) from None
+    except UNREADABLE:
+        raise InputError(f"{path}: it is damaged or not netCDF") from None
+    try:
+        check_result(data.attrs, data.variables)
+    except UNREADABLE as problem:
+        raise InputError(f"{path}: it is not the result of a sweep: {message(problem)}") from None
+    return data
+
+
+def check_result(attributes: Mapping[Any, Any], variables: Mapping[Any, Any]) -> None:
+    """Raise a ValueError or KeyError unless a file has what readers of a sweep's results need."""
+    if not isinstance(attributes.get("configuration"), str):
+        raise InputError("it has no configuration")
+    configuration = json.loads(attributes["configuration"])
+    for name, kind in (("name", str), ("axes", dict), ("constants", dict)):
+        if not isinstance(configuration[name], kind):
+            raise InputError(f"its configuration has no {name}")
+    for name in (*configuration["axes"], "status"):
+        if name not in variables:
+            raise InputError(f"it has no variable {name}")
+
+
+def _read(path: Path) -> xr.Dataset:
+    if path.stat().st_size <= CHECKED:
+        check_checksum(path)
+    data = open_netcdf(path)
+    if data.nbytes <= READ_AT_ONCE:
+        with data:
+            return data.load()
+    for name in data.variables:
+        if data[name].nbytes * 10 <= READ_AT_ONCE:
+            data[name].load()
+    return data
+
+
+def part_sources(store: Store) -> list[Source]:
+    """The parts of a store."""
+    return [PartSource(store.parts / name) for name in store.part_names()]
+
+
+def _opened_parts(store: Store) -> xr.Dataset:
+    """The points that are finished so far; the others, and those of damaged parts, are pending."""
+    before = signature(store.file)
+    manifest = Manifest.load(store)
+    if manifest is None:
+        raise StoreError(f"{store.file} was finished while its parts were read")
+    table = Table(manifest, sources_of(store, manifest))
+    while True:
+        try:
+            data = described(manifest, assemble(table, lazy=True), None)
+            break
+        except DamagedError as problem:
+            table = Table(manifest, [each for each in table.used() if each.name != problem.part])
+    # A new file may be there while the parts still are, with its points at other places than the old one.
+    if not store.manifest.is_file() or signature(store.file) != before:
+        raise StoreError(f"{store.file} was finished while its parts were read")
+    return data

@@ -1,18 +1,21 @@
-"""Parts: what has come of a batch, one file each, beside the result until it is whole.
+"""Parts and the manifest: the results of finished batches, and the description of the file that they will form.
 
-A part holds the results and computing times of its rows, which points of its manifest's grid they are, which of
-them failed, and why, and in what environment they were computed. It is written under a temporary name, flushed and
-renamed, so that it is whole or not there. Any process that sees the folder may write one: its name is decided by
-whoever hands the batch out, so that a batch computed twice is kept once.
+A part is one batch: its results and computing times, which points of its manifest's grid they are, which of them
+failed and why, and the environment. Both kinds of file are zip archives, whose CRC-32 finds damage, with a JSON
+header; they are written under a temporary name, flushed and renamed, so that they are complete or absent. The
+manifest is written twice, since all parts depend on it.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import re
 import threading
+import zipfile
 from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import uuid4
@@ -20,100 +23,122 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.compute.batch import BatchResult, Failure
-from sweeps.errors import UNREADABLE, StoreError, reason
-from sweeps.fingerprint.provenance import read_environment
-from sweeps.grid import MOST_POINTS, Variable
-from sweeps.storage.packed import Packed, pack
-from sweeps.storage.replacing import replacing
+from sweeps.errors import UNREADABLE, DamagedError, StoreError, reason
+from sweeps.grid import STATUS_FLAGS, Alignment, Axis, Grid, Variable
+from sweeps.storage.store import Store, check_regular, replacing
 
-NAME = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
-
-
-def encode(
-    result: BatchResult, points: NDArray[np.intp], variables: Mapping[str, Variable], manifest: str
-) -> bytes:
-    """The content of a part.
-
-    Parameters
-    ----------
-    result : BatchResult
-    points : ndarray of int
-        Of each row its point in the manifest's grid.
-    variables : mapping of str to Variable
-    manifest : str
-        The manifest's token.
-    """
-    about: dict[str, Any] = {
-        "manifest": manifest,
-        "rows": len(points),
-        "failed": len(result.failures),
-        "seconds": float(result.wall_time.sum()),
-        "environment": result.environment,
-    }
-    arrays: dict[str, NDArray[Any]] = {}
-    if int(points[-1]) - int(points[0]) == len(points) - 1 and np.all(np.diff(points) == 1):
-        about["first"] = int(points[0])
-    else:
-        arrays["steps"] = np.diff(points, prepend=0)
-    if result.failures:
-        arrays["failed"] = np.fromiter(result.failures, np.int64)
-        reasons = json.dumps(list(result.failures.values())).encode()
-        arrays["failures"] = np.frombuffer(reasons, np.uint8)
-    arrays["wall_time"] = result.wall_time
-    arrays |= {f"value_{name}": values for name, values in result.values.items()}
-    # Full-precision floats hardly shrink; rounded ones and whole numbers do.
-    small = [n for n, v in variables.items() if v.digits is not None or np.dtype(v.dtype).kind == "i"]
-    return pack(about, arrays, ["steps", "failures", *(f"value_{name}" for name in small)])
+# Version of the manifest's fields; parts of another version cannot be read.
+FORMAT = [2, *(each.name for each in fields(Variable))]
+# A file up to this size is read and checked at once.
+SMALL = 1 << 16
+# Variables of every file besides the sweep's own.
+BOOKKEEPING = {
+    "status": Variable("", "status of the point", dtype="int8", flags=STATUS_FLAGS),
+    "error": Variable("", "why the point failed"),
+    "wall_time": Variable("s", "computing time of the point"),
+}
 
 
-class Contents(NamedTuple):
-    """What is read of a part before its values are wanted.
+def pack(
+    path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], deflated: Collection[str] = ()
+) -> None:
+    """Write an archive of a header, as JSON, and arrays; those `deflated` with the bytes of entries transposed."""
+    types = {name: [each.dtype.str, each.shape, name in deflated] for name, each in arrays.items()}
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(zipfile.ZipInfo("header"), json.dumps({"header": dict(header), "arrays": types}))
+        for name, values in arrays.items():
+            raw = np.ascontiguousarray(values).reshape(-1).view(np.uint8)
+            if name in deflated and raw.size:
+                raw = np.ascontiguousarray(raw.reshape(values.size, -1).T).reshape(-1)
+            how = zipfile.ZIP_DEFLATED if name in deflated else zipfile.ZIP_STORED
+            archive.writestr(zipfile.ZipInfo(f"{name}.array"), raw.data, how, 1)
 
-    Its manifest's token, its points in that one's grid, rows that failed, the computing time of all in s, and the
-    environment in which they were computed.
-    """
 
-    manifest: str
-    points: NDArray[np.intp]
-    failed: NDArray[np.intp]
-    seconds: float
-    environment: dict[str, str]
-
-
-class PartFolder:
-    """The parts of a store."""
+class Packed:
+    """An archive that `pack` made; arrays are read when they are needed. Damage raises one of UNREADABLE."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        check_regular(path)
+        self._file: Path | bytes = path.read_bytes() if path.stat().st_size <= SMALL else path
+        with self._open() as archive:
+            if isinstance(self._file, bytes) and archive.testzip() is not None:
+                raise ValueError(f"{path} is damaged")
+            content = json.loads(archive.read("header"))
+        self.header: dict[str, Any] = content["header"]
+        self._arrays: dict[str, Any] = content["arrays"]
+        self.names = list(self._arrays)
+
+    def _open(self) -> zipfile.ZipFile:
+        return zipfile.ZipFile(BytesIO(self._file) if isinstance(self._file, bytes) else self._file)
+
+    def read(self, *names: str) -> list[NDArray[Any]]:
+        """Some of the arrays."""
+        arrays = []
+        with self._open() as archive:
+            for name in names:
+                kind, shape, deflated = self._arrays[name]
+                raw, dtype = archive.read(f"{name}.array"), np.dtype(kind)
+                if deflated and raw:
+                    raw = np.frombuffer(raw, np.uint8).reshape(dtype.itemsize, -1).T.tobytes()
+                arrays.append(np.frombuffer(raw, dtype).reshape(shape))
+        return arrays
+
+
+class Failure(NamedTuple):
+    """Why a point failed, where, and a line that computes it again."""
+
+    error: str
+    traceback: str = ""
+    reproduce: str = ""
+
+
+@dataclass(eq=False)
+class BatchResult:
+    """Computed points, one row each: results, not scaled, wall times in s, and failures by row."""
+
+    values: dict[str, NDArray[Any]]
+    wall_time: NDArray[np.float64]
+    failures: dict[int, Failure] = field(default_factory=dict)
+    environment: dict[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.wall_time)
+
+
+class PartWriter:
+    """Names and writes the parts of one run, after the part `last` of earlier runs."""
+
+    def __init__(self, folder: Path, variables: Mapping[str, Variable], token: str, last: str = "") -> None:
+        self.folder, self.variables, self.token = folder, variables, token
         self._run = uuid4().hex[:8]
-        self._last: int | None = None
+        self._last = int(last.partition("-")[0] or 0)
         self._closed = False
         self._lock = threading.Lock()
 
-    def names(self) -> list[str]:
-        """The parts' names in the order in which their batches were handed out."""
-        try:
-            with os.scandir(self.path) as found:
-                names = [each.name for each in found if NAME.fullmatch(each.name) and each.is_file()]
-        except (FileNotFoundError, NotADirectoryError):
-            return []
-        except OSError as problem:
-            raise StoreError(f"{self.path} cannot be read: {reason(problem)}") from None
-        return sorted(names, key=_number)
-
     def next_name(self) -> str:
         """A name that no other part has, of this run or of one before."""
-        if self._last is None:
-            self._last = max(map(_number, self.names()), default=0)
         self._last += 1
         return f"{self._last:06d}-{self._run}.part"
 
-    def put(self, name: str, content: bytes) -> None:
-        """Write a part; nothing once the folder is closed."""
-        if not self._closed:
-            with replacing(self.path / name, rename=self._rename) as temporary:
-                temporary.write_bytes(content)
+    def write(self, name: str, points: NDArray[np.intp], result: BatchResult) -> None:
+        """Write the results of `points`, flat indices in the manifest's grid, unless the writer is closed."""
+        if self._closed:
+            return
+        contiguous = bool(np.all(np.diff(points) == 1))
+        header = {
+            "manifest": self.token,
+            "rows": len(points),
+            "first": int(points[0]) if contiguous else None,
+            "failures": result.failures,
+            "environment": result.environment,
+            "seconds": float(result.wall_time.sum()),
+        }
+        arrays = {} if contiguous else {"points": points}
+        arrays |= {"wall_time": result.wall_time} | {f"value_{n}": each for n, each in result.values.items()}
+        # Floats of full precision hardly shrink; rounded ones and integers do.
+        small = [n for n, v in self.variables.items() if v.digits is not None or np.dtype(v.dtype).kind == "i"]
+        with replacing(self.folder / name, rename=self._rename) as temporary:
+            pack(temporary, header, arrays, ["points", *(f"value_{name}" for name in small)])
 
     def _rename(self, temporary: Path, path: Path) -> None:
         with self._lock:
@@ -121,43 +146,205 @@ class PartFolder:
                 os.replace(temporary, path)
 
     def close(self) -> None:
-        """Take no more parts: the store is given back, and threads that still compute come too late."""
+        """Accept no more parts: threads that a run gave up may still compute when the store is released."""
         with self._lock:
             self._closed = True
 
-    def contents(self, name: str) -> Contents | None:
-        """Which points a part holds; None if it is damaged or gone."""
-        try:
-            part = Packed(self.path / name)
-            about, index = part.about, part.read([each for each in ("steps", "failed") if each in part.names])
-            sound = isinstance(about["manifest"], str) and isinstance(about["seconds"], (int, float))
-            if not (sound and isinstance(about["rows"], int) and 0 < about["rows"] <= MOST_POINTS):
-                return None
-            points = np.cumsum(index["steps"]) if "steps" in index else about["first"] + np.arange(about["rows"])
-            failed = index.get("failed", np.zeros(0, dtype=np.int64))
-            if points.dtype.kind != "i" or failed.dtype.kind != "i":
-                return None
-            where = read_environment(about.get("environment", {}))
-            return Contents(about["manifest"], points, failed, about["seconds"], where)
-        except UNREADABLE:
+
+@dataclass(frozen=True, eq=False)
+class Manifest:
+    """The grid of a file and the properties of its points; enough to assemble it without the sweep's functions.
+
+    `variables` are as the file represents them. `representative` is the point whose computation is each point's
+    too, -1 where it is skipped; None: each is its own. `factors` are those of the sweep's `scale`. `fresh` says
+    whether a finished file is replaced rather than completed. Parts refer to the manifest by its `token`, or to an
+    `earlier` manifest of the same store, whose grid this has.
+    """
+
+    name: str
+    title: str
+    grid: Grid
+    coords: Mapping[str, Axis]
+    variables: Mapping[str, Variable]
+    representative: NDArray[Any] | None = None
+    factors: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    fresh: bool = False
+    token: str = field(default_factory=lambda: uuid4().hex[:12])
+    earlier: Mapping[str, Grid] = field(default_factory=dict)
+
+    @cached_property
+    def alignments(self) -> dict[str, Alignment]:
+        """Positions of the points of this and earlier grids in this grid, by token."""
+        return {token: self.grid.align(grid) for token, grid in {**self.earlier, self.token: self.grid}.items()}
+
+    def variable(self, name: str) -> Variable:
+        """One of the variables, or of those that every file has."""
+        return self.variables.get(name) or BOOKKEEPING[name]
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a variable at one point."""
+        return tuple(len(self.coords[dim]) for dim in self.variable(name).dims)
+
+    def row_bytes(self, name: str) -> int:
+        """Size of a variable at one point."""
+        return int(np.dtype(self.variable(name).dtype).itemsize * np.prod(self.shape(name), dtype=np.int64))
+
+    def save(self, store: Store) -> None:
+        """Write the manifest and its copy."""
+        grids = {self.token: self.grid, **self.earlier}
+        header = {
+            "format": FORMAT,
+            **{name: getattr(self, name) for name in ("name", "title", "token", "fresh")},
+            "attributes": dict(self.attributes),
+            "groups": {token: grid.groups for token, grid in grids.items()},
+            "axes": {name: [axis.units, axis.long_name] for name, axis in self.grid.axes.items()},
+            "coords": {name: [axis.units, axis.long_name] for name, axis in self.coords.items()},
+            "variables": {name: asdict(variable) for name, variable in self.variables.items()},
+            "factors": list(self.factors),
+        }
+        arrays = {f"axis {n} {token}": axis.values for token, g in grids.items() for n, axis in g.axes.items()}
+        arrays |= {f"coord {name}": axis.values for name, axis in self.coords.items()}
+        arrays |= {f"factor {name}": values for name, values in self.factors.items()}
+        if self.representative is not None:
+            arrays["representative"] = self.representative
+        for path in (store.manifest.with_suffix(".copy"), store.manifest):
+            with replacing(path) as temporary:
+                pack(temporary, header, arrays, ["representative"])
+
+    @classmethod
+    def load(cls, store: Store) -> Manifest | None:
+        """The manifest of an unfinished run; None if there is none.
+
+        Raises
+        ------
+        StoreError
+            If the manifest and its copy are damaged, or of another version of this package.
+        """
+        if not store.manifest.exists():
             return None
+        unread: OSError | None = None
+        for path in (store.manifest, store.manifest.with_suffix(".copy")):
+            try:
+                file = Packed(path)
+                if file.header["format"] == FORMAT:
+                    return cls._of(file)
+            except FileNotFoundError:
+                pass
+            except OSError as problem:
+                unread = unread or problem
+            except UNREADABLE:
+                pass
+            else:
+                raise StoreError(
+                    f"{store.parts} is of another version of sweeps; finish the run with that version, "
+                    "or start over with fresh (--fresh)"
+                )
+        if unread is not None:
+            raise StoreError(f"{store.manifest} cannot be read: {reason(unread)}")
+        raise StoreError(
+            f"{store.manifest} and its copy are damaged, so the parts of {store.file.name} cannot be used; "
+            "start over with fresh (--fresh), or choose another folder (--out)"
+        )
 
-    def read(self, name: str, variables: Collection[str], reasons: bool = True) -> BatchResult | None:
-        """The values of some variables, with or without why points failed; None if the part is damaged or gone."""
+    @classmethod
+    def _of(cls, file: Packed) -> Manifest:
+        header, arrays = file.header, dict(zip(file.names, file.read(*file.names), strict=True))
+        grids = {}
+        for token, groups in header["groups"].items():
+            axes = {name: Axis(arrays[f"axis {name} {token}"], *each) for name, each in header["axes"].items()}
+            grids[token] = Grid(axes, groups)
+        for each in header["variables"].values():
+            each["flags"] = each["flags"] and {int(code): word for code, word in each["flags"].items()}
+        return cls(
+            **{name: header[name] for name in ("name", "title", "token", "fresh", "attributes")},
+            grid=grids.pop(header["token"]),
+            earlier=grids,
+            coords={name: Axis(arrays[f"coord {name}"], *each) for name, each in header["coords"].items()},
+            variables={name: Variable(**each) for name, each in header["variables"].items()},
+            representative=arrays.get("representative"),
+            factors={name: arrays[f"factor {name}"] for name in header["factors"]},
+        )
+
+
+class Coverage(NamedTuple):
+    """The point of each row of a source in a manifest's grid, -1 for none; failed rows; cost; environments."""
+
+    points: NDArray[np.intp]
+    failed: NDArray[np.bool_]
+    seconds: float
+    computations: int
+    environments: list[dict[str, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class ResultSource:
+    """A batch in memory as a source of results, one row for each of its points."""
+
+    points: NDArray[np.intp]
+    result: BatchResult
+    name = "memory"
+
+    def coverage(self, manifest: Manifest) -> Coverage:
+        """The points that it has."""
+        count, failures = len(self.points), list(self.result.failures)
+        seconds, failed = float(self.result.wall_time.sum()), np.isin(np.arange(count), failures)
+        return Coverage(self.points, failed, seconds, count, [self.result.environment])
+
+    def read(self, name: str, rows: Any) -> NDArray[Any]:
+        """Values of a variable, or `wall_time`, at some rows."""
+        values = self.result.wall_time if name == "wall_time" else self.result.values[name]
+        return np.asarray(values[rows])
+
+    def failures(self) -> Mapping[int, Failure]:
+        """Why rows failed."""
+        return self.result.failures
+
+
+@dataclass(frozen=True)
+class PartSource:
+    """A part on the disk as a source of results; methods raise a `DamagedError` if it is damaged or gone."""
+
+    path: Path
+
+    @property
+    def name(self) -> str:
+        """Its file name."""
+        return self.path.name
+
+    @cached_property
+    def _file(self) -> Packed:
         try:
-            part = Packed(self.path / name)
-            failing = ["failed", "failures"] if reasons and "failed" in part.names else []
-            found = part.read(["wall_time", *failing, *(f"value_{each}" for each in variables)])
-            for each in (found["wall_time"], *(found[f"value_{name}"] for name in variables)):
-                if each.shape[:1] != (part.about["rows"],) or each.dtype.kind not in "biuf":
-                    return None
-            texts = json.loads(found["failures"].tobytes()) if failing else []
-            rows = found["failed"].tolist() if failing else []
-            failures = {row: Failure(*each) for row, each in zip(rows, texts, strict=True)}
+            return Packed(self.path)
         except UNREADABLE:
-            return None
-        return BatchResult({each: found[f"value_{each}"] for each in variables}, found["wall_time"], failures)
+            raise self._damaged() from None
 
+    def _damaged(self) -> StoreError:
+        if self.path.parent.exists():
+            return DamagedError(self.name, str(self.path.parent))
+        return StoreError(f"{self.path.parent} is gone: the run has finished; open its results again")
 
-def _number(name: str) -> int:
-    return int(name.partition("-")[0])
+    def _read(self, array: str) -> NDArray[Any]:
+        try:
+            return self._file.read(array)[0]
+        except UNREADABLE:
+            raise self._damaged() from None
+
+    def coverage(self, manifest: Manifest) -> Coverage:
+        """The points that it has."""
+        header = self._file.header
+        alignment, count = manifest.alignments.get(header["manifest"]), header["rows"]
+        if alignment is None:
+            raise self._damaged()
+        first = header["first"]
+        points = alignment(self._read("points") if first is None else first + np.arange(count))
+        failed = np.isin(np.arange(count), list(self.failures()))
+        return Coverage(points, failed, header["seconds"], count, [header["environment"]])
+
+    def read(self, name: str, rows: Any) -> NDArray[Any]:
+        """Values of a variable, or `wall_time`, at some rows."""
+        return np.asarray(self._read("wall_time" if name == "wall_time" else f"value_{name}")[rows])
+
+    def failures(self) -> Mapping[int, Failure]:
+        """Why rows failed."""
+        return {int(row): Failure(*each) for row, each in self._file.header["failures"].items()}

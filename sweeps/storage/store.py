@@ -1,68 +1,127 @@
-"""Where a sweep is kept: one CF netCDF file, and beside it, until it is whole, a folder of parts.
+"""The files of a sweep: their places, the lock of a run, and the atomic replacement of a file.
 
 STUDY.nc            the result; replaced as a whole, never written into
-STUDY.parts/        while a run goes on, or after it was interrupted:
-    manifest            what the result will look like
-    000001-….part       what has come of a batch
-    progress.json       how far the run is, and whose it is
-.STUDY.nc.lock      held by the run
+STUDY.nc.parts/     during a run, and after it was interrupted:
+    manifest            description of the result, twice (manifest.copy)
+    000001-….part       one finished batch each
+    progress.json       owner and progress of the run
+.STUDY.nc.lock      locked by the run; the empty file stays
 """
 
 from __future__ import annotations
 
+import errno
+import json
 import os
 import re
 import shutil
-from contextlib import suppress
+import socket
+import stat
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
-from sweeps.errors import InputError, StoreError
-from sweeps.storage.parts import NAME, PartFolder
+from filelock import FileLock, Timeout, lock_descriptor
 
+from sweeps.errors import InputError, LockedError, StoreError, reason
+
+PART = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
+# Files that a run, or the operating system, may have left in the folder of parts.
+LEFT = re.compile(rf"manifest(\.copy)?|progress\.json|{PART.pattern}|\..*\.(tmp|probe)|\.nfs.*|\.DS_Store")
+# s. A reader that tests the lock holds it for a moment.
+LOCK_TIMEOUT = 0.2
 OTHER = "choose another folder"
-# What a run may have left besides its manifest and progress, or its system.
-LEFT = re.compile(rf"{NAME.pattern}|\..*\.tmp|\.nfs.*|\.DS_Store")
 
 
-def mark(path: Path) -> tuple[int, ...]:
-    """Changes whenever a file is replaced; nothing where there is none."""
+@contextmanager
+def replacing(
+    path: Path, folder: Path | None = None, rename: Callable[[Path, Path], None] = os.replace
+) -> Iterator[Path]:
+    """Yield a temporary path, in `folder` if given, and rename it to `path` when its content is on the disk.
+
+    After a crash at any moment the file has its old or its new content. An error removes the temporary file.
+    """
+    temporary = (folder or path.parent) / f".{path.name}.{uuid4().hex[:12]}.tmp"
+    try:
+        yield temporary
+        # Windows flushes only what is open for writing.
+        with open(temporary, "r+b") as file:
+            os.fsync(file.fileno())
+        rename(temporary, path)
+        if os.name != "nt":
+            descriptor = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def check_regular(path: Path) -> None:
+    """Raise an `OSError` unless there is a regular file: opening a pipe would block."""
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise OSError(errno.EINVAL, f"{path.name} is not a regular file")
+
+
+def signature(path: Path) -> tuple[int, ...]:
+    """A value that changes whenever a file is replaced; empty without a file."""
     with suppress(OSError):
-        about = path.stat()
-        return about.st_ino, about.st_mtime_ns, about.st_size
+        state = path.stat()
+        return state.st_ino, state.st_mtime_ns, state.st_size
     return ()
 
 
 class Store:
-    """The files of one sweep; nothing is touched before it is asked for."""
+    """The paths of one sweep; nothing is created before a run needs it."""
 
     def __init__(self, path: str | Path) -> None:
         self.file = Path(os.path.abspath(Path(path).expanduser()))
         if not self.file.name:
             raise InputError(f"{path}: it is the root of all folders, and no file")
-        self.parts = self.file.with_name(f"{self.file.stem}.parts")
+        self.parts = self.file.with_name(f"{self.file.name}.parts")
         self.lock = self.file.with_name(f".{self.file.name}.lock")
         self.manifest = self.parts / "manifest"
         self.progress = self.parts / "progress.json"
 
-    @property
-    def folder(self) -> PartFolder:
-        """The parts."""
-        return PartFolder(self.parts)
+    def exists(self) -> bool:
+        """Whether there is a result, finished or not."""
+        return self.file.exists() or self.manifest.exists()
 
-    def stamp(self) -> tuple[Any, ...]:
-        """Changes whenever another run has been here."""
-        marks: list[Any] = list(self.folder.names())
-        return (*marks, *mark(self.file), *mark(self.manifest))
+    def part_names(self) -> list[str]:
+        """Names of the parts, in the order in which their batches were submitted."""
+        try:
+            with os.scandir(self.parts) as entries:
+                names = [each.name for each in entries if PART.fullmatch(each.name) and each.is_file()]
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+        except OSError as problem:
+            raise StoreError(f"{self.parts} cannot be read: {reason(problem)}") from None
+        return sorted(names, key=lambda name: int(name.partition("-")[0]))
+
+    def version(self) -> tuple[Any, ...]:
+        """A value that changes whenever another run has written here."""
+        return (*self.part_names(), *signature(self.file), *signature(self.manifest))
 
     def check_place(self, name: str) -> None:
-        """Refuse, before anything is computed, a place where the results of `name` cannot go."""
+        """Refuse, before anything is computed, a place that cannot have the results of sweep `name`.
+
+        Raises
+        ------
+        StoreError
+            Naming the path and the reason.
+        """
         path = self.file
         try:
             if path.exists() and not path.is_file():
                 what = "a folder" if path.is_dir() else "not a regular file"
                 raise StoreError(f"{path} is {what}; the results of {name} need a file there")
-            self.check_parts()
+            self._check_parts()
             folder = next(each for each in path.parents if each.is_symlink() or each.exists())
             if not folder.exists():
                 raise StoreError(f"{folder} is a link to nothing; {OTHER}")
@@ -71,31 +130,92 @@ class Store:
         except OSError as problem:
             raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
 
-    def check_parts(self) -> None:
-        """Refuse what is somebody's in the place of the parts, which are removed: a link, a file, another folder.
-
-        A link in the place of the lock would make a file elsewhere.
-        """
-        if self.parts.exists() and not self.parts.is_dir():
+    def _check_parts(self) -> None:
+        """Refuse a folder of parts with foreign files, since a finished run removes the folder."""
+        if self.parts.is_symlink() or (self.parts.exists() and not self.parts.is_dir()):
             raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {OTHER}")
-        if self.parts.is_symlink():
-            raise StoreError(f"{self.parts} is a link, where a folder of its own is needed; remove it, or {OTHER}")
-        if not self.manifest.exists() and (found := self._foreign()):
-            raise StoreError(f"{self.parts} holds {found}, which no run has left; move it away, or {OTHER}")
-        if self.lock.is_symlink():
-            raise StoreError(f"{self.lock} is a link, where a file of its own is needed; remove it, or {OTHER}")
-
-    def clear(self) -> None:
-        """Remove the parts, with all that is among them; a folder that no run has left stays."""
-        if self.manifest.exists() or not self._foreign():
-            # The manifest goes first: without it the folder is nothing.
-            self.manifest.unlink(missing_ok=True)
-            shutil.rmtree(self.parts, ignore_errors=True)
+        if foreign := self._foreign():
+            raise StoreError(f"{self.parts} has {foreign}, which is not a run's; move it away, or {OTHER}")
 
     def _foreign(self) -> str:
-        """The name of something in the folder of parts that is not ours; "" if there is none."""
+        """The name of a file in the folder of parts that no run writes; "" if there is none."""
         with suppress(FileNotFoundError, NotADirectoryError):
-            ours = self.manifest.name, self.progress.name
-            names = (name for name in os.listdir(self.parts) if not (name in ours or LEFT.fullmatch(name)))
-            return min(names, default="")
+            return min((name for name in os.listdir(self.parts) if not LEFT.fullmatch(name)), default="")
         return ""
+
+    def clear(self) -> None:
+        """Remove the parts; a folder with foreign files stays."""
+        # The manifest goes first: parts without a manifest count as none.
+        for path in (self.manifest, self.manifest.with_suffix(".copy")):
+            path.unlink(missing_ok=True)
+        if not self._foreign():
+            shutil.rmtree(self.parts, ignore_errors=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the lock, which the operating system releases if this process dies.
+
+        Raises
+        ------
+        LockedError
+            If another run holds it; the message names the run.
+        StoreError
+            If nothing can be written there.
+        """
+        try:
+            self._check_parts()
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(self.lock, timeout=LOCK_TIMEOUT, thread_local=False)
+            lock.acquire()
+        except Timeout:
+            raise self.taken() from None
+        except OSError as problem:
+            raise StoreError(f"{self.file} cannot be written: {reason(problem)}; {OTHER}") from None
+        try:
+            with suppress(OSError):  # the owner is for a message only, which a full disk may prevent
+                self.parts.mkdir(exist_ok=True)
+            write_state(self.progress, owner())
+            yield
+        finally:
+            if not self.manifest.exists():
+                self.clear()
+            lock.release()
+
+    def is_locked(self) -> bool:
+        """Whether a run holds the lock now."""
+        try:
+            check_regular(self.lock)
+            with open(self.lock, "rb") as file:
+                return not lock_descriptor(file.fileno(), blocking=False)
+        except OSError:
+            return False
+
+    def taken(self) -> LockedError:
+        """The error that names the run which holds the lock."""
+        state, run = read_state(self.progress), "another run"
+        if "pid" in state:
+            run = f"process {state['pid']} on {state['host']}, begun {state['started']}"
+        return LockedError(f"{self.file} is being written by {run}; wait for it, or {OTHER}")
+
+
+def owner() -> dict[str, Any]:
+    """Process, host and start of this run."""
+    return {"pid": os.getpid(), "host": socket.gethostname(), "started": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
+
+
+def write_state(file: Path, state: dict[str, Any]) -> None:
+    """Write the progress for other processes; a run does not fail if this does."""
+    with suppress(OSError):
+        temporary = file.with_name(f".{file.name}.tmp")
+        temporary.write_text(json.dumps(state | {"written": time.time()}))
+        os.replace(temporary, file)
+
+
+def read_state(file: Path) -> dict[str, Any]:
+    """The progress that a run has written; empty if there is none."""
+    try:
+        check_regular(file)
+        state = json.loads(file.read_text())
+        return state if isinstance(state, dict) and {"pid", "host", "started"} <= set(state) else {}
+    except (OSError, ValueError):
+        return {}

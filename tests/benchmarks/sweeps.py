@@ -20,6 +20,7 @@ import numpy as np
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.plan import batches
+from tests.benchmarks.strangers import strangers
 from tests.benchmarks.tables import Column, Table
 
 # The transient sweep: so many scenes of so many simulated seconds.
@@ -102,7 +103,7 @@ def peak():
 
 
 def overhead():
-    """A function that does nothing, planned, run through Dask's threads, stored; and again, all of it there."""
+    """A function that does nothing: planned, run on threads, stored; and again, when every point is cached."""
     rows = []
     for count, wide in ((10_000, False), (100_000, False), (10_000, True), (100_000, True)):
         spent, resumed = [], []
@@ -154,13 +155,18 @@ def _measured(what):
         data.close()
 
 
-def size(counts=(10**7, 10**8)):
-    """Many points of a cheap function: a run that is killed half-way, and taken up by another process."""
+def size(counts=(10**6, 10**7)):
+    """Many points of a cheap function: a run that is killed half-way and resumed by another process.
+
+    A plan of 1e7 points takes less than 10 s, and each run less than 2 GB.
+    """
     rows = []
     for count in counts:
         with tempfile.TemporaryDirectory() as folder:
             for way in ("killed", "resumed"):
                 found = numbers(apart("sized", way, count, folder))
+                assert found[0] < 10.0
+                assert found[1] < 2e9
                 rows.append([count, way, *found, *[None] * (5 - len(found))])
     heads = (Column(each, unit) for each, unit in (("planned", "s"), ("peak memory", "B"), ("run", "s")))
     later = (Column("opened", "s"), Column("file", "B"))
@@ -170,8 +176,9 @@ def size(counts=(10**7, 10**8)):
 def _sized(way, count, folder):
     axis, store = Axis(np.arange(float(round(int(count) ** 0.5)))), Path(folder) / "plane.nc"
     begin = time.perf_counter()
-    plan = Sweep("plane", plane, Grid({"x": axis, "z": axis}), {"y": Variable()}).plan(store)
+    plan = Sweep("plane", plane, {"x": axis, "z": axis}, ["y"]).plan(store)
     planned = time.perf_counter() - begin
+    assert (plan.cached > 0) == (way == "resumed")
     print(planned, peak(), flush=True)
 
     def kill(snapshot):
@@ -195,8 +202,21 @@ def _workers():
         sys.stdin.read()
 
 
+def growth():
+    """A file of 640 MB from nothing, and 4 MB added to it."""
+    spent = []
+    with tempfile.TemporaryDirectory() as folder:
+        for count in (80_000, 80_500):
+            begin = time.perf_counter()
+            plan = trivial(count, True).plan(Path(folder) / "vector.nc")
+            plan.run().close()
+            spent.append(time.perf_counter() - begin)
+    rows = [["640 MB from nothing", spent[0]], ["4 MB more", spent[1]]]
+    return Table([Column("what"), Column("time", "s")], rows)
+
+
 def client():
-    """Processor time that a batch costs whoever hands it out, on a cluster of two processes."""
+    """What a batch costs the client of a cluster of two processes, and how many batches it completes."""
     batches.BATCH_BYTES = 24.0
     spent = []
     cluster = subprocess.Popen(command("workers"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -204,12 +224,13 @@ def client():
     with tempfile.TemporaryDirectory() as folder:
         for count in (100, 200, 1200):
             plan = trivial(count, False).plan(Path(folder) / f"{count}.nc")
-            begin = time.process_time()
+            begin = time.process_time(), time.perf_counter()
             plan.run(address)
-            spent.append(time.process_time() - begin)
+            spent.append((time.process_time() - begin[0], time.perf_counter() - begin[1]))
     cluster.communicate()
-    rows = [["a batch, of whoever hands it out to a cluster", (spent[2] - spent[1]) / 1000.0]]
-    return Table([Column("what"), Column("CPU time", "s")], rows)
+    processor, wall = np.subtract(spent[2], spent[1]) / 1000.0
+    heads = (Column("what"), Column("CPU time of the client", "s"), Column("batches a second"))
+    return Table([*heads], [["a batch of one point on a cluster", float(processor), float(1.0 / wall)]])
 
 
 def cores():
@@ -300,7 +321,9 @@ def grid():
     return Table([Column("points, V and F by one ratio"), Column("distinct"), Column("planned in", "s")], rows)
 
 
-TABLES = {each.__name__: each for each in (overhead, memory, size, client, cores, recorded, grid)}
+TABLES = {
+    each.__name__: each for each in (overhead, memory, size, growth, client, cores, recorded, grid, strangers)
+}
 
 if __name__ == "__main__":
     globals()[sys.argv[1]](*sys.argv[2:])

@@ -10,7 +10,7 @@ import xarray as xr
 from fivcore import simulate
 from studies import results
 from studies.check import installation as check
-from sweeps import Plan
+from sweeps import Plan, Store
 from tests import HOME
 from tests.helpers.commands import written
 
@@ -64,7 +64,7 @@ def test_every_check_can_fail(tmp_path, here, monkeypatch):
             data = run(plan, scheduler, workers, progress, **options)
         finally:
             # Only the part that the check removes is left of the run that it interrupts.
-            for part in sorted(plan.store.with_suffix(".parts").glob("*.part"))[1:]:
+            for part in sorted(Store(plan.store).parts.glob("*.part"))[1:]:
                 part.unlink()
         return changed(data) if plan.store.stem in ("processes", "resumed") else data
 

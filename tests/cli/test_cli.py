@@ -17,6 +17,7 @@ from studies import registry
 from studies.cli import progress
 from studies.gallery import fig5
 from sweeps.compute import cluster
+from sweeps.task import Task
 from tests.helpers.commands import begun, fiv, written
 
 FILES = ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
@@ -98,15 +99,16 @@ def test_failed_points_are_listed_and_exit_1(tmp_path, here, instead):
     done = here(*THREE, "-q", "--fail-fast")
     assert done.returncode == 1
     assert done.stderr == "fiv: stopped at the first failure: mu = 0.25: ArithmeticError: not this one\n"
-    assert any(name.startswith("results/fig5/fig5.parts/") for name in written(tmp_path))
+    assert any(name.startswith("results/fig5/fig5.nc.parts/") for name in written(tmp_path))
     done = here(*THREE, "-v")
     assert done.returncode == 1
     assert "failed: mu = 0.25: ArithmeticError: not this one" in done.stderr
-    assert "again, in Python: " in done.stderr
-    assert "import picky; picky({'mu': array([0.25])}" in done.stderr
+    again = "compute one of them again with: fiv run fig5 --set mu=0.25 --scheduler sync --out again"
+    assert done.stderr.splitlines()[-1] == again
     assert "in picky" in done.stderr
     assert written(tmp_path) == FILES[:1]
-    # What failed is kept as failed, until it is asked for again.
+    assert here(*again.partition(": fiv ")[2].split()).returncode == 1
+    # The failure is stored until --retry-failed.
     (tmp_path / "mended").touch()
     assert here(*THREE, "-q").returncode == 1
     again = here(*THREE, "-q", "--retry-failed")
@@ -114,12 +116,21 @@ def test_failed_points_are_listed_and_exit_1(tmp_path, here, instead):
     assert "failed" not in again.stderr
 
 
+def test_a_run_whose_first_points_all_fail_alike_stops(tmp_path, here, instead):
+    """And leaves nothing that a corrected function would be refused for."""
+    instead(lambda points, **constants: points["nu"])
+    done = here("run", "fig5", "-q")
+    said = "fiv: stopped, since the first points all failed alike: mu = 0.0: KeyError: 'nu'\n"
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", said)
+    assert written(tmp_path) == []
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_other_settings_are_exit_3_and_fresh_starts_over(here):
     assert here(*THREE, "-q").returncode == 0
     done = here(*THREE, "-q", "--set", "theta=8")
     assert (done.returncode, done.stderr.count("\n")) == (3, 1)
-    assert "fig5.nc holds something else: theta = 5.0 there, 8.0 here; start over with fresh (--f" in done.stderr
+    assert "fig5.nc has other results: theta = 5.0 there, 8.0 here; start over with fresh (--f" in done.stderr
     fresh = here(*THREE, "-q", "--set", "theta=8", "--fresh")
     assert fresh.returncode == 0
     assert "theta = 8 degrees" in fresh.stdout
@@ -174,12 +185,14 @@ def test_ctrl_c_is_exit_130_before_all_is_imported(tmp_path, module):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_plain_lines_tell_of_progress_where_there_is_no_terminal(here, instead, monkeypatch):
-    def slow(points, **constants):
-        time.sleep(0.05 * len(points["mu"]))
-        return fig5.modes(points, **constants)
+def test_plain_lines_tell_of_progress_where_there_is_no_terminal(here, monkeypatch):
+    compute = Task.compute
 
-    instead(slow)
+    def slowly(self, points):
+        time.sleep(0.05 * len(points["mu"]))
+        return compute(self, points)
+
+    monkeypatch.setattr(Task, "compute", slowly)
     monkeypatch.setattr(progress, "INTERVAL", 0.05)
     done = here("run", "fig5", "--set", "mu=0:0.5:9", "--scheduler", "sync")
     assert done.returncode == 0
@@ -188,7 +201,7 @@ def test_plain_lines_tell_of_progress_where_there_is_no_terminal(here, instead, 
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(here, monkeypatch):
-    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     with dask.config.set({"scheduler-address": "tcp://127.0.0.1:9"}):  # DASK_SCHEDULER_ADDRESS
         done = here("run", "fig5", "--set", "mu=0:0.5:401", "-q")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

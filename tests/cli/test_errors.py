@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ import sweeps
 from fivcore import InputError, UnsolvedError
 from studies.cli import execution
 from studies.gallery import fig5
+from sweeps.compute.run import _Local
 
 
 def fails(problem):
@@ -38,6 +38,7 @@ def fails(problem):
         (RecursionError("depth"), 2, "fiv: something is nested too deeply; -v shows where"),
         (OSError(36, "File name too long", "a" * 9), 3, "fiv: aaaaaaaaa: File name too long"),
         (sweeps.ClusterLostError("the scheduler is gone"), 3, "fiv: the scheduler is gone"),
+        (sweeps.SweepStoppedError("stopped"), 1, "fiv: stopped"),
         (ValueError("mu = 9"), 70, "fiv: internal error: ValueError; please report it with the lines above"),
         (None, 70, "fiv: internal error: ValueError; please report it with the lines above"),
         (KeyError("mu"), 70, "fiv: internal error: KeyError; please report it with the lines above"),
@@ -142,31 +143,6 @@ def test_names_that_no_file_can_have(here, arguments, code, said):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_a_figure_or_page_takes_the_place_of_a_file_alone(here, tmp_path):
-    """Whoever may would otherwise replace a device."""
-    here("run", "table4", "-q")
-    os.mkfifo(tmp_path / "pipe")
-    done = here("report", "table4", "--file", "pipe")
-    assert (done.returncode, done.stderr) == (
-        3,
-        "fiv: pipe could not be written: it is no file; choose another name\n",
-    )
-    assert (tmp_path / "pipe").is_fifo()
-
-
-@pytest.mark.parametrize(
-    ("asked", "words"), [("bash_complete", "abc"), ("zsh_complete", None), ("fish_complete", None), ("odd", "1")]
-)
-def test_a_shell_that_asks_wrongly_is_told_in_one_line(here, monkeypatch, asked, words):
-    monkeypatch.setenv("_FIV_COMPLETE", asked)
-    if words is not None:
-        monkeypatch.setenv("COMP_WORDS", "fiv li")
-        monkeypatch.setenv("COMP_CWORD", words)
-    done = here()
-    told = f"fiv: _FIV_COMPLETE = {asked!r}: it is for shells; they set COMP_WORDS, and COMP_CWORD to a number\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", told)
-
-
 @pytest.mark.parametrize(
     ("command", "redirected", "code", "last"),
     [
@@ -188,27 +164,24 @@ def test_streams_that_are_closed_or_full(command, redirected, code, last):
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
-    ("after", "said"), [(0, "nothing was finished; again with: fiv run"), (1, r"\d+ of 3 points are kept; go on")]
+    ("after", "said"), [(0, "nothing was finished; again with: fiv run"), (1, "3 of 5 points are kept; go on")]
 )
 def test_a_lost_cluster_is_no_wrong_input(here, monkeypatch, after, said):
-    """What was finished is kept, and is said to be only where it is."""
-    from sweeps.compute.local import Local
-
-    taken = Local.room
+    """The message says how many points are kept."""
+    whole = _Local.submit
     monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", 1.0)
 
-    def room(self, window, under_way):
-        parts = list(Path("results/fig5/fig5.parts").glob("0*.part"))
-        if len(parts) >= after:
+    def submit(self, name, points):
+        if len(sweeps.Store("results/fig5/fig5.nc").part_names()) >= after:
             raise sweeps.ClusterLostError("the scheduler does not answer any more")
-        return min(taken(self, window, under_way), 1)
+        return whole(self, name, points)
 
-    monkeypatch.setattr(Local, "room", room)
-    run = ("run", "fig5", "--set", "mu=0.1:0.2:3", "--set", "theta=6")
+    monkeypatch.setattr(_Local, "submit", submit)
+    run = ("run", "fig5", "--set", "mu=0.1:0.2:5", "--set", "theta=6", "--scheduler", "sync")
     done = here(*run)
     assert done.returncode == 3
     assert re.search(f"^fiv: the scheduler does not answer any more; {said}", done.stderr, re.MULTILINE)
-    monkeypatch.setattr(Local, "room", taken)
+    monkeypatch.setattr(_Local, "submit", whole)
     assert here(*run).returncode == 0
 
 

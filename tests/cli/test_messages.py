@@ -31,7 +31,7 @@ def test_plan_writes_nothing_and_computes_only_what_the_time_is_asked_of(tmp_pat
     assert done.returncode == 0
     for line in ("points          101", "distinct        101", "cached          0", "to do           101"):
         assert line in done.stdout
-    assert "estimated time  unknown: no earlier run tells" in done.stdout
+    assert "estimated time  unknown: there is no earlier run" in done.stdout
     assert calls == []
     assert "on one core" in here("plan", "fig5", "--time").stdout
     assert calls
@@ -69,7 +69,7 @@ def test_every_command_has_help(here):
         (["run", "fig5", "--set", "mu=0.1", "--set", "mu=0.2"], "fiv: --set 'mu=0.2': mu is set already"),
         (
             ["run", "fig5", "--scheduler", "cloud"],
-            "fiv: scheduler = 'cloud': it must be 'threads', 'sync', 'processes', or an address like tcp://host:8786",
+            "fiv: scheduler = 'cloud': it must be 'threads', 'sync', 'processes', an address like tcp://",
         ),
         (
             ["run", "fig5", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"],
@@ -87,8 +87,7 @@ def test_every_command_has_help(here):
         (["query", kept("fig6"), "--show", "growth_rate,node_x"], "no rows in common"),
         (
             ["run", "scenes", "--set", "V=1e-3:1e-2:1000", "--set", "mu=0.1:0.3:1000", "--set", "F=1:9:1000"],
-            "fiv: grid = V 1000 x theta 4 x mu 1000 x F 1000: 4e+09 points are more than the 2e+08 that one plan "
-            "can hold; take fewer values, or run parts of them into folders of their own",
+            "fiv: grid = V 1000 x theta 4 x mu 1000 x F 1000: 4e+09 points are more than the 2e+07 of one plan",
         ),
     ],
 )

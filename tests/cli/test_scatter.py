@@ -52,7 +52,7 @@ def test_a_result_is_made_again(tmp_path, here):
     assert "sample 8" in here("plan", path, "--samples", "8").stdout
     other = here("run", path, "--seed", "2")
     assert (other.returncode, other.stderr.count("\n")) == (3, 1)
-    assert 'sample drawn by = "sobol, seed 1" there, "sobol, seed 2" here; start over' in other.stderr
+    assert 'sample method = "sobol, seed 1" there, "sobol, seed 2" here; start over' in other.stderr
 
 
 def test_rows_of_a_table(tmp_path, here):
@@ -166,15 +166,3 @@ def test_the_study_of_scattered_rigs_scatters_what_it_is_told(here):
     assert (axis.returncode, axis.stderr.count("\n")) == (2, 1)
     rows = here("query", "robust", "--where", "onset_mu < 0.1112", "--show", "sample,p1_length,onset_mu")
     assert 1 < len(rows.stdout.splitlines()) < 17
-
-
-def test_unusual_values_are_told_once_and_refused_if_asked(tmp_path, here):
-    told = "fiv: p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without their unit?\n"
-    assert here("plan", "fig5", "--set", "p1_length=50").stderr == told
-    strict = here("run", "fig5", "--set", "p1_length=50", "--strict")
-    assert (strict.returncode, strict.stdout) == (2, "")
-    assert strict.stderr == told.replace("unit?\n", "unit?; leave --strict out to compute it all the same\n")
-    assert here("plan", "fig5", "--set", "p1_length=50mm", "--strict").returncode == 0
-    line = ("--x", "p1_thickness=1.5mm:10mm:2", "--quantity", "onset_mu")
-    assert "p1_length / p1_thickness = 5 is unusual" in here("map", *line, "--strict").stderr
-    assert written(tmp_path) == []

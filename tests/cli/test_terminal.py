@@ -24,12 +24,3 @@ def test_a_bar_in_colour(tmp_path):
     assert program.returncode == 0, seen.decode()
     assert "━".encode() in seen
     assert re.search(rb"\x1b\[[0-9;]*m", seen)
-
-
-def test_output_that_cannot_be_written_is_one_line():
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "studies", "completion", "zsh"], stdout=full, stderr=subprocess.PIPE, text=True
-        )
-    assert done.returncode == 3
-    assert done.stderr == "fiv: standard output could not be written: No space left on device\n"

@@ -41,13 +41,6 @@ def test_no_measured_table_is_typed(name):
     assert [head for head in unmarked(readmes.TEXTS[name]) if not head.startswith(ACCURACY)] == []
 
 
-def test_a_measured_table_that_is_typed_would_be_found():
-    timed = [name for name in KNOWN if {"s", "B"} & {unit for _, unit, _ in KNOWN[name]["columns"]}]
-    assert len(timed) > 10
-    assert [name for name in ("summary", *timed) if len(unmarked(tables.markdown(name, KNOWN))) != 1] == []
-    assert unmarked("| term | meaning |\n| --- | --- |\n| ramp | time of the drive |\n") == []
-
-
 def test_every_table_stands_in_one_place_and_is_one_of_a_part():
     assert len(MARKED) == len(set(MARKED))
     assert set(MARKED) - {"summary"} <= set(KNOWN)

@@ -18,10 +18,11 @@ import pytest
 from studies import registry
 from tests import HOME
 from tests.docs import first_time, readmes
+from tests.helpers.commands import written
 
-# The API, a study of one's own, a sweep of one's own, a run under SLURM: all the Python that there is.
+# The API, a study of one's own, sweeps of functions of numbers and of arrays, a run under SLURM.
 API, STUDY = readmes.blocks("python", "README.md")
-SWEEP, SLURM = readmes.blocks("python", "sweeps/README.md")
+*SWEEPS, SLURM = readmes.blocks("python", "sweeps/README.md")
 # How to compute the first figure, to test, to come from nothing, and what one does with a study of one's own; the
 # rest are examples, run in their order.
 FIRST, TEST, WAY, *EXAMPLES, OWN = (block.rstrip("\n") for block in readmes.blocks("sh"))
@@ -52,7 +53,7 @@ def run(*command, **options):
 
 
 def test_no_block_of_code_is_left_out():
-    assert len(readmes.blocks("python")) == 4
+    assert len(readmes.blocks("python")) == 5
     kinds = [kind for kind in re.findall(r"^```(.*)$", readmes.ALL, re.MULTILINE) if kind]
     assert set(kinds) == {"python", "sh", "toml"}
     assert FIRST in readmes.TEXTS["README.md"]
@@ -102,7 +103,7 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, here):
     assert len(rows.splitlines()) == 5
     folder = tmp_path / "results" / "head_mass"
     assert drawn.strip() == "results/head_mass/head_mass.svg"
-    assert {path.name for path in folder.iterdir()} == {"head_mass.nc", "head_mass.png", "head_mass.svg"}
+    assert written(folder) == ["head_mass.nc", "head_mass.png", "head_mass.svg"]
     assert "Does a heavier head calm the rig?" in (tmp_path / page.strip()).read_text()
     # The script finds what the command has computed ...
     computed = (folder / "head_mass.nc").read_bytes()
@@ -122,14 +123,17 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, here):
     assert done.stderr.endswith("name the file: fiv plot FILE.py\n")
 
 
-def test_a_sweep_of_ones_own_runs_and_resumes(tmp_path):
-    (tmp_path / "mine.py").write_text(SWEEP)
-    assert "to do           202" in run(sys.executable, "mine.py", cwd=tmp_path)
-    # What the script does besides is no part of the function.
-    (tmp_path / "mine.py").write_text(SWEEP + "print(data['x'].sizes)\n")
+@pytest.mark.parametrize(
+    ("script", "todo", "sizes"), [(SWEEPS[0], 6, "{'t': 3, 'rate': 2}"), (SWEEPS[1], 202, "{'t': 101, 'a': 2}")]
+)
+def test_a_sweep_of_ones_own_runs_and_resumes(tmp_path, script, todo, sizes):
+    (tmp_path / "mine.py").write_text(script + "print(plan)\n")
+    assert f"to do           {todo}" in run(sys.executable, "mine.py", cwd=tmp_path)
+    # Other statements of the script are not part of the function.
+    (tmp_path / "mine.py").write_text(script + "print(plan, dict(data['x'].sizes))\n")
     again = run(sys.executable, "mine.py", cwd=tmp_path)
     assert "to do           0" in again
-    assert "{'t': 101, 'a': 2}" in again
+    assert again.endswith(f" {sizes}\n")
 
 
 @pytest.mark.slow

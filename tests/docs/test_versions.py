@@ -68,21 +68,3 @@ def test_its_versions_are_those_that_pyproject_says(row):
             assert later or Version(row["versions"][name]) == Version(version)
     for each in needed:
         assert each.specifier.contains(row["versions"][each.name])
-
-
-def test_a_new_row_takes_the_place_of_the_last_of_its_pair(tmp_path):
-    file = tmp_path / "versions.json"
-    for python, kind, count in (("3.12", "newest", 1), ("3.11", "floors", 2), ("3.12", "newest", 3)):
-        floors.keep({"python": python, "kind": kind, "passed": count}, file)
-    kept = [tuple(row.values()) for row in json.loads(file.read_text())]
-    assert kept == [("3.11", "floors", 2), ("3.12", "newest", 3)]
-    assert list(tmp_path.iterdir()) == [file]
-
-
-def test_counts_are_those_of_pytest(tmp_path):
-    file = tmp_path / "report.xml"
-    file.write_text(
-        '<testsuites><testsuite name="a" tests="9" failures="2" errors="1" skipped="3"/>'
-        '<testsuite name="b" tests="2" failures="0" errors="0" skipped="0"/></testsuites>'
-    )
-    assert floors.counted(file) == {"passed": 5, "failed": 3, "skipped": 3}

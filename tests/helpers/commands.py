@@ -6,6 +6,8 @@ import sys
 import time
 from pathlib import Path
 
+from sweeps import Store
+
 FIV = str(Path(sys.executable).with_name("fiv"))
 
 
@@ -15,7 +17,8 @@ def fiv(folder, *arguments, command=(FIV,)):
 
 
 def written(folder) -> list[str]:
-    return sorted(str(p.relative_to(folder)) for p in Path(folder).rglob("*") if p.is_file())
+    files = [p for p in Path(folder).rglob("*") if p.is_file() and p.suffix != ".lock"]
+    return sorted(str(p.relative_to(folder)) for p in files)
 
 
 # The command with batches that take their time, and after the first six wait until there is a file `go`; what they
@@ -23,7 +26,7 @@ def written(folder) -> list[str]:
 SLOW = """
 import itertools, os, sys, time
 from studies.cli.main import main
-from sweeps.compute.batch import Task
+from sweeps.task import Task
 compute, calls = Task.compute, itertools.count()
 def slowly(self, points):
     late = next(calls) > 5
@@ -42,8 +45,8 @@ def begun(folder, *arguments):
     command = [sys.executable, "-c", SLOW, *arguments]
     running = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60.0
-    parts = folder / "results" / "fig5" / "fig5.parts"
-    while len(list(parts.glob("0*.part"))) < 4:
+    store = Store(folder / "results" / "fig5" / "fig5.nc")
+    while len(store.part_names()) < 4:
         assert running.poll() is None
         assert time.monotonic() < until
         time.sleep(0.02)

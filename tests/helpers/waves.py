@@ -1,9 +1,9 @@
-"""A sweep to store, resume and grow: what it computes is logged, and points can be made to fail."""
+"""Sweeps to store, resume, grow and refine: what they compute is logged, and points can be made to fail."""
 
 import numpy as np
 import pytest
 
-from sweeps import Axis, Grid, Sweep, Variable
+from sweeps import Axis, Grid, Refinement, Sweep, Variable, refined
 
 # What was computed, and which points fail; not part of a sweep's identity, as arguments would be.
 LOG: list[tuple] = []
@@ -57,3 +57,40 @@ def stop_after(count):
 def interrupted(planned, count):
     with pytest.raises(KeyboardInterrupt):
         planned.run("sync", progress=stop_after(count))
+
+
+# A sweep to refine.
+HILLS = {"kind": Variable("1", "kind", dtype="int8"), "height": Variable("m", "height")}
+SHOWN = [*HILLS, "status"]
+
+
+def hill(points):
+    rows = list(zip(*(values.tolist() for values in points.values()), strict=True))
+    LOG.extend(rows)
+    if BROKEN["points"] & set(rows):
+        raise ValueError("no result")
+    away = np.hypot(points["x"], points["y"])
+    return {"kind": 1 * (away < 0.6), "height": np.exp(-4.0 * away**2)}
+
+
+def slope(points):
+    return {"kind": np.ones(len(points["x"]), dtype=int), "height": 100.0 + points["y"]}
+
+
+def cliff(points):
+    return {"kind": 1 * (points["x"] > 0.0), "height": np.tanh(40.0 * (points["x"] - 0.3 * points["y"]))}
+
+
+def hills(
+    size=17, levels=2, variable="kind", ends=(-1.0, 1.25), tolerance=None, function=hill, skip=None, **changes
+):
+    axes = {"x": Axis(np.linspace(-1.0, 1.0, size), "m"), "y": Axis(np.linspace(*ends, size), "m")}
+    options = {"variables": HILLS} | changes
+    return refined(
+        Sweep("hills", function, Grid(axes, skip=skip), **options), Refinement(variable, levels, tolerance)
+    )
+
+
+def truth_of(data):
+    away = np.hypot(data["x"], data["y"])
+    return (away < 0.6).astype(float), np.exp(-4.0 * away**2)

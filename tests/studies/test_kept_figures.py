@@ -5,13 +5,12 @@ from functools import cache
 from itertools import combinations
 
 import matplotlib
-import numpy as np
 import pytest
 from matplotlib.testing.compare import compare_images
 from matplotlib.transforms import Bbox
 
 import sweeps
-from studies import registry, runner
+from studies import registry
 from studies.plotting import figures
 from tests import HOME
 
@@ -27,11 +26,6 @@ def figure_of(name):
         return registry.load(name).draw(sweeps.open_results(KEPT / name / f"{name}.nc"))
 
 
-def drawn(name, folder, alter):
-    dataset = alter(sweeps.open_results(KEPT / name / f"{name}.nc"))
-    return runner.plot(registry.load(name), dataset, folder / f"{name}.nc")
-
-
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_every_kept_figure_is_drawn_again(name, tmp_path):
     kept, again = KEPT / name / f"{name}.png", tmp_path / f"{name}.png"
@@ -41,14 +35,6 @@ def test_every_kept_figure_is_drawn_again(name, tmp_path):
     with figures.style():
         again.write_bytes(figures.saved(figure_of(name), "png", ""))
     assert compare_images(str(kept), str(again), TOLERANCE) is None
-
-
-def test_a_line_that_is_missing_shows(tmp_path):
-    def without_a_mode(dataset):
-        return dataset.assign(frequency=dataset["frequency"].where(dataset["mode"] != 4, np.nan))
-
-    figure = drawn("fig5", tmp_path, without_a_mode)
-    assert compare_images(str(KEPT / "fig5" / "fig5.png"), str(figure), TOLERANCE) is not None
 
 
 def boxes_of_labels(axes):

@@ -227,7 +227,7 @@ def test_a_map_of_something_else_is_exit_3(tmp_path, here):
     done = here(*MAP, "-q")
     assert done.returncode == 3
     assert done.stderr.strip().count("\n") == 0
-    assert "holds something else: head_mass = 3.0 there, 2.9434 here; start over with fresh" in done.stderr
+    assert "has other results: head_mass = 3.0 there, 2.9434 here; start over with fresh" in done.stderr
     assert taken.read_bytes() == before
 
 
@@ -238,7 +238,7 @@ def test_failed_points_are_exit_1(tmp_path, here):
     assert done.returncode == 1
     limit = f"from {critical_mu(Rig(), 40.0):.6g} on"
     assert f"failed: theta = 40.0, mu = 5.0: ContactError: mu = 5: {limit}" in done.stderr
-    assert "again, in Python: " in done.stderr
+    assert "compute one of them again with: " in done.stderr
 
 
 def test_help_lists_what_there_is_to_choose_from(here):

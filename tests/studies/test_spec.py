@@ -95,19 +95,6 @@ def test_what_cannot_be_halved_so_often_is_told(text, halvings):
         spec.refined(text, "V", halvings)
 
 
-def test_as_many_values_as_are_allowed_can_be_halved(monkeypatch):
-    monkeypatch.setattr(spec, "MOST_VALUES", 5)
-    assert len(spec.refined("0:1:3", "V", 1)) == 5
-    with pytest.raises(ValueError, match="cannot be halved 2 times"):
-        spec.refined("0:1:3", "V", 2)
-    assert len(spec.parse("0:1:5", "V")) == 5
-    with pytest.raises(ValueError, match="count must be a whole number from 1 to 5, not '6'"):
-        spec.parse("0:1:6", "V")
-    monkeypatch.setattr(spec, "MOST_VALUES", 4)
-    with pytest.raises(ValueError, match="cannot be halved 1 times"):
-        spec.refined("0:1:3", "V", 1)
-
-
 @pytest.mark.parametrize(
     ("text", "units", "plain"),
     [

@@ -2,7 +2,6 @@
 
 import pytest
 
-from studies import units
 from studies.units import convert
 from sweeps import InputError
 
@@ -44,13 +43,3 @@ def test_a_value_in_another_unit(value, given, own, found):
 def test_what_is_no_such_unit(given, own, message):
     with pytest.raises(InputError, match=message):
         convert(1.0, given, own)
-
-
-def test_a_pint_that_cannot_be_imported_is_no_unknown_unit(monkeypatch):
-    def broken():
-        raise ImportError("pint")
-
-    monkeypatch.setattr(units, "_registry", broken)
-    units._unit.cache_clear()
-    with pytest.raises(ImportError, match="pint"):
-        convert(1.0, "parsec", "m")

@@ -5,15 +5,13 @@ import multiprocessing
 import resource
 import shutil
 import signal
-from base64 import b64encode
 from contextlib import contextmanager
 from pathlib import Path
 
-from studies import registry, results
-from studies.report.context import Result, shown
+from studies import registry
 from sweeps import StoreError, open_results
 from sweeps.plan import batches
-from sweeps.storage import manifest, netcdf
+from sweeps.storage import assemble, existing, netcdf
 from tests.battery.surfaces import commands
 from tests.battery.surfaces.commands import Done
 from tests.helpers.tiny import STUDY
@@ -41,25 +39,9 @@ COMMANDS = [
 # A message may tell of a value in the file by what it is the value of.
 NAMES = ("tiny.nc", "x = ", "kind = ", "gain = ", "STUDY = ", "show = ", "where = ", "by = ")
 
-PARTS = "half/tiny/tiny.parts"
+PARTS = "half/tiny/tiny.nc.parts"
 OF_HALF = [(*command, "--out", "half") for command in COMMANDS if FILE not in command]
 TABLE = ("query", "tiny", "--format", "csv", "--show", "x,kind,y,word,status,error")
-TOML = """study = "scenes"
-record = ["velocity_B"]
-[axes]
-V = "1:5:3mm/s"
-mu = [0.1, 0.2]
-[settings]
-duration = "0.1"
-p1_length = 0.06
-"""
-CSV = """V [mm/s],mu,theta,p1_length
-1,0.2,5,0.06
-2.5,0.3,-8.5,0.05
-"""
-# Values that a study refuses, whoever gave them.
-SCENE = ("V = ", "mu = ", "theta = ", "duration = ", "p1_length = ", "record = ", "settings.", "axes.")
-SCENE += ("sample_rate = ", "points: ", "--points ", "--samples", "--scatter", "--seed", "F = ")
 
 
 def prepare():
@@ -70,7 +52,7 @@ def prepare():
 def prepare_large():
     """A process for which every file is a large one."""
     prepare()
-    netcdf.CHECKED = netcdf.READ_AT_ONCE = netcdf.LARGE = manifest.LARGE = 100
+    netcdf.CHECKED = existing.CHECKED = existing.READ_AT_ONCE = netcdf.LARGE = assemble.LARGE = 100
 
 
 def fiv(folder, *arguments):
@@ -99,12 +81,6 @@ def opened(folder, path):
 def values(variable):
     """The values of a variable, each as a text."""
     return [str(each) for each in variable.values.ravel().tolist()] if variable.nbytes < LARGE else []
-
-
-def figure(folder, path):
-    """The figure that the page shows of a result."""
-    data = open_results(folder / path)
-    return Done(0, shown(Result(results.study_of(data), data, folder / path, "complete", "tiny"))["figure"], "")
 
 
 def serve(pipe, begin):
@@ -216,8 +192,3 @@ class Trial:
             with self.place(FILE):
                 self._good[command] = self._ask(command)
         return self._good[command]
-
-
-def encoded(image: bytes) -> str:
-    """A figure as `figure` has it."""
-    return b64encode(image).decode()

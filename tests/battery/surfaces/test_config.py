@@ -152,10 +152,10 @@ def test_a_file_and_options_make_one_plan(folder, data, content):
             beams = {f"{beam}_{name}": v for beam in ("p1", "p2") for name, v in vars(getattr(rig, beam)).items()}
             constants |= vars(rig) | beams
         assert settings.items() <= constants.items()
-        drawn = dict(one[0].sweep.grid.drawn)
+        drawn = dict(one[0].sweep.grid.sampling)
         if scatter:
             how = f"{content.get('sampling', 'sobol')}, seed {content.get('seed', 0)}"
-            assert drawn.pop("drawn by").startswith(how)
+            assert drawn.pop("method").startswith(how)
             assert len(planned_axes["sample"]) == content.get("samples", 1024)
         assert drawn == scatter
     else:

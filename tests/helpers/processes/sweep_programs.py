@@ -18,6 +18,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps import (
+    PENDING,
     AbandonedError,
     Axis,
     ClusterLostError,
@@ -77,10 +78,12 @@ def values(data):
 
 
 def finished_points(store):
-    """What is in the parts, and need not be computed again."""
-    held = [store.folder.contents(name) for name in store.folder.names()]
-    # The points of `make` are the numbers from nought on.
-    return {float(x) for contents in held if contents is not None for x in contents.points}
+    """The points that need not be computed again."""
+    try:
+        data = open_results(store.file)
+    except FileNotFoundError:
+        return set()
+    return set(data["x"].values[data["status"].values != PENDING].tolist())
 
 
 @cache
@@ -90,15 +93,15 @@ def undisturbed(points):
 
 
 def check(path, points=60):
-    """The file is what an undisturbed run makes, and alone."""
+    """The file is what an undisturbed run makes, with nothing beside it but the empty file of the lock."""
     xr.testing.assert_identical(values(open_results(path)), undisturbed(points))
-    assert sorted(p.name for p in path.parent.iterdir()) == [path.name]
+    assert sorted(p.name for p in path.parent.iterdir()) == [f".{path.name}.lock", path.name]
 
 
-def flip(path, place):
+def flip(path, bit):
     """Change one bit of a file."""
     content = bytearray(path.read_bytes())
-    content[place] ^= 4
+    content[bit // 8] ^= 1 << bit % 8
     path.write_bytes(content)
 
 

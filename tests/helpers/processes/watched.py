@@ -10,8 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from sweeps.storage.store import Store
-from sweeps.watch.monitor import read_state
+from sweeps.storage.store import Store, read_state
 from tests import HOME
 
 PAGE, TICK = os.sysconf("SC_PAGE_SIZE"), 1.0 / os.sysconf("SC_CLK_TCK")

@@ -3,6 +3,7 @@
 import itertools
 import os
 import shutil
+import signal
 import subprocess
 import time
 from datetime import datetime, timedelta
@@ -10,10 +11,9 @@ from pathlib import Path
 
 import xarray as xr
 
-from sweeps.storage import netcdf
-from sweeps.watch import monitor
+from sweeps.storage import netcdf, parts, store
 
-WRITING = [(os, "replace"), (os, "fsync"), (Path, "write_bytes"), (xr.Dataset, "to_netcdf")]
+WRITING = [(os, "replace"), (os, "fsync"), (parts, "pack"), (xr.Dataset, "to_netcdf"), (netcdf, "append_checksum")]
 STEPS = [*WRITING, (Path, "unlink"), (Path, "mkdir"), (shutil, "rmtree")]
 
 
@@ -33,6 +33,23 @@ def at_each_step(act, steps=STEPS):
 
     for owner, name in steps:
         setattr(owner, name, counted(getattr(owner, name)))
+
+
+def killed_at(number, run, when="before"):
+    """Run in a copy of this process that kills itself at the so-manyth step on the disk; whether it did."""
+
+    def kill(step, moment):
+        if (step, moment) == (number, when):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    child = os.fork()
+    if child == 0:
+        try:
+            at_each_step(kill)
+            run()
+        finally:
+            os._exit(0)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
 def refuse_steps(first, last, code):
@@ -62,7 +79,7 @@ def shift_clock(seconds):
             return datetime.now(zone) + timedelta(seconds=seconds)
 
     time.time = lambda: right() + seconds
-    for module in (monitor, netcdf):
+    for module in (store, netcdf):
         module.datetime = Shifted
 
 
@@ -70,4 +87,4 @@ def wait_for_workers(seconds):
     """Wait so long for workers where there are none left."""
     from sweeps.compute import cluster
 
-    cluster.BEREFT = seconds
+    cluster.NO_WORKER_TIMEOUT = seconds

@@ -66,20 +66,6 @@ def test_what_is_long_or_deep_is_refused_at_once():
     assert chosen("x == 1" + " + 0" * 990) == [1]
 
 
-def test_of_a_long_expression_a_message_shows_what_is_about_the_spot():
-    text = "x == 1 or " * 10 + "x = 1" + " or x == 1" * 10
-    spot = text.index("= 1 or x = 1") + len("= 1 or x ")
-    about = f"where = ...{text[spot - 30 : spot + 30]!r}...: unexpected '=' at column {spot + 1}; "
-    assert refused(text).startswith(about)
-    text = "x = 1" + " or x == 1" * 10
-    assert refused(text).startswith(f"where = {text[:60]!r}...: unexpected '=' at column 3; ")
-    text = "x == 1 or " * 10 + "x ="
-    assert refused(text).startswith(f"where = ...{text[-60:]!r}: unexpected '=' at column 103; ")
-    # Of 60 letters all are shown.
-    assert refused("told == " + "1" * 60).endswith(f"told is a text and {'1' * 60} a number")
-    assert refused("told == " + "1" * 61).endswith(f"told is a text and {'1' * 60}... a number")
-
-
 def test_the_parts_of_an_expression_are_those_that_were_written():
     expression = parse(" μ == 1 and (b == '\\' or c == 3) and not d == b\n")
     assert [expression.part(part) for part in expression.tree.values] == [
@@ -107,15 +93,6 @@ def test_equality_with_a_number_finds_the_nearest_value_of_an_axis(text, rows, t
     notes = []
     assert chosen(text, note=notes.append) == rows
     assert [told in note for note in notes] == ([] if told is None else [True])
-
-
-@pytest.mark.parametrize("count", [20, 21])
-def test_of_many_words_a_message_has_twenty(count):
-    words = {code: f"w{code:02}" for code in range(count)}
-    expression = parse("kind == 'zzz'")
-    with pytest.raises(ValueError, match="kind is never 'zzz'; its values are w00, ") as problem:
-        condition(expression, {"kind": Column("kind", WORDS, ("x",), words=words)}, print, expression.tree)
-    assert str(problem.value).endswith("w18, w19" + (", ..." if count > 20 else ""))
 
 
 def test_the_rule_of_the_nearest_value():

@@ -132,14 +132,6 @@ def test_settings_have_the_units_that_are_declared():
     assert units("none", "d1") == [""]
 
 
-def test_a_whole_number_of_more_than_64_bits_is_a_float(data):
-    made = json.loads(data.attrs["configuration"])
-    made["constants"]["level"] = 1 << 63
-    found = query(data.assign_attrs(configuration=json.dumps(made)), show="a,level")["level"]
-    assert found.dtype == float
-    assert set(found) == {2.0**63}
-
-
 @pytest.mark.parametrize("limit", [None, 0, 1, 7, 100])
 @pytest.mark.parametrize("few", [1, 6, 10_000])
 def test_sort_and_limit(data, limit, few, monkeypatch):
@@ -387,14 +379,6 @@ def test_units_and_whole_numbers_of_groups(data):
 def test_statistics_that_there_are_not(data, show, message):
     with pytest.raises(ValueError, match=f"^[^\n]*{re.escape(message)}[^\n]*$"):
         query(data, by="b", show=show)
-
-
-def test_too_many_rows_are_not_grouped(data, monkeypatch):
-    monkeypatch.setattr(rows, "MOST_HELD", 19)
-    with pytest.raises(ValueError, match="by: more than 19 rows are to be grouped; choose fewer with where"):
-        query(data, by="a")
-    monkeypatch.setattr(rows, "MOST_HELD", 20)
-    assert len(query(data, by="a")) == 5
 
 
 def test_groups_read_only_what_they_need(data, read):

@@ -3,9 +3,9 @@
 import io
 import json
 import re
-import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ import xarray as xr
 from studies import registry
 from studies.query import output as writing
 from studies.query.query import query, select
-from sweeps.storage.checked import SEAL
+from sweeps.storage.netcdf import CHECKSUM, append_checksum
 from tests import HOME
 from tests.benchmarks import query as benchmark_query
 from tests.helpers.commands import FIV
@@ -223,31 +223,30 @@ def test_what_is_half_done_has_words_for_its_codes(tmp_path, here):
 
 
 def test_a_damaged_file_is_one_line(tmp_path, here, monkeypatch):
-    monkeypatch.setattr("sweeps.storage.netcdf.READ_AT_ONCE", 100)
-    shutil.copy(f"{HOME}/results/reference/stability/stability.nc", tmp_path / "damaged.nc")
-    with open(tmp_path / "damaged.nc", "r+b") as file:
-        # The head is whole; of the first chunk of a variable after it some bytes are not.
-        file.seek(60_000)
-        file.write(b"\xff" * 20_000)
-    command = ("query", "damaged.nc", "--show", "growth_rate,frequency,unstable_modes,wall_time")
-    done = here(*command)
-    assert done.stderr == "fiv: damaged.nc: it is damaged: its content is not what was written\n"
-    assert done.returncode == 2
-    # HDF5 finds it too, where a file has no check sum of all its bytes.
-    whole = (tmp_path / "damaged.nc").read_bytes()
-    (tmp_path / "damaged.nc").write_bytes(whole.rpartition(SEAL)[0])
-    done = here(*command)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert re.match(r"fiv: \w+: it cannot be read, the file is damaged: ", done.stderr)
+    """By the file's checksum, and in a file without one by HDF5's."""
+    monkeypatch.setattr("sweeps.storage.existing.READ_AT_ONCE", 100)
+    whole = Path(f"{HOME}/results/reference/stability/stability.nc").read_bytes().rpartition(CHECKSUM)[0]
+    path = tmp_path / "damaged.nc"
+    for checked, message in ((False, r"\w+: it cannot be read, the file is damaged"), (True, ".*: its checksum ")):
+        path.write_bytes(whole)
+        if checked:
+            append_checksum(path)
+        with open(path, "r+b") as file:
+            # In a variable, behind the header.
+            file.seek(60_000)
+            file.write(b"\xff" * 20_000)
+        done = here("query", "damaged.nc", "--show", "growth_rate,frequency,unstable_modes,wall_time")
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert re.match(f"fiv: {message}", done.stderr)
 
 
 def test_a_refined_map(here):
-    asked = ("--x", "theta=-10:20:5", "--y", "mu=0:0.5:5", "--quantity", "growth_rate", "--refine", "1")
+    asked = ("--x", "theta=-10:20:5", "--y", "mu=0:0.5:5", "--quantity", "growth_rate", "--refine", "2")
     assert here("map", *asked, "-q").returncode == 0
     file = "results/map/growth_rate-theta-mu.nc"
     every = pd.read_csv(io.StringIO(here("query", file, "--format", "csv").stdout))
     assert list(every) == ["theta", "mu", "growth_rate", "status"]
-    assert len(every) == 81
+    assert len(every) == 289
     assert set(every["status"]) == {"done", "interpolated"}
     done = here("query", file, "--where", "status == 'interpolated' and growth_rate > 0", "--format", "csv")
     expected = every[(every["status"] == "interpolated") & (every["growth_rate"] > 0)]

@@ -8,7 +8,6 @@ import shutil
 from base64 import b64decode
 from html import unescape
 from html.parser import HTMLParser
-from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 
@@ -148,13 +147,6 @@ def test_the_rig_its_symbols_and_its_regimes_are_told_once(text):
     assert text.count('class="rig"') == 1
 
 
-def test_benchmarks_and_stress_are_folded(folder, tmp_path, text):
-    assert "fold" not in section(text, "fig5")
-    runner.run("stress", {"case": [registry.load("stress").texts["case"][0]]}, tmp_path)
-    own = section(written(tmp_path, "stress"), "stress")
-    assert own.index('<details class="fold">') < own.index("<figure>")
-
-
 def test_commands_go_to_the_folder_that_was_given(folder, text):
     missing = section(text, "missing")
     left = [name for name in registry.NAMES if name not in ("table4", "fig5", "regimes", "scenes")]
@@ -231,14 +223,6 @@ def test_text_of_a_file_stays_text(folder, tmp_path, text):
     assert section(hostile, "scenes").count(str(escape(HOSTILE))) >= 5
 
 
-def test_only_the_projects_own_style_and_script_are_no_text():
-    template = files("studies.report").joinpath("page.html.j2").read_text()
-    assert re.findall(r"[^{ ]+\s*\|\s*safe\b", template) == ["style|safe", "rig|safe", "script|safe"]
-    assert not re.search(r"autoescape|Markup|html_safe|\|\s*(?:forceescape|e)\b", template)
-    for name in ("page.css", *report.SCRIPTS):
-        assert "</" not in files("studies.report").joinpath(name).read_text()
-
-
 @pytest.mark.parametrize("name", ["a;b", "a$(touch x)", "a b", "a'b", '"><b>', "a`id`", "-a", "{V}"])
 def test_commands_quote_every_file_name(folder, tmp_path, name):
     """A shell reads the name as one word, and no link leads out of the page."""
@@ -270,27 +254,6 @@ def test_settings_and_axes_of_a_file_are_quoted(folder):
     assert "; rm" not in lines.whole.replace("'a; rm -rf x'", "")
     odd = data.rename({"mu": "m; x"})
     assert again(odd) == ("", "")
-
-
-def test_a_damaged_figure_is_drawn_anew(folder, tmp_path):
-    shutil.copytree(folder / "table4", tmp_path / "table4")
-    beside = tmp_path / "table4" / "table4.png"
-    kept = beside.read_bytes()
-    for content in (kept[:-20], kept.replace(b"IDAT", b"IDAU", 1), kept[:-500] + b"\0" + kept[-499:]):
-        beside.write_bytes(content)
-        image = b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', written(tmp_path, "table4"))[1])
-        assert image == kept
-
-
-@pytest.mark.parametrize("content", [b"", b"<svg onload=alert(1)>", b"\x89PNG"])
-def test_only_a_png_is_embedded(folder, tmp_path, content):
-    """Even where what lies beside says that it shows the file."""
-    shutil.copytree(folder / "table4", tmp_path / "table4")
-    beside = tmp_path / "table4" / "table4.png"
-    beside.write_bytes(content + beside.read_bytes()[8:])
-    image = b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', written(tmp_path, "table4"))[1])
-    assert image.startswith(b"\x89PNG\r\n\x1a\n")
-    assert not content or not image.startswith(content + b"\0")
 
 
 def test_files_that_cannot_be_read_take_only_their_own_sections(folder, tmp_path):
@@ -370,26 +333,6 @@ def test_the_digest_is_of_all_that_a_figure_shows(folder, monkeypatch):
     # Large data is read in parts.
     monkeypatch.setattr(figures, "READ_BYTES", 1)
     assert figures.data_digest(data) == digest
-
-
-def test_an_older_file_without_a_figure_or_numbers_says_so(folder, tmp_path):
-    text = changed(folder, tmp_path, "regimes", lambda file: file.renameVariable("verdict", "other"))
-    assert "They cannot be computed from the result: it lacks" in text
-    assert "There is no figure: regimes.nc: it lacks verdict, which the figure shows" in text
-    assert "Table of 9 points" in text
-
-
-def test_what_is_no_result_takes_only_its_own_section(folder, tmp_path):
-    (tmp_path / "map").mkdir()
-    (tmp_path / "map" / "mine.nc").write_text("mine")
-    (tmp_path / "table4").symlink_to(folder / "table4")
-    said = []
-    text = report.write((), tmp_path, None, said.append).read_text()
-    line = f"{tmp_path}/map/mine.nc: it is damaged or not netCDF"
-    assert said == [line]
-    (anchor,) = re.findall(r'<a href="#([^"]*)">mine.nc</a>', text)
-    assert f'<p class="note">It cannot be shown: {line}.</p>' in section(text, anchor)
-    assert "<img" in section(text, "table4")
 
 
 def test_a_million_points_are_bounded():

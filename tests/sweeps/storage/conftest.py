@@ -5,12 +5,11 @@ import pytest
 
 @pytest.fixture
 def limits(monkeypatch):
-    """Sets from how many bytes on a variable is large, and how many are in a chunk of a file and read at once."""
+    """Set from how many bytes on a variable is large, and how many are in a chunk of a file."""
 
-    def limits(large, chunk=256, block=400):
-        for name in ("manifest.LARGE", "netcdf.LARGE", "netcdf.READ_AT_ONCE"):
+    def limits(large, chunk=256):
+        for name in ("assemble.LARGE", "netcdf.LARGE", "existing.READ_AT_ONCE"):
             monkeypatch.setattr(f"sweeps.storage.{name}", large)
-        monkeypatch.setattr("sweeps.storage.existing.LARGE", block)
         monkeypatch.setattr("sweeps.storage.netcdf.CHUNK_BYTES", chunk)
         monkeypatch.setattr("sweeps.storage.netcdf.MOST_CHUNK_BYTES", 2 * chunk)
 

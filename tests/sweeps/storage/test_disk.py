@@ -1,56 +1,75 @@
-"""Disks that are full, damaged or closed to us, and runs that want the same place."""
+"""Runs that are killed, disks that are full or closed to us, and runs that want the same place."""
 
-import json
-import multiprocessing
+import errno
+import itertools
 import os
-import re
-import signal
-import tempfile
-import threading
-import time
+import shutil
 from pathlib import Path
 
 import pytest
 import xarray as xr
 
 from sweeps import LockedError, StoreError
-from sweeps.plan import planning
-from sweeps.storage import lock
-from sweeps.storage.parts import PartFolder
-from sweeps.storage.sources import FileSource
-from sweeps.storage.store import Store
-from tests.helpers.processes.sweep_programs import check, end, finished_points, flip, make, start, wait_for
+from sweeps.storage import parts
+from sweeps.storage.store import Store, replacing
+from tests.helpers.processes.sweep_programs import check, end, finished_points, make, start, wait_for
+from tests.helpers.storms import faults
 
-KEPT = r"could not be written: .*; (what was finished is kept, and the same run goes on|all points are kept)"
+KEPT = r"could not be written: [^;]*; (what was finished is kept, and the same run goes on|all points are kept)"
 NOTHING = r"could not be written: [^;]*; nothing was finished$"
-FULL, HDF = OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")
+FULL, HDF = OSError(errno.ENOSPC, "No space left on device"), RuntimeError("NetCDF: HDF error")
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
-@pytest.fixture
-def half(path, monkeypatch):
-    """A store of twenty points whose run met a full disk in the middle."""
-    put, done = PartFolder.put, []
+@pytest.mark.parametrize("old", [0, 2])
+def test_killed_before_any_step_on_the_disk_a_run_computes_the_missing_points_only(tmp_path, old):
+    """In particular between writing the file and removing the parts; of a new file, and of one that grows."""
+    path, log = tmp_path / "store" / "powers.nc", tmp_path / "log"
+    store, killed = Store(path), True
+    if old:
+        make(points=old, log=log).plan(tmp_path / "old.nc").run("sync")
+    number = bool(old)  # the two cases share the steps
+    while killed:
+        number += 2
+        path.parent.mkdir()
+        if old:
+            shutil.copy(tmp_path / "old.nc", path)
+        killed = faults.killed_at(number, lambda: make(points=4, log=log).plan(path).run("sync"))
+        before = finished_points(store)
+        rows = sum(parts.Packed(store.parts / name).header["rows"] for name in store.part_names())
+        assert len(before) >= max(old, rows)
+        log.write_text("")
+        make(points=4, log=log).plan(path).run("sync")
+        assert {float(line) for line in log.read_text().split()} == {0.0, 1.0, 2.0, 3.0} - before
+        check(path, 4)
+        shutil.rmtree(path.parent)
+    assert number > 20
 
-    def full(self, name, content):
-        done.append(name)
-        if len(done) > 4:
+
+@pytest.mark.parametrize(("count", "told"), [(0, NOTHING), (1, NOTHING), (2, NOTHING), (6, KEPT)])
+def test_a_disk_full_during_the_run_is_reported_in_a_line_and_costs_nothing(path, monkeypatch, count, told):
+    """It has room for so many archives; the manifest and its copy are two."""
+    pack, numbers, store = parts.pack, itertools.count(), Store(path)
+
+    def full(file, *content):
+        file.write_bytes(b"half")
+        if next(numbers) >= count:
             raise FULL
-        put(self, name, content)
+        pack(file, *content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(PartFolder, "put", full)
-        with pytest.raises(StoreError, match=KEPT) as caught:
+        patch.setattr(parts, "pack", full)
+        with pytest.raises(StoreError, match=f"^[^\n]*{told}[^\n]*$"):
             make(points=20).plan(path).run("sync")
-    assert "\n" not in str(caught.value)
-    assert len(Store(path).folder.names()) == 4
-    assert not lock.is_locked(Store(path))
-    return Store(path)
+    assert (len(store.part_names()), [*path.parent.rglob("*.tmp")]) == (max(count - 2, 0), [])
+    assert make(points=20).plan(path).todo == 20 - len(finished_points(store))
+    make(points=20).plan(path).run()
+    check(path, 20)
 
 
 @pytest.mark.parametrize("problem", [FULL, HDF])
-def test_a_disk_full_at_the_end(path, tmp_path, monkeypatch, problem):
+def test_a_disk_full_at_the_end_keeps_the_file_and_all_points(path, monkeypatch, problem):
     make(points=10).plan(path).run()
     before = path.read_bytes()
 
@@ -63,196 +82,72 @@ def test_a_disk_full_at_the_end(path, tmp_path, monkeypatch, problem):
         with pytest.raises(StoreError, match=KEPT):
             make(points=20).plan(path).run()
     assert path.read_bytes() == before
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["sweep.nc", "sweep.parts"]
-    plan = make(points=20).plan(path)
-    assert plan.todo == 0
-    plan.run()
-    check(path, 20)
-
-
-def test_what_is_kept_is_said_to_be_only_where_something_is(path, half, monkeypatch):
-    def full(self, name, content):
-        raise FULL
-
-    monkeypatch.setattr(PartFolder, "put", full)
-    with pytest.raises(StoreError, match=KEPT):
-        make(points=20).plan(path).run("sync")
-    half.clear()
-    with pytest.raises(StoreError, match=NOTHING):
-        make(points=20).plan(path).run("sync")
-
-
-@pytest.mark.parametrize("size", [100, 12_000, 18_000])
-def test_files_that_may_not_grow(path, size):
-    process = start(store=path, points=20, file_size=size)
-    told = wait_for(process, "StoreError")
-    assert process.wait(10) == 3
-    # The first cannot hold the manifest.
-    assert re.search(KEPT if size > 100 else NOTHING, told)
-    assert process.stderr.read() == ""
-    end(process)
-    assert not path.exists()
-    again = start(store=path, points=20)
-    wait_for(again, "done")
-    end(again)
+    assert make(points=20).plan(path).todo == 0
+    make(points=20).plan(path).run()
     check(path, 20)
 
 
 def test_places_that_cannot_be_written_to(tmp_path):
     (tmp_path / "file").write_text("")
+    (tmp_path / "closed").mkdir(mode=0o555)
     for place in (tmp_path / "file" / "a.nc", Path("/proc/sweeps/a.nc"), Path("/proc/a.nc")):
         with pytest.raises(StoreError, match="choose another folder"):
             make(points=3).plan(place).run()
-    # Closed after planning.
     plan = make(points=3).plan(tmp_path / "deep" / "a.nc")
-    (tmp_path / "deep").write_text("")
+    (tmp_path / "deep").write_text("")  # after planning
     with pytest.raises(StoreError, match=r"cannot be written: .*; choose another folder"):
         plan.run()
-
-
-def test_a_folder_without_permission():
-    forked = multiprocessing.get_context("fork")
-    told = forked.SimpleQueue()
-
-    def refused():
-        if os.geteuid() == 0:  # for whom permissions do not count
-            os.setgroups([])
-            os.setgid(65534)
-            os.setuid(65534)
-        try:
-            make(points=3).plan(folder / "a.nc").run("sync")
-            told.put("written")
-        except StoreError as problem:
-            told.put(str(problem))
-
-    # Not below pytest's own folder, which is closed to others.
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        folder.chmod(0o555)
-        process = forked.Process(target=refused)
-        process.start()
-        process.join()
-        assert process.exitcode == 0
-        assert told.get() == f"{folder} cannot be written to; choose another folder"
-        assert list(folder.iterdir()) == []
-        folder.chmod(0o700)
-
-
-DAMAGES = {
-    "cut": lambda path: path.write_bytes(path.read_bytes()[:-100]),
-    "flipped": lambda path: flip(path, path.stat().st_size // 2),
-    "empty": lambda path: path.write_bytes(b""),
-    "another": lambda path: path.write_bytes(b"no netCDF at all"),
-    "gone": lambda path: path.unlink(),
-}
-
-
-@pytest.mark.parametrize("how", DAMAGES)
-def test_a_damaged_part_is_computed_again_and_with_the_manifest_all(half, how):
-    name = half.folder.names()[1]
-    lost = set(half.folder.contents(name).points.tolist())
-    whole = finished_points(half)
-    DAMAGES[how](half.parts / name)
-    plan = make(points=20).plan(half.file)
-    assert plan.damaged == (name,) * (how != "gone")
-    assert (f"damaged         {name}: its points are computed again" in repr(plan)) == (how != "gone")
-    assert plan.cached == len(whole - lost)
-    DAMAGES[how](half.manifest)
-    make(points=20).plan(half.file).run()
-    check(half.file, 20)
-
-
-def test_rubbish_among_the_shards(half):
-    names = ("000900-00000000.part", "12-abc.part", "000901-zz.part", "notes.txt", ".000902-00000000.part.tmp")
-    for name in names:
-        (half.parts / name).write_bytes(b"")
-    (half.parts / "000903-00000000.part").mkdir()
-    plan = make(points=20).plan(half.file)
-    assert plan.damaged == ("000900-00000000.part",)
-    plan.run()
-    check(half.file, 20)
+    user = os.geteuid()
+    os.seteuid(user or 65534)  # permissions do not count for root
+    try:
+        with pytest.raises(StoreError, match=r"closed\S* cannot be (written|used).*choose another folder$"):
+            make(points=3).plan(tmp_path / "closed" / "a.nc").run("sync")
+    finally:
+        os.seteuid(user)
+    assert list((tmp_path / "closed").iterdir()) == []
 
 
 def test_the_second_run_is_refused_and_the_lock_dies_with_its_holder(path):
-    process = start(store=path, points=20, long=0.2)
+    process, store = start(store=path, points=20, long=0.2), Store(path)
     wait_for(process, "progress 3")
     with pytest.raises(LockedError, match=rf"process {process.pid} on \S+, begun 20\S+Z; wait for it"):
         make(points=20, long=0.2).plan(path).run()
-    assert lock.is_locked(Store(path))
-    # The first is undisturbed.
-    wait_for(process, "progress 8")
+    assert store.is_locked()
+    wait_for(process, "progress 8")  # the first is undisturbed
     end(process)
-    assert Store(path).lock.exists()
-    assert not lock.is_locked(Store(path))
+    assert store.lock.read_bytes() == b""
+    assert not store.is_locked()
     make(points=20, long=0.2).plan(path).run(workers=20)
     check(path, 20)
 
 
-def test_an_old_plan_is_refused(path):
-    """Whether it has anything to do or not."""
-    old = make(points=6).plan(path)
-    for points in (6, 8):
-        make(points=points).plan(path).run()
-        before = path.read_bytes()
-        with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
-            old.run()
-        assert path.read_bytes() == before
-        old = make(points=4).plan(path)
-        assert old.whole
+def test_files_whose_names_differ_in_the_suffix_share_nothing(tmp_path):
+    one, other = Store(tmp_path / "tw.nc"), Store(tmp_path / "tw.nc4")
+    process = start(store=one.file, points=20, long=0.2)
+    wait_for(process, "progress 3")
+    make(points=5).plan(other.file).run("sync")
+    wait_for(process, "progress 8")
+    end(process)
+    assert len(finished_points(one)) >= 8
+    assert finished_points(other) == set(map(float, range(5)))
 
 
-def test_what_another_run_does_while_one_plans_makes_the_plan_an_old_one(path, monkeypatch):
-    """It is neither computed again nor lost."""
-    check_same_draws = planning.check_same_draws
-
-    def meanwhile(*arguments):
-        monkeypatch.setattr(planning, "check_same_draws", check_same_draws)
-        make(points=8).plan(path).run()
-
-    monkeypatch.setattr(planning, "check_same_draws", meanwhile)
-    old = make(points=6).plan(path)
+def test_a_plan_runs_twice_and_returns_the_same_but_not_after_another_run(path):
+    plan = make(points=6).plan(path)
+    first, before = plan.run(), path.stat().st_mtime_ns
+    xr.testing.assert_identical(plan.run(), first)
+    assert path.stat().st_mtime_ns == before
+    make(points=8).plan(path).run()
     with pytest.raises(StoreError, match="has changed since this was planned; plan again"):
-        old.run()
+        plan.run()
     check(path, 8)
 
 
-def test_a_file_that_is_replaced_while_one_plans_is_not_damaged(path, monkeypatch):
-    make(points=4).plan(path).run()
-    held = FileSource.held
-
-    def meanwhile(self, manifest):
-        monkeypatch.setattr(FileSource, "held", held)
-        make(points=8).plan(path).run()
-        return held(self, manifest)
-
-    monkeypatch.setattr(FileSource, "held", meanwhile)
-    with pytest.raises(StoreError, match=r"has changed while this was planned; plan again$"):
-        make(points=6).plan(path)
-    check(path, 8)
-
-
-def test_progress_of_a_run_can_be_read_at_any_time(tmp_path):
-    store, states, over = Store(tmp_path / "powers.nc"), [], threading.Event()
-
-    def look():
-        while not over.is_set():
-            if store.progress.exists():
-                try:
-                    states.append(json.loads(store.progress.read_text()))
-                except FileNotFoundError:
-                    continue
-            time.sleep(1e-3)
-
-    before, watcher = signal.getsignal(signal.SIGINT), threading.Thread(target=look)
-    watcher.start()
-    begin = time.monotonic()
-    make(points=300, pause=0.005).plan(store.file).run()
-    over.set()
-    watcher.join()
-    assert len(states) > 10
-    assert all(state["pid"] == os.getpid() for state in states)
-    assert [state["done"] for state in states if "done" in state]
-    # Written at the start, once a second and at the end, not for each batch.
-    assert len({state["written"] for state in states}) <= 3 + (time.monotonic() - begin)
-    assert not store.parts.exists()
-    assert signal.getsignal(signal.SIGINT) is before
+def test_a_file_is_replaced_as_a_whole_by_a_temporary_one_with_a_name_of_its_own(tmp_path):
+    path = tmp_path / "a"
+    with replacing(path) as one, replacing(path) as other:
+        assert one != other
+        one.write_text("one")
+        other.write_text("other")
+    assert path.read_text() == "one"
+    assert os.listdir(tmp_path) == ["a"]

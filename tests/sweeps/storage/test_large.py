@@ -1,160 +1,145 @@
-"""Variables too large for memory go from shard to file; what they hold is what small ones would hold."""
+"""Large variables are written in blocks and read when they are used; the file is CF, whatever its size."""
+
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import Axis, Grid, Sweep, Variable, open_results
+from sweeps import Axis, Sweep, Variable, open_results, status
 from sweeps.plan import batches
+from sweeps.storage.parts import PartSource
+from tests import HOME
 from tests.helpers.waves import interrupted
 
 LOG: list[float] = []
-BROKEN: dict[str, set] = {"points": set()}
+BROKEN: set[float] = set()
 STEP = Axis(np.arange(5.0), "s")
-ONE = Axis(["only"])
-DIMS = ("step", "one")
 
 
 @pytest.fixture(autouse=True)
-def _in_small_pieces(monkeypatch):
-    # Of three points, once the first have told how long they take.
+def _small_batches(monkeypatch):
+    """Batches of three points, once the first have told how long they take."""
+    LOG.clear()
+    BROKEN.clear()
     monkeypatch.setattr(batches, "BATCH_BYTES", 400.0)
 
 
 def record(points):
     total = sum(values for values in points.values()) + np.pi
     LOG.extend(total.tolist())
-    if BROKEN["points"] & set(np.round(total - np.pi, 6).tolist()):
+    if BROKEN & set(np.round(total - np.pi, 6).tolist()):
         raise ValueError("no")
-    series = total[:, None, None] * np.exp(STEP.values)[:, None]
-    return {
-        "series": series,
-        "rounded": series,
-        "state": np.sign(series - 200.0),
-        "single": series,
-        "peak": series.max(axis=(1, 2)),
-    }
-
-
-def unit(points):
-    """The same for points that differ in `c` only."""
-    return record({name: values for name, values in points.items() if name != "c"})
+    series = total[:, None] * np.exp(STEP.values)
+    state = np.sign(series - 200.0)
+    return {"series": series, "rounded": series, "state": state, "single": series}
 
 
 VARIABLES = {
-    "series": Variable("m", "series", DIMS),
-    "rounded": Variable("m", "rounded", DIMS, digits=3),
-    "state": Variable("1", "state", DIMS, "int8"),
-    "single": Variable("m", "single", DIMS, "float32"),
-    "peak": Variable("m", "peak"),
-}
-SCALED = {
-    n: Variable(v.units, v.long_name, v.dims, v.dtype, v.digits, "c" * (n != "state"))
-    for n, v in VARIABLES.items()
+    "series": Variable("m", "series", "step"),
+    "rounded": Variable("m", "rounded", "step", digits=3),
+    "state": Variable("1", "state", "step", "int8", flags={-1: "low", 0: "at the limit", 1: "high"}),
+    "single": Variable("m", "single", "step", "float32"),
 }
 GRID = {"a": [1.0, 4.0], "b": [10.0, 30.0], "c": [100.0, 200.0, 400.0]}
-
-
-def sweep(values=GRID, function=record, **changes):
-    axes = {name: Axis(each, "m") for name, each in values.items()}
-    options = {"variables": VARIABLES, "coords": {"step": STEP, "one": ONE}, "grid": Grid(axes)}
-    return Sweep("records", function, **(options | changes))
-
-
-COPIED = {
-    "function": unit,
-    "key": lambda points: np.stack([points["a"], points["b"]], axis=1),
-    "scale": lambda points: {"c": points["c"] / 100.0},
-    "variables": SCALED,
-}
-PLAIN_COPIES = {"function": unit, "key": COPIED["key"]}
-CASES = {
-    "derived, in another order": {
-        "order_by": ("c", "b"),
-        "derive": lambda data: data.assign(mean=data["series"].mean("step"), top=data["rounded"].max()),
-    },
-    "copies": PLAIN_COPIES,
-    "copies with factors": COPIED,
-    "zipped": {"grid": Grid({name: Axis([1.0, 2.0, 3.0]) for name in "abc"}, zipped=("a", "c"))},
-    "skipped": {"grid": Grid({n: Axis(v) for n, v in GRID.items()}, skip=lambda p: p["a"] * p["b"] == 40.0)},
-}
 GROWN = {"a": [0.0, 1.0, 4.0], "b": [10.0, 20.0, 30.0], "c": [100.0, 150.0, 400.0]}
+
+
+def sweep(values=GRID, **changes):
+    grid = {name: Axis(each, "m") for name, each in values.items()}
+    return Sweep("records", record, grid, VARIABLES, coords={"step": STEP}, **changes)
+
+
+def add_mean(data):
+    return data.assign(mean=data["series"].mean("step"), top=data["rounded"].max())
 
 
 def runs(path, changes):
     """A file that grows, with a failure, an interruption and a retry on the way."""
-    axes = changes.get("grid")
-    BROKEN["points"] = {111.0, 11.0}
+    BROKEN.update({111.0, 11.0})
     yield sweep(**changes).plan(path).run()
-    if axes is None:
-        interrupted(sweep(GROWN, **changes).plan(path), 3)
-        yield open_results(path)
-        yield sweep(GROWN, **changes).plan(path).run()
-        BROKEN["points"] = set()
-        yield sweep(GROWN, **changes).plan(path, retry_failed=True).run()
-    BROKEN["points"] = set()
+    interrupted(sweep(GROWN, **changes).plan(path), 3)
+    yield open_results(path)
+    yield sweep(GROWN, **changes).plan(path).run()
+    BROKEN.clear()
+    yield sweep(GROWN, **changes).plan(path, retry_failed=True).run()
     yield open_results(path)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_large_variables_are_what_small_ones_are(tmp_path, limits, case):
+CHANGES = {"derived": {"derive": add_mean, "order_by": ("c", "b")}, "copies": {"key": lambda p: p["a"] + p["c"]}}
+
+
+@pytest.mark.parametrize("case", CHANGES)
+def test_large_variables_have_the_values_and_attributes_of_small_ones(tmp_path, limits, case):
     found = {}
     for large in (False, True):
-        folder = tmp_path / str(large)
         limits(150 if large else 1 << 40)
-        LOG.clear()
-        found[large] = [data.load().drop_vars("wall_time") for data in runs(folder / "records.nc", CASES[case])]
-        assert [p.name for p in folder.iterdir()] == ["records.nc"]
-    if "scale" in CASES[case] and len(found[False]) > 1:
-        # Large variables are not kept as they were before they were scaled: their new copies are computed again,
-        # which a run that is interrupted has not done.
-        del found[False][1], found[True][1]
+        every = runs(tmp_path / str(large) / "records.nc", CHANGES[case])
+        found[large] = [data.load().drop_vars("wall_time") for data in every]
     for small, large in zip(found[False], found[True], strict=True):
         xr.testing.assert_equal(small, large)
         for name in small.variables:
             assert repr(small[name].attrs) == repr(large[name].attrs)
             assert small[name].dtype == large[name].dtype or small[name].dtype.kind == "U"
-    with xr.open_dataset(tmp_path / "True" / "records.nc", chunks=None) as data:
-        xr.testing.assert_equal(data.drop_vars("wall_time").load(), found[True][-1])
 
 
-def test_what_is_at_hand_is_not_computed_again(path, limits):
+def test_large_variables_are_read_when_they_are_used(path, limits, monkeypatch):
+    """Also of an unfinished run: nothing is copied to a temporary folder; status and plan read no values."""
     limits(150)
-    for changes, distinct in (({}, 12), (PLAIN_COPIES, 4)):
-        LOG.clear()
-        sweep(**changes).plan(path, fresh=True).run()
-        assert len(LOG) == distinct
-        before = path.read_bytes()
-        assert sweep(**changes).plan(path).todo == 0
-        sweep(**changes).plan(path).run()
-        assert path.read_bytes() == before
-        LOG.clear()
-        whole = sweep(GROWN | {"a": GRID["a"]}, **changes).plan(path).run()
-        assert len(LOG) == (2 * 3 * 3 - 2 * 2 * 2 if not changes else 2)
-        assert np.all(whole["status"] == 1)
-        times = open_results(path)["wall_time"].values
-        assert np.count_nonzero(times > 0.0) == distinct + len(LOG)
-
-
-def test_large_variables_are_read_when_they_are_used(path, limits):
-    limits(150)
-    seen = {}
+    read, seen, original = [], [], PartSource.read
+    monkeypatch.setattr(
+        PartSource, "read", lambda self, *given: (read.append(given[0]), original(self, *given))[1]
+    )
+    monkeypatch.setattr("tempfile.mkdtemp", None)
+    monkeypatch.setattr("tempfile.mkstemp", None)
 
     def derive(data):
-        seen["in memory"] = data["series"].variable._in_memory
-        return data.assign(first=data["series"].isel(step=0, one=0, drop=True))
+        seen.append(data["series"].variable._in_memory)
+        return data.assign(first=data["series"].isel(step=0, drop=True))
 
+    interrupted(sweep(derive=derive).plan(path), 6)
+    before = sorted(path.parent.rglob("*"))
+    assert status(path).done == sweep(derive=derive).plan(path).cached == 6
+    assert read == []
+    partly = open_results(path)
+    assert "series" not in read
+    some = partly["series"].isel(a=0, b=0, c=0).values
+    assert 0 < read.count("series") <= 2
+    assert sorted(path.parent.rglob("*")) == before
     found = sweep(derive=derive).plan(path).run()
-    assert seen == {"in memory": False}
+    assert seen == [False]
     assert not found["series"].variable._in_memory
     assert not sweep(GRID | {"b": [30.0]}).plan(path).run()["series"].variable._in_memory
-    np.testing.assert_array_equal(found["first"], found["series"].values[..., 0, 0])
-    expected = record(sweep().grid.points())["series"]
-    np.testing.assert_array_equal(found["series"].values.ravel(), expected.ravel())
+    np.testing.assert_array_equal(found["first"], found["series"][..., 0])
+    np.testing.assert_array_equal(found["series"].values.ravel(), record(sweep().grid.points())["series"].ravel())
+    np.testing.assert_array_equal(some, found["series"][0, 0, 0])
+
+
+MEMORY = """
+import resource, sys
+import dask.array, netCDF4, numpy as np
+from sweeps import Sweep, Variable
+from sweeps.plan import batches
+from sweeps.storage import assemble, netcdf
+batches.BATCH_BYTES, assemble.LARGE, netcdf.LARGE = 2e6, 4_000_000, 4_000_000
+wide = lambda p: {"y": p["x"][:, None] + np.arange(100_000.0)}
+grid, coords = {"x": np.arange(240.0)}, {"k": np.arange(100_000)}
+sweep = Sweep("wide", wide, grid, {"y": Variable(dims="k")}, coords=coords)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+sweep.plan(sys.argv[1]).run("threads", 1).close()
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def test_memory_does_not_grow_with_the_file(path):
+    command = [sys.executable, "-c", MEMORY, str(path)]
+    done = subprocess.run(command, cwd=HOME, capture_output=True, text=True, check=True)
+    assert 1000 * int(done.stdout) < 0.8 * path.stat().st_size  # the first number is in kB
 
 
 @pytest.mark.parametrize("large", [150, 1 << 40])
-def test_what_cannot_be_derived_takes_nothing_with_it(path, limits, large):
+def test_derive_that_raises_loses_nothing(path, limits, large):
     limits(large)
 
     def broken(data):
@@ -163,5 +148,21 @@ def test_what_cannot_be_derived_takes_nothing_with_it(path, limits, large):
     with pytest.raises(ArithmeticError, match="no "):
         sweep(derive=broken).plan(path).run()
     LOG.clear()
+    assert path.exists()
     xr.testing.assert_equal(open_results(path).load(), sweep().plan(path).run().load())
     assert LOG == []
+
+
+@pytest.mark.parametrize("large", [150, 1 << 40])
+def test_the_file_is_cf(path, limits, large):
+    limits(large)
+    sweep(title="Records", derive=add_mean).plan(path).run().close()
+    with xr.open_dataset(path, decode_cf=False) as raw:
+        assert (raw.attrs["Conventions"], raw.attrs["title"]) == ("CF-1.11", "Records")
+        assert "records computed by" in raw.attrs["history"]
+        state = raw["state"].attrs
+        assert (state["flag_meanings"], state["_FillValue"]) == ("low at_the_limit high", -128)
+        assert state["flag_values"].tobytes() == np.int8([-1, 0, 1]).tobytes()
+        assert raw["rounded"].attrs["comment"] == "kept to 3 significant digits"
+        np.testing.assert_allclose(raw["rounded"], raw["series"], rtol=5e-4)
+        assert all({"units", "long_name"} <= set(raw[name].attrs) for name in ("series", "a", "step"))

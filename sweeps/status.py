@@ -1,0 +1,183 @@
+"""How far a run is: counted in one place, reported to a callback, and written to a file for other processes."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sweeps.errors import UNREADABLE
+from sweeps.grid import INTERPOLATED_FLAG, STATUS_FLAGS
+from sweeps.storage.assemble import Table
+from sweeps.storage.existing import opened, sources_of
+from sweeps.storage.parts import Manifest
+from sweeps.storage.store import Store, owner, read_state, write_state
+
+# The file is written at most this often, s.
+INTERVAL = 1.0
+# Number of running batches that a snapshot describes.
+SHOWN = 4
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The state of a run.
+
+    Attributes
+    ----------
+    todo, done, failed : int
+        Computations of the run, finished ones, and those of them that failed.
+    elapsed : float
+        s since the run began.
+    rate : float
+        Computations a second.
+    left : float
+        Expected time to the end, s; NaN while it is unknown.
+    now : tuple of str
+        The batches that are being computed.
+    stopping : bool
+        Whether the run only finishes the batches that have begun.
+    """
+
+    todo: int
+    done: int
+    failed: int
+    elapsed: float
+    rate: float
+    left: float
+    now: tuple[str, ...]
+    stopping: bool
+
+
+Progress = Callable[[Snapshot], None]
+
+
+class Monitor:
+    """Counts batches as they begin and end, and reports snapshots."""
+
+    def __init__(self, todo: int, progress: Progress | None, file: Path | None) -> None:
+        self.todo, self.done, self.failed, self.stopping = todo, 0, 0, False
+        self._progress, self._file, self._owner = progress, file, owner()
+        self._begun, self._written = time.monotonic(), -math.inf
+        self._now: dict[int, str] = {}
+        self._reporting = False
+
+    def begin(self, number: int, what: str) -> None:
+        """Note that a batch begins."""
+        self._now[number] = what
+        self._report()
+
+    def end(self, number: int, done: int = 0, failed: int = 0) -> None:
+        """Note that a batch has ended, or was cancelled."""
+        del self._now[number]
+        self.done += done
+        self.failed += failed
+        self._report()
+
+    def stop(self) -> None:
+        """Note that the run stops. Called by a signal's handler, which must not raise."""
+        self.stopping = True
+        # A report that is interrupted sees the flag at its end.
+        if not self._reporting:
+            with suppress(Exception):
+                self._report()
+
+    def close(self) -> None:
+        """Write the last state."""
+        self._write(self._snapshot())
+
+    def _snapshot(self) -> Snapshot:
+        elapsed = time.monotonic() - self._begun
+        rate = self.done / elapsed if elapsed > 0.0 else 0.0
+        left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
+        now = tuple(islice(self._now.values(), SHOWN))
+        return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, now, self.stopping)
+
+    def _report(self) -> None:
+        self._reporting = True
+        try:
+            snapshot = self._snapshot()
+            if self._progress is not None:
+                self._progress(snapshot)
+            if time.monotonic() - self._written >= INTERVAL:
+                self._write(snapshot)
+        finally:
+            self._reporting = False
+        if self.stopping and not snapshot.stopping:
+            self._report()
+
+    def _write(self, snapshot: Snapshot) -> None:
+        if self._file is not None:
+            self._written = time.monotonic()
+            write_state(self._file, asdict(snapshot) | self._owner)
+
+
+@dataclass(frozen=True)
+class Status:
+    """The state of a store.
+
+    Attributes
+    ----------
+    file : str
+    state : str
+        "running", "interrupted", "incomplete" (points of its grid were never requested) or "complete".
+    points, done, failed, pending, skipped, interpolated : int
+        Points of the file's grid, by their status.
+    run : dict
+        Of a run: `pid`, `host`, `started`, and the values of its last `Snapshot`; empty without one.
+    """
+
+    file: str
+    state: str
+    points: int
+    done: int
+    failed: int
+    pending: int
+    skipped: int
+    interpolated: int
+    run: dict[str, Any]
+
+
+def status(path: str | Path) -> Status:
+    """The state of a sweep's file: finished, running or interrupted.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or it is not the result of a sweep.
+    """
+    store = Store(path)
+    running = store.is_locked()
+    run = read_state(store.progress) if running else {}
+    state = "running" if running else "interrupted"
+    codes = None
+    # Without a usable manifest the run has finished, perhaps meanwhile, or the file explains what is wrong.
+    with suppress(*UNREADABLE):
+        manifest = Manifest.load(store)
+        codes = None if manifest is None else Table(manifest, sources_of(store, manifest, complete=False)).status
+    if codes is None:
+        codes = opened(path)["status"].values
+        state = "running" if running else "incomplete" if np.any(codes == 0) else "complete"
+    words = STATUS_FLAGS | INTERPOLATED_FLAG
+    counts = {word: int(np.count_nonzero(codes == code)) for code, word in words.items()}
+    return Status(file=str(path), state=state, points=codes.size, run=run, **counts)
+
+
+def check_free(path: str | Path) -> None:
+    """Refuse a store that a run is writing.
+
+    Raises
+    ------
+    LockedError
+        Naming that run.
+    """
+    store = Store(path)
+    if store.is_locked():
+        raise store.taken()

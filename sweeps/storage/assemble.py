@@ -1,0 +1,363 @@
+"""From stored results to a dataset: each point gets the result of its computation, times its own factors.
+
+Sources of results are a finished file, parts, and batches in memory. A `Table` says which row of which source
+belongs to each point; it reads no value. Large variables become lazy Dask arrays over the sources.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sweeps.errors import UNREADABLE, DamagedError, StoreError, message
+from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, blocks, flag_attributes
+from sweeps.storage.parts import Coverage, Failure, Manifest, PartSource, ResultSource
+
+# Larger variables are assembled in blocks of this size, bytes.
+LARGE = 32_000_000
+# Characters of all error texts together, and of each at least: every point has room for the longest.
+ERROR_CHARACTERS, LEAST_CHARACTERS = 30_000_000, 60
+# Number of failures whose tracebacks are stored.
+MOST_TRACEBACKS = 1000
+
+Indices = NDArray[np.signedinteger[Any]]
+
+
+def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
+    """Open a netCDF file; damage raises one of UNREADABLE. No sweep has dates, so that none are decoded."""
+    try:
+        return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
+    except AttributeError as problem:  # of the netCDF library, for an attribute that it cannot read
+        raise OSError(str(problem)) from None
+
+
+@dataclass(frozen=True, eq=False)
+class FileSource:
+    """A finished file as a source of results; its rows are the points of its own grid in C order, scaled."""
+
+    path: Path
+    grid: Grid
+    environments: list[dict[str, str]]
+
+    @property
+    def name(self) -> str:
+        """The file."""
+        return str(self.path)
+
+    @cached_property
+    def data(self) -> xr.Dataset:
+        """The open file, with integers as they are stored."""
+        return open_netcdf(self.path, cache=False, mask_and_scale=False)
+
+    def coverage(self, manifest: Manifest) -> Coverage:
+        """The points that it has."""
+        rows = np.arange(self.grid.size)
+        status, spent = self.read("status", rows), self.read("wall_time", rows)
+        points = np.where((status == DONE) | (status == FAILED), manifest.grid.align(self.grid)(rows), -1)
+        count = int(np.count_nonzero(spent > 0.0))
+        return Coverage(points, status == FAILED, float(np.nansum(spent)), count, self.environments)
+
+    def read(self, name: str, rows: Any) -> NDArray[Any]:
+        """Values of a variable at some rows; the smallest box around them is read from the disk."""
+        index = np.unravel_index(rows, self.grid.shape)
+        box = tuple(slice(int(each.min()), int(each.max()) + 1) for each in index)
+        try:
+            values = self.data[name].variable[box].values
+        except UNREADABLE as problem:
+            text = f"{self.path} is damaged ({message(problem)}); move it away, or start over with fresh (--fresh)"
+            raise StoreError(text) from None
+        return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
+
+    def failures(self) -> Mapping[int, Failure]:
+        """Why rows failed."""
+        rows = np.flatnonzero(self.data["status"].values.ravel() == FAILED)
+        if not len(rows):
+            return {}
+        reasons = dict(zip(rows.tolist(), map(Failure, self.read("error", rows).tolist()), strict=True))
+        if "failure" in self.data.dims:
+            at = self.grid.locate({name: self.data[f"failure_{name}"].values for name in self.grid.axes})
+            lines = zip(*(self.data[name].values.tolist() for name in ("traceback", "reproduce")), strict=True)
+            reasons |= {k: Failure(reasons[k].error, *each) for k, each in zip(at.tolist(), lines, strict=True)}
+        return reasons
+
+
+Source = PartSource | ResultSource | FileSource
+
+
+class Table:
+    """The row of a source for each point: of several sources the last one that did not fail.
+
+    Attributes
+    ----------
+    status : ndarray of int8, (points,)
+    source, row : ndarray of int32, (points,)
+        -1 where there is no result.
+    is_copy : ndarray of bool, (points,)
+        Whether the result was computed at another point.
+    seconds, computations : float, int
+        Computing time of all sources, and number of their computations.
+    damaged : list of str
+        Names of damaged parts, which are left out.
+    environments : list of dict
+        In which the sources were computed.
+    """
+
+    def __init__(self, manifest: Manifest, sources: Sequence[Source]) -> None:
+        size = manifest.grid.size
+        self.manifest, self.sources = manifest, sources
+        self.status = np.full(size, PENDING, dtype=np.int8)
+        self.source, self.row = np.full((2, size), -1, dtype=np.int32)
+        self.is_copy = np.zeros(size, dtype=bool)
+        self.seconds, self.computations = 0.0, 0
+        self.damaged, self.environments = list[str](), list[dict[str, str]]()
+        for number, source in enumerate(sources):
+            try:
+                self._add(number, source.coverage(manifest))
+            except DamagedError as problem:
+                self.damaged.append(problem.part)
+        if manifest.representative is not None:
+            self._copy(manifest.representative)
+
+    def _add(self, number: int, coverage: Coverage) -> None:
+        self.seconds += coverage.seconds
+        self.computations += coverage.computations
+        self.environments += [each for each in coverage.environments if each not in self.environments]
+        rows = np.flatnonzero(coverage.points >= 0)
+        rows = rows[~coverage.failed[rows] | (self.status[coverage.points[rows]] != DONE)]
+        points = coverage.points[rows]
+        self.status[points] = np.where(coverage.failed[rows], np.int8(FAILED), np.int8(DONE))
+        self.source[points], self.row[points] = number, rows
+
+    def _copy(self, representative: NDArray[Any]) -> None:
+        """Give results to the copies of points that have one, and successes to copies of failures."""
+        inside = representative >= 0
+        for status, receivers in ((DONE, (PENDING, FAILED)), (FAILED, (PENDING,))):
+            origins = np.flatnonzero((self.status == status) & inside)
+            origin_of = np.full(len(representative), -1, dtype=np.intp)
+            origin_of[representative[origins[::-1]]] = origins[::-1]  # of several origins the first
+            copies = np.flatnonzero(np.isin(self.status, receivers) & inside)
+            copies = copies[origin_of[representative[copies]] >= 0]
+            for array in (self.status, self.source, self.row):
+                array[copies] = array[origin_of[representative[copies]]]
+            self.is_copy[copies] = True
+        # A result of a point that was not skipped earlier stays.
+        skipped = ~inside & (self.status != DONE)
+        self.status[skipped], self.source[skipped] = SKIPPED, -1
+
+    def used(self) -> list[Source]:
+        """The sources that are not damaged."""
+        return [each for each in self.sources if each.name not in self.damaged]
+
+    def values(self, name: str, points: slice) -> NDArray[Any]:
+        """Values of a variable, or `wall_time`, at a range of points.
+
+        Raises
+        ------
+        DamagedError, StoreError
+            If a source is damaged.
+        """
+        variable, row = self.manifest.variable(name), self.row[points]
+        values = np.full((len(row), *self.manifest.shape(name)), variable.missing, variable.dtype)
+        index = np.arange(len(self.status))[points]
+        for number, at in self._by_source(self.source[points]):
+            source = self.sources[number]
+            found = source.read(name, _contiguous(row[at]) if isinstance(source, PartSource) else row[at])
+            if variable.scale:
+                factors = self.manifest.factors[variable.scale]
+                factor = factors[index[at]]
+                if isinstance(source, FileSource):
+                    # Exactly 1 at the file's own points.
+                    factor = factor / factors[self.manifest.grid.align(source.grid)(row[at])]
+                found = scaled(found, factor, variable.digits)
+            values[_contiguous(at)] = found
+        if name == "wall_time":
+            values[self.is_copy[points]] = 0.0
+        return values
+
+    def _by_source(self, source: NDArray[np.int32]) -> Iterator[tuple[int, Indices]]:
+        """Each source with the places at which it occurs."""
+        order = np.argsort(source, kind="stable")
+        numbers, begins = np.unique(source[order], return_index=True)
+        ends = np.append(begins, len(order))[1:]
+        for number, begin, end in zip(numbers.tolist(), begins, ends, strict=True):
+            if number >= 0:
+                yield number, order[begin:end]
+
+    def reasons(self) -> dict[int, Failure]:
+        """Why points failed, by point."""
+        points = np.flatnonzero(self.status == FAILED)
+        reasons = dict[int, Failure]()
+        for number, at in self._by_source(self.source[points]):
+            every, failed = self.sources[number].failures(), points[at]
+            reasons |= {k: every[row] for k, row in zip(failed.tolist(), self.row[failed].tolist(), strict=True)}
+        return reasons
+
+
+def _contiguous(index: Indices) -> Indices | slice:
+    """A slice in place of contiguous indices, which NumPy copies faster, or not at all."""
+    whole = int(index[-1]) - int(index[0]) == len(index) - 1 and bool(np.all(np.diff(index) == 1))
+    return slice(int(index[0]), int(index[-1]) + 1) if whole else index
+
+
+def rounded(values: NDArray[Any], digits: int | None) -> NDArray[Any]:
+    """Round floats to significant decimal digits by clearing the last bits of the mantissa.
+
+    To nearest, ties to even: idempotent, and the same on every machine. The relative error is at most
+    10^-digits / 2, so that no value moves by more than half a unit of the last digit. Values that would become
+    infinite and subnormal numbers, which have fewer bits, stay as they are.
+    """
+    if digits is None:
+        return values
+    bits, word = (23, np.dtype(np.uint32)) if values.dtype == np.float32 else (52, np.dtype(np.uint64))
+    # Half a unit of the last bit is at most 10^-digits / 2.
+    drop = bits - int(np.ceil(digits * np.log2(10.0)))
+    if drop <= 0:
+        return values
+    raw: Any = values.view(word)
+    shift, half, mask = (word.type(n) for n in (drop, (1 << (drop - 1)) - 1, (1 << drop) - 1))
+    near: NDArray[Any] = ((raw + half + ((raw >> shift) & word.type(1))) & ~mask).view(values.dtype)
+    normal = np.isfinite(values) & np.isfinite(near) & (np.abs(values) >= np.finfo(values.dtype).tiny)
+    return np.where(normal, near, values)
+
+
+def scaled(values: NDArray[Any], factor: NDArray[np.float64], digits: int | None) -> NDArray[Any]:
+    """Multiply the results of computations by the factor of each point, and round them again."""
+    product = (values * factor.reshape(-1, *(1,) * (values.ndim - 1))).astype(values.dtype)
+    return rounded(product, digits)
+
+
+def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
+    """The dataset of a manifest, with CF attributes and the status of each point.
+
+    Parameters
+    ----------
+    table : Table
+    lazy : bool
+        Whether large variables are Dask arrays, which read the sources when they are computed.
+
+    Raises
+    ------
+    DamagedError, StoreError
+        If a source is damaged.
+    """
+    manifest, grid = table.manifest, table.manifest.grid
+    axes = [((grid.dim_of(name),), name, axis) for name, axis in grid.axes.items()]
+    axes += [((name,), name, axis) for name, axis in manifest.coords.items()]
+    reasons = table.reasons()
+    arrays: dict[str, Any] = {"status": table.status.reshape(grid.shape), "error": _errors(grid, reasons)}
+    for name in (*manifest.variables, "wall_time"):
+        large = lazy and manifest.row_bytes(name) * grid.size > LARGE
+        arrays[name] = _lazy(table, name) if large else _values(table, name, grid.shape)
+    data: dict[str, Any] = {}
+    for name in (*manifest.variables, "status", "error", "wall_time"):
+        variable, encoding = manifest.variable(name), {}
+        if np.dtype(variable.dtype).kind == "i" and name != "status":
+            encoding = {"dtype": variable.dtype, "_FillValue": np.dtype(variable.dtype).type(variable.missing)}
+        data[name] = ((*grid.dims, *variable.dims), arrays[name], attributes(variable, name), encoding)
+    data["error"][2]["_Encoding"] = "utf-8"
+    data |= _failure_table(table, reasons)
+    coords = {name: (dims, axis.values, attributes(axis, name)) for dims, name, axis in axes}
+    return xr.Dataset(data, coords, {"environments": json.dumps(table.environments or [{}])})
+
+
+def _errors(grid: Grid, reasons: Mapping[int, Failure]) -> NDArray[np.bytes_]:
+    """Error texts as fixed-width bytes, which are written as they are; strings would take a second a million."""
+    most = max(LEAST_CHARACTERS, ERROR_CHARACTERS // grid.size)
+    texts = {k: e if len(e) <= most else f"{e[: most - 3]}..." for k, (e, *_) in reasons.items()}
+    errors = np.zeros(grid.size, f"S{max([1, *(len(each.encode()) for each in texts.values())])}")
+    errors[list(texts)] = [each.encode() for each in texts.values()]
+    return errors.reshape(grid.shape)
+
+
+def _values(table: Table, name: str, shape: Sequence[int], first: int = 0) -> NDArray[Any]:
+    """Values at a block of points, as a reader of the file gets them."""
+    values = table.values(name, slice(first, first + int(np.prod(shape))))
+    return shown(values.reshape(*shape, *values.shape[1:]), table.manifest.variable(name))
+
+
+def _lazy(table: Table, name: str) -> Any:
+    """A Dask array whose blocks are contiguous ranges of points."""
+    import dask.array  # slow, and few files are large
+
+    shape, inner = table.manifest.grid.shape, table.manifest.shape(name)
+    cuts = blocks(shape, max(LARGE // table.manifest.row_bytes(name), 1))
+    every = [(*cut, *(slice(0, length) for length in shape[len(cut) :])) for cut in cuts]
+    spans = [sorted({(cut[axis].start, cut[axis].stop) for cut in every}) for axis in range(len(shape))]
+    chunks = [tuple(stop - start for start, stop in span) for span in spans]
+
+    def block(block_info: Any = None) -> NDArray[Any]:
+        place = block_info[None]["array-location"][: len(shape)]
+        first = int(np.ravel_multi_index([begin for begin, _ in place], shape))
+        return _values(table, name, [end - begin for begin, end in place], first)
+
+    variable = table.manifest.variable(name)
+    empty = shown(np.zeros((0,) * (len(shape) + len(inner)), variable.dtype), variable)
+    map_blocks: Any = dask.array.map_blocks
+    return map_blocks(block, chunks=(*chunks, *((n,) for n in inner)), dtype=empty.dtype, meta=empty)
+
+
+def shown(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
+    """Values as a reader of the file gets them: of integers floats, with NaN where the value is missing."""
+    if values.dtype.kind != "i":
+        return values
+    # Single precision represents every integer of 16 bits.
+    kind = np.float32 if values.dtype.itemsize <= 2 else np.float64
+    return np.where(values == variable.missing, kind(np.nan), values.astype(kind))
+
+
+def _failure_table(table: Table, reasons: Mapping[int, Failure]) -> dict[str, Any]:
+    """The computations that failed: where, why, and a line that computes them again."""
+    points = [k for k in sorted(reasons) if reasons[k].traceback and not table.is_copy[k]][:MOST_TRACEBACKS]
+    if not points:
+        return {}
+    texts = np.array([reasons[point] for point in points], dtype=object)
+    data: dict[str, Any] = {
+        "traceback": ("failure", texts[:, 1], {"long_name": "where the computation failed"}),
+        "reproduce": ("failure", texts[:, 2], {"long_name": "a line that computes the point again"}),
+    }
+    grid = table.manifest.grid
+    for name, values in grid.points(np.array(points)).items():
+        named = {"long_name": f"{name} of the point that failed"}
+        data[f"failure_{name}"] = ("failure", values, attributes(grid.axes[name], name) | named)
+    return data
+
+
+def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
+    """CF attributes of an axis or a variable; its `name` replaces a missing long name."""
+    found: dict[str, Any] = {"units": described.units, "long_name": described.long_name or name}
+    if isinstance(described, Axis):
+        if described.values.dtype.kind == "U":
+            del found["units"]  # strings have none
+    elif described.digits is not None:
+        found["comment"] = f"kept to {described.digits} significant digits"
+    elif described.flags is not None:
+        del found["units"]
+        found |= flag_attributes(described.flags, described.dtype)
+    return {name: value for name, value in found.items() if not (isinstance(value, str) and not value)}
+
+
+def declared(data: xr.Dataset) -> xr.Dataset:
+    """Replace the representation of complex, bool and text variables in a file by variables of these types."""
+    error = data["error"]
+    if error.dtype.kind == "S":
+        texts = np.char.decode(error.values, "utf-8")
+        data = data.assign(error=(error.dims, texts, {"long_name": error.attrs["long_name"]}))
+    for name in [str(each).removesuffix("_real") for each in data.data_vars if str(each).endswith("_real")]:
+        real, imaginary = data[f"{name}_real"], data.get(f"{name}_imag")
+        long_name = str(real.attrs.get("long_name", ""))
+        if imaginary is not None and long_name.startswith(REAL):
+            whole = (real + 1j * imaginary).assign_attrs(real.attrs | {"long_name": long_name.removeprefix(REAL)})
+            data = data.drop_vars([f"{name}_real", f"{name}_imag"]).assign({name: whole})
+    for own, each in data.data_vars.items():
+        if each.attrs.get("flag_meanings") == "false true" and bool((data["status"] == DONE).all()):
+            rest = {k: v for k, v in each.attrs.items() if not k.startswith("flag_")}
+            data = data.assign({own: each.astype(bool).assign_attrs(rest)})
+    return data

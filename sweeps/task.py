@@ -1,0 +1,333 @@
+"""One batch: from points to their results. A point that fails is stored with its reason; the others go on.
+
+A worker needs of a sweep only its `Task`, and of a batch its points.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import pkgutil
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from sweeps.fingerprint.provenance import environment
+from sweeps.grid import Grid, Points, Variable
+from sweeps.storage.assemble import rounded
+from sweeps.storage.parts import BatchResult, Failure
+
+# A function may return these besides its results: the exception of each point or None, and its computing time.
+ERROR, WALL_TIME = "error", "wall_time"
+# The result of a function of numbers that returns no dict.
+VALUE = "value"
+# Characters of an error text; the traceback has all of them.
+MOST_CHARACTERS = 400
+
+
+class Pointwise:
+    """A function of numbers as a function of batches; see `sweeps.pointwise`."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self.__wrapped__ = function
+
+    def __call__(self, points: Points, **constants: Any) -> dict[str, Any]:
+        """Call the function at each point; exceptions and times are returned with the results."""
+        count = len(next(iter(points.values())))
+        # The number of a row or a draw is for functions that take it.
+        unused = {"row", "sample"} - set(inspect.signature(self.function).parameters)
+        columns = {name: values.tolist() for name, values in points.items() if name not in unused}
+        rows, errors, times = list[Any](), list[Exception | None](), np.zeros(count)
+        for k in range(count):
+            begin = time.perf_counter()
+            try:
+                rows.append(self.function(**{name: values[k] for name, values in columns.items()}, **constants))
+                errors.append(None)
+            except Exception as problem:  # noqa: BLE001 - stored with the point
+                rows.append(None)
+                errors.append(problem)
+            times[k] = time.perf_counter() - begin
+        results: dict[str, Any] = {ERROR: errors, WALL_TIME: times}
+        done = next((row for row, error in zip(rows, errors, strict=True) if error is None), None)
+        if done is not None:
+            filled = [done if error else row for row, error in zip(rows, errors, strict=True)]
+            names = done if isinstance(done, Mapping) else None
+            results |= {VALUE: filled} if names is None else {n: [row[n] for row in filled] for n in names}
+        return results
+
+
+class BatchSummary(NamedTuple):
+    """A finished batch: its points, the failed ones, wall time in s, and the error that all share, if any."""
+
+    rows: int
+    failed: int
+    seconds: float
+    # Where and why the first failed point failed.
+    first_failure: str
+    common_error: str
+    # None once it is written as a part.
+    result: BatchResult | None
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Everything that computing a batch of a sweep needs.
+
+    `variables` are as declared, `shapes` are theirs at one point, `grid` is the file's. `rerun(point)` gives a
+    line that computes a point again. The environment names `libraries`.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    constants: Mapping[str, Any]
+    variables: Mapping[str, Variable]
+    shapes: Mapping[str, tuple[int, ...]]
+    grid: Grid
+    rerun: Callable[[Mapping[str, Any]], str] | None = None
+    libraries: tuple[str, ...] = ()
+    stored: Mapping[str, Variable] = field(init=False)
+
+    def __post_init__(self) -> None:
+        stored = {k: v for name, each in self.variables.items() for k, v in each.stored(name).items()}
+        object.__setattr__(self, "stored", stored)
+
+    def run(self, index: NDArray[np.intp]) -> BatchSummary:
+        """Compute the points at these indices of the grid."""
+        begin = time.perf_counter()
+        result = self.compute(self.grid.points(index))
+        return self.summary(index, result, time.perf_counter() - begin)
+
+    def summary(self, index: NDArray[np.intp], result: BatchResult, seconds: float) -> BatchSummary:
+        """The summary of a batch, with its result."""
+        first = common = ""
+        if result.failures:
+            row = min(result.failures)
+            where = ", ".join(f"{name} = {each[0]}" for name, each in self.grid.points(index[[row]]).items())
+            first = f"{where}: {result.failures[row].error}"
+            errors = {each.error for each in result.failures.values()}
+            common = errors.pop() if len(errors) == 1 and len(result.failures) == len(result) else ""
+        return BatchSummary(len(result), len(result.failures), seconds, first, common, result)
+
+    def compute(self, points: Points) -> BatchResult:
+        """Compute a batch; if it raises as a whole, its halves, down to the points that fail."""
+        result = self._missing(points)
+        with one_blas_thread():
+            self._fill(result, points, 0, len(result))
+        return result
+
+    def failed(self, point: Points, problem: Exception) -> BatchResult:
+        """The result of a point at which nothing could be computed."""
+        result = self._missing(point)
+        self._fail(result, point, 0, problem)
+        return result
+
+    def _missing(self, points: Points) -> BatchResult:
+        count = len(next(iter(points.values())))
+        values = {
+            stored: np.full((count, *self.shapes[name]), variable.missing, dtype=variable.dtype)
+            for name, each in self.variables.items()
+            for stored, variable in each.stored(name).items()
+        }
+        return BatchResult(values, np.zeros(count), environment=environment(self.libraries))
+
+    def _fill(self, result: BatchResult, every: Points, begin: int, end: int) -> None:
+        points = {name: values[begin:end] for name, values in every.items()}
+        start = time.perf_counter()
+        try:
+            returned, errors, times = self._call(points)
+        except (Exception, SystemExit) as problem:  # noqa: BLE001 - stored with the point
+            if end - begin > 1:
+                middle = (begin + end) // 2
+                self._fill(result, every, begin, middle)
+                self._fill(result, every, middle, end)
+            else:
+                result.wall_time[begin] = time.perf_counter() - start
+                self._fail(result, every, begin, problem)
+            return
+        spent = (time.perf_counter() - start) / (end - begin)
+        result.wall_time[begin:end] = spent if times is None else times
+        for name, values in returned.items():
+            result.values[name][begin:end] = values
+        for row, error in enumerate(errors or (), begin):
+            if error is not None:
+                self._fail(result, every, row, error)
+
+    def _fail(self, result: BatchResult, every: Points, row: int, problem: BaseException) -> None:
+        frames = [f for f in traceback.extract_tb(problem.__traceback__) if f.filename != __file__]
+        lines = traceback.format_list(frames) or ["(raised by the sweep engine)\n"]
+        error = _described(problem)
+        shortened = error if len(error) <= MOST_CHARACTERS else f"{error[: MOST_CHARACTERS - 3]}..."
+        point = {name: values[row].item() for name, values in every.items()}
+        again = self.rerun(point) if self.rerun else call_line(self.function, point, self.constants)
+        result.failures[row] = Failure(shortened, _writable("".join([*lines, error])), _writable(again))
+        for name, values in result.values.items():
+            values[row] = self.stored[name].missing
+
+    def _call(self, points: Points) -> tuple[dict[str, Any], list[Any] | None, Any]:
+        """Results as stored; errors and computing times if the function returns them."""
+        count = len(next(iter(points.values())))
+        who = f"the function of sweep {self.name} returned"
+        returned = self.function(points, **self.constants)
+        if not isinstance(returned, Mapping):
+            returned = {VALUE: returned}
+        if len(self.variables) == 1 and VALUE in returned:
+            returned = {next(iter(self.variables)): returned[VALUE]} | returned
+        errors = None if returned.get(ERROR) is None else list(returned[ERROR])
+        for error in errors or ():
+            if not (error is None or isinstance(error, Exception)):
+                raise TypeError(f"{who} the {ERROR} {error!r}; it must be an exception or None")
+        times = None if returned.get(WALL_TIME) is None else np.asarray(returned[WALL_TIME], dtype=float)
+        if times is not None and times.ndim != 1:
+            raise ValueError(f"{who} {WALL_TIME!r} of shape {times.shape}; it must be ({count},)")
+        for name, entries in ((ERROR, errors), (WALL_TIME, times)):
+            if entries is not None and len(entries) != count:
+                raise ValueError(f"{who} {len(entries)} of {name!r}; it must be one a point, {count}")
+        results: dict[str, Any] = {}
+        if errors is None or None in errors:
+            for name in self.variables:
+                results |= self._results(name, returned, count, who)
+        return results, errors, times
+
+    def _results(self, name: str, returned: Mapping[str, Any], count: int, who: str) -> dict[str, Any]:
+        """One variable as it is stored, if shape and type are as declared."""
+        variable, expected = self.variables[name], (count, *self.shapes[name])
+        if name not in returned:
+            raise KeyError(f"{who} no {name!r}")
+        values = np.asarray(returned[name])
+        if values.shape != expected:
+            raise ValueError(f"{who} {name!r} of shape {values.shape}; it must be {expected}")
+        if not fits(values, np.dtype(variable.dtype)):
+            raise ValueError(f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}")
+        parts = [values.real, values.imag] if variable.dtype == "complex128" else [values]
+        stored = variable.stored(name).items()
+        return {
+            k: rounded(each.astype(v.dtype, copy=False), v.digits)
+            for each, (k, v) in zip(parts, stored, strict=True)
+        }
+
+
+def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
+    """Whether a type loses nothing of the values but digits of a float."""
+    if dtype.kind == "c":
+        return values.dtype.kind in "biufc"
+    if dtype.kind == "b":
+        return values.dtype.kind == "b"
+    if dtype.kind == "f":
+        if values.dtype.kind != "f" or values.dtype.itemsize <= dtype.itemsize:
+            return values.dtype.kind in "biuf"
+        most = np.finfo(dtype).max
+        return not np.any(np.isfinite(values) & (np.abs(values) > most))
+    if values.dtype.kind not in "biuf":
+        return False
+    # The least integer marks a missing one; beyond 2^53 a reader's float would lose digits.
+    limit = min(np.iinfo(dtype).max, 2**53)
+    return bool(np.all((np.abs(values.astype(float)) <= limit) & (values == np.rint(values))))
+
+
+def importable(function: Any) -> Any:
+    """The function inside partials and `Pointwise`, if other processes import it by its name; else None."""
+    while isinstance(function, (partial, Pointwise)):
+        function = function.func if isinstance(function, partial) else function.function
+    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
+    with suppress(ImportError, AttributeError, ValueError):
+        found: Any = None if module == "__main__" else pkgutil.resolve_name(f"{module}:{name}")
+        return function if inspect.unwrap(found) is inspect.unwrap(function) else None
+    return None
+
+
+def call_line(function: Callable[..., Any], point: Mapping[str, Any], constants: Mapping[str, Any]) -> str:
+    """A line of Python that calls a function at one point; "" if it, or a constant, cannot be written so."""
+    if (target := importable(function)) is None:
+        return ""
+    places: list[Any] = []
+    while isinstance(function, partial):
+        places, constants = [*function.args, *places], {**function.keywords, **constants}
+        function = function.func
+    if isinstance(function, Pointwise):
+        constants = {**point, **constants}
+    else:
+        places.append({name: np.array([value]) for name, value in point.items()})
+    try:
+        named = [f"{key}={_text(value)}" for key, value in constants.items()]
+        arguments = ", ".join([*map(_text, places), *named])
+    except TypeError:
+        return ""
+    numpy = "import numpy as np; " if "np." in arguments else ""
+    name = target.__qualname__
+    return f"{numpy}from {target.__module__} import {name.partition('.')[0]}; {name}({arguments})"
+
+
+def _text(value: Any) -> str:
+    """A constant as Python text; a TypeError if it is not of numbers, strings, arrays and containers of these."""
+    if isinstance(value, (np.ndarray, np.generic)) and not isinstance(value, str):
+        plain = value.tolist()
+        dtype = "" if np.asarray(plain).dtype == value.dtype else f", {value.dtype.str!r}"
+        return f"np.array({_text(plain)}{dtype})" + "[()]" * isinstance(value, np.generic)
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{_text(key)}: {_text(each)}' for key, each in value.items())}}}"
+    if isinstance(value, (list, tuple)):
+        texts = ", ".join(map(_text, value))
+        return f"[{texts}]" if isinstance(value, list) else f"({texts}{',' * (len(value) == 1)})"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"float('{value}')"
+    if value is None or isinstance(value, (bool, int, float, complex)):
+        return repr(value)
+    if isinstance(value, str):
+        return repr(str(value))
+    raise TypeError
+
+
+class _Blas:
+    """Number of batches that compute in this process, and the limit that holds BLAS to one thread meanwhile."""
+
+    lock = threading.Lock()
+    batches = 0
+    limit: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread in this process, until the last user of this context leaves it.
+
+    More threads would compete with each other, and the bits of a result may depend on their number.
+    """
+    # From its version 3.8 on, threadpoolctl ignores all threads but the first that sets a limit, as long as that
+    # lives; so each setting has a short-lived thread of its own.
+    with _Blas.lock:
+        if not _Blas.batches:
+            with ThreadPoolExecutor(1) as setter:
+                _Blas.limit = setter.submit(threadpool_limits, 1, "blas").result()
+        _Blas.batches += 1
+    try:
+        yield
+    finally:
+        with _Blas.lock:
+            _Blas.batches -= 1
+            if not _Blas.batches:
+                with ThreadPoolExecutor(1) as setter:
+                    setter.submit(_Blas.limit.restore_original_limits)
+
+
+def _described(problem: BaseException) -> str:
+    """Type and message."""
+    try:
+        text = str(problem)
+    except Exception:  # noqa: BLE001 - the point has failed all the same
+        text = "(its message cannot be read)"
+    return _writable(f"{type(problem).__name__}: {text}" if text else type(problem).__name__)
+
+
+def _writable(text: str) -> str:
+    """A text that a file can have: UTF-8, without the character that ends a text there."""
+    return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode("utf-8")

@@ -1,0 +1,291 @@
+"""Processes that die, leave, join, lack code or have other code; schedulers that are absent or go away."""
+
+import gc
+import importlib
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from functools import partialmethod
+
+import dask
+import distributed
+import numpy as np
+import pytest
+
+from sweeps import ClusterLostError, Grid, InputError, SchedulerError, StoreError, open_results
+from sweeps.compute import cluster
+from sweeps.compute.cluster import Cluster
+from sweeps.plan import batches
+from sweeps.storage.parts import PartWriter
+from tests import HOME
+from tests.helpers.backends import INSIDE, assert_right, simple, visible
+from tests.helpers.processes.sweep_programs import make
+
+CODE = "def double(points):\n    return {{'y': {} * points['x']}}\n"
+ELSEWHERE = f"""
+import sys, distributed
+cluster = distributed.LocalCluster(n_workers=1, **{INSIDE})
+print(cluster.scheduler_address, flush=True)
+for line in sys.stdin:
+    exec(line)
+    print("done", flush=True)
+"""
+
+
+def children():
+    return {process.pid for process in multiprocessing.active_children()}
+
+
+# Processes of this machine.
+
+
+@pytest.mark.parametrize("size", [1, 4])
+def test_a_point_that_kills_its_worker_fails_alone_and_costs_its_batch(path, monkeypatch, size):
+    monkeypatch.setattr(batches, "BATCH_BYTES", size * 48.0)
+    before = children()
+    data = make(points=40, parent=os.getpid(), deadly=22.0).plan(path).run("processes", 2)
+    assert_right(data, failed=(7.0, 22.0))
+    assert data["error"].values[22] == "RuntimeError: the process that computed this point died"
+    line = data["reproduce"].values[data["failure_x"].values.tolist().index(22.0)]
+    assert "from tests.helpers.processes.sweep_programs import powers; powers({'x'" in line
+    assert visible(path.parent) == [path.name]
+    assert children() == before
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_a_killed_worker_costs_its_batch_and_strangers_do_not_reach_the_cluster(path, monkeypatch):
+    before, killed, clusters, start = children(), [], [], distributed.LocalCluster
+
+    def started(**options):
+        clusters.append(start(**options))
+        return clusters[0]
+
+    def kill(snapshot):
+        if snapshot.done < 8 or killed:
+            return
+        address, stranger = clusters[0].scheduler_address, distributed.Security.temporary()
+        assert all(each.startswith("tls://") for each in (address, *clusters[0].scheduler_info["workers"]))
+        for wrong, security in ((address.replace("tls", "tcp"), None), (address, stranger)):
+            with pytest.raises((OSError, TypeError)):
+                distributed.Client(wrong, timeout=0.5, security=security, set_as_default=False)
+        killed.append((children() - before).pop())
+        os.kill(killed[0], signal.SIGKILL)
+
+    monkeypatch.setattr(distributed, "LocalCluster", started)
+    make(pause=0.02).plan(path).run("processes", 2, kill)
+    assert killed
+    assert_right(open_results(path))
+    assert children() == before
+
+
+def test_a_script_without_a_main_guard_gets_advice(tmp_path):
+    script, code = tmp_path / "script.py", "from tests.helpers.processes.sweep_programs import make\n"
+    script.write_text(f"{code}make().plan().run('processes', 1)\n")
+    own = {"env": os.environ | {"PYTHONPATH": str(HOME)}, "timeout": 100}
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, **own)
+    assert done.returncode == 1
+    assert "SchedulerError: scheduler = 'processes': no workers could be started" in done.stderr
+    assert "under if __name__ == '__main__'" in done.stderr
+
+
+# Addresses.
+
+
+@pytest.mark.parametrize("wrong", ["tcp://127.0.0.1:1", "nonsense://here", "tcp://", "tls://nowhere.invalid:1"])
+def test_an_address_without_a_scheduler_is_named(wrong, monkeypatch, capfd):
+    assert cluster.CONNECT_TIMEOUT <= 10.0
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
+    with pytest.raises(SchedulerError, match=f"^scheduler = '{wrong}': no Dask scheduler answers") as caught:
+        make(points=4).plan().run(wrong)
+    assert ("under distributed.comm.tls" in str(caught.value)) == wrong.startswith("tls")
+    gc.collect()  # else Dask's failed client ends on the thread of the next one, under a lock of both
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_cluster_without_workers_or_with_certificates(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 2.0)
+    security, files = distributed.Security.temporary(), {}
+    for key, name in (("ca-file", "ca_file"), ("client.cert", "client_cert"), ("client.key", "client_key")):
+        (tmp_path / name).write_text(getattr(security, f"tls_{name}"))
+        files[f"distributed.comm.tls.{key}"] = str(tmp_path / name)
+    options = INSIDE | {"protocol": "tls://", "security": security}
+    with distributed.LocalCluster(n_workers=0, **options) as one:
+        with pytest.raises(SchedulerError, match=r"it has no workers; start some with: dask worker tls://"):
+            make(points=4).plan().run(one)
+        one.scale(1)
+        assert_right(make(points=24).plan().run(one))
+        with dask.config.set(files):
+            assert_right(make(points=24).plan().run(one.scheduler_address))
+
+
+# Code of workers.
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """A cluster in another process, with the modules of a folder `there`; and how to execute lines in it."""
+    folder = tmp_path / "there"
+    folder.mkdir()
+    own = {"PYTHONPATH": f"{folder}{os.pathsep}{HOME}", "PYTHONDONTWRITEBYTECODE": "1"}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([sys.executable, "-c", ELSEWHERE], env=os.environ | own, **pipes)
+
+    def execute(line):
+        process.stdin.write(f"{line}\n")
+        process.stdin.flush()
+        assert process.stdout.readline() == "done\n"
+
+    yield process.stdout.readline().strip(), folder, execute, process
+    process.kill()
+    process.communicate()
+
+
+def test_workers_without_the_code_with_another_version_or_stale_code_are_refused(
+    path, tmp_path, monkeypatch, elsewhere, capfd
+):
+    address, there, execute, _ = elsewhere
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "only_here.py").write_text(CODE.format(2))
+    (tmp_path / "of_two_versions.py").write_text(CODE.format(2))
+    (there / "of_two_versions.py").write_text(CODE.format("20 "))
+    for name, reason in (
+        ("only_here", "No module named 'only_here'"),
+        ("of_two_versions", "another version of the"),
+    ):
+        with pytest.raises(SchedulerError, match=f"^the workers cannot compute this: .*{reason}"):
+            simple(importlib.import_module(name).double).plan(tmp_path / f"{name}.nc").run(address)
+
+    # The worker has imported the file that is edited now; the client imports it afterwards.
+    (there / "edited.py").write_text(CODE.format(2))
+    execute("import edited")
+    (there / "edited.py").write_text(CODE.format("30 "))
+    monkeypatch.syspath_prepend(there)
+    function = importlib.import_module("edited").double
+    for fresh in (False, True):
+        with pytest.raises(SchedulerError, match=r"edited\.py has changed since Python loaded it"):
+            simple(function).plan(path, fresh=fresh).run(address)
+    execute("import importlib, edited; importlib.reload(edited)")
+    np.testing.assert_array_equal(simple(function).plan(path).run(address)["y"], 30.0 * np.arange(24.0))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_code_that_is_edited_in_a_live_session_is_refused_when_planning_and_running(path, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "live_code.py"
+    file.write_text(CODE.format(2))
+    module = importlib.import_module("live_code")
+    plan = simple(module.double).plan(path)
+    file.write_text(CODE.format(3))
+    with pytest.raises(InputError, match=r"live_code\.py has changed since Python loaded it \(.*double\)"):
+        simple(module.double).plan(path)
+    with pytest.raises(InputError, match=r"live_code\.py has changed"):
+        plan.run("sync")
+    assert not path.exists()
+    file.write_text(CODE.format(2))
+    np.testing.assert_array_equal(plan.run("sync")["y"], 2.0 * np.arange(24.0))
+    file.write_text(CODE.format(3))
+    with pytest.raises(StoreError, match="the code of live_code has changed"):
+        simple(importlib.reload(module).double).plan(path)
+
+
+# Workers and schedulers that go away.
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_workers_that_lack_the_engine_and_a_scheduler_that_goes_away(path, elsewhere, capfd, monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 2.0)
+    address, _, execute, process = elsewhere
+    execute("sys.modules['sweeps'] = None")
+    with pytest.raises(SchedulerError, match=r"^the workers cannot compute this: .*ModuleNotFoundError"):
+        make(points=4).plan().run(address)
+    execute("del sys.modules['sweeps']")
+    with pytest.raises(ClusterLostError, match=r"^the scheduler does not answer any more$"):
+        make(pause=0.05).plan(path).run(address, None, lambda snapshot: snapshot.done >= 5 and process.kill())
+    assert make(pause=0.05).plan(path).cached >= 4
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_workers_may_leave_and_join_and_finished_batches_outlive_the_last(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "NO_WORKER_TIMEOUT", 0.5)
+    monkeypatch.setattr(cluster, "POLL_INTERVAL", 0.1)
+    options = INSIDE | {"n_workers": 2, "threads_per_worker": 2}
+    with distributed.LocalCluster(**options) as some, some.get_client() as client:
+        leaving = [next(iter(client.nthreads()))]
+
+        def leave(snapshot):
+            if snapshot.done >= 16 and leaving:
+                some.scale(3)
+                client.retire_workers([leaving.pop()])
+
+        assert_right(make(pause=0.02).plan(tmp_path / "a.nc").run(some, None, leave))
+        assert not leaving
+        with pytest.raises(ClusterLostError, match=r"^the cluster has no workers left$"):
+            make(pause=0.02).plan(tmp_path / "b.nc").run(some, None, lambda s: s.done >= 16 and some.scale(0))
+    plan = make(pause=0.02).plan(tmp_path / "b.nc")
+    assert 8 <= plan.cached < 60
+    assert_right(plan.run())
+
+
+# The costs of a batch.
+
+
+def nap(points, ballast=None):
+    time.sleep(0.005 * len(points["x"]))
+    return {"y": 2.0 * points["x"]}
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_all_threads_are_busy_constants_travel_once_and_a_batch_is_a_few_bytes(inside, monkeypatch):
+    sizes, payloads, most = [], [], []
+    monkeypatch.setattr(sys.modules["sweeps.status"], "SHOWN", 1000)
+
+    def counted(name, counts):
+        call = getattr(distributed.Client, name)
+
+        def counted(self, first, *arguments, **options):
+            counts.append(len(pickle.dumps(arguments or first)))
+            return call(self, first, *arguments, **options)
+
+        monkeypatch.setattr(distributed.Client, name, counted)
+
+    counted("submit", sizes)
+    counted("register_plugin", payloads)
+    sweep = simple(nap, Grid({"x": np.arange(100.0)}), constants={"ballast": np.zeros(100_000)})
+    sweep.plan().run(inside, None, lambda snapshot: most.append(len(snapshot.now)))
+    assert max(most) == 8 * Cluster.window
+    assert len(payloads) == 1
+    assert payloads[0] > 8e5
+    assert max(sizes) < 500
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_workers_that_see_the_folder_write_their_parts_themselves(path, inside, monkeypatch):
+    writers, write = set(), PartWriter.write
+
+    def written(self, *arguments, refuses=False):
+        is_main = threading.current_thread() is threading.main_thread()
+        if refuses and not is_main:
+            raise PermissionError(13, "Permission denied")
+        writers.add(is_main)
+        write(self, *arguments)
+
+    # Workers that cannot write, or do not see the file that proves it, send the results.
+    for owner, name, replacement, is_main in (
+        (PartWriter, "write", written, False),
+        (PartWriter, "write", partialmethod(written, refuses=True), True),
+        (cluster.Path, "write_text", lambda self, text: 0, True),
+    ):
+        monkeypatch.setattr(owner, name, replacement)
+        writers.clear()
+        data = simple(nap).plan(path, fresh=True).run(inside)
+        np.testing.assert_array_equal(data["y"], 2.0 * data["x"])
+        assert writers == {is_main}
+    assert visible(path.parent) == [path.name]
