@@ -202,7 +202,7 @@ class _Run:
                     self.writer.close()
                 self.monitor.close()
         if self.common_error:
-            if self.store is not None and not self.sources:
+            if self.store is not None and not self.plan.sources:
                 self.store.clear()
             raise SweepStoppedError(f"stopped, since the first points all failed alike: {self.common_error}")
         if self.failure and self.fail_fast:

@@ -220,7 +220,7 @@ def _near(dims: int, odd: Sequence[int], count: int) -> Iterator[tuple[slice, ..
 def _doubtful(values: Values, codes: Codes, most: float) -> Flags:
     """Points without a class, at a change of class, or where linear interpolation is likely to be off by `most`.
 
-    Its error is h^2 f'' / 8, summed over the axes, by the larger of the second differences at both even neighbours.
+    Its error is h^2 f'' / 8, summed over the axes, by the larger second difference of the two even neighbours.
     """
     doubtful, errors = codes == UNSURE, np.zeros(values.shape)
     for axis in range(values.ndim):

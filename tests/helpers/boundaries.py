@@ -17,6 +17,14 @@ SHAPES = {
     "thin but rooted": ((np.abs(Y) < 0.04) & (X < 0.7)) | (X < -0.5),
 }
 
+# Values, and the largest share of them that is computed for a tolerance of 2 %.
+SMOOTH = {
+    "peak": (np.exp(-8.0 * (X**2 + Y**2)), 0.15),
+    "waves": (np.sin(3.0 * X) * np.cos(2.0 * Y), 0.2),
+    "kink": (np.abs(X - 0.3 * Y + 0.1), 0.15),
+    "root": (np.sqrt(np.maximum(X + 0.4 * Y, 0.0)), 0.2),
+}
+
 
 def bumps(random, count=20, width=0.05):
     places = random.uniform(-1.0, 1.0, (count, 2))
@@ -63,7 +71,7 @@ def explored(truth, levels, rule, copies=None):
     while True:
         choice = lattice.choose(truth, computed, levels, rule, copies)
         if computed[choice.points].all():
-            return lattice.predict(truth, computed, levels, rule).values, computed, choice
+            return lattice.predict(truth, computed, levels, rule)[0], computed, choice
         computed |= choice.points
 
 
