@@ -35,6 +35,7 @@ from typing import Any
 import cloudpickle  # type: ignore[import-untyped]
 import numpy as np
 import pandas as pd
+import psutil  # type: ignore[import-untyped]
 
 from sweeps.errors import InputError
 
@@ -43,6 +44,8 @@ IMPORTS = (ast.Import, ast.ImportFrom)
 ENGINE = __name__.partition(".")[0]
 # Where installed packages lie.
 INSTALLED = {"site-packages", "dist-packages"}
+# Accuracy of the time at which a process started, s.
+MARGIN = 2.0
 
 Functions = Iterable[Callable[..., Any]]
 
@@ -100,10 +103,13 @@ def check_loaded(functions: Functions, code: Sequence[str | Path] = ()) -> None:
     reached: dict[str, set[str] | None] = {n: None for package in reach.packages for n in _modules(package)}
     reached |= {home: set() for home, _ in reach.functions}
     reached |= {name: set().union(*(each.binds for each in taken)) for name, taken in reach.taken.items()}
+    started = psutil.Process().create_time() - MARGIN
     for name, names in reached.items():
         loaded, file = sys.modules.get(_loaded_name(name)), _file(name)
-        # Other loaders, like that of pytest, may change the code.
+        # Other loaders, like that of pytest, may change the code. A file older than this process cannot differ.
         if loaded is None or file is None or type(getattr(loaded, "__loader__", None)) is not SourceFileLoader:
+            continue
+        if file.stat().st_ctime < started:
             continue
         codes, literals = _compiled(file.read_bytes(), str(loaded.__file__))
         wrong = [each.co_qualname for home, each in reach.functions if home == name and each not in codes]
@@ -187,15 +193,15 @@ class _Reach:
 
     def _value(self, home: str, how: str, value: Any) -> None:
         """Count a value that a function carries along."""
-        classes = set[type]()
+        followed = set[Any]()
         try:
-            text = getattr(value, "__qualname__", "") if callable(value) else json.dumps(plain(value, classes))
+            text = json.dumps(plain(value, followed))
         except InputError:
             raise InputError(
                 f"{how} = {value!r}, which cannot be compared with a stored value; pass it as a constant"
             ) from None
         self.values.setdefault(home, []).append(f"{how} = {text}")
-        for each in [value] if callable(value) else classes:
+        for each in followed:
             self._function(each)
 
     def _function(self, function: Any) -> None:
@@ -273,7 +279,7 @@ class _Reach:
 class _Statement:
     """A top-level statement of a file: its lines, what it binds, uses (with attributes), changes and imports."""
 
-    text: str
+    node: ast.stmt
     first: int
     last: int
     binds: set[str]
@@ -281,6 +287,11 @@ class _Statement:
     effects: set[str]
     # The name that is bound, "" within a function; the module; the name in it, "" for the module itself.
     imports: list[tuple[str, str, str]]
+
+    @cached_property
+    def text(self) -> str:
+        """Its source, formatted."""
+        return ast.unparse(self.node)
 
 
 class _Parsed:
@@ -300,7 +311,11 @@ class _Parsed:
                 self._nodes += [type(each)(**{**vars(each), "names": [name]}) for name in names] or [each]
         # The order of imports changes nothing.
         self._nodes.sort(key=lambda node: ast.unparse(node) if isinstance(node, IMPORTS) else "~")
-        self.text = "\0".join(map(ast.unparse, self._nodes))
+
+    @cached_property
+    def text(self) -> str:
+        """All statements."""
+        return "\0".join(map(ast.unparse, self._nodes))
 
     @cached_property
     def statements(self) -> list[_Statement]:
@@ -326,7 +341,7 @@ def _statement(node: ast.stmt, package: str) -> _Statement:
     binds |= {bound for bound, *_ in imports if bound}
     uses = {(name, attribute) for name, attribute in _dotted(node) if name in used}
     first = min([node.lineno, *(each.lineno for each in getattr(node, "decorator_list", []))])
-    return _Statement(ast.unparse(node), first, node.end_lineno or 0, binds, uses, _effects(node), imports)
+    return _Statement(node, first, node.end_lineno or 0, binds, uses, _effects(node), imports)
 
 
 def _top(node: ast.AST) -> Iterator[ast.AST]:
@@ -417,6 +432,8 @@ def _codes(value: Any, module: ModuleType) -> Iterator[CodeType]:
 
 def _home(function: Any) -> str:
     """The module where a function's globals are; `__module__` may be copied or set."""
+    while isinstance(function, partial):
+        function = function.func
     named = function.__globals__.get("__name__") if isinstance(function, FunctionType) else None
     return _own_name(str(named or getattr(function, "__module__", None) or type(function).__module__))
 

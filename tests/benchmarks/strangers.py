@@ -59,8 +59,7 @@ def by_dask(law, values, folder):
             os.replace(folder / f"{x}.new", file)
         return file
 
-    # With threads, netCDF crashes.
-    files = dask.compute(*(dask.delayed(block)(x) for x in values), scheduler="sync")
+    files = dask.compute(*(dask.delayed(block)(x) for x in values), scheduler="sync")  # netCDF crashes in threads
     return xr.open_mfdataset(files)["y"]
 
 

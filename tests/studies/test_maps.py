@@ -32,21 +32,21 @@ def mapped(folder, x, y, quantity, fixed=None, halvings=0, **how):
 STABLE_PLANE = ("theta=-10:20:9", "mu=0:0.5:9", "growth_rate")
 
 
-def test_the_stability_boundary_is_that_of_the_full_grid_for_a_tenth_of_its_evaluations(tmp_path):
+def test_the_stability_boundary_is_that_of_the_full_grid_for_a_fifth_of_its_evaluations(tmp_path):
     """65 x 65 points from 9 x 9 by three halvings, and every boundary edge where the full grid has it."""
     plane = maps.plane_of(*STABLE_PLANE[:2], 3)
     full = np.nanmax(sliding_modes(Rig(), plane.xs[:, None], plane.ys, transients.BAND).growth_rate, axis=-1)
     data = mapped(tmp_path, *STABLE_PLANE, halvings=3)
     computed = data["status"].values == 1
     assert computed.size == 4225
-    assert computed.sum() <= 0.1 * computed.size
+    assert computed.sum() <= 0.2 * computed.size
     unstable, there = data["growth_rate"].values > 0.0, full > 0.0
     for one, other in ((unstable, there), (there, unstable)):
         assert len(distances(one, other)) > 100
         assert np.all(distances(one, other) <= 1.0)
     np.testing.assert_allclose(data["growth_rate"].values[computed], full[computed], rtol=1e-3, atol=1e-3)
     # The range is 10 700 1/s; of the interpolated points hardly one misses by more than the tolerance.
-    assert np.mean(np.abs(data["growth_rate"].values - full) > 0.02 * np.ptp(full)) < 0.03
+    assert np.mean(np.abs(data["growth_rate"].values - full) > 0.02 * np.ptp(full)) < 0.002
 
 
 def growth(rig, theta):
