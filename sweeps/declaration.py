@@ -19,19 +19,16 @@ class Refinement:
 
     Parameters
     ----------
-    variable : str
-        The variable that decides: one number at each point. Every value of an integer is a class of its own.
-    levels : int
-        Halvings of the coarse lattice's spacing along every axis: each has (m - 1) 2^levels + 1 values.
+    variable, levels : str, int
+        The variable that decides, one number at each point; halvings of the coarse lattice's spacing along every
+        axis: each has (m - 1) 2^levels + 1 values.
     tolerance : float, optional
         Largest expected error of interpolation, in units of the range of the values; None: any.
     thresholds : tuple of float
         Ascending; a value up to the first of them is of one class, one above it of another, and so on.
-    resolution : float
-        Errors below this share of the largest value are rounding; `refined` makes it at least the resolution with
-        which the variable is stored.
-    whole : bool
-        Whether every value is a class, between which nothing is interpolated; `refined` sets it by the variable.
+    resolution, whole : float, bool
+        The share of the largest value below which errors are rounding, and whether every value is a class, between
+        which nothing is interpolated; `refined` sets both by the variable.
     """
 
     variable: str
@@ -66,17 +63,13 @@ class Declaration:
 
     def __post_init__(self) -> None:
         who = f"Sweep {self.name}:"
-        object.__setattr__(self, "grid", Grid.of(self.grid))
-        given = self.variables
-        if not isinstance(given, Mapping):
-            given = dict.fromkeys([given] if isinstance(given, str) else given, Variable())
-        object.__setattr__(self, "variables", given)
+        given = [self.variables] if isinstance(self.variables, str) else self.variables
+        variables = given if isinstance(given, Mapping) else dict.fromkeys(given, Variable())
         coords = {name: each if isinstance(each, Axis) else Axis(each) for name, each in self.coords.items()}
-        object.__setattr__(self, "coords", coords)
-        for name in ("order_by", "code"):
-            each = getattr(self, name)
-            object.__setattr__(self, name, (each,) if isinstance(each, (str, Path)) else tuple(each))
-        if not self.variables:
+        several = {"order_by": self.order_by, "code": self.code}
+        several = {k: (v,) if isinstance(v, (str, Path)) else tuple(v) for k, v in several.items()}
+        vars(self).update(grid=Grid.of(self.grid), variables=variables, coords=coords, **several)  # it is frozen
+        if not variables:
             raise InputError(f"{who} variables = {{}}: there must be at least one")
         for what in ("function", "key", "derive", "scale", "rerun"):
             each = getattr(self, what)
@@ -86,20 +79,15 @@ class Declaration:
         check_names(f"{who} coords", self.coords, Axis)
         stored = [k for name, each in self.variables.items() for k in each.stored(name)]
         names = [*self.grid.axes, *self.coords, *stored]
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"{who} {name!r} names two things; each needs its own name")
+        for name in (each for each in names if names.count(each) > 1):
+            raise InputError(f"{who} {name!r} names two things; each needs its own name")
         for name, variable in self.variables.items():
-            for dim in variable.dims:
-                if dim not in self.coords:
-                    raise InputError(f"{who} variable {name!r} has the dimension {dim!r}; coords must have it")
-            if variable.scale and self.scale is None:
-                raise InputError(
-                    f"{who} variable {name!r} has the scale {variable.scale!r}; the sweep needs scale"
-                )
-        for name in self.order_by:
-            if name not in self.grid.axes:
-                raise InputError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
+            for dim in (each for each in variable.dims if each not in self.coords):
+                raise InputError(f"{who} variable {name!r} has the dimension {dim!r}; coords must have it")
+            if (scale := variable.scale) and self.scale is None:
+                raise InputError(f"{who} variable {name!r} has the scale {scale!r}; the sweep needs scale")
+        for name in (each for each in self.order_by if each not in self.grid.axes):
+            raise InputError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
         if not (isinstance(self.batch_multiple, int) and self.batch_multiple >= 1):
             raise InputError(f"{who} batch_multiple = {self.batch_multiple!r}: it must be an integer, 1 or above")
 

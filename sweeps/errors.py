@@ -8,6 +8,12 @@ import zlib
 # What reading a damaged or foreign file raises; netCDF4 reports damage as a RuntimeError.
 UNREADABLE = (OSError, ValueError, KeyError, RuntimeError, EOFError, zipfile.BadZipFile, zlib.error)
 
+# What a user may do, as messages say it.
+FRESH = "start over with fresh (--fresh)"
+OTHER = "choose another folder"
+ANEW = f"{FRESH}, or {OTHER} (--out)"
+MOVE = f"move it away or {OTHER}"
+
 
 def reason(problem: BaseException) -> str:
     """Return why a disk refuses, in a few words."""
@@ -68,8 +74,4 @@ class ClusterLostError(RuntimeError):
 
 
 class AbandonedError(KeyboardInterrupt):
-    """A second interrupt came while threads compute; the run gives them up, but Python cannot end them.
-
-    Finished batches are stored, and the store is released. Python waits for such threads at its end; `os._exit`
-    leaves without waiting.
-    """
+    """A second interrupt came while threads compute: Python waits for them at its end, `os._exit` does not."""

@@ -33,8 +33,7 @@ DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "comp
 # Long names of real parts begin with this.
 REAL = "real part of "
 # What a sweep's file contains besides axes and results; names that begin with `failure_` are reserved as well.
-BOOKKEEPING = ("status", "error", "wall_time")
-RESERVED = (*BOOKKEEPING, "traceback", "reproduce", "failure", "point")
+RESERVED = ("status", "error", "wall_time", "traceback", "reproduce", "failure", "point")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +45,8 @@ class Axis:
     values : array_like, (n,)
         Numbers or strings; at least one, all finite. Floats are rounded to 15 significant digits, so that 0.3 is
         the same point however it was computed.
-    units : str
-        As UDUNITS reads them; "1" for a pure number.
-    long_name : str
-        Description for the file and figures.
+    units, long_name : str
+        As UDUNITS reads them, "1" for a pure number; description for the file and figures.
     """
 
     values: Any
@@ -101,8 +98,7 @@ class Variable:
         One of DTYPES; missing entries are NaN. The file marks a missing integer by the least value of its type,
         which a result therefore must not have. It stores a complex variable `x` as `x_real` and `x_imag`.
     digits : int, optional
-        Significant decimal digits of a float; further ones are rounded away, so that compression works. Default:
-        all.
+        Significant decimal digits of a float; further ones are rounded away, so that compression works.
     scale : str
         The factor of the sweep's `scale` by which the value is multiplied at each point; "" for none.
     flags : mapping of int to str, optional
@@ -125,22 +121,15 @@ class Variable:
             raise InputError(f"Variable: dims = {dims}: no dimension may occur twice")
         object.__setattr__(self, "dims", dims)
         if not self.is_float and (self.digits is not None or self.scale):
-            raise InputError(
-                f"Variable: digits and scale are for floats; with dtype = {self.dtype!r} leave them out"
-            )
+            raise InputError(f"Variable: dtype = {self.dtype!r}: digits and scale are for floats; leave them out")
         if self.digits is not None and not (type(self.digits) is int and 1 <= self.digits <= 15):
             raise InputError(f"Variable: digits = {self.digits!r}: it must be an integer from 1 to 15")
-        flags = self.flags
-        if flags is not None and not (
-            np.dtype(self.dtype).kind == "i"
-            and flags
-            and all(isinstance(code, (int, np.integer)) and code > self.missing for code in flags)
-            and all(isinstance(word, str) and word for word in flags.values())
-        ):
-            raise InputError(
-                f"Variable: flags = {flags!r}: it must be a dict of int to str, with an integer dtype"
-            )
-        if flags is not None:
+        if (flags := self.flags) is not None:
+            lowest = self.missing if np.dtype(self.dtype).kind == "i" else math.inf
+            codes = all(isinstance(code, (int, np.integer)) and code > lowest for code in flags)
+            if not (flags and codes and all(isinstance(word, str) and word for word in flags.values())):
+                rule = "it must be a dict of int to str, with an integer dtype"
+                raise InputError(f"Variable: flags = {flags!r}: {rule}")
             object.__setattr__(self, "flags", {int(code): word for code, word in flags.items()})
 
     @property
@@ -156,11 +145,9 @@ class Variable:
     def stored(self, name: str) -> dict[str, Variable]:
         """The variables by which a file represents this one, by name: netCDF has no complex and no bool."""
         if self.dtype == "complex128":
-            about = {
-                "real": f"{REAL}{self.long_name or name}",
-                "imag": f"imaginary part of {self.long_name or name}",
-            }
-            return {f"{name}_{k}": replace(self, dtype="float64", long_name=text) for k, text in about.items()}
+            real = replace(self, dtype="float64", long_name=f"{REAL}{self.long_name or name}")
+            imaginary = replace(real, long_name=f"imaginary part of {self.long_name or name}")
+            return {f"{name}_real": real, f"{name}_imag": imaginary}
         if self.dtype == "bool":
             return {name: replace(self, dtype="int8", flags={0: "false", 1: "true"})}
         return {name: self}
@@ -169,6 +156,9 @@ class Variable:
 @dataclass(frozen=True, eq=False)
 class Grid:
     """The product of axes; zipped axes vary together, along the dimension of the first of them.
+
+    `groups` has the axes that vary together, one group for each dimension, which is named after the first of them;
+    `dims`, `shape` and `size` are those of an array with an entry for each point.
 
     Parameters
     ----------
@@ -179,13 +169,7 @@ class Grid:
     skip : callable, optional
         `skip(points)` returns, as a boolean array, which points are not computed.
     sampling : mapping
-        How the values along the first dimension were drawn, if they were (`sweeps.Sample`), as JSON represents it:
-        results of one sample do not mix with those of another.
-
-    Attributes
-    ----------
-    groups : tuple of tuple of str
-        The axes that vary together, one group for each dimension.
+        How the values along the first dimension were drawn, if they were (`sweeps.Sample`), as JSON represents it.
     """
 
     axes: Mapping[str, Any]
@@ -193,6 +177,9 @@ class Grid:
     skip: Callable[[Points], Any] | None = None
     sampling: Mapping[str, Any] = field(default_factory=dict)
     groups: tuple[tuple[str, ...], ...] = field(init=False, repr=False)
+    dims: tuple[str, ...] = field(init=False, repr=False)
+    shape: tuple[int, ...] = field(init=False, repr=False)
+    size: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         axes = {name: each if isinstance(each, Axis) else Axis(each) for name, each in self.axes.items()}
@@ -204,13 +191,14 @@ class Grid:
         for name in [each for each in named if each not in axes or named.count(each) > 1]:
             raise InputError(f"Grid: zipped names {name!r}: it must be one of {', '.join(axes)}, and in one group")
         group_of = {name: (name,) for name in axes} | {name: tuple(group) for group in zipped for name in group}
-        for group in group_of.values():
+        groups = tuple(dict.fromkeys(group_of.values()))
+        shape = tuple(len(axes[group[0]]) for group in groups)
+        own = {"axes": axes, "groups": groups, "dims": tuple(group[0] for group in groups), "shape": shape}
+        vars(self).update(own, size=math.prod(shape))  # it is frozen
+        for group in groups:
             lengths = {name: len(axes[name]) for name in group}
             if len(set(lengths.values())) > 1:
                 raise InputError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
-        object.__setattr__(self, "axes", axes)
-        object.__setattr__(self, "groups", tuple(dict.fromkeys(group_of.values())))
-        for group in self.groups:
             repeated = self._index(group).duplicated()
             if repeated.any():
                 value = tuple(column[np.argmax(repeated)].item() for column in self._columns(group))
@@ -223,21 +211,6 @@ class Grid:
             columns = {str(points.index.name or "row"): points.index} | {str(c): points[c] for c in points}
             return cls({name: Axis(values.to_numpy()) for name, values in columns.items()}, tuple(columns))
         return points if isinstance(points, cls) else cls(points)
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """One dimension for each group, named after its first axis."""
-        return tuple(group[0] for group in self.groups)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Length of each dimension."""
-        return tuple(len(self.axes[name]) for name in self.dims)
-
-    @property
-    def size(self) -> int:
-        """Number of points."""
-        return math.prod(self.shape)
 
     def dim_of(self, name: str) -> str:
         """The dimension along which the axis `name` runs."""
@@ -256,7 +229,7 @@ class Grid:
 
     def locate(self, points: Points) -> NDArray[np.intp]:
         """Flat indices of points that the grid has."""
-        indexers = [self._index(group).get_indexer(_index([points[n] for n in group])) for group in self.groups]
+        indexers = [self._index(group).get_indexer(self._index(group, points)) for group in self.groups]
         return np.asarray(np.ravel_multi_index(indexers, self.shape))
 
     def mask(self) -> NDArray[np.bool_]:
@@ -289,12 +262,11 @@ class Grid:
             new = own.get_indexer(requested) < 0
             pairs = zip(self._columns(group), other._columns(group), strict=True)
             columns = [np.concatenate([before, values[new]]) for before, values in pairs]
+            order = np.arange(len(columns[0]))
             if own.is_monotonic_increasing and requested.is_monotonic_increasing:
                 order = np.lexsort(columns[::-1])
             elif own.is_monotonic_decreasing and requested.is_monotonic_decreasing:
                 order = np.lexsort(columns[::-1])[::-1]
-            else:
-                order = np.arange(len(columns[0]))
             for name, values in zip(group, columns, strict=True):
                 # A file has no bool, and may have integers where the request has floats.
                 same = values[order].astype(axes[name].values.dtype)
@@ -305,25 +277,17 @@ class Grid:
     def _columns(self, group: Sequence[str]) -> Columns:
         return [self.axes[name].values for name in group]
 
-    def _index(self, group: Sequence[str]) -> Any:
-        return _index(self._columns(group))
-
-
-def _index(columns: Columns) -> Any:
-    return pd.Index(columns[0]) if len(columns) == 1 else pd.MultiIndex.from_arrays(columns)
+    def _index(self, group: Sequence[str], points: Points | None = None) -> Any:
+        columns = self._columns(group) if points is None else [points[name] for name in group]
+        return pd.Index(columns[0]) if len(columns) == 1 else pd.MultiIndex.from_arrays(columns)
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """Positions of the points of one grid in another, by value.
 
-    Attributes
-    ----------
-    inner, outer : tuple of int
-        Shapes of the two.
-    indexers : tuple of (ndarray of int or slice)
-        For each dimension the positions of the inner grid's values in the outer one, -1 where there is none; a
-        slice of all where both have the same values.
+    `inner` and `outer` are the shapes of the two. `indexers` has, for each dimension, the positions of the inner
+    grid's values in the outer one, -1 where there is none; a slice of all where both have the same values.
     """
 
     inner: tuple[int, ...]
@@ -378,23 +342,15 @@ def flag_attributes(flags: Mapping[int, str], dtype: Any) -> dict[str, Any]:
 
 
 def check_counts(counts: Mapping[str, int]) -> None:
-    """Refuse a grid by the lengths of its dimensions, before anything is allocated for its points.
-
-    Raises
-    ------
-    InputError
-        If there are too many.
-    """
+    """Refuse a grid by the lengths of its dimensions, before anything is allocated for its points."""
     if (size := math.prod(counts.values())) > MOST_POINTS:
         shape = " x ".join(f"{name} {count}" for name, count in counts.items())
-        raise InputError(
-            f"grid = {shape}: {size:.3g} points are more than the {MOST_POINTS:.3g} of one plan; "
-            "take fewer values, or run parts of them into separate folders"
-        )
+        many = f"{size:.3g} points are more than the {MOST_POINTS:.3g} of one plan"
+        raise InputError(f"grid = {shape}: {many}; take fewer values, or run parts of them into separate folders")
 
 
 def check_size(grid: Grid) -> None:
-    """Refuse a grid of too many points; see `check_counts`."""
+    """Refuse a grid of too many points."""
     check_counts(dict(zip(grid.dims, grid.shape, strict=True)))
 
 
@@ -403,9 +359,7 @@ def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:
     for name, value in named.items():
         usable = isinstance(name, str) and name.isidentifier() and not name.startswith("failure_")
         if not usable or name in RESERVED:
-            raise InputError(
-                f"{what} has the name {name!r}: it must be of letters, digits and _, and none of "
-                f"{', '.join(RESERVED)}, failure_..."
-            )
+            rule = f"it must be of letters, digits and _, and none of {', '.join(RESERVED)}, failure_..."
+            raise InputError(f"{what} has the name {name!r}: {rule}")
         if not isinstance(value, kind):
             raise InputError(f"{what}[{name!r}] = {value!r}: it must be of type {kind.__name__}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.errors import InputError, StoreError
+from sweeps.errors import ANEW, InputError, StoreError
 from sweeps.grid import Axis, Grid, check_counts
 
 METHODS = ("sobol", "latin", "random")
@@ -34,27 +34,21 @@ def Sample(
 ) -> Grid:
     """A grid of independent draws, one from each distribution, along the dimension `sample`.
 
-    A sweep of more draws of the same kind extends the file of fewer; the draws are coordinates in it.
+    A sweep of more draws extends the file of fewer; the draws are coordinates in it.
 
     Parameters
     ----------
     distributions : mapping of str to distribution
         Anything with a quantile function `ppf`, like frozen distributions of `scipy.stats`. Their order counts.
-    count : int
+    count, seed : int
         How many; of "sobol" a power of 2 is the most evenly spread.
     method : str
         "sobol": scrambled Sobol points, "random": independent numbers; a longer sample begins with the shorter.
         "latin": a Latin hypercube, which does not grow.
-    seed : int
     axes : mapping of str to Axis, optional
         Axes besides: every draw is combined with each of their points.
     units : mapping of str to (str, str), optional
         Units and long name of each draw.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument.
     """
     _check(distributions, count, method, seed)
     check_counts({DIM: count} | {name: len(axis) for name, axis in (axes or {}).items()})
@@ -65,13 +59,10 @@ def Sample(
         if not np.all(np.isfinite(values)):
             raise InputError(f"Sample: {name} = {described(each)}: it gives a draw that is not finite")
         draws[name] = Axis(values, *(units or {}).get(name, ("1", "")))
-    whole = f", {count} of them" if method == "latin" else ""
-    return Grid(
-        {DIM: Axis(np.arange(count), long_name="number of the draw")} | draws | dict(axes or {}),
-        zipped=(DIM, *draws),
-        sampling={"method": f"{method}, seed {seed}{whole}"}
-        | {name: described(each) for name, each in distributions.items()},
-    )
+    sampling = {"method": f"{method}, seed {seed}" + (f", {count} of them" if method == "latin" else "")}
+    sampling |= {name: described(each) for name, each in distributions.items()}
+    number = Axis(np.arange(count), long_name="number of the draw")
+    return Grid({DIM: number, **draws, **(axes or {})}, zipped=(DIM, *draws), sampling=sampling)
 
 
 def _check(distributions: Mapping[str, Any], count: int, method: str, seed: int) -> None:
@@ -82,22 +73,18 @@ def _check(distributions: Mapping[str, Any], count: int, method: str, seed: int)
             raise InputError(f"Sample: {name} = {each!r}: it must be a distribution, like scipy.stats.norm(0, 1)")
         if name == DIM:
             raise InputError(f"Sample: {DIM} is the number of the draw; call the distribution otherwise")
-    if not (_whole(count) and 1 <= count <= MOST):
+    whole = [isinstance(n, (int, np.integer)) and not isinstance(n, bool) for n in (count, seed)]
+    if not (whole[0] and 1 <= count <= MOST):
         raise InputError(f"Sample: count = {count!r}: it must be a whole number from 1 to {MOST}")
     if method not in METHODS:
         raise InputError(f"Sample: method = {method!r}: it must be one of {', '.join(METHODS)}")
-    if not (_whole(seed) and seed >= 0):
+    if not (whole[1] and seed >= 0):
         raise InputError(f"Sample: seed = {seed!r}: it must be a whole number, 0 or above")
-
-
-def _whole(value: Any) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def unit_draws(dimensions: int, count: int, method: str, seed: int) -> NDArray[np.float64]:
     """Points of the unit cube, (count, dimensions), none on its faces."""
-    # Slow to import, and most sweeps draw nothing.
-    from scipy.stats import qmc
+    from scipy.stats import qmc  # slow to import, and most sweeps draw nothing
 
     if method == "sobol":
         points = qmc.Sobol(dimensions, seed=seed, bits=BITS).random_base2((int(count) - 1).bit_length())[:count]
@@ -129,23 +116,11 @@ def described(distribution: Any) -> str:
 
 
 def check_same_draws(file: Path, present: Grid, requested: Grid) -> None:
-    """Refuse to add draws to a file that has other ones under the same numbers; a grid without draws passes.
-
-    Raises
-    ------
-    StoreError
-        Naming the first that differs.
-    """
-    if not requested.sampling:
-        return
-    number, *names = requested.groups[0]
-    count = min(len(present.axes[number]), len(requested.axes[number]))
+    """Refuse to add draws to a file that has other ones under the same numbers; a grid without draws passes."""
+    number, *names = requested.groups[0] if requested.sampling else [""]
     for name in names:
+        count = min(len(present.axes[name]), len(requested.axes[name]))
         there, here = present.axes[name].values[:count], requested.axes[name].values[:count]
-        if len(other := np.flatnonzero(there != here)):
-            k = other[0]
-            raise StoreError(
-                f"{file} has other points: {name} = {there[k]} there, {here[k]} here, at {number} = "
-                f"{requested.axes[number].values[k]}; start over with fresh (--fresh), or choose another folder "
-                "(--out)"
-            )
+        for k in np.flatnonzero(there != here)[:1]:
+            differ = f"{name} = {there[k]} there, {here[k]} here, at {number} = {requested.axes[number].values[k]}"
+            raise StoreError(f"{file} has other points: {differ}; {ANEW}")

@@ -77,8 +77,7 @@ class Monitor:
     def end(self, number: int, done: int = 0, failed: int = 0) -> None:
         """Note that a batch has ended, or was cancelled."""
         del self._now[number]
-        self.done += done
-        self.failed += failed
+        self.done, self.failed = self.done + done, self.failed + failed
         self._report()
 
     def stop(self) -> None:
@@ -114,8 +113,8 @@ class Monitor:
             self._report()
 
     def _write(self, snapshot: Snapshot) -> None:
+        self._written = time.monotonic()
         if self._file is not None:
-            self._written = time.monotonic()
             write_state(self._file, asdict(snapshot) | self._owner)
 
 
@@ -154,20 +153,18 @@ def status(path: str | Path) -> Status:
         If there is no such file, or it is not the result of a sweep.
     """
     store = Store(path)
-    running = store.is_locked()
-    run = read_state(store.progress) if running else {}
-    state = "running" if running else "interrupted"
-    codes = None
+    run = read_state(store.progress) if (running := store.is_locked()) else {}
+    codes, state = None, "interrupted"
     # Without a usable manifest the run has finished, perhaps meanwhile, or the file explains what is wrong.
     with suppress(*UNREADABLE):
-        manifest = Manifest.load(store)
-        codes = None if manifest is None else Table(manifest, sources_of(store, manifest, complete=False)).status
+        if (manifest := Manifest.load(store)) is not None:
+            codes = Table(manifest, sources_of(store, manifest, complete=False)).status
     if codes is None:
         codes = opened(path)["status"].values
-        state = "running" if running else "incomplete" if np.any(codes == 0) else "complete"
+        state = "incomplete" if np.any(codes == 0) else "complete"
     words = STATUS_FLAGS | INTERPOLATED_FLAG
     counts = {word: int(np.count_nonzero(codes == code)) for code, word in words.items()}
-    return Status(file=str(path), state=state, points=codes.size, run=run, **counts)
+    return Status(file=str(path), state="running" if running else state, points=codes.size, run=run, **counts)
 
 
 def check_free(path: str | Path) -> None:
@@ -178,6 +175,5 @@ def check_free(path: str | Path) -> None:
     LockedError
         Naming that run.
     """
-    store = Store(path)
-    if store.is_locked():
+    if (store := Store(path)).is_locked():
         raise store.taken()

@@ -25,7 +25,7 @@ def pointwise(function: Callable[..., Any]) -> Pointwise:
     ----------
     function : callable
         `function(a=..., b=..., **constants)` takes one number (or string) for each axis. It returns a dict of
-        numbers or arrays, or, if the sweep has one variable, its value. An exception is stored with its point.
+        numbers or arrays, or the value of a single variable. An exception is stored with its point.
     """
     if not callable(function):
         raise InputError(f"pointwise: function = {function!r}: it must be a function")
@@ -41,26 +41,24 @@ class Sweep(Declaration):
     name : str
     function : callable
         `function(points, **constants)` takes a batch, a dict of 1-D arrays with one entry for each point, and
-        returns a dict of arrays with the batch first, or, if there is one variable, its array. The result of a
-        point must not depend on its batch. It may also return `error`, an exception or None for each point, and
-        `wall_time` (s). `sweeps.pointwise` adapts a function of numbers.
+        returns a dict of arrays with the batch first, or the array of a single variable; also `error`, an
+        exception or None for each point, and `wall_time` (s). The result of a point must not depend on its batch.
+        `sweeps.pointwise` adapts a function of numbers.
     grid : Grid, mapping or pandas.DataFrame
         The points; a mapping of names to an Axis or a list is a grid, a DataFrame has a point in each row.
     variables : mapping of str to Variable, or sequence of str
-        The results.
     constants : mapping
         Keyword arguments of the function: numbers, strings, arrays, DataFrames, dataclasses, and containers.
     key : callable, optional
-        `key(points)` returns equal rows for points that share one computation, which is done once.
+        `key(points)` returns equal rows for points that share one computation.
     coords : mapping of str to (Axis or array_like)
         Coordinates of the dimensions that variables have besides the grid's.
     code : sequence of (str or Path)
         Packages, modules and files on which the results depend, besides the function's own module.
-    title : str
-        The file's title.
+    title, remark : str
+        The file's title, and text for its history.
     derive : callable, optional
-        `derive(dataset)` returns the finished dataset with variables that follow from all points; it leaves what
-        was computed as it is.
+        `derive(dataset)` returns the finished dataset with variables that follow from all points.
     scale : callable, optional
         `scale(points)` returns factors by name; a variable that names one in its `scale` is multiplied by it at
         each point, so that one computation serves points that differ in size only.
@@ -70,13 +68,10 @@ class Sweep(Declaration):
         Number of points that the function computes at little more than the cost of one.
     request : mapping
         The request from which the constants follow, as JSON represents it; part of the file's configuration.
-    remark : str
-        Text for the file's history.
     rerun : callable, optional
-        `rerun(point)` returns a command that computes a failed point again, from a dict of its values. Default: a
-        call of the function, if it can be imported.
+        `rerun(point)` returns a command that computes a failed point, a dict, again. Default: calls the function.
     refinement : Refinement, optional
-        The rule that chooses the points to compute; set by `sweeps.refined`. Default: all.
+        The rule that chooses the points to compute; set by `sweeps.refined`.
     """
 
     def __post_init__(self) -> None:
@@ -97,14 +92,11 @@ class Sweep(Declaration):
         ----------
         store : path, optional
             The netCDF file to write; without it the result stays in memory.
-        fresh : bool
-            Start over, whatever the store has of this sweep.
-        retry_failed : bool
-            Compute failed points again.
+        fresh, retry_failed : bool
+            Start over, whatever the store has of this sweep; compute failed points again.
         strict : bool
-            Refuse to mix environments: other versions of Python, NumPy, SciPy, Numba, BLAS or a library that the
-            code imports, or another kind of processor. By default a mixture is a `MixedWarning`, and the file's
-            attribute `environments` lists them.
+            Refuse to mix environments: versions of Python, libraries and BLAS, or kinds of processor. By default
+            a mixture is a `MixedWarning`, and the file's attribute `environments` lists them.
 
         Raises
         ------
@@ -125,12 +117,10 @@ class Plan(PlanData):
     points, skipped, distinct, cached, failed, todo : int
         Points of the grid, those that `skip` leaves out, different computations of the others, those that are
         stored, stored ones that failed, those to do.
-    seconds, most_seconds : float
-        Estimated time on one core, and, of a refined sweep, if every point were requested in the end.
-    bytes : int
-        Expected size of the file.
+    seconds, most_seconds, bytes : float
+        Estimated time on one core, the same if a refined sweep requests every point, and size of the file.
     covers : tuple of str
-        Modules, packages and files on which the results depend: a change of them makes the results outdated.
+        Modules, packages and files on which the results depend.
     """
 
     def timed(self) -> Plan:
@@ -150,8 +140,8 @@ class Plan(PlanData):
         Parameters
         ----------
         scheduler : str, distributed.Client or Dask cluster
-            "threads": threads of this process; "sync": one batch after the other; "processes": a Dask cluster of
-            processes on this machine; or the address of a Dask scheduler, tcp://host:port.
+            "threads"; "sync": one batch after the other; "processes": a Dask cluster of processes on this machine;
+            or the address of a Dask scheduler, tcp://host:port.
         workers : int, optional
             Threads or processes; default: one for each core. Not for an address.
         progress : callable, optional
@@ -167,23 +157,17 @@ class Plan(PlanData):
 
         Raises
         ------
-        StoreError
-            If the file cannot be written, or another run holds it.
-        SchedulerError
-            If there is no such scheduler.
-        InputError
-            If the plan is strict and workers have another environment.
-        ClusterLostError
-            If the scheduler, or all its workers, disappear; finished batches stay in the store.
-        SweepStoppedError
-            If the first points, which are from several places of the grid, all fail with the same error; with
-            `fail_fast`, if any point fails.
+        StoreError, SchedulerError, InputError
+            If the file cannot be written, or another run holds it; if there is no such scheduler; if the plan is
+            strict and workers have another environment.
+        ClusterLostError, SweepStoppedError
+            If the scheduler or all its workers disappear; if the first points, from several places of the grid,
+            all fail alike, or, with `fail_fast`, any fails. Finished batches stay in the store.
         KeyboardInterrupt
             After the first interrupt, when the batches that have begun are finished and stored. After the second
             at once: as AbandonedError if threads still compute, for which a normal exit would wait.
         """
         data, version = execute(self, scheduler, workers, progress, fail_fast)
         # The same plan may run again: then it finds everything.
-        object.__setattr__(self, "version", version)
-        object.__setattr__(self, "whole", self.store is not None)
+        vars(self).update(version=version, whole=self.store is not None)
         return data

@@ -14,8 +14,8 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,8 +39,7 @@ class Pointwise:
     """A function of numbers as a function of batches; see `sweeps.pointwise`."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-        self.__wrapped__ = function
+        self.function = self.__wrapped__ = function
 
     def __call__(self, points: Points, **constants: Any) -> dict[str, Any]:
         """Call the function at each point; exceptions and times are returned with the results."""
@@ -48,45 +47,38 @@ class Pointwise:
         # The number of a row or a draw is for functions that take it.
         unused = {"row", "sample"} - set(inspect.signature(self.function).parameters)
         columns = {name: values.tolist() for name, values in points.items() if name not in unused}
-        rows, errors, times = list[Any](), list[Exception | None](), np.zeros(count)
+        rows, errors, times = [None] * count, list[Any]([None] * count), np.zeros(count)
         for k in range(count):
             begin = time.perf_counter()
             try:
-                rows.append(self.function(**{name: values[k] for name, values in columns.items()}, **constants))
-                errors.append(None)
+                rows[k] = self.function(**{name: values[k] for name, values in columns.items()}, **constants)
             except Exception as problem:  # noqa: BLE001 - stored with the point
-                rows.append(None)
-                errors.append(problem)
+                errors[k] = problem
             times[k] = time.perf_counter() - begin
         results: dict[str, Any] = {ERROR: errors, WALL_TIME: times}
-        done = next((row for row, error in zip(rows, errors, strict=True) if error is None), None)
+        done: Any = next((row for row, error in zip(rows, errors, strict=True) if error is None), None)
         if done is not None:
-            filled = [done if error else row for row, error in zip(rows, errors, strict=True)]
-            names = done if isinstance(done, Mapping) else None
-            results |= {VALUE: filled} if names is None else {n: [row[n] for row in filled] for n in names}
+            every: list[Any] = [done if error else row for row, error in zip(rows, errors, strict=True)]
+            named = isinstance(done, Mapping)
+            results |= {name: [row[name] for row in every] for name in done} if named else {VALUE: every}
         return results
 
 
 class BatchSummary(NamedTuple):
-    """A finished batch: its points, the failed ones, wall time in s, and the error that all share, if any."""
+    """A finished batch: points, failed ones, s, where and why the first failed, and whether all did alike."""
 
     rows: int
     failed: int
     seconds: float
-    # Where and why the first failed point failed.
     first_failure: str
-    common_error: str
+    alike: bool
     # None once it is written as a part.
     result: BatchResult | None
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Everything that computing a batch of a sweep needs.
-
-    `variables` are as declared, `shapes` are theirs at one point, `grid` is the file's. `rerun(point)` gives a
-    line that computes a point again. The environment names `libraries`.
-    """
+    """Everything that computing a batch needs; `rerun(point)` gives a line that computes a point again."""
 
     name: str
     function: Callable[..., Any]
@@ -96,40 +88,39 @@ class Task:
     grid: Grid
     rerun: Callable[[Mapping[str, Any]], str] | None = None
     libraries: tuple[str, ...] = ()
-    stored: Mapping[str, Variable] = field(init=False)
 
-    def __post_init__(self) -> None:
-        stored = {k: v for name, each in self.variables.items() for k, v in each.stored(name).items()}
-        object.__setattr__(self, "stored", stored)
+    @cached_property
+    def stored(self) -> dict[str, Variable]:
+        """The variables as a file represents them."""
+        return {k: v for name, each in self.variables.items() for k, v in each.stored(name).items()}
 
     def run(self, index: NDArray[np.intp]) -> BatchSummary:
         """Compute the points at these indices of the grid."""
         begin = time.perf_counter()
         result = self.compute(self.grid.points(index))
-        return self.summary(index, result, time.perf_counter() - begin)
+        return self._summary(index, result, time.perf_counter() - begin)
 
-    def summary(self, index: NDArray[np.intp], result: BatchResult, seconds: float) -> BatchSummary:
-        """The summary of a batch, with its result."""
-        first = common = ""
-        if result.failures:
-            row = min(result.failures)
+    def failed(self, index: NDArray[np.intp], problem: Exception) -> BatchSummary:
+        """The summary of a point at which nothing could be computed."""
+        point = self.grid.points(index)
+        result = self._missing(point)
+        self._fail(result, point, 0, problem)
+        return self._summary(index, result, 0.0)
+
+    def _summary(self, index: NDArray[np.intp], result: BatchResult, seconds: float) -> BatchSummary:
+        failures, first = result.failures, ""
+        if failures:
+            row = min(failures)
             where = ", ".join(f"{name} = {each[0]}" for name, each in self.grid.points(index[[row]]).items())
-            first = f"{where}: {result.failures[row].error}"
-            errors = {each.error for each in result.failures.values()}
-            common = errors.pop() if len(errors) == 1 and len(result.failures) == len(result) else ""
-        return BatchSummary(len(result), len(result.failures), seconds, first, common, result)
+            first = f"{where}: {failures[row].error}"
+        alike = len(failures) == len(result) and len({each.error for each in failures.values()}) == 1
+        return BatchSummary(len(result), len(failures), seconds, first, alike, result)
 
     def compute(self, points: Points) -> BatchResult:
         """Compute a batch; if it raises as a whole, its halves, down to the points that fail."""
         result = self._missing(points)
         with one_blas_thread():
             self._fill(result, points, 0, len(result))
-        return result
-
-    def failed(self, point: Points, problem: Exception) -> BatchResult:
-        """The result of a point at which nothing could be computed."""
-        result = self._missing(point)
-        self._fail(result, point, 0, problem)
         return result
 
     def _missing(self, points: Points) -> BatchResult:
@@ -166,7 +157,11 @@ class Task:
     def _fail(self, result: BatchResult, every: Points, row: int, problem: BaseException) -> None:
         frames = [f for f in traceback.extract_tb(problem.__traceback__) if f.filename != __file__]
         lines = traceback.format_list(frames) or ["(raised by the sweep engine)\n"]
-        error = _described(problem)
+        try:
+            text = str(problem)
+        except Exception:  # noqa: BLE001 - the point has failed all the same
+            text = "(its message cannot be read)"
+        error = _writable(f"{type(problem).__name__}: {text}" if text else type(problem).__name__)
         shortened = error if len(error) <= MOST_CHARACTERS else f"{error[: MOST_CHARACTERS - 3]}..."
         point = {name: values[row].item() for name, values in every.items()}
         again = self.rerun(point) if self.rerun else call_line(self.function, point, self.constants)
@@ -188,11 +183,10 @@ class Task:
             if not (error is None or isinstance(error, Exception)):
                 raise TypeError(f"{who} the {ERROR} {error!r}; it must be an exception or None")
         times = None if returned.get(WALL_TIME) is None else np.asarray(returned[WALL_TIME], dtype=float)
-        if times is not None and times.ndim != 1:
+        if errors is not None and len(errors) != count:
+            raise ValueError(f"{who} {len(errors)} of {ERROR!r}; it must be one a point, {count}")
+        if times is not None and times.shape != (count,):
             raise ValueError(f"{who} {WALL_TIME!r} of shape {times.shape}; it must be ({count},)")
-        for name, entries in ((ERROR, errors), (WALL_TIME, times)):
-            if entries is not None and len(entries) != count:
-                raise ValueError(f"{who} {len(entries)} of {name!r}; it must be one a point, {count}")
         results: dict[str, Any] = {}
         if errors is None or None in errors:
             for name in self.variables:
@@ -210,26 +204,20 @@ class Task:
         if not fits(values, np.dtype(variable.dtype)):
             raise ValueError(f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}")
         parts = [values.real, values.imag] if variable.dtype == "complex128" else [values]
-        stored = variable.stored(name).items()
-        return {
-            k: rounded(each.astype(v.dtype, copy=False), v.digits)
-            for each, (k, v) in zip(parts, stored, strict=True)
-        }
+        stored = zip(variable.stored(name).items(), parts, strict=True)
+        return {k: rounded(each.astype(v.dtype, copy=False), v.digits) for (k, v), each in stored}
 
 
 def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
     """Whether a type loses nothing of the values but digits of a float."""
+    kind = values.dtype.kind
     if dtype.kind == "c":
-        return values.dtype.kind in "biufc"
-    if dtype.kind == "b":
-        return values.dtype.kind == "b"
+        return kind in "biufc"
+    if dtype.kind == "b" or kind not in "biuf":
+        return dtype.kind == kind == "b"
     if dtype.kind == "f":
-        if values.dtype.kind != "f" or values.dtype.itemsize <= dtype.itemsize:
-            return values.dtype.kind in "biuf"
-        most = np.finfo(dtype).max
-        return not np.any(np.isfinite(values) & (np.abs(values) > most))
-    if values.dtype.kind not in "biuf":
-        return False
+        wider = kind == "f" and values.dtype.itemsize > dtype.itemsize
+        return not wider or not np.any(np.isfinite(values) & (np.abs(values) > np.finfo(dtype).max))
     # The least integer marks a missing one; beyond 2^53 a reader's float would lose digits.
     limit = min(np.iinfo(dtype).max, 2**53)
     return bool(np.all((np.abs(values.astype(float)) <= limit) & (values == np.rint(values))))
@@ -263,8 +251,7 @@ def call_line(function: Callable[..., Any], point: Mapping[str, Any], constants:
         arguments = ", ".join([*map(_text, places), *named])
     except TypeError:
         return ""
-    numpy = "import numpy as np; " if "np." in arguments else ""
-    name = target.__qualname__
+    numpy, name = "import numpy as np; " * ("np." in arguments), target.__qualname__
     return f"{numpy}from {target.__module__} import {name.partition('.')[0]}; {name}({arguments})"
 
 
@@ -281,10 +268,8 @@ def _text(value: Any) -> str:
         return f"[{texts}]" if isinstance(value, list) else f"({texts}{',' * (len(value) == 1)})"
     if isinstance(value, float) and not math.isfinite(value):
         return f"float('{value}')"
-    if value is None or isinstance(value, (bool, int, float, complex)):
-        return repr(value)
-    if isinstance(value, str):
-        return repr(str(value))
+    if value is None or isinstance(value, (bool, int, float, complex, str)):
+        return repr(str(value) if isinstance(value, str) else value)
     raise TypeError
 
 
@@ -317,15 +302,6 @@ def one_blas_thread() -> Iterator[None]:
             if not _Blas.batches:
                 with ThreadPoolExecutor(1) as setter:
                     setter.submit(_Blas.limit.restore_original_limits)
-
-
-def _described(problem: BaseException) -> str:
-    """Type and message."""
-    try:
-        text = str(problem)
-    except Exception:  # noqa: BLE001 - the point has failed all the same
-        text = "(its message cannot be read)"
-    return _writable(f"{type(problem).__name__}: {text}" if text else type(problem).__name__)
 
 
 def _writable(text: str) -> str:

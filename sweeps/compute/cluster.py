@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cached_property
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -36,12 +36,9 @@ from sweeps.fingerprint.provenance import environment
 from sweeps.storage.parts import PartWriter
 from sweeps.task import BatchSummary, Task, importable
 
-# s to wait for a scheduler's answer and its first worker.
-CONNECT_TIMEOUT = 10.0
-# s to wait for another worker when none is left; restarting one takes a few.
-NO_WORKER_TIMEOUT = 60.0
-# s between counts of the workers.
-POLL_INTERVAL = 1.0
+# s to wait for a scheduler's answer and its first worker; for another worker when none is left, since restarting
+# one takes a few; and between counts of the workers.
+CONNECT_TIMEOUT, NO_WORKER_TIMEOUT, POLL_INTERVAL = 10.0, 60.0, 1.0
 SCHEDULER_LOST = "the scheduler does not answer any more"
 
 # Configuration of our own workers.
@@ -65,36 +62,20 @@ NEVER_GIVEN_UP = {"distributed.deploy.lost-worker-timeout": "1 day"}
 def cluster(
     scheduler: Any, workers: int, task: Task, code: tuple[str | Path, ...], writer: PartWriter | None
 ) -> Iterator[Cluster]:
-    """Workers that are ready for the batches of a task.
-
-    Parameters
-    ----------
-    scheduler : str, distributed.Client or cluster
-        "processes" for new processes on this machine, or the address of a scheduler.
-    workers : int
-        Number of new processes.
-    task : Task
-    code : tuple of (str or Path)
-        Declared code of the sweep.
-    writer : PartWriter, optional
-        Of the parts, if there is a store.
-
-    Raises
-    ------
-    SchedulerError
-        If no scheduler answers, it has no workers, no processes can be started, or they cannot compute the task.
-    """
+    """Workers that are ready for the batches of a task, new ones or a scheduler's; else a SchedulerError."""
     payload = _Payload(task, code, writer)
+    if isinstance(scheduler, distributed.Client):
+        connection: AbstractContextManager[distributed.Client] = nullcontext(scheduler)
+    else:
+        connection = _own_cluster(workers) if scheduler == "processes" else _connected(scheduler)
     # Whoever meets lost connections and killed workers reports them in one line; Dask's log would repeat them.
-    with silence_logging_cmgr(logging.CRITICAL), _client(scheduler, workers) as client:
+    with silence_logging_cmgr(logging.CRITICAL), connection as client:
         try:
             if payload.probe is not None:
                 with suppress(OSError):
                     payload.probe.write_text(payload.name)
-            try:
+            with _translated():
                 client.register_plugin(payload)
-            except Exception as problem:  # noqa: BLE001 - workers may lack anything
-                raise _translated(problem) from None
             yield Cluster(client, payload.name)
         finally:
             if payload.probe is not None:
@@ -104,46 +85,30 @@ def cluster(
 
 
 @contextmanager
-def _client(scheduler: Any, workers: int) -> Iterator[distributed.Client]:
-    if isinstance(scheduler, distributed.Client):
-        yield scheduler
-    elif scheduler == "processes":
-        with _own_cluster(workers) as client:
-            yield client
-    else:
-        with _connected(scheduler) as client:
-            yield client
-
-
-@contextmanager
 def _connected(scheduler: Any) -> Iterator[distributed.Client]:
     address = str(getattr(scheduler, "scheduler_address", scheduler))
+    who = f"scheduler = {address!r}:"
     try:
         # Of a cluster object the client takes the certificates too.
         client = distributed.Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as problem:
-        start = "start one, or leave it out"
+        what = f"no Dask scheduler answers there ({type(problem).__name__}); start one, or leave it out"
         if address.startswith("tls://"):
-            start = f"{start}; its certificates must be in Dask's configuration, under distributed.comm.tls"
-        raise SchedulerError(
-            f"scheduler = {address!r}: no Dask scheduler answers there ({type(problem).__name__}); {start}"
-        ) from None
+            what += "; its certificates must be in Dask's configuration, under distributed.comm.tls"
+        raise SchedulerError(f"{who} {what}") from None
     with client:
         try:
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
         except TimeoutError:
-            raise SchedulerError(
-                f"scheduler = {address!r}: it has no workers; start some with: dask worker {address}"
-            ) from None
+            raise SchedulerError(f"{who} it has no workers; start some with: dask worker {address}") from None
         yield client
 
 
 @contextmanager
 def _own_cluster(workers: int) -> Iterator[distributed.Client]:
+    who = "scheduler = 'processes':"
     if multiprocessing.current_process().daemon:
-        raise SchedulerError(
-            "scheduler = 'processes': a worker of another cluster cannot start workers; use threads"
-        )
+        raise SchedulerError(f"{who} a worker of another cluster cannot start workers; use threads")
     with tempfile.TemporaryDirectory(prefix="sweeps-", ignore_cleanup_errors=True) as folder:
         with _interrupts_blocked():
             try:
@@ -170,14 +135,11 @@ def _own_cluster(workers: int) -> Iterator[distributed.Client]:
                     cause = cause.__cause__
                 why = str(cause) or type(cause).__name__
                 raise SchedulerError(
-                    f"scheduler = 'processes': no workers could be started: {why}; a script must do this under "
+                    f"{who} no workers could be started: {why}; a script must do this under "
                     "if __name__ == '__main__', for every process imports it"
                 ) from problem
-        with (
-            dask.config.set(NEVER_GIVEN_UP),  # read whenever a worker is lost
-            own,
-            distributed.Client(own, set_as_default=False) as client,
-        ):
+        # The configuration is read whenever a worker is lost.
+        with dask.config.set(NEVER_GIVEN_UP), own, distributed.Client(own, set_as_default=False) as client:
             try:
                 yield client
             except BaseException:
@@ -206,16 +168,20 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _translated(problem: BaseException) -> BaseException:
-    """An error of this package for what Dask raises."""
-    if isinstance(problem, distributed.KilledWorker):
-        return WorkerDied()
-    if isinstance(problem, (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError)):
-        return ClusterLostError(SCHEDULER_LOST)
-    if isinstance(problem, (SchedulerError, ClusterLostError)):
-        return problem
-    text = " ".join(f"{type(problem).__name__}: {problem}".split())
-    return SchedulerError(f"the workers cannot compute this: {text}")
+@contextmanager
+def _translated() -> Iterator[None]:
+    """Raise an error of this package for what Dask raises."""
+    try:
+        yield
+    except distributed.KilledWorker:
+        raise WorkerDied from None
+    except (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError):
+        raise ClusterLostError(SCHEDULER_LOST) from None
+    except (SchedulerError, ClusterLostError):
+        raise
+    except Exception as problem:  # noqa: BLE001 - workers may lack anything
+        text = " ".join(f"{type(problem).__name__}: {problem}".split())
+        raise SchedulerError(f"the workers cannot compute this: {text}") from None
 
 
 class _Payload(distributed.WorkerPlugin):
@@ -233,9 +199,8 @@ class _Payload(distributed.WorkerPlugin):
             # Unpacked with the first batch: a worker that cannot would refuse the plug-in without a reason.
             self.content = cloudpickle.dumps(task)
         except Exception as problem:  # noqa: BLE001 - any object may refuse in its own way
-            raise SchedulerError(
-                f"the function of sweep {task.name} cannot be sent to other processes: {problem}"
-            ) from None
+            who = f"the function of sweep {task.name}"
+            raise SchedulerError(f"{who} cannot be sent to other processes: {problem}") from None
         self.code = tuple(each for each in code if isinstance(each, str))
         # A function that cannot be imported travels with its code.
         self.imported = importable(task.function) is not None
@@ -254,9 +219,9 @@ class _Payload(distributed.WorkerPlugin):
     @cached_property
     def writer(self) -> PartWriter | None:
         """The writer of parts, if the worker sees their folder."""
-        if self.probe is None or not self.is_seen():
-            return None
-        return PartWriter(self.probe.parent, self.task.stored, self.token)
+        return (
+            PartWriter(self.probe.parent, self.task.stored, self.token) if self.probe and self.is_seen() else None
+        )
 
     def is_seen(self) -> bool:
         """Whether this worker sees the folder of the parts; after the run no more, since another may have it."""
@@ -265,12 +230,11 @@ class _Payload(distributed.WorkerPlugin):
 
 def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> BatchSummary | None:
     """The summary of a batch; None if the run has stopped."""
-    worker: Any = distributed.get_worker()
-    payload: _Payload = worker.plugins[run]
+    payload: Any = distributed.get_worker().plugins[run]
     if payload.halted:
         return None
     index = np.asarray(points)
-    summary = payload.task.run(index)
+    summary: BatchSummary = payload.task.run(index)
     if payload.writer is not None and summary.result is not None and payload.is_seen():
         # If writing fails here, it may succeed where the client is.
         with suppress(OSError):
@@ -287,8 +251,7 @@ def _halt(run: str, dask_worker: distributed.Worker) -> None:
 class Cluster:
     """An executor on the workers of a Dask cluster that have the payload of a run."""
 
-    # Submitted batches for each thread at most: one to work on, one that waits, two that travel.
-    window = 4
+    window = 4  # submitted batches for each thread at most: one to work on, one that waits, two that travel
 
     def __init__(self, client: distributed.Client, run: str) -> None:
         self.client, self.run = client, run
@@ -297,28 +260,21 @@ class Cluster:
         self.check()
 
     def check(self) -> None:
-        """Count the workers.
-
-        Raises
-        ------
-        ClusterLostError
-            If the scheduler does not answer, or there have been no workers for NO_WORKER_TIMEOUT.
-        """
+        """Count the workers; a ClusterLostError if there have been none for NO_WORKER_TIMEOUT."""
         try:
             self._threads = int(sum(self.client.nthreads().values()))
         except Exception as problem:
             raise ClusterLostError(SCHEDULER_LOST) from problem
         self._counted = time.monotonic()
-        self._seen = self._counted if self._threads else self._seen
-        if self._counted - self._seen > NO_WORKER_TIMEOUT:
+        if self._threads:
+            self._seen = self._counted
+        elif self._counted - self._seen > NO_WORKER_TIMEOUT:
             raise ClusterLostError("the cluster has no workers left")
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
         """Those of the present workers."""
-        try:
+        with _translated():
             return list(self.client.run(environment, libraries).values())
-        except Exception as problem:  # noqa: BLE001 - workers may lack anything
-            raise _translated(problem) from None
 
     @property
     def workers(self) -> int:
@@ -329,22 +285,15 @@ class Cluster:
 
     def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary | None]:
         """Compute a batch, and store it as the part `name`."""
-        first, end = int(points[0]), int(points[0]) + len(points)
-        sent = range(first, end) if np.array_equal(points, np.arange(first, end)) else points
+        every = range(int(points[0]), int(points[0]) + len(points))
+        sent = every if np.array_equal(points, np.arange(every.start, every.stop)) else points
         future: Future[BatchSummary | None] = self._executor.submit(_compute, self.run, name, sent)
         return future
 
     def result(self, future: Future[BatchSummary | None]) -> BatchSummary | None:
-        """The summary of a finished batch; None if it was not begun.
-
-        Raises
-        ------
-        WorkerDied, SchedulerError, ClusterLostError
-        """
-        try:
+        """The summary of a finished batch; None if it was not begun."""
+        with _translated():
             return future.result()
-        except Exception as problem:  # noqa: BLE001 - Dask raises many kinds
-            raise _translated(problem) from None
 
     def halt(self) -> None:
         """Begin no more batches; only a worker knows which of its batches have begun."""

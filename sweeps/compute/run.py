@@ -7,7 +7,7 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from sweeps.errors import (
     AbandonedError,
     DamagedError,
-    InputError,
     MixedWarning,
     SchedulerError,
     StoreError,
@@ -30,9 +29,9 @@ from sweeps.errors import (
 )
 from sweeps.fingerprint.code import check_loaded
 from sweeps.fingerprint.identity import functions_of
-from sweeps.fingerprint.provenance import Environment, environment, mixed
+from sweeps.fingerprint.provenance import Environment, environment
 from sweeps.plan.batches import BatchSizes, Queue
-from sweeps.plan.planning import ROW_BYTES, STRICT, PlanData, mixed_line, select
+from sweeps.plan.planning import ROW_BYTES, PlanData, mixture, select
 from sweeps.status import Monitor, Progress
 from sweeps.storage.assemble import Source, Table, assemble, declared
 from sweeps.storage.existing import opened
@@ -43,7 +42,7 @@ from sweeps.task import BatchSummary, one_blas_thread
 
 LOCAL = ("threads", "sync", "processes")
 # s between looks at whether to stop.
-TICK = 0.25
+TICK = 0.1
 
 
 def execute(
@@ -55,22 +54,25 @@ def execute(
         table = _Run(plan, None, progress, fail_fast).compute(scheduler, workers)
         return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), ()
     store = Store(plan.store)
-    if plan.whole:
-        _check_unchanged(plan, store)
-        _tidy(store)
-        return _requested(plan, store), store.version()
-    with store.locked():
-        _check_unchanged(plan, store)
-        table = _Run(plan, store, progress, fail_fast).compute(scheduler, workers)
-        try:
-            if table.damaged:
-                raise DamagedError(table.damaged[0], str(store.parts))
-            write(store, table, plan.sweep.derive)
-        except DamagedError as problem:
-            # The next plan computes its points again.
-            (store.parts / problem.part).unlink(missing_ok=True)
-            raise
-        store.clear()
+    with nullcontext() if plan.whole else store.locked():
+        if store.version() != plan.version:
+            raise StoreError(f"{store.file} has changed since this was planned; plan again")
+        if not plan.whole:
+            table = _Run(plan, store, progress, fail_fast).compute(scheduler, workers)
+            try:
+                if table.damaged:
+                    raise DamagedError(table.damaged[0], str(store.parts))
+                write(store, table, plan.sweep.derive)
+            except DamagedError as problem:
+                # The next plan computes its points again.
+                (store.parts / problem.part).unlink(missing_ok=True)
+                raise
+            store.clear()
+    if plan.whole and store.parts.exists():
+        # They remain of a run that was killed when its file was complete.
+        with suppress(StoreError), store.locked():
+            if not store.manifest.exists():
+                store.clear()
     return _requested(plan, store), store.version()
 
 
@@ -85,19 +87,6 @@ def check_backend(scheduler: Any, workers: int | None) -> None:
     whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
     if workers is not None and not (whole and workers >= 1):
         raise SchedulerError(f"workers = {workers!r}: it must be an integer, 1 or above")
-
-
-def _check_unchanged(plan: PlanData, store: Store) -> None:
-    if store.version() != plan.version:
-        raise StoreError(f"{store.file} has changed since this was planned; plan again")
-
-
-def _tidy(store: Store) -> None:
-    """Remove the rest of a run that was killed when its file was complete."""
-    if store.parts.exists():
-        with suppress(StoreError), store.locked():
-            if not store.manifest.exists():
-                store.clear()
 
 
 def _requested(plan: PlanData, store: Store) -> xr.Dataset:
@@ -117,17 +106,10 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     return declared(described(plan.manifest, some, plan.sweep.derive))
 
 
-def _unwritten(store: Store, problem: BaseException, kept: int) -> str:
-    """Report a failure to write, and whether anything is stored."""
-    done = "what was finished is kept, and the same run goes on from there" if kept else "nothing was finished"
-    return f"{store.file} could not be written: {reason(problem)}; {done}"
-
-
 class _Local:
     """An executor of threads of this process; with `workers` None this thread."""
 
-    # Submitted batches for each worker at most: one to work on, one that waits.
-    window = 2
+    window = 2  # submitted batches for each worker at most: one to work on, one that waits
 
     def __init__(self, run: _Run, workers: int | None) -> None:
         self._run, self.workers = run, workers or 1
@@ -142,20 +124,17 @@ class _Local:
         self._pool.shutdown(wait=not abandoned, cancel_futures=True)
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
-        """That of this process."""
         return [environment(libraries)]
 
     def check(self) -> None:
         """Threads do not disappear."""
 
-    def submit(self, name: str, points: NDArray[np.intp]) -> Future[Any]:
+    def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary]:
         """Compute a batch, and store it as the part `name`."""
         return self._pool.submit(lambda: self._run.write(name, points, self._run.plan.task.run(points)))
 
-    def result(self, future: Future[Any]) -> BatchSummary | None:
-        """The summary of a finished batch."""
-        summary: BatchSummary | None = future.result()
-        return summary
+    def result(self, future: Future[BatchSummary]) -> BatchSummary:
+        return future.result()
 
     def halt(self) -> None:
         """Begin no more batches."""
@@ -175,8 +154,9 @@ class _Run:
         self.monitor = Monitor(plan.todo, progress, None if store is None else store.progress)
         row = sum(map(plan.manifest.row_bytes, plan.manifest.variables)) + ROW_BYTES
         self.sizes = BatchSizes(row, plan.sweep.batch_multiple)
-        # Plain values: a signal's handler sets the flag, and must not wait for a lock.
-        self.interrupted, self.failure, self.common_error = False, "", ""
+        # Plain values: a signal's handler counts, and must not wait for a lock.
+        self._waiting = False
+        self.interrupts, self.failure, self.common_error = 0, "", ""
         self.environments: list[Environment] = [*plan.environments]
         # Name and points of each submitted batch.
         self._submitted: dict[Future[Any], tuple[str, NDArray[np.intp]]] = {}
@@ -207,7 +187,7 @@ class _Run:
             raise SweepStoppedError(f"stopped, since the first points all failed alike: {self.common_error}")
         if self.failure and self.fail_fast:
             raise SweepStoppedError(f"stopped at the first failure: {self.failure}")
-        if self.interrupted:
+        if self.interrupts:
             raise KeyboardInterrupt
         table = Table(self.plan.manifest, self.sources)
         if late := [each for each in table.environments if each not in self.environments]:
@@ -217,10 +197,7 @@ class _Run:
 
     def _check_environments(self, environments: Sequence[Environment], *, strict: bool = True) -> None:
         """Warn of a mixture of environments, or refuse it if the plan is strict."""
-        if different := mixed(environments):
-            line = mixed_line(self.store, self.plan.sweep, different)
-            if strict and self.plan.strict:
-                raise InputError(f"{line}; {STRICT}")
+        if line := mixture(self.store, self.plan.sweep, environments, strict and self.plan.strict):
             warnings.warn(line, MixedWarning, stacklevel=6)
 
     def _prepare(self) -> None:
@@ -229,21 +206,36 @@ class _Run:
             return
         check_loaded(functions_of(self.plan.sweep), self.plan.sweep.code)
         useful = {source.name for source in self.sources}
-        try:
+        with self._writing(store):
             store.parts.mkdir(parents=True, exist_ok=True)
             # Temporary files of killed runs, damaged parts, and parts of another manifest.
-            useless = [*store.parts.glob(".*.tmp")]
-            for path in [*useless, *(store.parts / name for name in store.part_names() if name not in useful)]:
+            useless = [store.parts / name for name in store.part_names() if name not in useful]
+            for path in [*useless, *store.parts.glob(".*.tmp")]:
                 path.unlink(missing_ok=True)
             self.plan.manifest.save(store)
+
+    @contextmanager
+    def _writing(self, store: Store) -> Iterator[None]:
+        """Report a failure to write, and whether anything is stored."""
+        try:
+            yield
         except (OSError, RuntimeError) as problem:
-            raise StoreError(_unwritten(store, problem, self.plan.cached)) from problem
+            kept = self.plan.cached or store.part_names()
+            done = "what was finished is kept, and the same run goes on" if kept else "nothing was finished"
+            raise StoreError(f"{store.file} could not be written: {reason(problem)}; {done}") from problem
 
     def _passes(self, scheduler: Any, workers: int | None) -> None:
         plan, due = self.plan, self.plan.due
-        most = plan.todo if plan.sweep.refinement is None else plan.points
-        # Set for all batches here, since it takes a few milliseconds.
-        with one_blas_thread(), self._executor(scheduler, min(workers or CPU_COUNT, most)) as executor:
+        workers = min(workers or CPU_COUNT, plan.todo if plan.sweep.refinement is None else plan.points)
+        if scheduler in ("threads", "sync"):
+            backend: AbstractContextManager[Any] = _Local(self, workers if scheduler == "threads" else None)
+        else:
+            # Imported here: it is slow, and few runs need it.
+            from sweeps.compute.cluster import cluster
+
+            backend = cluster(scheduler, workers, plan.task, tuple(plan.sweep.code), self.writer)
+        # BLAS is limited for all batches here, since it takes a few milliseconds.
+        with one_blas_thread(), backend as executor:
             self.environments += executor.environments(plan.task.libraries)
             self._check_environments(self.environments)
             self._prepare()
@@ -253,16 +245,8 @@ class _Run:
                 self._loop(due, executor, window)
                 if plan.sweep.refinement is None or self._stopped():
                     return
-                due = select(plan.sweep, plan.manifest, plan.alignment, plan.requested, self.sources)["due"]
+                due = select(plan.sweep, plan.manifest, plan.requested, self.sources)["due"]
                 self.monitor.todo += int(np.count_nonzero(due))
-
-    def _executor(self, scheduler: Any, workers: int) -> AbstractContextManager[Any]:
-        if scheduler in ("threads", "sync"):
-            return _Local(self, workers if scheduler == "threads" else None)
-        # Imported here: it is slow, and few runs need it.
-        from sweeps.compute.cluster import cluster
-
-        return cluster(scheduler, workers, self.plan.task, tuple(self.plan.sweep.code), self.writer)
 
     def _loop(self, due: NDArray[np.bool_], executor: Any, window: int) -> None:
         """Submit batches as long as there are points, and collect their results."""
@@ -276,9 +260,9 @@ class _Run:
             free = window * executor.workers - len(self._submitted)
             # A message to a cluster costs what a batch does, so half of the window is submitted at once.
             if window == 1 or 2 * free >= window * executor.workers:
-                for _ in range(free):
-                    if queue.left:
-                        self._submit(executor, queue.take(self.sizes.next(queue.left, executor.workers)))
+                while free > 0 and queue.left:
+                    self._submit(executor, queue.take(self.sizes.next(queue.left, executor.workers)))
+                    free -= 1
             self._collect(executor, queue.left)
         if self._submitted:
             executor.halt()
@@ -288,7 +272,7 @@ class _Run:
     def _submit(self, executor: Any, points: NDArray[np.intp]) -> None:
         name = "" if self.writer is None else self.writer.next_name()
         ends = self.plan.manifest.grid.points(points[[0, -1]])
-        spans = [f"{n} = {_span(v[0].item(), v[1].item())}" for n, v in ends.items()]
+        spans = [f"{axis} = {_span(*values.tolist())}" for axis, values in ends.items()]
         self.monitor.begin(int(points[0]), ", ".join(spans))
         future = executor.submit(name, points)
         self._submitted[future] = name, points
@@ -296,62 +280,58 @@ class _Run:
 
     def _collect(self, executor: Any, left: int) -> None:
         """Take the result of a finished batch; wait a moment if there is none."""
-        try:
+        future, self._waiting = None, True
+        with suppress(Empty):
             future = self._done.get(timeout=TICK)
-        except Empty:
+        self._waiting = False
+        if self.interrupts > 1:
+            raise KeyboardInterrupt
+        if future is None:
             executor.check()
             return
         name, points = self._submitted.pop(future)
-        summary: BatchSummary | None = None
         try:
-            summary = executor.result(future)
+            summary: BatchSummary | None = executor.result(future)
         except CancelledError:
-            pass  # it was not begun
+            summary = None
         except WorkerDied:
             summary = self._died(points)
-        if summary is None:
+        if summary is None:  # it was not begun, or is computed again
             self.monitor.end(int(points[0]))
             return
-        if points is self._first and left and summary.common_error:
+        if points is self._first and left and summary.alike:
             # Nothing is stored of it, so that the next run tries these points again.
             self.common_error = summary.first_failure
             if self.store is not None:
                 (self.store.parts / name).unlink(missing_ok=True)
-            self.monitor.end(int(points[0]), summary.rows, summary.failed)
-            return
-        self.sizes.finished(summary.rows, summary.seconds)
-        self.failure = self.failure or summary.first_failure
-        self.write(name, points, summary)
-        if self.store is not None:
-            self.sources.append(PartSource(self.store.parts / name))
-        elif summary.result is not None:
-            self.sources.append(ResultSource(points, summary.result))
+        else:
+            self.sizes.finished(summary.rows, summary.seconds)
+            self.failure = self.failure or summary.first_failure
+            self.write(name, points, summary)
+            if self.store is not None:
+                self.sources.append(PartSource(self.store.parts / name))
+            elif summary.result is not None:
+                self.sources.append(ResultSource(points, summary.result))
         self.monitor.end(int(points[0]), summary.rows, summary.failed)
 
     def write(self, name: str, points: NDArray[np.intp], summary: BatchSummary) -> BatchSummary:
         """Write the part of a batch; return the summary without the result."""
         if self.writer is None or self.store is None or summary.result is None:
             return summary
-        try:
+        with self._writing(self.store):
             self.writer.write(name, points, summary.result)
-        except (OSError, RuntimeError) as problem:
-            kept = self.plan.cached + len(self.store.part_names())
-            raise StoreError(_unwritten(self.store, problem, kept)) from problem
         return summary._replace(result=None)
 
     def _died(self, points: NDArray[np.intp]) -> BatchSummary | None:
         """Queue the halves of a batch whose worker died; a single point of which one died alone has failed."""
-        alone = len(points) == 1 and not self._submitted
-        if not alone:
-            self._suspects += np.array_split(points, 2) if len(points) > 1 else [points]
-            return None
-        problem = RuntimeError("the process that computed this point died")
-        task = self.plan.task
-        return task.summary(points, task.failed(task.grid.points(points), problem), 0.0)
+        if len(points) == 1 and not self._submitted:
+            return self.plan.task.failed(points, RuntimeError("the process that computed this point died"))
+        self._suspects += np.array_split(points, min(2, len(points)))
+        return None
 
     def _stopped(self) -> bool:
         """Whether no more batches begin."""
-        return self.interrupted or bool(self.common_error) or bool(self.fail_fast and self.failure)
+        return bool(self.interrupts or self.common_error or (self.fail_fast and self.failure))
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
@@ -362,9 +342,10 @@ class _Run:
             return
 
         def interrupt(number: int, frame: Any) -> None:
-            if self.interrupted:
+            self.interrupts += 1
+            # While the run waits, the loop raises: a destructor that runs meanwhile would lose the exception.
+            if self.interrupts > 1 and not self._waiting:
                 raise KeyboardInterrupt
-            self.interrupted = True
             self.monitor.stop()
 
         signal.signal(signal.SIGINT, interrupt)

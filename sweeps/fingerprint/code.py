@@ -157,7 +157,7 @@ class _Reach:
             return
         if _is_installed(root):
             self.libraries.add(root)
-        elif root not in {each.partition(".")[0] for each in self.packages}:
+        elif root not in {_root(each) for each in self.packages}:
             self._add(root)
 
     def _take(self, module: str, name: str, attribute: str = "") -> None:
@@ -184,8 +184,8 @@ class _Reach:
         """Follow an imported name, or the attribute that is used of an imported module."""
         if name == ".":
             self._take(module, "*")
-        elif module.partition(".")[0] not in self._own:
-            self._count(module.partition(".")[0])
+        elif _root(module) not in self._own:
+            self._count(_root(module))
         elif name and _file(f"{module}.{name}") is not None:
             self._take(f"{module}.{name}", attribute or "*")
         else:
@@ -222,17 +222,17 @@ class _Reach:
             self._function(inner)
         elif isinstance(function, (FunctionType, type)):
             self._definition(function, home, name)
-        elif not inspect.isbuiltin(function):
+        elif not (_root(_home(kind)) in sys.stdlib_module_names or _is_installed(_root(_home(kind)))):
             self._function(kind)
             for key, value in sorted(getattr(function, "__dict__", {}).items()):
                 self._value(home, f"the {name} that is called has {key}", value)
 
     def _definition(self, function: FunctionType | type, home: str, name: str) -> None:
-        root = home.partition(".")[0]
+        root = _root(home)
         if id(function) in self._seen or root in sys.stdlib_module_names:
             return
         self._seen.add(id(function))
-        if root in {each.partition(".")[0] for each in self.packages}:
+        if root in {_root(each) for each in self.packages}:
             return
         if _is_installed(root):
             self.versions |= {root} if isinstance(function, FunctionType) else set()
@@ -254,7 +254,7 @@ class _Reach:
                 for key in sorted(used):
                     value = function.__globals__[key]
                     if isinstance(value, ModuleType):
-                        self._count(value.__name__.partition(".")[0])
+                        self._count(_root(value.__name__))
                     else:
                         self._value(home, f"function {name} uses {key}", value)
             self.functions.append((home, code))
@@ -268,7 +268,7 @@ class _Reach:
                 ):
                     self._value(home, f"class {name} has {key}", value)
         if not (nested and isinstance(function, FunctionType)):
-            self._take(home, name.partition(".")[0])
+            self._take(home, _root(name))
         elif _file(home) is not None:
             for each in _parsed(home).statements:
                 if each.first <= function.__code__.co_firstlineno <= each.last:
@@ -303,7 +303,7 @@ class _Parsed:
         for node in every:
             _strip(node)
         aliases = [each for node in every if isinstance(node, IMPORTS) for each in _aliases(node, package)]
-        self.imports = {module.partition(".")[0] for _, module, _ in aliases}
+        self.imports = {_root(module) for _, module, _ in aliases}
         self._nodes = list[ast.stmt]()
         for each in tree.body:
             if not (isinstance(each, ast.If) and ast.unparse(each.test) == "__name__ == '__main__'"):
@@ -379,7 +379,7 @@ def _effects(node: ast.AST) -> set[str]:
 def _aliases(node: Any, package: str) -> Iterator[tuple[str, str, str]]:
     for each in node.names:
         if isinstance(node, ast.Import):
-            root = each.name.partition(".")[0]
+            root = _root(each.name)
             yield each.asname or root, each.name if each.asname else root, ""
             if root != each.name and not each.asname:
                 yield "", each.name, "."
@@ -491,7 +491,7 @@ def _is_installed(name: str) -> bool:
 
 
 def _version(name: str) -> str:
-    root = name.partition(".")[0]
+    root = _root(name)
     names = packages_distributions().get(root)
     return version(names[0]) if names else "unknown"
 
@@ -506,6 +506,11 @@ def _parsed(name: str) -> _Parsed:
 
 # By content, since modification times are too coarse.
 _parsed_content = cache(_Parsed)
+
+
+def _root(dotted: str) -> str:
+    """The name before the first dot."""
+    return dotted.partition(".")[0]
 
 
 def _digest(content: bytes) -> str:
@@ -523,7 +528,7 @@ def plain(value: Any, classes: set[Any] | None = None) -> Any:
     if classes is not None and callable(value):
         classes.add(value)
         return getattr(value, "__qualname__", type(value).__qualname__)
-    if classes is not None and type(value).__module__.partition(".")[0] not in ("builtins", "numpy", "pandas"):
+    if classes is not None and _root(type(value).__module__) not in ("builtins", "numpy", "pandas"):
         classes.add(type(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}

@@ -12,26 +12,24 @@ from typing import Any
 
 from sweeps.declaration import Declaration
 from sweeps.fingerprint.code import digests, libraries, plain
-from sweeps.grid import Axis, Grid
+from sweeps.grid import Grid
 
 # Longer axes are summarised in the configuration.
 LISTED = 20
 ABSENT = object()
+# Properties of a variable by which results are compared.
+COMPARED = ("dtype", "dims", "digits", "scale", "units")
 
 
 def configuration(sweep: Declaration, grid: Grid) -> str:
-    """Name, axes, constants and request of a sweep as one line of JSON; long axes by their ends and length.
-
-    The axes are those of the file's grid, whose values are coordinates in the same file.
-    """
-    axes = {name: _summary(axis) for name, axis in grid.axes.items()}
+    """Name, axes of the file's grid, constants and request as one line of JSON; long axes by ends and length."""
+    axes: dict[str, Any] = {}
+    for name, axis in grid.axes.items():
+        values = axis.values.tolist()
+        ends = {"first": values[0], "last": values[-1], "count": len(values)}
+        axes[name] = values if len(values) <= LISTED else ends
     request = {"request": plain(sweep.request)} if sweep.request else {}
     return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)} | request)
-
-
-def _summary(axis: Axis) -> Any:
-    values = axis.values.tolist()
-    return values if len(values) <= LISTED else {"first": values[0], "last": values[-1], "count": len(values)}
 
 
 def functions_of(sweep: Declaration) -> list[Callable[..., Any]]:
@@ -48,49 +46,29 @@ def libraries_of(sweep: Declaration) -> list[str]:
 
 
 def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
-    """Everything by which results are compared, as JSON represents it.
-
-    Parameters
-    ----------
-    sweep : Declaration
-    engine : tuple of callable
-        Functions of this package that change a value.
-
-    Raises
-    ------
-    InputError
-        If the function depends on a value that cannot be compared, or the declared code does not exist.
-    """
+    """Everything by which results are compared, as JSON; `engine` are functions here that change values."""
     # In the order in which differences are reported.
     parts = {
         "constants": plain(sweep.constants),
-        "axes": {
-            name: {"units": axis.units, "text": axis.values.dtype.kind == "U"}
-            for name, axis in sweep.grid.axes.items()
-        },
+        "axes": {k: {"units": a.units, "text": a.values.dtype.kind == "U"} for k, a in sweep.grid.axes.items()},
         "groups": sweep.grid.groups,
-        "variables": {
-            name: {"dtype": v.dtype, "dims": v.dims, "digits": v.digits, "scale": v.scale, "units": v.units}
-            for name, v in sweep.stored.items()
-        },
+        "variables": {k: {what: getattr(v, what) for what in COMPARED} for k, v in sweep.stored.items()},
         "coords": {
-            name: f"{len(axis)} values {_digest(axis.values.dtype.str.encode() + axis.values.tobytes())}"
-            for name, axis in sweep.coords.items()
+            k: f"{len(a)} values {_digest(a.values.dtype.str.encode(), a.values.tobytes())}"
+            for k, a in sweep.coords.items()
         },
         "name": sweep.name,
         "code": digests([*functions_of(sweep), *engine], sweep.code),
     }
     parts |= {"sample": plain(sweep.grid.sampling)} if sweep.grid.sampling else {}
-    loaded: dict[str, Any] = json.loads(json.dumps(parts))
-    return loaded
+    return dict(json.loads(json.dumps(parts)))
 
 
 def metadata_digest(sweep: Declaration) -> str:
     """Digest of everything else in the file: names, titles, and the code that derives variables or skips."""
-    groups = (sweep.grid.axes, sweep.coords, sweep.variables)
     shown = {
         "title": sweep.title,
-        "names": {name: each.long_name for group in groups for name, each in group.items()},
+        "names": {k: v.long_name for k, v in {**sweep.grid.axes, **sweep.coords, **sweep.variables}.items()},
         "units": {name: axis.units for name, axis in sweep.coords.items()},
         "flags": {name: list(v.flags.items()) for name, v in sweep.variables.items() if v.flags},
         "code": [{} if f is None else digests([f]) for f in (sweep.derive, sweep.grid.skip)],
@@ -133,5 +111,5 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _digest(content: bytes) -> str:
-    return blake2b(content, digest_size=8).hexdigest()
+def _digest(*content: bytes) -> str:
+    return blake2b(b"".join(content), digest_size=8).hexdigest()

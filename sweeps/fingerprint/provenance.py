@@ -35,13 +35,11 @@ def environment(libraries: Iterable[str] = ()) -> dict[str, str]:
 
 
 def mixed(environments: Sequence[Environment]) -> str:
-    """Describe how other environments differ from the first, in one line; "" if none does.
-
-    A library that only one of them names is no difference: the code may have begun to import it.
-    """
+    """Describe how other environments differ from the first, in one line; "" if none does."""
     first, *others = environments or [{}]
     lines = []
     for other in others:
+        # A library that only one of them names is no difference: the code may have begun to import it.
         names = sorted(name for name in {*first} & {*other} if first[name] != other[name])
         lines.append(", ".join(f"{name} {first[name]} -> {other[name]}" for name in names))
     return "; ".join(filter(None, dict.fromkeys(lines)))
@@ -54,12 +52,11 @@ def listed(environments: Sequence[Environment]) -> str:
 
 @cache
 def _version(name: str) -> str:
-    with suppress(PackageNotFoundError):
+    try:
         return version(name)
-    # The import name differs from the distribution's.
-    with suppress(PackageNotFoundError, KeyError, IndexError):
-        return version(packages_distributions()[name][0])
-    return ""
+    except PackageNotFoundError:  # the distribution may have another name
+        found = packages_distributions().get(name)
+        return version(found[0]) if found else ""
 
 
 @cache
@@ -87,15 +84,15 @@ def _processor() -> str:
 
 @cache
 def source(package: str) -> str:
-    """Distribution, version and commit of a package, "unknown" where neither git nor the version gives it.
-
-    Of a module that belongs to no distribution, like a script, its name.
-    """
+    """Distribution, version and commit of a package; of a module without a distribution its name."""
     names = packages_distributions().get(package)
     if not names:
         return package
     number, _, local = _version(names[0]).partition("+")
-    return f"{names[0]} {number} (commit {_checkout(package) or _built_from(local) or 'unknown'})"
+    # As setuptools-scm writes it: g1a2b3c4 or g1a2b3c4.d20261120.
+    commit, _, date = local.partition(".")
+    built_from = commit[1:] + ("-dirty" if date else "") if commit.startswith("g") else ""
+    return f"{names[0]} {number} (commit {_checkout(package) or built_from or 'unknown'})"
 
 
 def _checkout(package: str) -> str:
@@ -112,9 +109,3 @@ def _checkout(package: str) -> str:
         return commit + ("-dirty" if git(["git", "status", "--porcelain", "--", "*.py"]) else "")
     except (OSError, subprocess.SubprocessError):
         return ""
-
-
-def _built_from(local: str) -> str:
-    """The commit in a version's local part, as setuptools-scm writes it: g1a2b3c4 or g1a2b3c4.d20261120."""
-    commit, _, date = local.partition(".")
-    return commit[1:] + ("-dirty" if date else "") if commit.startswith("g") else ""

@@ -31,15 +31,7 @@ PLACES = 3
 
 
 class BatchSizes:
-    """Chooses the size of each batch from the time of finished ones.
-
-    Parameters
-    ----------
-    row_bytes : float
-        Memory of the results of a point.
-    multiple : int
-        Number of points that the function computes at little more than the cost of one.
-    """
+    """Chooses the size of each batch from the time of finished ones and the memory that a point's results take."""
 
     def __init__(self, row_bytes: float = 0.0, multiple: int = 1) -> None:
         self._room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
@@ -64,19 +56,7 @@ class BatchSizes:
 
 
 class Queue:
-    """The points to compute, in the grid's order or sorted by axes whose change is costly.
-
-    Parameters
-    ----------
-    grid : Grid
-    due : ndarray of bool, (points,)
-    order_by : sequence of str
-
-    Attributes
-    ----------
-    left : int
-        Number of points that have not been taken.
-    """
+    """The points to compute, of which `left` are not taken: in the grid's order, or sorted by `order_by`."""
 
     def __init__(self, grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str] = ()) -> None:
         self._due = due.copy()

@@ -18,18 +18,7 @@ def representatives(
 ) -> NDArray[Any] | None:
     """The point whose computation serves each point; -1 where it is skipped. None: each is its own.
 
-    Parameters
-    ----------
-    sweep : Declaration
-    grid : Grid
-        The file's.
-    requested, others : ndarray of bool, (points,)
-        Of equal points the first requested one represents all, or the first of the others if none is requested.
-
-    Raises
-    ------
-    InputError
-        If the sweep's key returns values that cannot be compared.
+    Of equal points the first requested one represents all, or the first of the others if none is requested.
     """
     kind = np.int32 if grid.size < 2**31 else np.int64
     if sweep.key is None:
@@ -45,13 +34,7 @@ def representatives(
 
 
 def factors(sweep: Declaration, grid: Grid, mask: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
-    """Factors of variables at each point; where `mask` is False they are for earlier results, and not checked.
-
-    Raises
-    ------
-    InputError
-        If the sweep's scale returns anything but one number for each point.
-    """
+    """Factors of variables at each point; where `mask` is False they are for earlier results, and not checked."""
     every: dict[str, NDArray[np.float64]] = {}
     if sweep.scale is None:
         return every
@@ -60,8 +43,7 @@ def factors(sweep: Declaration, grid: Grid, mask: NDArray[np.bool_]) -> dict[str
         returned = sweep.scale(points)
         if not isinstance(returned, Mapping):
             raise InputError(f"{who} {type(returned).__name__}; it must be a dict of factors")
-        missing = {v.scale for v in sweep.variables.values() if v.scale} - set(returned)
-        if missing:
+        if missing := {v.scale for v in sweep.variables.values() if v.scale} - set(returned):
             raise InputError(f"{who} no {', '.join(sorted(missing))}")
         for name, each in returned.items():
             values = np.asarray(each)

@@ -23,7 +23,7 @@ from sweeps.declaration import Declaration, Refinement
 from sweeps.errors import DamagedError, InputError, StoreError
 from sweeps.fingerprint.code import check_loaded
 from sweeps.fingerprint.identity import configuration, fingerprint, functions_of, libraries_of, metadata_digest
-from sweeps.fingerprint.provenance import environment, mixed, source
+from sweeps.fingerprint.provenance import Environment, environment, mixed, source
 from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Alignment, check_size
 from sweeps.plan.keys import factors, representatives
 from sweeps.refine.refine import requested_points
@@ -34,13 +34,13 @@ from sweeps.storage.parts import Manifest
 from sweeps.storage.store import Store, signature
 from sweeps.task import Task
 
+Flags = NDArray[np.bool_]
 # The functions of the engine that change a value belong to the fingerprint.
 ENGINE = (rounded, scaled)
 # Bytes of a point besides its results: status, error, computing time.
 ROW_BYTES = 16
 # The share of a rounded float that compression leaves.
 COMPRESSED = 0.6
-STRICT = "choose another folder, start over with fresh, or leave strict out"
 # `Plan.timed` computes batches of these sizes at these places of the work, until so many s have passed.
 SIZES, PLACES = (1, 1, 8, 8, 8, 8, 8, 8), (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 SECONDS = 0.15
@@ -50,13 +50,12 @@ SECONDS = 0.15
 class PlanData:
     """The fields of a `sweeps.Plan`, which documents the public ones; of a refined sweep those of its next pass.
 
-    Flags are of the points of the file: `due` at each point that is to be computed, for all its copies;
-    `requested` at the sweep's own points that are not skipped. `alignment` has the positions of these in the file.
-    `sources` are the stored results and `environments` theirs; `version` is the state of the store. `whole` says
-    whether the file is complete already.
+    Flags are of the file's points: `due` where one is computed, for all its copies; `requested` at the sweep's own
+    that are not skipped, whose positions `alignment` has. `sources` and `environments` are those of the stored
+    results, `version` is the state of the store, and `whole` says whether the file is complete already.
     """
 
-    due: NDArray[np.bool_]
+    due: Flags
     requested_count: int
     distinct: int
     cached: int
@@ -73,7 +72,7 @@ class PlanData:
     manifest: Manifest
     task: Task
     alignment: Alignment
-    requested: NDArray[np.bool_]
+    requested: Flags
     sources: tuple[Source, ...]
     version: tuple[Any, ...]
     covers: tuple[str, ...]
@@ -91,16 +90,14 @@ class PlanData:
         time = "unknown: there is no earlier run" if math.isnan(self.seconds) else duration(self.seconds)
         shape = " x ".join(f"{d} {n}" for d, n in zip(self.sweep.grid.dims, self.sweep.grid.shape, strict=True))
         chosen = f"to {self.requested_count} points ({100.0 * self.requested_count / self.points:.3g} %)"
+        chosen += " so far; their results may request more" * (self.todo > 0)
         others = mixed([*self.environments, environment(self.task.libraries)])
         rows = [
             ("sweep", self.sweep.name),
             ("grid", shape),
             ("points", f"{self.points}"),
             ("skipped", f"{self.skipped}"),
-            (
-                "refined",
-                self.sweep.refinement and chosen + " so far; their results may request more" * (self.todo > 0),
-            ),
+            ("refined", self.sweep.refinement and chosen),
             ("distinct", f"{self.distinct}"),
             ("cached", f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else "")),
             ("to do", f"{self.todo}"),
@@ -141,13 +138,12 @@ def make_plan(
 ) -> dict[str, Any]:
     """The fields of the plan of a sweep; see `sweeps.Sweep.plan`."""
     if store is None:
-        return _make_plan(sweep, None, (), fresh, retry_failed, strict)
+        return _make_plan(sweep, None, fresh, retry_failed, strict)
     place = Store(store)
     place.check_place(sweep.name)
-    # Before anything is read: a later change makes the plan outdated.
-    version, before = place.version(), (signature(place.file), signature(place.manifest))
+    before = signature(place.file), signature(place.manifest)
     try:
-        return _make_plan(sweep, place, version, fresh, retry_failed, strict)
+        return _make_plan(sweep, place, fresh, retry_failed, strict)
     except StoreError:
         # A file that is replaced while it is read seems damaged.
         if (signature(place.file), signature(place.manifest)) != before:
@@ -156,18 +152,13 @@ def make_plan(
 
 
 def _make_plan(
-    sweep: Declaration,
-    place: Store | None,
-    version: tuple[Any, ...],
-    fresh: bool,
-    retry_failed: bool,
-    strict: bool,
+    sweep: Declaration, place: Store | None, fresh: bool, retry_failed: bool, strict: bool
 ) -> dict[str, Any]:
+    # Before anything is read: a later change makes the plan outdated.
+    version = () if place is None else place.version()
     check_size(sweep.grid)
-    attributes: dict[str, str] = {"source": source(_package(sweep))}
-    present = Existing(sweep.grid, [], {})
-    own: dict[str, Any] = {"code": {}}
-    libraries: tuple[str, ...] = ()
+    attributes = {"source": source(_package(sweep))}
+    present, own, libraries = Existing(sweep.grid, [], {}), dict[str, Any](code={}), tuple[str, ...]()
     # Without a store nothing is compared, so the function may carry anything.
     with suppress(*([InputError] if place is None else [])):
         libraries = tuple(libraries_of(sweep))
@@ -201,43 +192,45 @@ def _make_plan(
         attributes,
         fresh,
     )
-    if present.manifest is not None:
-        manifest = _continued(present.manifest, manifest)
-    selection = select(sweep, manifest, alignment, requested, present.sources, retry_failed)
-    if strict and (other := mixed([*selection["environments"], environment(libraries)])):
-        raise InputError(f"{mixed_line(place, sweep, other)}; {STRICT}")
-    whole = (
-        bool(present.sources)
-        and present.manifest is None
-        and not selection["todo"]
-        and grid.size == present.grid.size
-        and present.attributes.get("metadata_digest") == attributes["metadata_digest"]
-    )
+    if (before := present.manifest) is not None:
+        known = grid.align(before.grid).identical
+        token, earlier = (before.token, {}) if known else (manifest.token, {before.token: before.grid})
+        # A run that started over and was interrupted starts over still.
+        manifest = replace(manifest, fresh=before.fresh, token=token, earlier={**before.earlier, **earlier})
+    selection = select(sweep, manifest, requested, present.sources, retry_failed)
+    mixture(place, sweep, [*selection["environments"], environment(libraries)], strict)
+    finished = bool(present.sources) and present.manifest is None and not selection["todo"]
+    same = present.attributes.get("metadata_digest") == attributes.get("metadata_digest")
     shapes = {name: tuple(len(sweep.coords[dim]) for dim in each.dims) for name, each in sweep.variables.items()}
     what = sweep.name, sweep.function, sweep.constants, sweep.variables
-    task = Task(*what, shapes, manifest.grid, sweep.rerun, libraries)
+    shrunk = {name: 1.0 if each.digits is None else COMPRESSED for name, each in sweep.stored.items()}
     return selection | {
         "sweep": sweep,
         "store": None if place is None else place.file,
         "points": sweep.grid.size,
         "skipped": sweep.grid.size - int(np.count_nonzero(requested)),
-        "bytes": _bytes(manifest),
+        "bytes": int(grid.size * (ROW_BYTES + sum(manifest.row_bytes(name) * shrunk[name] for name in shrunk))),
         "manifest": manifest,
-        "task": task,
+        "task": Task(*what, shapes, manifest.grid, sweep.rerun, libraries),
         "alignment": alignment,
         "requested": requested,
         "sources": tuple(present.sources),
         "version": version,
         "covers": tuple(own["code"]),
-        "whole": whole,
+        "whole": finished and same and grid.size == present.grid.size,
         "strict": strict,
     }
 
 
-def mixed_line(place: Store | None, sweep: Declaration, differences: str) -> str:
-    """Report that the results of a sweep are of several environments."""
+def mixture(place: Store | None, sweep: Declaration, environments: Sequence[Environment], strict: bool) -> str:
+    """Report that the results of a sweep are of several environments, "" if not; `strict` refuses it."""
+    if not (different := mixed(environments)):
+        return ""
     where = sweep.name if place is None else place.file
-    return f"{where}: not all points are computed in one environment: {differences}"
+    line = f"{where}: not all points are computed in one environment: {different}"
+    if strict:
+        raise InputError(f"{line}; choose another folder, start over with fresh, or leave strict out")
+    return line
 
 
 def _package(sweep: Declaration) -> str:
@@ -250,38 +243,17 @@ def _package(sweep: Declaration) -> str:
     return Path(main).stem if main else name
 
 
-def _continued(before: Manifest, manifest: Manifest) -> Manifest:
-    """The manifest of a run that resumes an unfinished one and its parts."""
-    # A run that started over and was interrupted starts over still.
-    if manifest.grid.align(before.grid).identical:
-        return replace(manifest, fresh=before.fresh, token=before.token, earlier=before.earlier)
-    return replace(manifest, fresh=before.fresh, earlier={**before.earlier, before.token: before.grid})
-
-
-def _bytes(manifest: Manifest) -> int:
-    """Expected size of the file."""
-    point = float(ROW_BYTES)
-    for name, variable in manifest.variables.items():
-        point += manifest.row_bytes(name) * (COMPRESSED if variable.digits is not None else 1.0)
-    return int(manifest.grid.size * point)
-
-
 def select(
-    sweep: Declaration,
-    manifest: Manifest,
-    alignment: Alignment,
-    requested: NDArray[np.bool_],
-    sources: Sequence[Source],
-    retry_failed: bool = False,
+    sweep: Declaration, manifest: Manifest, requested: Flags, sources: Sequence[Source], retry_failed: bool = False
 ) -> dict[str, Any]:
     """The first fields of a plan: the computations to do, given the stored results."""
     table, chosen = Table(manifest, sources), requested
     if sweep.refinement is not None:
         try:
-            chosen = requested & _refined(sweep, sweep.refinement, table, alignment)
+            chosen = requested & _refined(sweep, sweep.refinement, table)
         except DamagedError as problem:
             left = [source for source in table.used() if source.name != problem.part]
-            fields = select(sweep, manifest, alignment, requested, left, retry_failed)
+            fields = select(sweep, manifest, requested, left, retry_failed)
             return fields | {"damaged": (*table.damaged, problem.part, *fields["damaged"])}
     status = table.status
     again = (status == PENDING) | (retry_failed & (status == FAILED))
@@ -301,7 +273,7 @@ def select(
     }
 
 
-def _refined(sweep: Declaration, refinement: Refinement, table: Table, alignment: Alignment) -> NDArray[np.bool_]:
+def _refined(sweep: Declaration, refinement: Refinement, table: Table) -> Flags:
     """The points of the file that a refined sweep requests, by the results so far."""
     manifest = table.manifest
     name, shape = refinement.variable, manifest.grid.shape
@@ -315,18 +287,15 @@ def _refined(sweep: Declaration, refinement: Refinement, table: Table, alignment
         values[values == manifest.variables[name].missing] = np.nan
     known = np.isin(table.status, (DONE, FAILED, SKIPPED))
     copies = None if sweep.key is None else manifest.representative
-
-    def lattice(array: NDArray[Any]) -> NDArray[Any]:
-        return array.reshape(shape)[alignment.index]
-
-    chosen = np.zeros(shape, dtype=bool)
-    chosen[alignment.index] = requested_points(
-        refinement, lattice(values), lattice(known), None if copies is None else lattice(copies)
+    own = manifest.grid.align(sweep.grid).index
+    values, known, chosen = values.reshape(shape)[own], known.reshape(shape)[own], np.zeros(shape, dtype=bool)
+    chosen[own] = requested_points(
+        refinement, values, known, copies if copies is None else copies.reshape(shape)[own]
     )
     return chosen.ravel()
 
 
-def _computations(manifest: Manifest, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _computations(manifest: Manifest, flags: Flags) -> Flags:
     """Flags of the representatives of flagged points."""
     if manifest.representative is None:
         return flags
@@ -340,8 +309,7 @@ def timed(plan: PlanData) -> float:
 
     The results are thrown away. The first batch pays for compilation and caches; it counts only if it is all.
     """
-    seconds, spent = math.nan if plan.todo else 0.0, 0.0
-    due = np.flatnonzero(plan.due)
+    seconds, spent, due = math.nan if plan.todo else 0.0, 0.0, np.flatnonzero(plan.due)
     # Spread over the work, since costs may differ from end to end.
     for number, (count, place) in enumerate(zip(SIZES, PLACES, strict=True)):
         points = due[int(place * plan.todo) :][: count * plan.sweep.batch_multiple]

@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.errors import UNREADABLE, DamagedError, StoreError, message
+from sweeps.errors import FRESH, UNREADABLE, DamagedError, StoreError, message
 from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, blocks, flag_attributes
 from sweeps.storage.parts import Coverage, Failure, Manifest, PartSource, ResultSource
 
@@ -46,11 +46,7 @@ class FileSource:
     path: Path
     grid: Grid
     environments: list[dict[str, str]]
-
-    @property
-    def name(self) -> str:
-        """The file."""
-        return str(self.path)
+    name = "file"
 
     @cached_property
     def data(self) -> xr.Dataset:
@@ -72,8 +68,7 @@ class FileSource:
         try:
             values = self.data[name].variable[box].values
         except UNREADABLE as problem:
-            text = f"{self.path} is damaged ({message(problem)}); move it away, or start over with fresh (--fresh)"
-            raise StoreError(text) from None
+            raise StoreError(f"{self.path} is damaged ({message(problem)}); move it away, or {FRESH}") from None
         return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
     def failures(self) -> Mapping[int, Failure]:
@@ -95,19 +90,9 @@ Source = PartSource | ResultSource | FileSource
 class Table:
     """The row of a source for each point: of several sources the last one that did not fail.
 
-    Attributes
-    ----------
-    status : ndarray of int8, (points,)
-    source, row : ndarray of int32, (points,)
-        -1 where there is no result.
-    is_copy : ndarray of bool, (points,)
-        Whether the result was computed at another point.
-    seconds, computations : float, int
-        Computing time of all sources, and number of their computations.
-    damaged : list of str
-        Names of damaged parts, which are left out.
-    environments : list of dict
-        In which the sources were computed.
+    `status`, `source`, `row` (-1 where there is none) and `is_copy`, whether the result was computed at another
+    point, have an entry for each point; `seconds` and `computations` are those of all sources. `damaged` are the
+    names of parts that are left out, `environments` those in which the others were computed.
     """
 
     def __init__(self, manifest: Manifest, sources: Sequence[Source]) -> None:
@@ -157,13 +142,7 @@ class Table:
         return [each for each in self.sources if each.name not in self.damaged]
 
     def values(self, name: str, points: slice) -> NDArray[Any]:
-        """Values of a variable, or `wall_time`, at a range of points.
-
-        Raises
-        ------
-        DamagedError, StoreError
-            If a source is damaged.
-        """
+        """Values of a variable, or `wall_time`, at a range of points."""
         variable, row = self.manifest.variable(name), self.row[points]
         values = np.full((len(row), *self.manifest.shape(name)), variable.missing, variable.dtype)
         index = np.arange(len(self.status))[points]
@@ -186,10 +165,10 @@ class Table:
         """Each source with the places at which it occurs."""
         order = np.argsort(source, kind="stable")
         numbers, begins = np.unique(source[order], return_index=True)
-        ends = np.append(begins, len(order))[1:]
-        for number, begin, end in zip(numbers.tolist(), begins, ends, strict=True):
+        # Of nothing, `split` makes one piece.
+        for number, places in zip(numbers.tolist(), np.split(order, begins[1:]), strict=False):
             if number >= 0:
-                yield number, order[begin:end]
+                yield number, places
 
     def reasons(self) -> dict[int, Failure]:
         """Why points failed, by point."""
@@ -235,22 +214,8 @@ def scaled(values: NDArray[Any], factor: NDArray[np.float64], digits: int | None
 
 
 def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
-    """The dataset of a manifest, with CF attributes and the status of each point.
-
-    Parameters
-    ----------
-    table : Table
-    lazy : bool
-        Whether large variables are Dask arrays, which read the sources when they are computed.
-
-    Raises
-    ------
-    DamagedError, StoreError
-        If a source is damaged.
-    """
+    """The dataset of a manifest, with CF attributes; if `lazy`, large variables are Dask arrays over its parts."""
     manifest, grid = table.manifest, table.manifest.grid
-    axes = [((grid.dim_of(name),), name, axis) for name, axis in grid.axes.items()]
-    axes += [((name,), name, axis) for name, axis in manifest.coords.items()]
     reasons = table.reasons()
     arrays: dict[str, Any] = {"status": table.status.reshape(grid.shape), "error": _errors(grid, reasons)}
     for name in (*manifest.variables, "wall_time"):
@@ -264,7 +229,9 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
         data[name] = ((*grid.dims, *variable.dims), arrays[name], attributes(variable, name), encoding)
     data["error"][2]["_Encoding"] = "utf-8"
     data |= _failure_table(table, reasons)
-    coords = {name: (dims, axis.values, attributes(axis, name)) for dims, name, axis in axes}
+    dims = {name: grid.dim_of(name) for name in grid.axes}
+    axes = {**grid.axes, **manifest.coords}
+    coords = {name: (dims.get(name, name), axis.values, attributes(axis, name)) for name, axis in axes.items()}
     return xr.Dataset(data, coords, {"environments": json.dumps(table.environments or [{}])})
 
 
@@ -335,13 +302,12 @@ def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
     found: dict[str, Any] = {"units": described.units, "long_name": described.long_name or name}
     if isinstance(described, Axis):
         if described.values.dtype.kind == "U":
-            del found["units"]  # strings have none
+            found["units"] = ""  # strings have none
     elif described.digits is not None:
         found["comment"] = f"kept to {described.digits} significant digits"
     elif described.flags is not None:
-        del found["units"]
-        found |= flag_attributes(described.flags, described.dtype)
-    return {name: value for name, value in found.items() if not (isinstance(value, str) and not value)}
+        found |= {"units": ""} | flag_attributes(described.flags, described.dtype)
+    return {name: value for name, value in found.items() if not isinstance(value, str) or value}
 
 
 def declared(data: xr.Dataset) -> xr.Dataset:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import xarray as xr
 
-from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
+from sweeps.errors import ANEW, MOVE, UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid
 from sweeps.storage.assemble import FileSource, Source, Table, assemble, declared, open_netcdf
@@ -23,15 +23,10 @@ from sweeps.storage.store import Store, check_regular, signature
 
 # A file up to this size is read at once, so that it can be replaced meanwhile.
 READ_AT_ONCE = 50_000_000
-OTHERWISE = "start over with fresh (--fresh), or choose another folder (--out)"
 
 
 class Existing(NamedTuple):
-    """The results of a store.
-
-    `attributes` has the `configuration`, `fingerprint` and `metadata_digest` of their sweep. `manifest` is that of
-    an unfinished run; None: everything is in the finished file.
-    """
+    """The results of a store, and attributes of their sweep; `manifest` is that of an unfinished run."""
 
     grid: Grid
     sources: list[Source]
@@ -40,33 +35,18 @@ class Existing(NamedTuple):
 
 
 def existing(store: Store, name: str, fingerprint: dict[str, Any]) -> Existing | None:
-    """The results that a sweep resumes; None if there are none.
-
-    Raises
-    ------
-    StoreError
-        If they belong to something else; the message says what differs.
-    """
+    """The results that a sweep resumes; None if there are none. A `StoreError` says what differs."""
     manifest = _unfinished(store, name)
     if manifest is None:
         return _finished(store, name, fingerprint) if store.file.exists() else None
-    try:
-        _check_same(str(store.parts), manifest.attributes, fingerprint)
-    except StoreError as problem:
-        if manifest.fresh and store.file.exists():
-            raise StoreError(f"{problem}; or remove {store.parts} to keep {store.file.name} as it is") from None
-        raise
+    replaces = manifest.fresh and store.file.exists()
+    keep = f"; or remove {store.parts} to keep {store.file.name} as it is" if replaces else ""
+    _check_same(store.parts, manifest.attributes, fingerprint, keep)
     return Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
 
 
 def check_replaceable(store: Store, name: str) -> None:
-    """Refuse to start over where that would destroy the results of anything but the sweep `name`.
-
-    Raises
-    ------
-    StoreError
-        If the file or the parts belong to something else.
-    """
+    """Refuse to start over where that would destroy the results of anything but the sweep `name`."""
     if store.file.exists():
         _attributes(store, name)
     try:
@@ -78,11 +58,8 @@ def check_replaceable(store: Store, name: str) -> None:
 
 
 def sources_of(store: Store, manifest: Manifest, *, strict: bool = False, complete: bool = True) -> list[Source]:
-    """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`.
-
-    Readers of the status alone do not check all of that file (`complete`).
-    """
-    parts = part_sources(store)
+    """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`."""
+    parts: list[Source] = [PartSource(store.parts / name) for name in store.part_names()]
     if not manifest.fresh and store.file.exists():
         try:
             fingerprint = json.loads(manifest.attributes["fingerprint"])
@@ -96,9 +73,8 @@ def sources_of(store: Store, manifest: Manifest, *, strict: bool = False, comple
 def _unfinished(store: Store, name: str) -> Manifest | None:
     manifest = Manifest.load(store)
     if manifest is not None and manifest.name != name:
-        raise StoreError(
-            f"{store.parts} has the results of {manifest.name}; the results of {name} need another folder"
-        )
+        whose = f"has the results of {manifest.name}"
+        raise StoreError(f"{store.parts} {whose}; the results of {name} need another folder")
     return manifest
 
 
@@ -106,8 +82,8 @@ def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, complete:
     """A finished file; readers of its status alone do not check all of it (`complete`)."""
     path = store.file
     attributes = _attributes(store, name, complete=complete)
+    _check_same(path, attributes, fingerprint)
     try:
-        _check_same(str(path), attributes, fingerprint)
         stored = json.loads(attributes["fingerprint"])
         with open_netcdf(path, cache=False) as data:
             axes = {axis: Axis(data[axis].values) for axis in stored["axes"]}
@@ -118,9 +94,7 @@ def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, complete:
             raise InputError("its axes do not fit its points")
         environments = json.loads(attributes["environments"])
     except UNREADABLE as problem:
-        if isinstance(problem, StoreError):
-            raise
-        raise StoreError(f"{path} is damaged: {problem}; move it away or choose another folder") from None
+        raise StoreError(f"{path} is damaged: {problem}; {MOVE}") from None
     return Existing(grid, [FileSource(path, grid, environments)], attributes)
 
 
@@ -138,7 +112,7 @@ def _attributes(store: Store, name: str, *, complete: bool = False) -> dict[str,
     except StoreError:
         raise
     except UNREADABLE:
-        raise StoreError(f"{path} is damaged or not netCDF; move it away or choose another folder") from None
+        raise StoreError(f"{path} is damaged or not netCDF; {MOVE}") from None
     owner = attributes.get("sweep")
     if owner != name:
         whose = f"has the results of {owner}" if owner else "was not made by a sweep"
@@ -146,20 +120,20 @@ def _attributes(store: Store, name: str, *, complete: bool = False) -> dict[str,
     return attributes
 
 
-def _check_same(place: str, attributes: Mapping[str, Any], fingerprint: dict[str, Any]) -> None:
+def _check_same(place: Path, attributes: Mapping[str, Any], fingerprint: dict[str, Any], keep: str = "") -> None:
     try:
         different = differences(json.loads(attributes["fingerprint"]), fingerprint)
     except UNREADABLE:
-        raise StoreError(f"{place} does not say what made it; {OTHERWISE}") from None
+        raise StoreError(f"{place} does not say what made it; {ANEW}{keep}") from None
     if different:
-        raise StoreError(f"{place} has other results: {different}; {OTHERWISE}")
+        raise StoreError(f"{place} has other results: {different}; {ANEW}{keep}")
 
 
 def open_results(path: str | Path) -> xr.Dataset:
     """Open a sweep's netCDF file, or the finished points of a run that goes on or was interrupted.
 
-    A file of moderate size is read into memory, so that it can be replaced meanwhile; of a larger one, large
-    variables are read when they are used. Of an unfinished run these are Dask arrays over its parts.
+    A file of moderate size is read into memory; of a larger one, large variables are read when they are used. Of
+    an unfinished run these are Dask arrays over its parts.
 
     Raises
     ------
@@ -224,22 +198,16 @@ def _read(path: Path) -> xr.Dataset:
     return data
 
 
-def part_sources(store: Store) -> list[Source]:
-    """The parts of a store."""
-    return [PartSource(store.parts / name) for name in store.part_names()]
-
-
 def _opened_parts(store: Store) -> xr.Dataset:
     """The points that are finished so far; the others, and those of damaged parts, are pending."""
     before = signature(store.file)
     manifest = Manifest.load(store)
     if manifest is None:
         raise StoreError(f"{store.file} was finished while its parts were read")
-    table = Table(manifest, sources_of(store, manifest))
-    while True:
+    table, data = Table(manifest, sources_of(store, manifest)), None
+    while data is None:
         try:
             data = described(manifest, assemble(table, lazy=True), None)
-            break
         except DamagedError as problem:
             table = Table(manifest, [each for each in table.used() if each.name != problem.part])
     # A new file may be there while the parts still are, with its points at other places than the old one.

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import dask
-import numpy as np
 import xarray as xr
 
-from sweeps.errors import UNREADABLE, StoreError, reason
+from sweeps.errors import MOVE, UNREADABLE, StoreError, reason
 from sweeps.fingerprint.provenance import listed
 from sweeps.storage.assemble import LARGE, FileSource, Table, assemble, open_netcdf
 from sweeps.storage.parts import BOOKKEEPING, Manifest
@@ -32,19 +31,11 @@ CHUNK_BYTES, MOST_CHUNK_BYTES = 1 << 18, 1 << 22
 
 def described(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
     """Add global attributes and derived variables; the history goes on from `before`."""
-    own = dict(manifest.attributes)
-    source = own.get("source", "")
-    where = listed(json.loads(data.attrs["environments"]))
-    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by "
-    now += "; ".join(filter(None, [source, where, own.pop("remark", "")]))
-    first = {
-        "Conventions": "CF-1.11",
-        "title": manifest.title,
-        "history": f"{before}\n{now}" if before else now,
-        "source": source,
-        "sweep": manifest.name,
-    }
-    data = data.assign_attrs(first | own)
+    own = {"source": "", **manifest.attributes}
+    by = [own["source"], listed(json.loads(data.attrs["environments"])), own.pop("remark", "")]
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by {'; '.join(filter(None, by))}"
+    first = {"Conventions": "CF-1.11", "title": manifest.title, "history": f"{before}\n{now}".lstrip("\n")}
+    data = data.assign_attrs(first | {"source": own["source"], "sweep": manifest.name} | own)
     return data if derive is None else derive(data)
 
 
@@ -55,17 +46,7 @@ def stored_only(manifest: Manifest, data: xr.Dataset) -> xr.Dataset:
 
 
 def write(store: Store, table: Table, derive: Derive | None) -> None:
-    """Write the file of a sweep and replace the previous one.
-
-    Raises
-    ------
-    DamagedError
-        If a part is damaged.
-    StoreError
-        If it cannot be written; the previous file stays as it was.
-    Exception
-        Of `derive`, after everything that was computed is in the file.
-    """
+    """Write the file of a sweep and replace the previous one; an error of `derive` is raised when that is done."""
     manifest, problem = table.manifest, None
     files = [source for source in table.sources if isinstance(source, FileSource)]
     if any(each.path.stat().st_size > CHECKED for each in files):
@@ -100,15 +81,7 @@ def _history(path: Path) -> str:
 
 
 def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int]:
-    """Lengths of a variable's chunks: a reader of one point reads few others.
-
-    Parameters
-    ----------
-    points, inner : tuple of int
-        Shape of the grid, and of the variable at one point.
-    row : int
-        Bytes of one point.
-    """
+    """Lengths of chunks, from the shapes of the grid and of a variable at one point, which has `row` bytes."""
     left, lengths = max(CHUNK_BYTES // row, 1), list[int]()
     for length in reversed(points):
         lengths.insert(0, min(left, length))
@@ -120,7 +93,6 @@ def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int
 
 def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]:
     encoding: dict[str, dict[str, Any]] = {}
-    points = manifest.grid.shape
     for name, variable in data.variables.items():
         chosen = encoding.setdefault(str(name), {})
         own = manifest.variables.get(str(name))
@@ -131,13 +103,12 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
         if variable.ndim and not (name in data.coords and (text or variable.size < 10_000)):
             large = variable.nbytes > LARGE
             # Floats of full precision hardly shrink.
-            shrinks = not large or own is None or own.digits is not None or np.dtype(own.dtype).kind == "i"
+            shrinks = not large or own is None or own.digits is not None or own.dtype.startswith("int")
             chosen |= {"zlib": shrinks, "shuffle": shrinks, "complevel": 1 if large else 4, "fletcher32": True}
-        if name in manifest.variables or name in ("status", "wall_time"):
+        if name in (*manifest.variables, "status", "wall_time"):
             inner = manifest.shape(str(name))
-            # Derived variables may have another shape.
-            if variable.shape == (*points, *inner):
-                chosen["chunksizes"] = chunk(points, inner, manifest.row_bytes(str(name)))
+            if variable.shape == (*manifest.grid.shape, *inner):  # `derive` may have replaced it
+                chosen["chunksizes"] = chunk(manifest.grid.shape, inner, manifest.row_bytes(str(name)))
         if text:
             chosen["dtype"] = "S1"
         if name in data.coords or variable.dtype.kind in "iu":
@@ -163,9 +134,7 @@ def check_checksum(path: Path) -> None:
         # A flipped bit of the marker itself leaves the rest of it.
         marked = sum(a == b for a, b in zip(last, CHECKSUM, strict=False)) >= len(CHECKSUM) - 1
         if marked and last != _checksum(file, size):
-            raise StoreError(
-                f"{path} is damaged: its checksum does not match; move it away or choose another folder"
-            )
+            raise StoreError(f"{path} is damaged: its checksum does not match; {MOVE}")
 
 
 def _checksum(file: BinaryIO, size: int) -> bytes:

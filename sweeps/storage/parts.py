@@ -1,9 +1,8 @@
 """Parts and the manifest: the results of finished batches, and the description of the file that they will form.
 
 A part is one batch: its results and computing times, which points of its manifest's grid they are, which of them
-failed and why, and the environment. Both kinds of file are zip archives, whose CRC-32 finds damage, with a JSON
-header; they are written under a temporary name, flushed and renamed, so that they are complete or absent. The
-manifest is written twice, since all parts depend on it.
+failed and why, and the environment. Both are zip archives, whose CRC-32 finds damage, with a JSON header; they are
+complete or absent (`replacing`). The manifest is written twice, since all parts depend on it.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.errors import UNREADABLE, DamagedError, StoreError, reason
+from sweeps.errors import ANEW, FRESH, UNREADABLE, DamagedError, StoreError, reason
 from sweeps.grid import STATUS_FLAGS, Alignment, Axis, Grid, Variable
 from sweeps.storage.store import Store, check_regular, replacing
 
@@ -125,14 +124,9 @@ class PartWriter:
         if self._closed:
             return
         contiguous = bool(np.all(np.diff(points) == 1))
-        header = {
-            "manifest": self.token,
-            "rows": len(points),
-            "first": int(points[0]) if contiguous else None,
-            "failures": result.failures,
-            "environment": result.environment,
-            "seconds": float(result.wall_time.sum()),
-        }
+        header = {"manifest": self.token, "rows": len(points), "first": int(points[0]) if contiguous else None}
+        header |= {"failures": result.failures, "environment": result.environment}
+        header |= {"seconds": float(result.wall_time.sum())}
         arrays = {} if contiguous else {"points": points}
         arrays |= {"wall_time": result.wall_time} | {f"value_{n}": each for n, each in result.values.items()}
         # Floats of full precision hardly shrink; rounded ones and integers do.
@@ -156,9 +150,8 @@ class Manifest:
     """The grid of a file and the properties of its points; enough to assemble it without the sweep's functions.
 
     `variables` are as the file represents them. `representative` is the point whose computation is each point's
-    too, -1 where it is skipped; None: each is its own. `factors` are those of the sweep's `scale`. `fresh` says
-    whether a finished file is replaced rather than completed. Parts refer to the manifest by its `token`, or to an
-    `earlier` manifest of the same store, whose grid this has.
+    too, -1 where it is skipped; None: each is its own. `factors` are those of the sweep's `scale`. A `fresh` one
+    replaces a finished file. Parts refer to its `token`, or to that of an `earlier` manifest, whose grid it has.
     """
 
     name: str
@@ -214,38 +207,23 @@ class Manifest:
 
     @classmethod
     def load(cls, store: Store) -> Manifest | None:
-        """The manifest of an unfinished run; None if there is none.
-
-        Raises
-        ------
-        StoreError
-            If the manifest and its copy are damaged, or of another version of this package.
-        """
+        """The manifest of an unfinished run; None if there is none."""
         if not store.manifest.exists():
             return None
-        unread: OSError | None = None
+        told = list[str]()
         for path in (store.manifest, store.manifest.with_suffix(".copy")):
             try:
                 file = Packed(path)
                 if file.header["format"] == FORMAT:
                     return cls._of(file)
-            except FileNotFoundError:
-                pass
-            except OSError as problem:
-                unread = unread or problem
-            except UNREADABLE:
-                pass
+            except UNREADABLE as problem:
+                if isinstance(problem, OSError) and not isinstance(problem, FileNotFoundError):
+                    told.append(f"{path} cannot be read: {reason(problem)}")
             else:
-                raise StoreError(
-                    f"{store.parts} is of another version of sweeps; finish the run with that version, "
-                    "or start over with fresh (--fresh)"
-                )
-        if unread is not None:
-            raise StoreError(f"{store.manifest} cannot be read: {reason(unread)}")
-        raise StoreError(
-            f"{store.manifest} and its copy are damaged, so the parts of {store.file.name} cannot be used; "
-            "start over with fresh (--fresh), or choose another folder (--out)"
-        )
+                other = f"{store.parts} is of another version of sweeps"
+                raise StoreError(f"{other}; finish the run with that version, or {FRESH}")
+        lost = f"so the parts of {store.file.name} cannot be used"
+        raise StoreError([*told, f"{store.manifest} and its copy are damaged, {lost}; {ANEW}"][0])
 
     @classmethod
     def _of(cls, file: Packed) -> Manifest:
@@ -314,29 +292,25 @@ class PartSource:
 
     @cached_property
     def _file(self) -> Packed:
-        try:
-            return Packed(self.path)
-        except UNREADABLE:
-            raise self._damaged() from None
+        return Packed(self.path)
 
-    def _damaged(self) -> StoreError:
-        if self.path.parent.exists():
-            return DamagedError(self.name, str(self.path.parent))
-        return StoreError(f"{self.path.parent} is gone: the run has finished; open its results again")
-
-    def _read(self, array: str) -> NDArray[Any]:
+    def _read(self, array: str = "") -> Any:
+        """One of the arrays; without a name the header."""
+        folder = self.path.parent
         try:
-            return self._file.read(array)[0]
+            return self._file.read(array)[0] if array else self._file.header
         except UNREADABLE:
-            raise self._damaged() from None
+            if folder.exists():
+                raise DamagedError(self.name, str(folder)) from None
+            raise StoreError(f"{folder} is gone: the run has finished; open its results again") from None
 
     def coverage(self, manifest: Manifest) -> Coverage:
         """The points that it has."""
-        header = self._file.header
-        alignment, count = manifest.alignments.get(header["manifest"]), header["rows"]
+        header = self._read()
+        alignment = manifest.alignments.get(header["manifest"])
         if alignment is None:
-            raise self._damaged()
-        first = header["first"]
+            raise DamagedError(self.name, str(self.path.parent))
+        count, first = header["rows"], header["first"]
         points = alignment(self._read("points") if first is None else first + np.arange(count))
         failed = np.isin(np.arange(count), list(self.failures()))
         return Coverage(points, failed, header["seconds"], count, [header["environment"]])
@@ -347,4 +321,4 @@ class PartSource:
 
     def failures(self) -> Mapping[int, Failure]:
         """Why rows failed."""
-        return {int(row): Failure(*each) for row, each in self._file.header["failures"].items()}
+        return {int(row): Failure(*each) for row, each in self._read()["failures"].items()}

@@ -27,14 +27,13 @@ from uuid import uuid4
 
 from filelock import FileLock, Timeout, lock_descriptor
 
-from sweeps.errors import InputError, LockedError, StoreError, reason
+from sweeps.errors import OTHER, InputError, LockedError, StoreError, reason
 
 PART = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
 # Files that a run, or the operating system, may have left in the folder of parts.
 LEFT = re.compile(rf"manifest(\.copy)?|progress\.json|{PART.pattern}|\..*\.(tmp|probe)|\.nfs.*|\.DS_Store")
 # s. A reader that tests the lock holds it for a moment.
 LOCK_TIMEOUT = 0.2
-OTHER = "choose another folder"
 
 
 @contextmanager
@@ -60,7 +59,7 @@ def replacing(
                 os.close(descriptor)
     finally:
         with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+            temporary.unlink()
 
 
 def check_regular(path: Path) -> None:
@@ -95,11 +94,10 @@ class Store:
 
     def part_names(self) -> list[str]:
         """Names of the parts, in the order in which their batches were submitted."""
+        names = []
         try:
-            with os.scandir(self.parts) as entries:
+            with suppress(FileNotFoundError, NotADirectoryError), os.scandir(self.parts) as entries:
                 names = [each.name for each in entries if PART.fullmatch(each.name) and each.is_file()]
-        except (FileNotFoundError, NotADirectoryError):
-            return []
         except OSError as problem:
             raise StoreError(f"{self.parts} cannot be read: {reason(problem)}") from None
         return sorted(names, key=lambda name: int(name.partition("-")[0]))
@@ -109,13 +107,7 @@ class Store:
         return (*self.part_names(), *signature(self.file), *signature(self.manifest))
 
     def check_place(self, name: str) -> None:
-        """Refuse, before anything is computed, a place that cannot have the results of sweep `name`.
-
-        Raises
-        ------
-        StoreError
-            Naming the path and the reason.
-        """
+        """Refuse, before anything is computed, a place that cannot have the results of sweep `name`."""
         path = self.file
         try:
             if path.exists() and not path.is_file():
@@ -123,10 +115,9 @@ class Store:
                 raise StoreError(f"{path} is {what}; the results of {name} need a file there")
             self._check_parts()
             folder = next(each for each in path.parents if each.is_symlink() or each.exists())
-            if not folder.exists():
-                raise StoreError(f"{folder} is a link to nothing; {OTHER}")
             if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-                raise StoreError(f"{folder} cannot be written to; {OTHER}")
+                what = "cannot be written to" if folder.exists() else "is a link to nothing"
+                raise StoreError(f"{folder} {what}; {OTHER}")
         except OSError as problem:
             raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
 
@@ -153,15 +144,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock, which the operating system releases if this process dies.
-
-        Raises
-        ------
-        LockedError
-            If another run holds it; the message names the run.
-        StoreError
-            If nothing can be written there.
-        """
+        """Hold the lock, which the operating system releases if this process dies."""
         try:
             self._check_parts()
             self.file.parent.mkdir(parents=True, exist_ok=True)
@@ -192,9 +175,8 @@ class Store:
 
     def taken(self) -> LockedError:
         """The error that names the run which holds the lock."""
-        state, run = read_state(self.progress), "another run"
-        if "pid" in state:
-            run = f"process {state['pid']} on {state['host']}, begun {state['started']}"
+        state = read_state(self.progress)
+        run = "process {pid} on {host}, begun {started}".format(**state) if state else "another run"
         return LockedError(f"{self.file} is being written by {run}; wait for it, or {OTHER}")
 
 
