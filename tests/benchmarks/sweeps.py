@@ -190,7 +190,7 @@ def _sized(way, count, folder):
     spent, begin = time.perf_counter() - begin, time.perf_counter()
     data = open_results(store)
     opened = time.perf_counter() - begin
-    assert not data["y"].variable._in_memory
+    assert int(count) < 10**7 or not data["y"].variable._in_memory
     print(planned, peak(), spent, opened, store.stat().st_size)
 
 
