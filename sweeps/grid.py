@@ -315,7 +315,7 @@ class Alignment:
 
 
 def first_equal(columns: Columns) -> NDArray[np.intp]:
-    """For each row the index of the first row that equals it."""
+    """Index of the first row that equals each row."""
     label = np.zeros(len(columns[0]), dtype=np.int64)
     for column in columns:
         label = pd.factorize(label * len(label) + pd.factorize(column)[0])[0]

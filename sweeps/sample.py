@@ -103,7 +103,7 @@ def quantiles(distribution: Any, probabilities: NDArray[np.float64]) -> NDArray[
 
 
 def described(distribution: Any) -> str:
-    """What tells a distribution from others: its own `described`, name and arguments of SciPy's, or quantiles."""
+    """Text that identifies a distribution: its own `described`, SciPy's name and arguments, or quantiles."""
     own = getattr(distribution, "described", None)
     if isinstance(own, str):
         return own

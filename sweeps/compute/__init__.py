@@ -1,1 +1,1 @@
-"""Batches, the loop that runs them, and the back ends it runs them on."""
+"""The loop over batches, and the executors that compute them."""

@@ -1,1 +1,1 @@
-"""What a sweep will do, decided before the first computation."""
+"""The plan of a sweep: everything that is decided before the first computation."""

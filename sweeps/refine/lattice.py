@@ -210,7 +210,7 @@ def classes(values: Values, rule: Refinement) -> Codes:
 
 
 def _near(dims: int, odd: Sequence[int], count: int) -> Iterator[tuple[slice, ...]]:
-    """Of the points that are odd along some axes only, the neighbours by a step along each of `count` of these."""
+    """Neighbours, by a step along each of `count` axes, of the points that are odd along the axes `odd` alone."""
     moved = {-1: slice(0, -1, 2), 0: slice(1, None, 2), 1: slice(2, None, 2)}
     for axes, signs in product(combinations(odd, count), product((-1, 1), repeat=count)):
         steps = dict.fromkeys(odd, 0) | dict(zip(axes, signs, strict=True))
