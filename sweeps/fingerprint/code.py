@@ -527,7 +527,9 @@ def plain(value: Any, classes: set[Any] | None = None) -> Any:
     """
     if classes is not None and callable(value):
         classes.add(value)
-        return getattr(value, "__qualname__", type(value).__qualname__)
+        # Libraries have functions of one name: numpy.sin, math.sin.
+        home = f"{type(value).__module__}." if isinstance(value, np.ufunc) else ""
+        return home + getattr(value, "__qualname__", getattr(value, "__name__", type(value).__qualname__))
     if classes is not None and _root(type(value).__module__) not in ("builtins", "numpy", "pandas"):
         classes.add(type(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -281,7 +281,10 @@ def test_a_file_that_lacks_something_is_told(tmp_path):
         PLOT(registry.load("fig5"), data, tmp_path / "fig5.nc")
 
 
-def test_the_source_attribute_names_version_and_commit():
+def test_the_source_attribute_names_version_and_commit(monkeypatch):
     assert re.fullmatch(r"fiv \S+ \(commit \w+(-dirty)?\)", provenance.source("fivcore"))
-    local = {"g1a2b3c4": "1a2b3c4", "g1a2b3c4.d20261120": "1a2b3c4-dirty", "d20261120": "", "": ""}
-    assert {each: provenance._built_from(each) for each in local} == local
+    monkeypatch.setattr(provenance, "_checkout", lambda package: "")
+    built = {"g1a2b3c4": "1a2b3c4", "g1a2b3c4.d20261120": "1a2b3c4-dirty", "d20261120": "unknown", "": "unknown"}
+    for local, commit in built.items():
+        monkeypatch.setattr(provenance, "_version", lambda name, local=local: f"1.0+{local}")
+        assert provenance.source.__wrapped__("fivcore") == f"fiv 1.0 (commit {commit})"
