@@ -71,8 +71,11 @@ def digests(functions: Functions, code: Sequence[str | Path] = ()) -> dict[str, 
         If there is no such code, or a function carries along a value that cannot be compared.
     """
     reach = _Reach(functions, code)
-    texts = {name: [s.text for s in _parsed(name).statements if s in taken] for name, taken in reach.taken.items()}
-    texts |= {name: [_parsed(each).text for each in sorted(_modules(name))] for name in reach.packages}
+    texts = {
+        name: [each.text for each in reach.parsed(name).statements if each in taken]
+        for name, taken in reach.taken.items()
+    }
+    texts |= {name: [reach.parsed(each).text for each in sorted(_modules(name))] for name in reach.packages}
     for name, values in reach.values.items():
         texts[name] = texts.get(name, []) + sorted(values)
     found = {name: _digest("\0".join(lines).encode()) for name, lines in texts.items() if lines}
@@ -129,6 +132,7 @@ class _Reach:
     """Follows names from functions through the modules of their packages."""
 
     def __init__(self, functions: Functions, code: Sequence[str | Path]) -> None:
+        self.parsed = cache(_parsed)  # each file is read once
         self.taken: dict[str, set[_Statement]] = {}
         self.values: dict[str, list[str]] = {}
         self.packages, self.versions, self.libraries = set[str](), set[str](), set[str]()
@@ -148,7 +152,7 @@ class _Reach:
     def _add(self, package: str) -> None:
         """Cover a whole package, and what it imports."""
         self.packages.add(package)
-        for root in set().union(*(_parsed(module).imports for module in _modules(package))):
+        for root in set().union(*(self.parsed(module).imports for module in _modules(package))):
             self._count(root)
 
     def _count(self, root: str) -> None:
@@ -165,7 +169,7 @@ class _Reach:
         if (module, name, attribute) in self._seen or _file(module) is None:
             return
         self._seen.add((module, name, attribute))
-        for each in _parsed(module).statements:
+        for each in self.parsed(module).statements:
             if name == "*" or {name, "*"} & (each.binds | each.effects):
                 self._follow(module, each, name, attribute)
 
@@ -270,7 +274,7 @@ class _Reach:
         if not (nested and isinstance(function, FunctionType)):
             self._take(home, _root(name))
         elif _file(home) is not None:
-            for each in _parsed(home).statements:
+            for each in self.parsed(home).statements:
                 if each.first <= function.__code__.co_firstlineno <= each.last:
                     self._follow(home, each)
 
