@@ -3,37 +3,14 @@
 A sweep is declared, planned, executed and stored. The engine knows no physics.
 """
 
-# ruff: noqa: F401 - these are the names for users
+# ruff: noqa: F401, I001 - these are the names for users
 from sweeps.compute.run import check_backend
-from sweeps.declaration import Refinement
-from sweeps.errors import (
-    AbandonedError,
-    ClusterLostError,
-    InputError,
-    LockedError,
-    MissingFileError,
-    MixedWarning,
-    SchedulerError,
-    StoreError,
-    SweepStoppedError,
-)
+from sweeps.errors import AbandonedError, ClusterLostError, InputError, LockedError, MissingFileError, MixedWarning
+from sweeps.errors import SchedulerError, StoreError, SweepStoppedError
 from sweeps.fingerprint.code import load_script, plain
 from sweeps.fingerprint.identity import json_equal
-from sweeps.grid import (
-    DONE,
-    FAILED,
-    INTERPOLATED,
-    INTERPOLATED_FLAG,
-    PENDING,
-    SKIPPED,
-    STATUS_FLAGS,
-    Axis,
-    Grid,
-    Variable,
-    blocks,
-    check_counts,
-    check_size,
-)
+from sweeps.grid import DONE, FAILED, INTERPOLATED, INTERPOLATED_FLAG, PENDING, SKIPPED, STATUS_FLAGS
+from sweeps.grid import Axis, Grid, Refinement, Variable, blocks, check_counts, check_size
 from sweeps.plan.planning import duration
 from sweeps.refine.refine import refined
 from sweeps.refine.refine import report as refinement_report

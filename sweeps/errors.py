@@ -1,7 +1,5 @@
 """Errors of a sweep as a whole. The failure of a point is not an error: it is stored with the point."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 

@@ -1,14 +1,15 @@
-"""Axes, the grid of points that they span, and the variables of a result."""
-
-from __future__ import annotations
+"""The declaration of a sweep: axes, the grid of points that they span, variables, and all of these together."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from sweeps.errors import InputError
@@ -74,7 +75,6 @@ class Axis:
 
 
 def _decimal(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Round to DIGITS significant digits, as decimal text does."""
     shift = DIGITS - 1 - np.floor(np.log10(np.abs(values), where=values != 0.0, out=np.zeros(values.shape)))
     power = 10.0 ** np.clip(shift, 0.0, 22.0)  # these powers of ten are exact
     product = values * power
@@ -142,7 +142,7 @@ class Variable:
         """The value where there is no result; of the types that a file can have."""
         return math.nan if np.dtype(self.dtype).kind == "f" else int(np.iinfo(self.dtype).min)
 
-    def stored(self, name: str) -> dict[str, Variable]:
+    def stored(self, name: str) -> "dict[str, Variable]":
         """The variables by which a file represents this one, by name: netCDF has no complex and no bool."""
         if self.dtype == "complex128":
             real = replace(self, dtype="float64", long_name=f"{REAL}{self.long_name or name}")
@@ -201,11 +201,11 @@ class Grid:
                 raise InputError(f"Grid: zipped axes differ in length: {lengths}; they must be equal")
             repeated = self._index(group).duplicated()
             if repeated.any():
-                value = tuple(column[np.argmax(repeated)].item() for column in self._columns(group))
+                value = tuple(axes[name].values[np.argmax(repeated)].item() for name in group)
                 raise InputError(f"Grid: {', '.join(group)} takes the value {value} twice; once is enough")
 
     @classmethod
-    def of(cls, points: Any) -> Grid:
+    def of(cls, points: Any) -> "Grid":
         """A grid as it is; of a mapping of axes or lists; or the rows of a pandas DataFrame as zipped axes."""
         if isinstance(points, pd.DataFrame):
             columns = {str(points.index.name or "row"): points.index} | {str(c): points[c] for c in points}
@@ -243,15 +243,15 @@ class Grid:
                 mask[index] = ~flags
         return mask
 
-    def align(self, other: Grid) -> Alignment:
+    def align(self, other: "Grid") -> "Alignment":
         """Positions of the points of `other`, a grid of the same axes, in this one."""
         indexers: list[NDArray[np.intp] | slice] = []
         for group in self.groups:
-            equal = all(map(np.array_equal, self._columns(group), other._columns(group)))
+            equal = all(np.array_equal(self.axes[name].values, other.axes[name].values) for name in group)
             indexers.append(slice(None) if equal else self._index(group).get_indexer(other._index(group)))
         return Alignment(other.shape, self.shape, tuple(indexers))
 
-    def union(self, other: Grid) -> Grid:
+    def union(self, other: "Grid") -> "Grid":
         """The values of this grid and of `other`, a grid of the same axes; everything else as in `other`.
 
         The union of sorted axes is sorted; otherwise new values come last.
@@ -260,8 +260,7 @@ class Grid:
         for group in self.groups:
             own, requested = self._index(group), other._index(group)
             new = own.get_indexer(requested) < 0
-            pairs = zip(self._columns(group), other._columns(group), strict=True)
-            columns = [np.concatenate([before, values[new]]) for before, values in pairs]
+            columns = [np.concatenate([self.axes[n].values, other.axes[n].values[new]]) for n in group]
             order = np.arange(len(columns[0]))
             if own.is_monotonic_increasing and requested.is_monotonic_increasing:
                 order = np.lexsort(columns[::-1])
@@ -274,11 +273,8 @@ class Grid:
                 axes[name] = replace(axes[name], values=same if exact else values[order])
         return replace(other, axes=axes)
 
-    def _columns(self, group: Sequence[str]) -> Columns:
-        return [self.axes[name].values for name in group]
-
     def _index(self, group: Sequence[str], points: Points | None = None) -> Any:
-        columns = self._columns(group) if points is None else [points[name] for name in group]
+        columns = [self.axes[name].values if points is None else points[name] for name in group]
         return pd.Index(columns[0]) if len(columns) == 1 else pd.MultiIndex.from_arrays(columns)
 
 
@@ -322,17 +318,19 @@ def first_equal(columns: Columns) -> NDArray[np.intp]:
     return np.unique(label, return_index=True)[1][label]
 
 
+def block_shape(shape: tuple[int, ...], most: int) -> tuple[int, ...]:
+    """Shape of blocks of at most `most` entries, or of one, that are contiguous in C order."""
+    lengths = list[int]()
+    for length in reversed(shape):
+        lengths.insert(0, min(most, length))
+        most = max(most // max(length, 1), 1)
+    return tuple(lengths)
+
+
 def blocks(shape: tuple[int, ...], most: int) -> list[tuple[slice, ...]]:
     """Cut an array of this shape, in C order, into blocks of at most `most` entries, or of one."""
-    depth = len(shape) - 1
-    while depth >= 0 and math.prod(shape[depth:]) <= most:
-        depth -= 1
-    if depth < 0:
-        return [()]
-    step = max(most // math.prod(shape[depth + 1 :]), 1)
-    cuts = [slice(k, min(k + step, shape[depth])) for k in range(0, shape[depth], step)]
-    outer = (tuple(slice(k, k + 1) for k in index) for index in np.ndindex(shape[:depth]))
-    return [(*index, cut) for index in outer for cut in cuts]
+    steps = zip(shape, block_shape(shape, most), strict=True)
+    return list(product(*([slice(k, min(k + n, length)) for k in range(0, length, n)] for length, n in steps)))
 
 
 def flag_attributes(flags: Mapping[int, str], dtype: Any) -> dict[str, Any]:
@@ -363,3 +361,87 @@ def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:
             raise InputError(f"{what} has the name {name!r}: {rule}")
         if not isinstance(value, kind):
             raise InputError(f"{what}[{name!r}] = {value!r}: it must be of type {kind.__name__}")
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The rule by which a refined sweep chooses the points that are computed.
+
+    Parameters
+    ----------
+    variable, levels : str, int
+        The variable that decides, one number at each point; halvings of the coarse lattice's spacing along every
+        axis: each has (m - 1) 2^levels + 1 values.
+    tolerance : float, optional
+        Largest expected error of interpolation, in units of the range of the values; None: any.
+    thresholds : tuple of float
+        Ascending; a value up to the first of them is of one class, one above it of another, and so on.
+    resolution, whole : float, bool
+        The share of the largest value below which errors are rounding, and whether every value is a class, between
+        which nothing is interpolated; `refined` sets both by the variable.
+    """
+
+    variable: str
+    levels: int
+    tolerance: float | None = None
+    thresholds: tuple[float, ...] = ()
+    resolution: float = 1e-9
+    whole: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Declaration:
+    """The fields of a `sweeps.Sweep`, which documents them."""
+
+    name: str
+    function: Callable[..., Any]
+    grid: Any
+    variables: Any
+    constants: Mapping[str, Any] = field(default_factory=dict)
+    key: Callable[[Points], Any] | None = None
+    coords: Mapping[str, Any] = field(default_factory=dict)
+    code: Sequence[str | Path] = ()
+    title: str = ""
+    derive: Callable[[xr.Dataset], xr.Dataset] | None = None
+    scale: Callable[[Points], Mapping[str, Any]] | None = None
+    order_by: tuple[str, ...] = ()
+    batch_multiple: int = 1
+    request: Mapping[str, Any] = field(default_factory=dict)
+    remark: str = ""
+    rerun: Callable[[Mapping[str, Any]], str] | None = None
+    refinement: Refinement | None = None
+
+    def __post_init__(self) -> None:
+        who = f"Sweep {self.name}:"
+        given = [self.variables] if isinstance(self.variables, str) else self.variables
+        variables = given if isinstance(given, Mapping) else dict.fromkeys(given, Variable())
+        coords = {name: each if isinstance(each, Axis) else Axis(each) for name, each in self.coords.items()}
+        several = {"order_by": self.order_by, "code": self.code}
+        several = {k: (v,) if isinstance(v, (str, Path)) else tuple(v) for k, v in several.items()}
+        vars(self).update(grid=Grid.of(self.grid), variables=variables, coords=coords, **several)  # it is frozen
+        if not variables:
+            raise InputError(f"{who} variables = {{}}: there must be at least one")
+        for what in ("function", "key", "derive", "scale", "rerun"):
+            each = getattr(self, what)
+            if not callable(each) and (each is not None or what == "function"):
+                raise InputError(f"{who} {what} = {each!r}: it must be a function")
+        check_names(f"{who} variables", self.variables, Variable)
+        check_names(f"{who} coords", self.coords, Axis)
+        stored = [k for name, each in self.variables.items() for k in each.stored(name)]
+        names = [*self.grid.axes, *self.coords, *stored]
+        for name in (each for each in names if names.count(each) > 1):
+            raise InputError(f"{who} {name!r} names two things; each needs its own name")
+        for name, variable in self.variables.items():
+            for dim in (each for each in variable.dims if each not in self.coords):
+                raise InputError(f"{who} variable {name!r} has the dimension {dim!r}; coords must have it")
+            if (scale := variable.scale) and self.scale is None:
+                raise InputError(f"{who} variable {name!r} has the scale {scale!r}; the sweep needs scale")
+        for name in (each for each in self.order_by if each not in self.grid.axes):
+            raise InputError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
+        if not (isinstance(self.batch_multiple, int) and self.batch_multiple >= 1):
+            raise InputError(f"{who} batch_multiple = {self.batch_multiple!r}: it must be an integer, 1 or above")
+
+    @property
+    def stored(self) -> dict[str, Variable]:
+        """The variables as the file represents them."""
+        return {k: v for name, each in self.variables.items() for k, v in each.stored(name).items()}

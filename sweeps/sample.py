@@ -1,7 +1,6 @@
 """Points drawn from distributions: a grid whose axes vary together along `sample`, one point a draw."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -50,7 +49,19 @@ def Sample(
     units : mapping of str to (str, str), optional
         Units and long name of each draw.
     """
-    _check(distributions, count, method, seed)
+    if not distributions:
+        raise InputError("Sample: distributions = {}: there must be at least one")
+    for name, each in distributions.items():
+        if not callable(getattr(each, "ppf", None)):
+            raise InputError(f"Sample: {name} = {each!r}: it must be a distribution, like scipy.stats.norm(0, 1)")
+        if name == DIM:
+            raise InputError(f"Sample: {DIM} is the number of the draw; call the distribution otherwise")
+    for what, given, least, most in (("count", count, 1, MOST), ("seed", seed, 0, math.inf)):
+        whole = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+        if not (whole and least <= given <= most):
+            raise InputError(f"Sample: {what} = {given!r}: it must be a whole number from {least} to {most}")
+    if method not in METHODS:
+        raise InputError(f"Sample: method = {method!r}: it must be one of {', '.join(METHODS)}")
     check_counts({DIM: count} | {name: len(axis) for name, axis in (axes or {}).items()})
     probabilities = unit_draws(len(distributions), count, method, seed)
     draws: dict[str, Axis] = {}
@@ -63,23 +74,6 @@ def Sample(
     sampling |= {name: described(each) for name, each in distributions.items()}
     number = Axis(np.arange(count), long_name="number of the draw")
     return Grid({DIM: number, **draws, **(axes or {})}, zipped=(DIM, *draws), sampling=sampling)
-
-
-def _check(distributions: Mapping[str, Any], count: int, method: str, seed: int) -> None:
-    if not distributions:
-        raise InputError("Sample: distributions = {}: there must be at least one")
-    for name, each in distributions.items():
-        if not callable(getattr(each, "ppf", None)):
-            raise InputError(f"Sample: {name} = {each!r}: it must be a distribution, like scipy.stats.norm(0, 1)")
-        if name == DIM:
-            raise InputError(f"Sample: {DIM} is the number of the draw; call the distribution otherwise")
-    whole = [isinstance(n, (int, np.integer)) and not isinstance(n, bool) for n in (count, seed)]
-    if not (whole[0] and 1 <= count <= MOST):
-        raise InputError(f"Sample: count = {count!r}: it must be a whole number from 1 to {MOST}")
-    if method not in METHODS:
-        raise InputError(f"Sample: method = {method!r}: it must be one of {', '.join(METHODS)}")
-    if not (whole[1] and seed >= 0):
-        raise InputError(f"Sample: seed = {seed!r}: it must be a whole number, 0 or above")
 
 
 def unit_draws(dimensions: int, count: int, method: str, seed: int) -> NDArray[np.float64]:
@@ -104,14 +98,13 @@ def quantiles(distribution: Any, probabilities: NDArray[np.float64]) -> NDArray[
 
 def described(distribution: Any) -> str:
     """Text that identifies a distribution: its own `described`, SciPy's name and arguments, or quantiles."""
-    own = getattr(distribution, "described", None)
-    if isinstance(own, str):
-        return own
     named: Any = getattr(distribution, "dist", None)
+    if isinstance(own := getattr(distribution, "described", None), str):
+        return own
     if hasattr(named, "name") and hasattr(distribution, "args") and hasattr(distribution, "kwds"):
-        given = [f"{np.asarray(each).tolist()!r}" for each in distribution.args]
-        given += [f"{key}={np.asarray(each).tolist()!r}" for key, each in sorted(distribution.kwds.items())]
-        return f"{named.name}({', '.join(given)})"
+        keywords = [f"{key}={np.asarray(each).tolist()!r}" for key, each in sorted(distribution.kwds.items())]
+        places = [repr(np.asarray(each).tolist()) for each in distribution.args]
+        return f"{named.name}({', '.join([*places, *keywords])})"
     return f"quantiles {quantiles(distribution, np.array(LEVELS)).tolist()}"
 
 

@@ -1,7 +1,5 @@
 """How far a run is: counted in one place, reported to a callback, and written to a file for other processes."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable
@@ -34,16 +32,10 @@ class Snapshot:
     ----------
     todo, done, failed : int
         Computations of the run, finished ones, and those of them that failed.
-    elapsed : float
-        s since the run began.
-    rate : float
-        Computations a second.
-    left : float
-        Expected time to the end, s; NaN while it is unknown.
-    now : tuple of str
-        The batches that are being computed.
-    stopping : bool
-        Whether the run only finishes the batches that have begun.
+    elapsed, rate, left : float
+        s since the run began; computations a second; expected time to the end, s, NaN while it is unknown.
+    now, stopping : tuple of str, bool
+        The batches that are being computed; whether the run only finishes those that have begun.
     """
 
     todo: int
@@ -88,10 +80,6 @@ class Monitor:
             with suppress(Exception):
                 self._report()
 
-    def close(self) -> None:
-        """Write the last state."""
-        self._write(self._snapshot())
-
     def _snapshot(self) -> Snapshot:
         elapsed = time.monotonic() - self._begun
         rate = self.done / elapsed if elapsed > 0.0 else 0.0
@@ -106,16 +94,17 @@ class Monitor:
             if self._progress is not None:
                 self._progress(snapshot)
             if time.monotonic() - self._written >= INTERVAL:
-                self._write(snapshot)
+                self.write()
         finally:
             self._reporting = False
         if self.stopping and not snapshot.stopping:
             self._report()
 
-    def _write(self, snapshot: Snapshot) -> None:
+    def write(self) -> None:
+        """Write the present state."""
         self._written = time.monotonic()
         if self._file is not None:
-            write_state(self._file, asdict(snapshot) | self._owner)
+            write_state(self._file, asdict(self._snapshot()) | self._owner)
 
 
 @dataclass(frozen=True)
@@ -124,9 +113,8 @@ class Status:
 
     Attributes
     ----------
-    file : str
-    state : str
-        "running", "interrupted", "incomplete" (points of its grid were never requested) or "complete".
+    file, state : str
+        State: "running", "interrupted", "incomplete" (points of its grid were never requested) or "complete".
     points, done, failed, pending, skipped, interpolated : int
         Points of the file's grid, by their status.
     run : dict
@@ -147,10 +135,7 @@ class Status:
 def status(path: str | Path) -> Status:
     """The state of a sweep's file: finished, running or interrupted.
 
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        If there is no such file, or it is not the result of a sweep.
+    A FileNotFoundError or ValueError if there is no such file, or it is not the result of a sweep.
     """
     store = Store(path)
     run = read_state(store.progress) if (running := store.is_locked()) else {}
@@ -168,12 +153,6 @@ def status(path: str | Path) -> Status:
 
 
 def check_free(path: str | Path) -> None:
-    """Refuse a store that a run is writing.
-
-    Raises
-    ------
-    LockedError
-        Naming that run.
-    """
+    """Refuse a store that a run is writing: a LockedError names that run."""
     if (store := Store(path)).is_locked():
         raise store.taken()

@@ -1,7 +1,5 @@
 """The two objects of a user: a sweep, which plans, and its plan, which runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,12 +8,14 @@ from typing import Any
 import xarray as xr
 
 from sweeps.compute.run import execute
-from sweeps.declaration import Declaration
 from sweeps.errors import InputError
 from sweeps.fingerprint.code import plain
+from sweeps.grid import Declaration
 from sweeps.plan.planning import PlanData, make_plan, timed
 from sweeps.status import Progress
 from sweeps.task import Pointwise
+
+Place = str | Path | None
 
 
 def pointwise(function: Callable[..., Any]) -> Pointwise:
@@ -62,10 +62,9 @@ class Sweep(Declaration):
     scale : callable, optional
         `scale(points)` returns factors by name; a variable that names one in its `scale` is multiplied by it at
         each point, so that one computation serves points that differ in size only.
-    order_by : sequence of str
-        Axes whose change is costly: a batch has neighbours along the others first.
-    batch_multiple : int
-        Number of points that the function computes at little more than the cost of one.
+    order_by, batch_multiple : sequence of str, int
+        Axes whose change is costly: a batch has neighbours along the others first. Number of points that the
+        function computes at little more than the cost of one.
     request : mapping
         The request from which the constants follow, as JSON represents it; part of the file's configuration.
     rerun : callable, optional
@@ -79,13 +78,8 @@ class Sweep(Declaration):
         plain(self.constants)
 
     def plan(
-        self,
-        store: str | Path | None = None,
-        *,
-        fresh: bool = False,
-        retry_failed: bool = False,
-        strict: bool = False,
-    ) -> Plan:
+        self, store: Place = None, *, fresh: bool = False, retry_failed: bool = False, strict: bool = False
+    ) -> "Plan":
         """Decide everything before the first expensive call, without calling the function.
 
         Parameters
@@ -100,10 +94,9 @@ class Sweep(Declaration):
 
         Raises
         ------
-        StoreError
-            If the store cannot be used or belongs to something else; the message says what differs.
-        InputError
-            If the loaded code is not that of its file; if strict, if environments differ.
+        StoreError, InputError
+            If the store cannot be used or belongs to something else; the message says what differs. If the loaded
+            code is not that of its file; if strict, if environments differ.
         """
         return Plan(**make_plan(self, store, fresh=fresh, retry_failed=retry_failed, strict=strict))
 
@@ -123,7 +116,7 @@ class Plan(PlanData):
         Modules, packages and files on which the results depend.
     """
 
-    def timed(self) -> Plan:
+    def timed(self) -> "Plan":
         """The same plan with a time estimated by computing some points now; NaN if all of them fail."""
         return replace(self, seconds=timed(self))
 
@@ -164,8 +157,8 @@ class Plan(PlanData):
             If the scheduler or all its workers disappear; if the first points, from several places of the grid,
             all fail alike, or, with `fail_fast`, any fails. Finished batches stay in the store.
         KeyboardInterrupt
-            After the first interrupt, when the batches that have begun are finished and stored. After the second
-            at once: as AbandonedError if threads still compute, for which a normal exit would wait.
+            After the first interrupt, when the batches that have begun are stored. After the second at once: as
+            AbandonedError if threads still compute, for which a normal exit would wait.
         """
         data, version = execute(self, scheduler, workers, progress, fail_fast)
         # The same plan may run again: then it finds everything.

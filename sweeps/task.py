@@ -1,13 +1,9 @@
-"""One batch: from points to their results. A point that fails is stored with its reason; the others go on.
-
-A worker needs of a sweep only its `Task`, and of a batch its points.
-"""
-
-from __future__ import annotations
+"""One batch: from points to results, of a sweep's `Task`. A failing point is stored with its reason."""
 
 import inspect
-import math
 import pkgutil
+import re
+import sys
 import threading
 import time
 import traceback
@@ -15,8 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,24 +39,25 @@ class Pointwise:
 
     def __call__(self, points: Points, **constants: Any) -> dict[str, Any]:
         """Call the function at each point; exceptions and times are returned with the results."""
-        count = len(next(iter(points.values())))
         # The number of a row or a draw is for functions that take it.
         unused = {"row", "sample"} - set(inspect.signature(self.function).parameters)
         columns = {name: values.tolist() for name, values in points.items() if name not in unused}
-        rows, errors, times = [None] * count, list[Any]([None] * count), np.zeros(count)
+        count = len(next(iter(points.values())))
+        rows, errors, times = list[Any](), list[Any]([None] * count), np.zeros(count)
         for k in range(count):
             begin = time.perf_counter()
             try:
-                rows[k] = self.function(**{name: values[k] for name, values in columns.items()}, **constants)
+                rows.append(self.function(**{name: values[k] for name, values in columns.items()}, **constants))
             except Exception as problem:  # noqa: BLE001 - stored with the point
                 errors[k] = problem
             times[k] = time.perf_counter() - begin
         results: dict[str, Any] = {ERROR: errors, WALL_TIME: times}
-        done: Any = next((row for row, error in zip(rows, errors, strict=True) if error is None), None)
-        if done is not None:
-            every: list[Any] = [done if error else row for row, error in zip(rows, errors, strict=True)]
-            named = isinstance(done, Mapping)
-            results |= {name: [row[name] for row in every] for name in done} if named else {VALUE: every}
+        if rows:
+            # A point that failed has the results of any other, which are not looked at.
+            ends = iter(rows)
+            every = [next(ends) if error is None else rows[0] for error in errors]
+            named = isinstance(rows[0], Mapping)
+            results |= {name: [row[name] for row in every] for name in rows[0]} if named else {VALUE: every}
         return results
 
 
@@ -84,37 +81,26 @@ class Task:
     function: Callable[..., Any]
     constants: Mapping[str, Any]
     variables: Mapping[str, Variable]
+    # The variables as a file represents them.
+    stored: Mapping[str, Variable]
     shapes: Mapping[str, tuple[int, ...]]
     grid: Grid
     rerun: Callable[[Mapping[str, Any]], str] | None = None
     libraries: tuple[str, ...] = ()
 
-    @cached_property
-    def stored(self) -> dict[str, Variable]:
-        """The variables as a file represents them."""
-        return {k: v for name, each in self.variables.items() for k, v in each.stored(name).items()}
-
-    def run(self, index: NDArray[np.intp]) -> BatchSummary:
-        """Compute the points at these indices of the grid."""
-        begin = time.perf_counter()
-        result = self.compute(self.grid.points(index))
-        return self._summary(index, result, time.perf_counter() - begin)
-
-    def failed(self, index: NDArray[np.intp], problem: Exception) -> BatchSummary:
-        """The summary of a point at which nothing could be computed."""
-        point = self.grid.points(index)
-        result = self._missing(point)
-        self._fail(result, point, 0, problem)
-        return self._summary(index, result, 0.0)
-
-    def _summary(self, index: NDArray[np.intp], result: BatchResult, seconds: float) -> BatchSummary:
-        failures, first = result.failures, ""
+    def run(self, index: NDArray[np.intp], problem: Exception | None = None) -> BatchSummary:
+        """Compute the points at these indices of the grid; with a `problem`, the point has failed."""
+        begin, points = time.perf_counter(), self.grid.points(index)
+        result = self.compute(points) if problem is None else self._missing(points)
+        if problem is not None:
+            self._fail(result, points, 0, problem)
+        failures, first, result.points = result.failures, "", index
         if failures:
             row = min(failures)
-            where = ", ".join(f"{name} = {each[0]}" for name, each in self.grid.points(index[[row]]).items())
-            first = f"{where}: {failures[row].error}"
+            first = ", ".join(f"{name} = {values[row]}" for name, values in points.items())
+            first += f": {failures[row].error}"
         alike = len(failures) == len(result) and len({each.error for each in failures.values()}) == 1
-        return BatchSummary(len(result), len(failures), seconds, first, alike, result)
+        return BatchSummary(len(result), len(failures), time.perf_counter() - begin, first, alike, result)
 
     def compute(self, points: Points) -> BatchResult:
         """Compute a batch; if it raises as a whole, its halves, down to the points that fail."""
@@ -125,18 +111,14 @@ class Task:
 
     def _missing(self, points: Points) -> BatchResult:
         count = len(next(iter(points.values())))
-        values = {
-            stored: np.full((count, *self.shapes[name]), variable.missing, dtype=variable.dtype)
-            for name, each in self.variables.items()
-            for stored, variable in each.stored(name).items()
-        }
+        shapes = {k: self.shapes[name] for name, each in self.variables.items() for k in each.stored(name)}
+        values = {k: np.full((count, *shapes[k]), v.missing, dtype=v.dtype) for k, v in self.stored.items()}
         return BatchResult(values, np.zeros(count), environment=environment(self.libraries))
 
     def _fill(self, result: BatchResult, every: Points, begin: int, end: int) -> None:
-        points = {name: values[begin:end] for name, values in every.items()}
         start = time.perf_counter()
         try:
-            returned, errors, times = self._call(points)
+            returned, errors, times = self._call({name: values[begin:end] for name, values in every.items()})
         except (Exception, SystemExit) as problem:  # noqa: BLE001 - stored with the point
             if end - begin > 1:
                 middle = (begin + end) // 2
@@ -171,8 +153,7 @@ class Task:
 
     def _call(self, points: Points) -> tuple[dict[str, Any], list[Any] | None, Any]:
         """Results as stored; errors and computing times if the function returns them."""
-        count = len(next(iter(points.values())))
-        who = f"the function of sweep {self.name} returned"
+        count, who = len(next(iter(points.values()))), f"the function of sweep {self.name} returned"
         returned = self.function(points, **self.constants)
         if not isinstance(returned, Mapping):
             returned = {VALUE: returned}
@@ -188,24 +169,18 @@ class Task:
         if times is not None and times.shape != (count,):
             raise ValueError(f"{who} {WALL_TIME!r} of shape {times.shape}; it must be ({count},)")
         results: dict[str, Any] = {}
-        if errors is None or None in errors:
-            for name in self.variables:
-                results |= self._results(name, returned, count, who)
+        for name, variable in self.variables.items() if errors is None or None in errors else ():
+            if name not in returned:
+                raise KeyError(f"{who} no {name!r}")
+            values, expected = np.asarray(returned[name]), (count, *self.shapes[name])
+            if values.shape != expected:
+                raise ValueError(f"{who} {name!r} of shape {values.shape}; it must be {expected}")
+            if not fits(values, np.dtype(variable.dtype)):
+                raise ValueError(f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}")
+            parts = [values.real, values.imag] if variable.dtype == "complex128" else [values]
+            for (k, v), part in zip(variable.stored(name).items(), parts, strict=True):
+                results[k] = rounded(part.astype(v.dtype, copy=False), v.digits)
         return results, errors, times
-
-    def _results(self, name: str, returned: Mapping[str, Any], count: int, who: str) -> dict[str, Any]:
-        """One variable as it is stored, if shape and type are as declared."""
-        variable, expected = self.variables[name], (count, *self.shapes[name])
-        if name not in returned:
-            raise KeyError(f"{who} no {name!r}")
-        values = np.asarray(returned[name])
-        if values.shape != expected:
-            raise ValueError(f"{who} {name!r} of shape {values.shape}; it must be {expected}")
-        if not fits(values, np.dtype(variable.dtype)):
-            raise ValueError(f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}")
-        parts = [values.real, values.imag] if variable.dtype == "complex128" else [values]
-        stored = zip(variable.stored(name).items(), parts, strict=True)
-        return {k: rounded(each.astype(v.dtype, copy=False), v.digits) for (k, v), each in stored}
 
 
 def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
@@ -227,7 +202,7 @@ def importable(function: Any) -> Any:
     """The function inside partials and `Pointwise`, if other processes import it by its name; else None."""
     while isinstance(function, (partial, Pointwise)):
         function = function.func if isinstance(function, partial) else function.function
-    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
+    module, name = getattr(function, "__module__", "__main__"), getattr(function, "__qualname__", None)
     with suppress(ImportError, AttributeError, ValueError):
         found: Any = None if module == "__main__" else pkgutil.resolve_name(f"{module}:{name}")
         return function if inspect.unwrap(found) is inspect.unwrap(function) else None
@@ -246,39 +221,31 @@ def call_line(function: Callable[..., Any], point: Mapping[str, Any], constants:
         constants = {**point, **constants}
     else:
         places.append({name: np.array([value]) for name, value in point.items()})
-    try:
-        named = [f"{key}={_text(value)}" for key, value in constants.items()]
-        arguments = ", ".join([*map(_text, places), *named])
-    except TypeError:
+    if not _is_plain([*places, *constants.values()]):
         return ""
-    numpy, name = "import numpy as np; " * ("np." in arguments), target.__qualname__
+    with np.printoptions(threshold=sys.maxsize, linewidth=sys.maxsize, floatmode="unique"):
+        arguments = ", ".join([*map(repr, places), *(f"{key}={value!r}" for key, value in constants.items())])
+    name = target.__qualname__
+    # NumPy writes its arrays, types and what is not finite by their bare names.
+    numpy = "import numpy as np; from numpy import *; " * bool(re.search(r"\b(np|array|nan|inf)\b", arguments))
     return f"{numpy}from {target.__module__} import {name.partition('.')[0]}; {name}({arguments})"
 
 
-def _text(value: Any) -> str:
-    """A constant as Python text; a TypeError if it is not of numbers, strings, arrays and containers of these."""
-    if isinstance(value, (np.ndarray, np.generic)) and not isinstance(value, str):
-        plain = value.tolist()
-        dtype = "" if np.asarray(plain).dtype == value.dtype else f", {value.dtype.str!r}"
-        return f"np.array({_text(plain)}{dtype})" + "[()]" * isinstance(value, np.generic)
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{_text(key)}: {_text(each)}' for key, each in value.items())}}}"
-    if isinstance(value, (list, tuple)):
-        texts = ", ".join(map(_text, value))
-        return f"[{texts}]" if isinstance(value, list) else f"({texts}{',' * (len(value) == 1)})"
-    if isinstance(value, float) and not math.isfinite(value):
-        return f"float('{value}')"
-    if value is None or isinstance(value, (bool, int, float, complex, str)):
-        return repr(str(value) if isinstance(value, str) else value)
-    raise TypeError
+def _is_plain(value: Any) -> bool:
+    """Whether a value is of numbers, strings, arrays and containers of these, whose `repr` is Python."""
+    if isinstance(value, dict):
+        return all(map(_is_plain, [*value, *value.values()]))
+    if type(value) in (list, tuple):
+        return all(map(_is_plain, value))
+    if type(value) is np.ndarray or isinstance(value, np.generic):
+        return value.dtype.kind in "biufcU" and value.size > 0
+    return value is None or type(value) in (bool, int, float, complex, str)
 
 
 class _Blas:
     """Number of batches that compute in this process, and the limit that holds BLAS to one thread meanwhile."""
 
-    lock = threading.Lock()
-    batches = 0
-    limit: Any = None
+    lock, batches, limit = threading.Lock(), 0, cast(Any, None)
 
 
 @contextmanager
@@ -290,10 +257,10 @@ def one_blas_thread() -> Iterator[None]:
     # From its version 3.8 on, threadpoolctl ignores all threads but the first that sets a limit, as long as that
     # lives; so each setting has a short-lived thread of its own.
     with _Blas.lock:
-        if not _Blas.batches:
+        _Blas.batches += 1
+        if _Blas.batches == 1:
             with ThreadPoolExecutor(1) as setter:
                 _Blas.limit = setter.submit(threadpool_limits, 1, "blas").result()
-        _Blas.batches += 1
     try:
         yield
     finally:

@@ -6,8 +6,6 @@ of the parts, which a file with the run's name proves, writes its parts itself; 
 
 # mypy: disallow-untyped-calls=False, disallow-any-generics=False
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os
@@ -61,18 +59,17 @@ NEVER_GIVEN_UP = {"distributed.deploy.lost-worker-timeout": "1 day"}
 @contextmanager
 def cluster(
     scheduler: Any, workers: int, task: Task, code: tuple[str | Path, ...], writer: PartWriter | None
-) -> Iterator[Cluster]:
+) -> "Iterator[Cluster]":
     """Workers that are ready for the batches of a task, new ones or a scheduler's; else a SchedulerError."""
     payload = _Payload(task, code, writer)
-    if isinstance(scheduler, distributed.Client):
-        connection: AbstractContextManager[distributed.Client] = nullcontext(scheduler)
-    else:
+    connection: AbstractContextManager[distributed.Client] = nullcontext(scheduler)
+    if not isinstance(scheduler, distributed.Client):
         connection = _own_cluster(workers) if scheduler == "processes" else _connected(scheduler)
     # Whoever meets lost connections and killed workers reports them in one line; Dask's log would repeat them.
     with silence_logging_cmgr(logging.CRITICAL), connection as client:
         try:
-            if payload.probe is not None:
-                with suppress(OSError):
+            with suppress(OSError):
+                if payload.probe is not None:
                     payload.probe.write_text(payload.name)
             with _translated():
                 client.register_plugin(payload)
@@ -93,9 +90,8 @@ def _connected(scheduler: Any) -> Iterator[distributed.Client]:
         client = distributed.Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as problem:
         what = f"no Dask scheduler answers there ({type(problem).__name__}); start one, or leave it out"
-        if address.startswith("tls://"):
-            what += "; its certificates must be in Dask's configuration, under distributed.comm.tls"
-        raise SchedulerError(f"{who} {what}") from None
+        tls = "; its certificates must be in Dask's configuration, under distributed.comm.tls"
+        raise SchedulerError(f"{who} {what}{tls * address.startswith('tls://')}") from None
     with client:
         try:
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
@@ -110,34 +106,39 @@ def _own_cluster(workers: int) -> Iterator[distributed.Client]:
     if multiprocessing.current_process().daemon:
         raise SchedulerError(f"{who} a worker of another cluster cannot start workers; use threads")
     with tempfile.TemporaryDirectory(prefix="sweeps-", ignore_cleanup_errors=True) as folder:
-        with _interrupts_blocked():
-            try:
-                # Scheduler and workers make folders of their own there.
-                with dask.config.set(CONFIGURATION | {"temporary-directory": folder}):
-                    own = distributed.LocalCluster(
-                        n_workers=workers,
-                        threads_per_worker=1,
-                        processes=True,
-                        dashboard_address=None,
-                        silence_logs=logging.CRITICAL,
-                        # A scheduler or worker executes what it receives, and every user of the machine reaches
-                        # its port: TLS excludes all who do not have the key of this run.
-                        security=distributed.Security.temporary(),
-                        # Workers spill nothing to a disk and are not killed for their size.
-                        memory_limit=0,
-                        # The run decides about a batch whose worker died. There is a web server in any case; at
-                        # the usual port only one can be.
-                        scheduler_kwargs={"allowed_failures": 0, "dashboard_address": "127.0.0.1:0"},
-                    )
-            except Exception as problem:  # whatever it was, there is no cluster
-                cause: BaseException = problem
-                while cause.__cause__ is not None:
-                    cause = cause.__cause__
-                why = str(cause) or type(cause).__name__
-                raise SchedulerError(
-                    f"{who} no workers could be started: {why}; a script must do this under "
-                    "if __name__ == '__main__', for every process imports it"
-                ) from problem
+        # Threads and processes that begin here ignore a terminal's Ctrl-C: workers finish their batches. The first
+        # thread that needs Python's tracker of resources starts it and unblocks all; so it starts before.
+        if os.name != "nt":
+            resource_tracker.ensure_running()
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            # Scheduler and workers make folders of their own there.
+            with dask.config.set(CONFIGURATION | {"temporary-directory": folder}):
+                own = distributed.LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                    # A scheduler or worker executes what it receives, and every user of the machine reaches
+                    # its port: TLS excludes all who do not have the key of this run.
+                    security=distributed.Security.temporary(),
+                    # Workers spill nothing to a disk and are not killed for their size.
+                    memory_limit=0,
+                    # The run decides about a batch whose worker died. There is a web server in any case; at
+                    # the usual port only one can be.
+                    scheduler_kwargs={"allowed_failures": 0, "dashboard_address": "127.0.0.1:0"},
+                )
+        except Exception as problem:  # whatever it was, there is no cluster
+            cause: BaseException = problem
+            while cause.__cause__ is not None:
+                cause = cause.__cause__
+            advice = "a script must do this under if __name__ == '__main__', for every process imports it"
+            why = f"no workers could be started: {str(cause) or type(cause).__name__}; {advice}"
+            raise SchedulerError(f"{who} {why}") from problem
+        finally:
+            if os.name != "nt":
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
         # The configuration is read whenever a worker is lost.
         with dask.config.set(NEVER_GIVEN_UP), own, distributed.Client(own, set_as_default=False) as client:
             try:
@@ -152,23 +153,6 @@ def _own_cluster(workers: int) -> Iterator[distributed.Client]:
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Let the threads and processes that begin here ignore a terminal's Ctrl-C: workers finish their batches.
-
-    The first thread that needs Python's tracker of resources starts it and unblocks all; so it starts before.
-    """
-    if os.name == "nt":
-        yield
-        return
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
 def _translated() -> Iterator[None]:
     """Raise an error of this package for what Dask raises."""
     try:
@@ -177,8 +161,6 @@ def _translated() -> Iterator[None]:
         raise WorkerDied from None
     except (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError):
         raise ClusterLostError(SCHEDULER_LOST) from None
-    except (SchedulerError, ClusterLostError):
-        raise
     except Exception as problem:  # noqa: BLE001 - workers may lack anything
         text = " ".join(f"{type(problem).__name__}: {problem}".split())
         raise SchedulerError(f"the workers cannot compute this: {text}") from None
@@ -194,34 +176,25 @@ class _Payload(distributed.WorkerPlugin):
         self.name = f"sweeps-{uuid4().hex}"
         # Workers that see this file see the folder of the parts.
         self.probe = None if writer is None else writer.folder / f".{self.name}.probe"
-        self.token = "" if writer is None else writer.token
+        # A function that cannot be imported travels with its code.
+        functions = [] if importable(task.function) is None else [task.function]
+        names = [each for each in code if isinstance(each, str)]
+        expected, token = digests(functions, names), "" if writer is None else writer.token
         try:
             # Unpacked with the first batch: a worker that cannot would refuse the plug-in without a reason.
-            self.content = cloudpickle.dumps(task)
+            self.content = cloudpickle.dumps((task, functions, names, expected, token))
         except Exception as problem:  # noqa: BLE001 - any object may refuse in its own way
             who = f"the function of sweep {task.name}"
             raise SchedulerError(f"{who} cannot be sent to other processes: {problem}") from None
-        self.code = tuple(each for each in code if isinstance(each, str))
-        # A function that cannot be imported travels with its code.
-        self.imported = importable(task.function) is not None
-        self.expected = digests([task.function] if self.imported else [], self.code)
 
     @cached_property
-    def task(self) -> Task:
-        """The task, if this worker has the code that the client has."""
-        task: Task = cloudpickle.loads(self.content)
-        functions = [task.function] if self.imported else []
-        check_loaded(functions, self.code)
-        if digests(functions, self.code) != self.expected:
+    def task_and_writer(self) -> tuple[Task, PartWriter | None]:
+        """The task, if this worker has the client's code, and the writer of parts, if it sees their folder."""
+        task, functions, names, expected, token = cloudpickle.loads(self.content)
+        check_loaded(functions, names)
+        if digests(functions, names) != expected:
             raise InputError("this worker has another version of the code; install the same one everywhere")
-        return task
-
-    @cached_property
-    def writer(self) -> PartWriter | None:
-        """The writer of parts, if the worker sees their folder."""
-        return (
-            PartWriter(self.probe.parent, self.task.stored, self.token) if self.probe and self.is_seen() else None
-        )
+        return task, PartWriter(self.probe.parent, task.stored, token) if self.probe and self.is_seen() else None
 
     def is_seen(self) -> bool:
         """Whether this worker sees the folder of the parts; after the run no more, since another may have it."""
@@ -229,23 +202,17 @@ class _Payload(distributed.WorkerPlugin):
 
 
 def _compute(run: str, name: str, points: NDArray[np.intp] | range) -> BatchSummary | None:
-    """The summary of a batch; None if the run has stopped."""
     payload: Any = distributed.get_worker().plugins[run]
     if payload.halted:
         return None
-    index = np.asarray(points)
-    summary: BatchSummary = payload.task.run(index)
-    if payload.writer is not None and summary.result is not None and payload.is_seen():
+    task, writer = payload.task_and_writer
+    summary: BatchSummary = task.run(np.asarray(points))
+    if writer is not None and summary.result is not None and payload.is_seen():
         # If writing fails here, it may succeed where the client is.
         with suppress(OSError):
-            payload.writer.write(name, index, summary.result)
+            writer.write(name, summary.result)
             summary = summary._replace(result=None)
     return summary
-
-
-def _halt(run: str, dask_worker: distributed.Worker) -> None:
-    payload: Any = dask_worker.plugins[run]
-    payload.halted = True
 
 
 class Cluster:
@@ -297,5 +264,10 @@ class Cluster:
 
     def halt(self) -> None:
         """Begin no more batches; only a worker knows which of its batches have begun."""
+        run = self.run
+
+        def halt(dask_worker: Any) -> None:
+            dask_worker.plugins[run].halted = True
+
         with suppress(Exception):
-            self.client.run(_halt, self.run, on_error="ignore")
+            self.client.run(halt, on_error="ignore")

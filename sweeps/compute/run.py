@@ -1,6 +1,4 @@
-"""The execution of a plan: batches are computed, stored, and assembled. One loop serves all executors."""
-
-from __future__ import annotations
+"""The execution of a plan: one loop over batches, which are computed, stored and assembled."""
 
 import signal
 import threading
@@ -17,16 +15,8 @@ from dask.local import SynchronousExecutor
 from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
-from sweeps.errors import (
-    AbandonedError,
-    DamagedError,
-    MixedWarning,
-    SchedulerError,
-    StoreError,
-    SweepStoppedError,
-    WorkerDied,
-    reason,
-)
+from sweeps import errors
+from sweeps.errors import DamagedError, SchedulerError, StoreError, SweepStoppedError, WorkerDied
 from sweeps.fingerprint.code import check_loaded
 from sweeps.fingerprint.identity import functions_of
 from sweeps.fingerprint.provenance import Environment, environment
@@ -35,8 +25,8 @@ from sweeps.plan.planning import ROW_BYTES, PlanData, mixture, select
 from sweeps.status import Monitor, Progress
 from sweeps.storage.assemble import Source, Table, assemble, declared
 from sweeps.storage.existing import opened
-from sweeps.storage.netcdf import described, stored_only, write
-from sweeps.storage.parts import PartSource, PartWriter, ResultSource
+from sweeps.storage.netcdf import described, write
+from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
 from sweeps.storage.store import Store
 from sweeps.task import BatchSummary, one_blas_thread
 
@@ -69,10 +59,9 @@ def execute(
                 raise
             store.clear()
     if plan.whole and store.parts.exists():
-        # They remain of a run that was killed when its file was complete.
+        # They remain of a run that was killed when its file was complete; whoever releases the lock removes them.
         with suppress(StoreError), store.locked():
-            if not store.manifest.exists():
-                store.clear()
+            pass
     return _requested(plan, store), store.version()
 
 
@@ -80,43 +69,40 @@ def check_backend(scheduler: Any, workers: int | None) -> None:
     """Raise a `SchedulerError` unless the scheduler is one of those that `Plan.run` accepts."""
     known = isinstance(scheduler, str) and (scheduler in LOCAL or "://" in scheduler)
     if not known and not hasattr(scheduler, "scheduler_info"):
-        raise SchedulerError(
-            f"scheduler = {scheduler!r}: it must be 'threads', 'sync', 'processes', an address like "
-            "tcp://host:8786, or a Dask client or cluster"
-        )
+        kinds = "'threads', 'sync', 'processes', an address like tcp://host:8786, or a Dask client or cluster"
+        raise SchedulerError(f"scheduler = {scheduler!r}: it must be {kinds}")
     whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
     if workers is not None and not (whole and workers >= 1):
         raise SchedulerError(f"workers = {workers!r}: it must be an integer, 1 or above")
 
 
 def _requested(plan: PlanData, store: Store) -> xr.Dataset:
-    """Select the requested points of the file, in the order of the request."""
     try:
         data = opened(store.file)
     except ValueError as problem:
-        raise StoreError(f"{problem}; move it away, or start over with fresh (--fresh)") from None
+        raise StoreError(f"{problem}; move it away, or {errors.FRESH}") from None
     if plan.alignment.identical:
         return declared(data)
     grid = plan.manifest.grid
-    some = stored_only(plan.manifest, data).isel(dict(zip(grid.dims, plan.alignment.indexers, strict=True)))
+    # The computed variables, without derived ones.
+    own = [*plan.manifest.variables, *(name for name in BOOKKEEPING if name in data)]
+    data = data[own + [name for name in data.data_vars if data[name].dims == ("failure",)]]
+    some = data.isel(dict(zip(grid.dims, plan.alignment.indexers, strict=True)))
     if "failure" in some.dims:
         inside = [some[f"failure_{name}"].isin(plan.sweep.grid.axes[name].values).values for name in grid.axes]
-        own = np.logical_and.reduce(inside)
-        some = some.isel(failure=own) if own.any() else some.drop_dims("failure")
+        flags = np.logical_and.reduce(inside)
+        some = some.isel(failure=flags) if flags.any() else some.drop_dims("failure")
     return declared(described(plan.manifest, some, plan.sweep.derive))
 
 
-class _Local:
+class _Local(AbstractContextManager["_Local"]):
     """An executor of threads of this process; with `workers` None this thread."""
 
     window = 2  # submitted batches for each worker at most: one to work on, one that waits
 
-    def __init__(self, run: _Run, workers: int | None) -> None:
+    def __init__(self, run: "_Run", workers: int | None) -> None:
         self._run, self.workers = run, workers or 1
         self._pool: Executor = SynchronousExecutor() if workers is None else ThreadPoolExecutor(workers)
-
-    def __enter__(self) -> _Local:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
         """Wait for the threads, which cannot be ended; after an interrupt give them up."""
@@ -130,20 +116,16 @@ class _Local:
         """Threads do not disappear."""
 
     def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary]:
-        """Compute a batch, and store it as the part `name`."""
-        return self._pool.submit(lambda: self._run.write(name, points, self._run.plan.task.run(points)))
+        return self._pool.submit(lambda: self._run.write(name, self._run.plan.task.run(points)))
 
     def result(self, future: Future[BatchSummary]) -> BatchSummary:
         return future.result()
 
     def halt(self) -> None:
-        """Begin no more batches."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
 class _Run:
-    """One execution of a plan's batches."""
-
     def __init__(self, plan: PlanData, store: Store | None, progress: Progress | None, fail_fast: bool) -> None:
         self.plan, self.store, self.fail_fast = plan, store, fail_fast
         self.sources: list[Source] = [each for each in plan.sources if each.name not in plan.damaged]
@@ -167,20 +149,19 @@ class _Run:
         self._first: NDArray[np.intp] | None = None
 
     def compute(self, scheduler: Any, workers: int | None) -> Table:
-        """Compute every batch, of a refined sweep pass after pass; return the table of all results."""
         with self._interruptible():
             try:
                 if self.plan.todo:
                     self._passes(scheduler, workers)
             except KeyboardInterrupt:
                 if any(future.running() for future in self._submitted):
-                    raise AbandonedError from None
+                    raise errors.AbandonedError from None
                 raise
             finally:
                 # Threads that were given up write nothing from now on.
                 if self.writer is not None:
                     self.writer.close()
-                self.monitor.close()
+                self.monitor.write()
         if self.common_error:
             if self.store is not None and not self.plan.sources:
                 self.store.clear()
@@ -196,33 +177,17 @@ class _Run:
         return table
 
     def _check_environments(self, environments: Sequence[Environment], *, strict: bool = True) -> None:
-        """Warn of a mixture of environments, or refuse it if the plan is strict."""
-        if line := mixture(self.store, self.plan.sweep, environments, strict and self.plan.strict):
-            warnings.warn(line, MixedWarning, stacklevel=6)
-
-    def _prepare(self) -> None:
-        """Make the folder of parts, remove useless files from it, and write the manifest."""
-        if (store := self.store) is None:
-            return
-        check_loaded(functions_of(self.plan.sweep), self.plan.sweep.code)
-        useful = {source.name for source in self.sources}
-        with self._writing(store):
-            store.parts.mkdir(parents=True, exist_ok=True)
-            # Temporary files of killed runs, damaged parts, and parts of another manifest.
-            useless = [store.parts / name for name in store.part_names() if name not in useful]
-            for path in [*useless, *store.parts.glob(".*.tmp")]:
-                path.unlink(missing_ok=True)
-            self.plan.manifest.save(store)
+        if line := mixture(self.plan.store or self.plan.sweep.name, environments, strict and self.plan.strict):
+            warnings.warn(line, errors.MixedWarning, stacklevel=6)
 
     @contextmanager
     def _writing(self, store: Store) -> Iterator[None]:
-        """Report a failure to write, and whether anything is stored."""
         try:
             yield
         except (OSError, RuntimeError) as problem:
             kept = self.plan.cached or store.part_names()
             done = "what was finished is kept, and the same run goes on" if kept else "nothing was finished"
-            raise StoreError(f"{store.file} could not be written: {reason(problem)}; {done}") from problem
+            raise StoreError(f"{store.file} could not be written: {errors.reason(problem)}; {done}") from problem
 
     def _passes(self, scheduler: Any, workers: int | None) -> None:
         plan, due = self.plan, self.plan.due
@@ -238,7 +203,15 @@ class _Run:
         with one_blas_thread(), backend as executor:
             self.environments += executor.environments(plan.task.libraries)
             self._check_environments(self.environments)
-            self._prepare()
+            if (store := self.store) is not None:
+                check_loaded(functions_of(plan.sweep), plan.sweep.code)
+                with self._writing(store):
+                    store.parts.mkdir(parents=True, exist_ok=True)
+                    # Temporary files of killed runs, damaged parts, and parts of another manifest.
+                    useless = {*store.part_names()} - {source.name for source in self.sources}
+                    for path in [*map(store.parts.joinpath, useless), *store.parts.glob(".*.tmp")]:
+                        path.unlink(missing_ok=True)
+                    plan.manifest.save(store)
             # A run that stops at a failure has no batches that wait behind one.
             window = 1 if self.fail_fast or scheduler == "sync" else executor.window
             while due.any():
@@ -249,7 +222,6 @@ class _Run:
                 self.monitor.todo += int(np.count_nonzero(due))
 
     def _loop(self, due: NDArray[np.bool_], executor: Any, window: int) -> None:
-        """Submit batches as long as there are points, and collect their results."""
         queue = Queue(self.plan.manifest.grid, due, self.plan.sweep.order_by)
         if self._first is None:
             self._first = queue.take_spread(self.sizes.least)
@@ -272,7 +244,8 @@ class _Run:
     def _submit(self, executor: Any, points: NDArray[np.intp]) -> None:
         name = "" if self.writer is None else self.writer.next_name()
         ends = self.plan.manifest.grid.points(points[[0, -1]])
-        spans = [f"{axis} = {_span(*values.tolist())}" for axis, values in ends.items()]
+        texts = {k: [f"{n:g}" if isinstance(n, float) else str(n) for n in v.tolist()] for k, v in ends.items()}
+        spans = [f"{axis} = {' to '.join(dict.fromkeys(each))}" for axis, each in texts.items()]
         self.monitor.begin(int(points[0]), ", ".join(spans))
         future = executor.submit(name, points)
         self._submitted[future] = name, points
@@ -289,13 +262,16 @@ class _Run:
         if future is None:
             executor.check()
             return
-        name, points = self._submitted.pop(future)
+        (name, points), summary = self._submitted.pop(future), None
         try:
-            summary: BatchSummary | None = executor.result(future)
-        except CancelledError:
-            summary = None
+            with suppress(CancelledError):
+                summary = executor.result(future)
         except WorkerDied:
-            summary = self._died(points)
+            if len(points) == 1 and not self._submitted:
+                # It was alone, so it is guilty.
+                summary = self.plan.task.run(points, RuntimeError("the process that computed this point died"))
+            else:
+                self._suspects += np.array_split(points, min(2, len(points)))
         if summary is None:  # it was not begun, or is computed again
             self.monitor.end(int(points[0]))
             return
@@ -307,39 +283,30 @@ class _Run:
         else:
             self.sizes.finished(summary.rows, summary.seconds)
             self.failure = self.failure or summary.first_failure
-            self.write(name, points, summary)
+            self.write(name, summary)
             if self.store is not None:
-                self.sources.append(PartSource(self.store.parts / name))
+                self.sources.append(PartSource(self.store.parts, name))
             elif summary.result is not None:
-                self.sources.append(ResultSource(points, summary.result))
+                self.sources.append(summary.result)
         self.monitor.end(int(points[0]), summary.rows, summary.failed)
 
-    def write(self, name: str, points: NDArray[np.intp], summary: BatchSummary) -> BatchSummary:
+    def write(self, name: str, summary: BatchSummary) -> BatchSummary:
         """Write the part of a batch; return the summary without the result."""
         if self.writer is None or self.store is None or summary.result is None:
             return summary
         with self._writing(self.store):
-            self.writer.write(name, points, summary.result)
+            self.writer.write(name, summary.result)
         return summary._replace(result=None)
 
-    def _died(self, points: NDArray[np.intp]) -> BatchSummary | None:
-        """Queue the halves of a batch whose worker died; a single point of which one died alone has failed."""
-        if len(points) == 1 and not self._submitted:
-            return self.plan.task.failed(points, RuntimeError("the process that computed this point died"))
-        self._suspects += np.array_split(points, min(2, len(points)))
-        return None
-
     def _stopped(self) -> bool:
-        """Whether no more batches begin."""
         return bool(self.interrupts or self.common_error or (self.fail_fast and self.failure))
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
         """The first interrupt lets the batches that have begun finish, the second stops at once."""
+        default = signal.default_int_handler
         main = threading.current_thread() is threading.main_thread()
-        if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-            yield
-            return
+        ours = main and signal.getsignal(signal.SIGINT) is default
 
         def interrupt(number: int, frame: Any) -> None:
             self.interrupts += 1
@@ -348,13 +315,10 @@ class _Run:
                 raise KeyboardInterrupt
             self.monitor.stop()
 
-        signal.signal(signal.SIGINT, interrupt)
         try:
+            if ours:
+                signal.signal(signal.SIGINT, interrupt)
             yield
         finally:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _span(first: Any, last: Any) -> str:
-    texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in (first, last)]
-    return texts[0] if first == last else " to ".join(texts)
+            if ours:
+                signal.signal(signal.SIGINT, default)

@@ -7,11 +7,8 @@ functions, arguments of partials, attributes of called instances.
 
 Not covered are files that a module reads, unless they are declared; names that are found by computation; and the
 code of installed packages: of those that are declared, or define a function, the version counts, that of others is
-part of the environment (`sweeps.fingerprint.provenance`). Formatting, comments and docstrings change nothing.
-Nothing in a file is executed.
+part of the environment. Formatting, comments and docstrings change nothing. Nothing in a file is executed.
 """
-
-from __future__ import annotations
 
 import ast
 import dataclasses
@@ -21,6 +18,7 @@ import json
 import os
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from enum import Enum
@@ -51,40 +49,27 @@ Functions = Iterable[Callable[..., Any]]
 
 
 def digests(functions: Functions, code: Sequence[str | Path] = ()) -> dict[str, str]:
-    """Digests by which the code of two runs is compared.
+    """Digests of code by the name of each module, package and file; of an installed package its version.
 
-    Parameters
-    ----------
-    functions : iterable of callable
-        Plain, partial, wrapped or compiled functions, methods, lambdas, classes, instances that can be called.
-    code : sequence of (str or Path)
-        Packages and modules by name, and files or folders, on which results depend besides.
-
-    Returns
-    -------
-    dict of str to str
-        By the name of each module, package and file; of an installed package its version.
-
-    Raises
-    ------
-    InputError
-        If there is no such code, or a function carries along a value that cannot be compared.
+    `functions` are callables of any kind, `code` the packages and modules, by name, and the files and folders on
+    which results depend besides. An `InputError` if there is no such code, or a function carries along a value
+    that cannot be compared.
     """
-    reach = _Reach(functions, code)
-    texts = {
-        name: [each.text for each in reach.parsed(name).statements if each in taken]
-        for name, taken in reach.taken.items()
-    }
-    texts |= {name: [reach.parsed(each).text for each in sorted(_modules(name))] for name in reach.packages}
+    reach, texts = _Reach(functions, code), dict[str, list[str]]()
+    for module, taken in sorted(reach.taken.items()):
+        lines = [each.text for each in reach.statements(module) if each in taken]
+        texts.setdefault(reach.whole.get(module, module), []).extend(lines)
     for name, values in reach.values.items():
-        texts[name] = texts.get(name, []) + sorted(values)
-    found = {name: _digest("\0".join(lines).encode()) for name, lines in texts.items() if lines}
+        texts.setdefault(name, []).extend(sorted(values))
+    found = {name: digest("\0".join(lines).encode()) for name, lines in texts.items() if lines}
     for path in reach.files:
         files = [path] if path.is_file() else sorted(each for each in path.rglob("*") if each.is_file())
-        found[path.name] = _digest(
-            b"\0".join(f"{each.relative_to(path)}".encode() + each.read_bytes() for each in files)
-        )
-    return dict(sorted((found | {name: f"version {_version(name)}" for name in reach.versions}).items()))
+        contents = (str(each.relative_to(path)).encode() + each.read_bytes() for each in files)
+        found[path.name] = digest(b"\0".join(contents))
+    for name in reach.versions:
+        distributions = packages_distributions().get(_root(name))
+        found[name] = f"version {version(distributions[0]) if distributions else 'unknown'}"
+    return dict(sorted(found.items()))
 
 
 def libraries(functions: Functions, code: Sequence[str | Path] = ()) -> list[str]:
@@ -96,64 +81,67 @@ def check_loaded(functions: Functions, code: Sequence[str | Path] = ()) -> None:
     """Refuse code that Python has loaded and that is not what its file says now.
 
     Results of the loaded code would get the fingerprint of the file. Functions, methods and literals are compared.
-
-    Raises
-    ------
-    InputError
-        Naming the module.
     """
     reach = _Reach(functions, code)
-    reached: dict[str, set[str] | None] = {n: None for package in reach.packages for n in _modules(package)}
-    reached |= {home: set() for home, _ in reach.functions}
-    reached |= {name: set().union(*(each.binds for each in taken)) for name, taken in reach.taken.items()}
     started = psutil.Process().create_time() - MARGIN
-    for name, names in reached.items():
-        loaded, file = sys.modules.get(_loaded_name(name)), _file(name)
+    for name in reach.taken.keys() | {home for home, _ in reach.functions}:
+        loaded, file = _loaded(name), _file(name)
         # Other loaders, like that of pytest, may change the code. A file older than this process cannot differ.
         if loaded is None or file is None or type(getattr(loaded, "__loader__", None)) is not SourceFileLoader:
             continue
         if file.stat().st_ctime < started:
             continue
         codes, literals = _compiled(file.read_bytes(), str(loaded.__file__))
-        wrong = [each.co_qualname for home, each in reach.functions if home == name and each not in codes]
-        for key in vars(loaded).keys() if names is None else names & vars(loaded).keys():
-            value = vars(loaded)[key]
+        wrong = {each.co_qualname for home, each in reach.functions if home == name and each not in codes}
+        names = set[str]().union(*(each.names for each in reach.taken.get(name, ())))
+        for key, value in vars(loaded).items():
+            if name not in reach.whole and key not in names:
+                continue
             differs = key in literals and (type(value), value) != (type(literals[key]), literals[key])
             if differs or not codes.issuperset(_codes(value, loaded)):
-                wrong.append(key)
+                wrong.add(key)
         if wrong:
-            raise InputError(
-                f"{file.name} has changed since Python loaded it ({', '.join(sorted({*wrong}))}); restart Python, "
-                "or reload the module, and plan again"
-            )
+            what = f"{file.name} has changed since Python loaded it ({', '.join(sorted(wrong))})"
+            raise InputError(f"{what}; restart Python, or reload the module, and plan again")
 
 
 class _Reach:
     """Follows names from functions through the modules of their packages."""
 
     def __init__(self, functions: Functions, code: Sequence[str | Path]) -> None:
-        self.parsed = cache(_parsed)  # each file is read once
-        self.taken: dict[str, set[_Statement]] = {}
-        self.values: dict[str, list[str]] = {}
-        self.packages, self.versions, self.libraries = set[str](), set[str](), set[str]()
+        self.statements = cache(_statements_of)  # each file is read once
+        # Packages that are covered as declared, or that have no code of their own.
+        self._known = {_root(name) for name in code if isinstance(name, str)} | sys.stdlib_module_names
+        homes = {_root(home_of(getattr(function, "func", function))) for function in functions} - self._known
+        self._own, before = {home for home in homes if not _is_installed(home)}, None
+        while before != self._own:  # a package that is found late counts from the beginning
+            before = set(self._own)
+            self._follow_all(functions, code)
+
+    def _follow_all(self, functions: Functions, code: Sequence[str | Path]) -> None:
+        self.taken, self.values = dict[str, set[_Statement]](), dict[str, list[str]]()
+        # The package of each module that is covered as a whole.
+        self.whole = dict[str, str]()
+        self.versions, self.libraries = set[str](), set[str]()
         self.files = [each for each in code if isinstance(each, Path)]
-        self.functions = list[tuple[str, CodeType]]()
-        self._own, self._seen = set[str](), set[Any]()
+        self.functions, self._seen = list[tuple[str, CodeType]](), set[Any]()
         for name in code:
             if not (name.exists() if isinstance(name, Path) else _spec(name)):
                 raise InputError(f"code = {str(name)!r}: there is no such package, module or file")
             if isinstance(name, str) and _is_installed(name):
                 self.versions.add(name)
             elif isinstance(name, str):
-                self._add(name)
+                self._cover(name)
         for function in functions:
             self._function(function)
 
-    def _add(self, package: str) -> None:
-        """Cover a whole package, and what it imports."""
-        self.packages.add(package)
-        for root in set().union(*(self.parsed(module).imports for module in _modules(package))):
-            self._count(root)
+    def _cover(self, package: str) -> None:
+        modules = _modules(package)
+        self.whole |= dict.fromkeys(modules, package)
+        for module in modules:
+            self.taken[module] = {*self.statements(module)}
+            for root in {_root(target) for each in self.taken[module] for _, target, _ in each.imports}:
+                self._count(root)
 
     def _count(self, root: str) -> None:
         """Count a package that covered code imports."""
@@ -161,28 +149,29 @@ class _Reach:
             return
         if _is_installed(root):
             self.libraries.add(root)
-        elif root not in {_root(each) for each in self.packages}:
-            self._add(root)
+        elif root not in map(_root, self.whole.values()):
+            self._cover(root)
 
     def _take(self, module: str, name: str, attribute: str = "") -> None:
         """Take the statements of a module that bind a name or change its object; "*" takes all."""
         if (module, name, attribute) in self._seen or _file(module) is None:
             return
         self._seen.add((module, name, attribute))
-        for each in self.parsed(module).statements:
-            if name == "*" or {name, "*"} & (each.binds | each.effects):
+        for each in self.statements(module):
+            if name == "*" or not each.names.isdisjoint((name, "*")):
                 self._follow(module, each, name, attribute)
 
-    def _follow(self, module: str, statement: _Statement, name: str = "", attribute: str = "") -> None:
+    def _follow(self, module: str, statement: "_Statement", name: str = "", attribute: str = "") -> None:
         """Take a statement, with all that it uses; of an import what `name` imports, with its attribute."""
         for bound, target, inner in statement.imports:
-            if bound in (name, "") or "*" in (bound, name):
+            # What the engine computes is given by its own functions.
+            if (bound in (name, "") or "*" in (bound, name)) and not (_root(target) == ENGINE != _root(module)):
                 self._import(target, name if inner == "*" else inner, attribute)
         taken = self.taken.setdefault(module, set())
         if statement not in taken:
             taken.add(statement)
-            for use, its_attribute in statement.uses:
-                self._take(module, use, its_attribute)
+            for use in statement.uses:
+                self._take(module, *use)
 
     def _import(self, module: str, name: str, attribute: str) -> None:
         """Follow an imported name, or the attribute that is used of an imported module."""
@@ -195,202 +184,160 @@ class _Reach:
         else:
             self._take(module, name or attribute or "*", attribute if name else "")
 
-    def _value(self, home: str, how: str, value: Any) -> None:
-        """Count a value that a function carries along."""
-        followed = set[Any]()
-        try:
-            text = json.dumps(plain(value, followed))
-        except InputError:
-            raise InputError(
-                f"{how} = {value!r}, which cannot be compared with a stored value; pass it as a constant"
-            ) from None
-        self.values.setdefault(home, []).append(f"{how} = {text}")
-        for each in followed:
-            self._function(each)
-
     def _function(self, function: Any) -> None:
-        """Follow a callable of any kind."""
+        """Follow a callable of any kind, with the values that it carries along."""
         inner = getattr(function, "py_func", None) or getattr(function, "__wrapped__", None)
-        kind = type(function)
-        name, home = getattr(function, "__qualname__", kind.__qualname__), _home(inner or function)
+        kind, home = type(function), home_of(inner or function)
+        name, carried = getattr(function, "__qualname__", kind.__qualname__), dict[Any, Any]()
         if isinstance(function, partial):
-            for key, value in [*enumerate(function.args), *function.keywords.items()]:
-                self._value(home, f"a partial has the argument {key}", value)
-            self._function(function.func)
+            inner, carried = function.func, {**dict(enumerate(function.args)), **function.keywords}
         elif isinstance(function, MethodType):
-            self._value(home, f"method {name} is of", function.__self__)
-            self._function(function.__func__)
+            inner, carried = function.__func__, {"self": function.__self__}
         elif inner is not None:
-            options = getattr(function, "targetoptions", {})
-            self.values.setdefault(home, []).append(f"{name} is compiled with {sorted(options.items(), key=str)}")
-            self._function(inner)
+            carried = {"options": str(sorted(getattr(function, "targetoptions", {}).items(), key=str))}
         elif isinstance(function, (FunctionType, type)):
-            self._definition(function, home, name)
-        elif not (_root(_home(kind)) in sys.stdlib_module_names or _is_installed(_root(_home(kind)))):
-            self._function(kind)
-            for key, value in sorted(getattr(function, "__dict__", {}).items()):
-                self._value(home, f"the {name} that is called has {key}", value)
+            carried = self._definition(function, home, name)
+        elif not (_root(home_of(kind)) in sys.stdlib_module_names or _is_installed(_root(home_of(kind)))):
+            inner, carried = kind, getattr(function, "__dict__", {})
+        for key, value in carried.items():
+            followed = set[Any]()
+            try:
+                text = json.dumps(plain(value, followed))
+            except InputError:
+                what = f"{name} has {key} = {value!r}, which cannot be compared with a stored value"
+                raise InputError(f"{what}; pass it as a constant") from None
+            self.values.setdefault(home, []).append(f"{name} has {key} = {text}")
+            for each in followed:
+                self._function(each)
+        if inner is not None:
+            self._function(inner)
 
-    def _definition(self, function: FunctionType | type, home: str, name: str) -> None:
-        root = _root(home)
-        if id(function) in self._seen or root in sys.stdlib_module_names:
-            return
+    def _definition(self, function: FunctionType | type, home: str, name: str) -> dict[Any, Any]:
+        """Take the definition of a function or class; return what it carries along."""
+        root, file, nested = _root(home), _file(home), "<" in name
+        if id(function) in self._seen or root in self._known:
+            return {}
         self._seen.add(id(function))
-        if root in {_root(each) for each in self.packages}:
-            return
         if _is_installed(root):
             self.versions |= {root} if isinstance(function, FunctionType) else set()
-            return
+            return {}
         self._own.add(root)
-        nested = "<" in name
-        if isinstance(function, FunctionType):
-            code = function.__code__
-            for key, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
-                if cell != CellType():  # a name that is not bound yet
-                    self._value(home, f"function {name} closes over {key}", cell.cell_contents)
-            for key, value in inspect.signature(function).parameters.items() if nested else ():
-                if value.default is not value.empty:
-                    self._value(home, f"function {name} has the default {key}", value.default)
-            if _file(home) is None:
-                # A notebook's: its bytecode, and the globals that it uses.
-                used = _names(code) & function.__globals__.keys()
-                self.values.setdefault(home, []).append(_bytecode(code))
-                for key in sorted(used):
-                    value = function.__globals__[key]
-                    if isinstance(value, ModuleType):
-                        self._count(_root(value.__name__))
-                    else:
-                        self._value(home, f"function {name} uses {key}", value)
-            self.functions.append((home, code))
-            if nested:  # a statement may have several
-                self.values.setdefault(home, []).append(_bytecode(code))
-        elif _file(home) is None:
-            for key, value in vars(function).items():
-                if isinstance(value, (FunctionType, bool, int, float, str)) and key not in (
-                    "__module__",
-                    "__doc__",
-                ):
-                    self._value(home, f"class {name} has {key}", value)
-        if not (nested and isinstance(function, FunctionType)):
-            self._take(home, _root(name))
-        elif _file(home) is not None:
-            for each in self.parsed(home).statements:
-                if each.first <= function.__code__.co_firstlineno <= each.last:
-                    self._follow(home, each)
-
-
-@dataclasses.dataclass(eq=False)
-class _Statement:
-    """A top-level statement of a file: its lines, what it binds, uses (with attributes), changes and imports."""
-
-    node: ast.stmt
-    first: int
-    last: int
-    binds: set[str]
-    uses: set[tuple[str, str]]
-    effects: set[str]
-    # The name that is bound, "" within a function; the module; the name in it, "" for the module itself.
-    imports: list[tuple[str, str, str]]
-
-    @cached_property
-    def text(self) -> str:
-        """Its source, formatted."""
-        return ast.unparse(self.node)
-
-
-class _Parsed:
-    """A file without docstrings: its text, the packages that it imports, and its statements."""
-
-    def __init__(self, content: bytes, package: str) -> None:
-        self._package, tree = package, ast.parse(content)
-        every = list(ast.walk(tree))
-        for node in every:
-            _strip(node)
-        aliases = [each for node in every if isinstance(node, IMPORTS) for each in _aliases(node, package)]
-        self.imports = {_root(module) for _, module, _ in aliases}
-        self._nodes = list[ast.stmt]()
-        for each in tree.body:
-            if not (isinstance(each, ast.If) and ast.unparse(each.test) == "__name__ == '__main__'"):
-                names = each.names if isinstance(each, IMPORTS) else []
-                self._nodes += [type(each)(**{**vars(each), "names": [name]}) for name in names] or [each]
-        # The order of imports changes nothing.
-        self._nodes.sort(key=lambda node: ast.unparse(node) if isinstance(node, IMPORTS) else "~")
-
-    @cached_property
-    def text(self) -> str:
-        """All statements."""
-        return "\0".join(map(ast.unparse, self._nodes))
-
-    @cached_property
-    def statements(self) -> list[_Statement]:
-        """The top-level statements, an import for each name."""
-        return [_statement(node, self._package) for node in self._nodes]
-
-
-def _strip(node: ast.AST) -> None:
-    """Remove docstrings, and other strings that are no values."""
-    body = getattr(node, "body", None)
-    if isinstance(body, list):
-        kept = [s for s in body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
-        node.body = kept or [ast.Pass()]  # type: ignore[attr-defined]
-
-
-def _statement(node: ast.stmt, package: str) -> _Statement:
-    code = compile(ast.fix_missing_locations(ast.Module([node], [])), "", "exec", dont_inherit=True)
-    used, top = _names(code), list(_top(node))
-    binds = {n.id for n in top if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
-    binds |= {n.name for n in top if isinstance(n, DEFINITIONS)}
-    imports = [("", *each[1:]) for n in ast.walk(node) if isinstance(n, IMPORTS) for each in _aliases(n, package)]
-    imports = [each for n in top if isinstance(n, IMPORTS) for each in _aliases(n, package)] or imports
-    binds |= {bound for bound, *_ in imports if bound}
-    uses = {(name, attribute) for name, attribute in _dotted(node) if name in used}
-    first = min([node.lineno, *(each.lineno for each in getattr(node, "decorator_list", []))])
-    return _Statement(node, first, node.end_lineno or 0, binds, uses, _effects(node), imports)
-
-
-def _top(node: ast.AST) -> Iterator[ast.AST]:
-    """The parts of a statement that run with its module: all but the bodies of functions and classes."""
-    yield node
-    for child in () if isinstance(node, (*DEFINITIONS, ast.Lambda)) else ast.iter_child_nodes(node):
-        yield from _top(child)
-
-
-def _dotted(node: ast.AST) -> Iterator[tuple[str, str]]:
-    """Names, each with the attribute that is taken of it."""
-    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-        yield node.value.id, node.attr
-    elif isinstance(node, ast.Name):
-        yield node.id, ""
-    else:
-        for child in ast.iter_child_nodes(node):
-            yield from _dotted(child)
-
-
-def _effects(node: ast.AST) -> set[str]:
-    """Names whose objects a statement changes: by an attribute, an entry, or a method whose result is unused."""
-    places: list[ast.AST] = [
-        n for n in _top(node) if isinstance(n, (ast.Attribute, ast.Subscript)) and not isinstance(n.ctx, ast.Load)
-    ]
-    places += [n.value.func for n in _top(node) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call)]
-    names = set()
-    for place in places:
-        while isinstance(place, (ast.Attribute, ast.Subscript)):
-            place = place.value
-            names |= {place.id} if isinstance(place, ast.Name) else set()
-    return names
-
-
-def _aliases(node: Any, package: str) -> Iterator[tuple[str, str, str]]:
-    for each in node.names:
-        if isinstance(node, ast.Import):
-            root = _root(each.name)
-            yield each.asname or root, each.name if each.asname else root, ""
-            if root != each.name and not each.asname:
-                yield "", each.name, "."
+        carried = dict[Any, Any]()
+        if isinstance(function, type):
+            nested = False
+            if file is None:
+                kinds = (FunctionType, bool, int, float, str)
+                carried = {key: value for key, value in vars(function).items() if isinstance(value, kinds)}
+                carried = {key: value for key, value in carried.items() if key not in ("__module__", "__doc__")}
         else:
-            with suppress(ImportError):
-                module = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-                yield each.asname or each.name, module, each.name
+            code = function.__code__
+            self.functions.append((home, code))
+            cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
+            carried = {key: cell.cell_contents for key, cell in cells if cell != CellType()}  # one may be unbound
+            if nested:
+                parameters = inspect.signature(function).parameters.values()
+                carried |= {each.name: each.default for each in parameters if each.default is not each.empty}
+            if nested or file is None:  # a statement may have several; a notebook's function has no file
+                self.values.setdefault(home, []).append(_bytecode(code))
+            for key in sorted(_names(code) & function.__globals__.keys()) if file is None else ():
+                if isinstance(value := function.__globals__[key], ModuleType):
+                    self._count(_root(value.__name__))
+                else:
+                    carried[key] = value
+            for each in self.statements(home) if nested else ():
+                if each.first <= code.co_firstlineno <= each.last:
+                    self._follow(home, each)
+        if not nested:
+            self._take(home, _root(name))
+        return carried
+
+
+class _Statement:
+    """A top-level statement of a file, without docstrings; of an import one name."""
+
+    def __init__(self, node: ast.stmt, package: str) -> None:
+        self._node, self._package = node, package
+        self.first = min([node.lineno, *(each.lineno for each in getattr(node, "decorator_list", []))])
+        self.last = node.end_lineno or 0
+        # The parts that run with the module: all but the bodies of functions and classes.
+        self._top: list[ast.AST] = [node]
+        for each in self._top:
+            if not isinstance(each, (*DEFINITIONS, ast.Lambda)):
+                self._top += ast.iter_child_nodes(each)
+
+    @cached_property
+    def text(self) -> str:
+        return ast.unparse(self._node)
+
+    @cached_property
+    def names(self) -> set[str]:
+        """Names that it binds, or whose objects it changes: by an attribute, an entry, or an unused result."""
+        stored = [n for n in self._top if hasattr(n, "ctx") and not isinstance(n.ctx, ast.Load)]
+        calls = [n.value for n in self._top if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call)]
+        changed = [*stored, *(each.func for each in calls if isinstance(each.func, ast.Attribute))]
+        names = {n.id for place in changed for n in ast.walk(place) if isinstance(n, ast.Name)}
+        names |= {n.name for n in self._top if isinstance(n, DEFINITIONS)}
+        return names | {bound for bound, *_ in self.imports if bound}
+
+    @cached_property
+    def uses(self) -> set[tuple[str, str]]:
+        """Names that it does not define itself, each with the attribute that is taken of it."""
+        module = ast.fix_missing_locations(ast.Module([self._node], []))
+        used = _names(compile(module, "", "exec", dont_inherit=True))
+        found, nodes = set[tuple[str, str]](), list[ast.AST]([self._node])
+        for node in nodes:
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                found.add((node.value.id, node.attr))
+            elif isinstance(node, ast.Name):
+                found.add((node.id, ""))
+            else:
+                nodes += ast.iter_child_nodes(node)
+        return {each for each in found if each[0] in used}
+
+    @cached_property
+    def imports(self) -> list[tuple[str, str, str]]:
+        """The name that is bound, "" within a function; the module; the name in it, "" for the module itself."""
+        found = list[tuple[str, str, str]]()
+        for node in (each for each in ast.walk(self._node) if isinstance(each, IMPORTS)):
+            here = node in self._top
+            for each in node.names:
+                root = _root(each.name)
+                if isinstance(node, ast.ImportFrom):
+                    with suppress(ImportError):
+                        relative = "." * node.level + (node.module or "")
+                        module = importlib.util.resolve_name(relative, self._package)
+                        found.append(((each.asname or each.name) * here, module, each.name))
+                elif each.asname or root == each.name:
+                    found.append(((each.asname or root) * here, each.name, ""))
+                else:
+                    found += [(root * here, root, ""), ("", each.name, ".")]
+        return found
+
+
+def _statements_of(name: str) -> list[_Statement]:
+    """The top-level statements of a module, imports first."""
+    file, spec = _file(name), _spec(name)
+    try:
+        return _statements(file.read_bytes() if file else b"", (spec.parent if spec else "") or "")
+    except SyntaxError as problem:
+        raise InputError(f"{file}: it is no Python code: {problem}") from None
+
+
+@cache  # by content, since modification times are too coarse
+def _statements(content: bytes, package: str) -> list[_Statement]:
+    nodes, tree = list[ast.stmt](), ast.parse(content)
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            # Docstrings, and other strings that are no values.
+            kept = [s for s in body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+            node.body = kept or [ast.Pass(lineno=0)]  # type: ignore[attr-defined]
+    for each in tree.body:
+        if not (isinstance(each, ast.If) and ast.unparse(each.test) == "__name__ == '__main__'"):
+            names = each.names if isinstance(each, IMPORTS) else []
+            nodes += [type(each)(**{**vars(each), "names": [name]}) for name in names] or [each]
+    # The order of imports changes nothing.
+    nodes.sort(key=lambda node: ast.unparse(node) if isinstance(node, IMPORTS) else "~")
+    return [_Statement(node, package) for node in nodes]
 
 
 def _names(code: CodeType) -> set[str]:
@@ -406,20 +353,18 @@ def _bytecode(code: CodeType) -> str:
 @cache
 def _compiled(content: bytes, file: str) -> tuple[set[CodeType], dict[str, Any]]:
     """All code objects of a file, and the values of names that it sets once, to a literal."""
-    codes, tree = {compile(content, file, "exec", dont_inherit=True)}, ast.parse(content)
-    waiting = list(codes)
-    while waiting:
-        waiting = [each for code in waiting for each in code.co_consts if isinstance(each, CodeType)]
-        codes |= {*waiting}
-    names = [n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)]
-    literals, stars = dict[str, Any](), [n for n in ast.walk(tree) if isinstance(n, ast.alias) and n.name == "*"]
-    for node in () if stars else tree.body:
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+    codes, tree = [compile(content, file, "exec", dont_inherit=True)], ast.parse(content)
+    for code in codes:
+        codes += [each for each in code.co_consts if isinstance(each, CodeType)]
+    every, literals = list(ast.walk(tree)), dict[str, Any]()
+    stored = Counter(n.id for n in every if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load))
+    star = any(isinstance(n, ast.alias) and n.name == "*" for n in every)
+    for node in () if star else tree.body:
+        if isinstance(node, ast.Assign) and isinstance(name := node.targets[0], ast.Name) and stored[name.id] == 1:
             with suppress(ValueError):
-                literals[node.targets[0].id] = ast.literal_eval(node.value)
+                literals[name.id] = ast.literal_eval(node.value)
     # A dict, list or set may be filled later, by the module itself or as a cache.
-    fixed = {name: value for name, value in literals.items() if not isinstance(value, (dict, list, set))}
-    return codes, {name: value for name, value in fixed.items() if names.count(name) == 1}
+    return {*codes}, {n: value for n, value in literals.items() if not isinstance(value, (dict, list, set))}
 
 
 def _codes(value: Any, module: ModuleType) -> Iterator[CodeType]:
@@ -434,7 +379,7 @@ def _codes(value: Any, module: ModuleType) -> Iterator[CodeType]:
         yield inner.__code__
 
 
-def _home(function: Any) -> str:
+def home_of(function: Any) -> str:
     """The module where a function's globals are; `__module__` may be copied or set."""
     while isinstance(function, partial):
         function = function.func
@@ -444,16 +389,14 @@ def _home(function: Any) -> str:
 
 def _own_name(name: str) -> str:
     """The name of a module, whether or not Python started it as a script."""
-    main = sys.modules["__main__"]
-    if name != "__main__":
-        return name
-    if main.__spec__ is not None:  # python -m
-        return main.__spec__.name
-    return _stem(main.__file__) if getattr(main, "__file__", None) else name
+    main: Any = sys.modules["__main__"]
+    if name == "__main__" and main.__spec__ is not None:  # python -m
+        return str(main.__spec__.name)
+    return _stem(main.__file__) if name == "__main__" and getattr(main, "__file__", None) else name
 
 
-def _loaded_name(name: str) -> str:
-    return "__main__" if name not in sys.modules and name == _own_name("__main__") else name
+def _loaded(name: str) -> ModuleType | None:
+    return sys.modules.get("__main__" if name not in sys.modules and name == _own_name("__main__") else name)
 
 
 def _stem(file: Any) -> str:
@@ -461,9 +404,7 @@ def _stem(file: Any) -> str:
 
 
 def _spec(name: str) -> ModuleSpec | None:
-    """Where a module lies."""
-    loaded = sys.modules.get(_loaded_name(name))
-    if isinstance(loaded, ModuleType):
+    if isinstance(loaded := _loaded(name), ModuleType):
         file = getattr(loaded, "__file__", None)  # a script has no spec
         return loaded.__spec__ or (importlib.util.spec_from_file_location(name, file) if file else None)
     with suppress(ImportError, ValueError):
@@ -472,20 +413,17 @@ def _spec(name: str) -> ModuleSpec | None:
 
 
 def _file(name: str) -> Path | None:
-    """The source of a module."""
     spec = _spec(name)
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
 
 
-def _modules(package: str) -> dict[str, Path]:
-    """The modules of a package, or the module of that name, with their files."""
-    spec, found = _spec(package), dict[str, Path]()
+def _modules(package: str) -> list[str]:
+    """The modules of a package, or the module of that name."""
+    spec, found = _spec(package), list[str]()
     for place in map(Path, (spec.submodule_search_locations or ()) if spec else ()):
-        for file in place.rglob("*.py"):
-            parts = file.relative_to(place).with_suffix("").parts
-            found[".".join([package, *(part for part in parts if part != "__init__")])] = file
-    own = _file(package)
-    return found or ({package: own} if own else {})
+        parts = [file.relative_to(place).with_suffix("").parts for file in place.rglob("*.py")]
+        found += [".".join([package, *(part for part in each if part != "__init__")]) for each in parts]
+    return sorted(found) or [package] * (_file(package) is not None)
 
 
 def _is_installed(name: str) -> bool:
@@ -494,40 +432,19 @@ def _is_installed(name: str) -> bool:
     return bool(INSTALLED & {part for place in places for part in Path(place).parts})
 
 
-def _version(name: str) -> str:
-    root = _root(name)
-    names = packages_distributions().get(root)
-    return version(names[0]) if names else "unknown"
-
-
-def _parsed(name: str) -> _Parsed:
-    file, spec = _file(name), _spec(name)
-    try:
-        return _parsed_content(file.read_bytes() if file else b"", (spec.parent if spec else "") or "")
-    except SyntaxError as problem:
-        raise InputError(f"{file}: it is no Python code: {problem}") from None
-
-
-# By content, since modification times are too coarse.
-_parsed_content = cache(_Parsed)
-
-
 def _root(dotted: str) -> str:
-    """The name before the first dot."""
     return dotted.partition(".")[0]
 
 
-def _digest(content: bytes) -> str:
+def digest(content: bytes) -> str:
+    """A short hash."""
     return blake2b(content, digest_size=8).hexdigest()
 
 
 def plain(value: Any, classes: set[Any] | None = None) -> Any:
     """A constant as JSON represents it; its functions, and the classes of its parts, are added to `classes`.
 
-    Raises
-    ------
-    InputError
-        If it is not made of numbers, strings, arrays, DataFrames, dataclasses and containers of these.
+    An `InputError` if it is not of numbers, strings, arrays, DataFrames, dataclasses and containers of these.
     """
     if classes is not None and callable(value):
         classes.add(value)
@@ -559,12 +476,8 @@ def load_script(file: str | Path) -> ModuleType:
     """The module of a script's file, not started as a script.
 
     It is named as its file, and imports modules beside it, as a script does. A sweep of its functions continues
-    the results of the script, and the other way round. Other processes get its functions by value.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, its name is another module's, or it raises.
+    the results of the script, and the other way round. Other processes get its functions by value. An InputError
+    if there is no such file, its name is another module's, or it raises.
     """
     path = Path(file).expanduser()
     name, folder = _stem(path), str(path.resolve().parent)

@@ -4,8 +4,6 @@ Results of another environment are not stale, but chaotic motion amplifies a las
 environments of its runs, and a run that adds another one warns.
 """
 
-from __future__ import annotations
-
 import platform
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
@@ -37,17 +35,11 @@ def environment(libraries: Iterable[str] = ()) -> dict[str, str]:
 def mixed(environments: Sequence[Environment]) -> str:
     """Describe how other environments differ from the first, in one line; "" if none does."""
     first, *others = environments or [{}]
-    lines = []
-    for other in others:
-        # A library that only one of them names is no difference: the code may have begun to import it.
-        names = sorted(name for name in {*first} & {*other} if first[name] != other[name])
-        lines.append(", ".join(f"{name} {first[name]} -> {other[name]}" for name in names))
+    # A library that only one of them names is no difference: the code may have begun to import it.
+    changed = [sorted(name for name in {*first} & {*each} if first[name] != each[name]) for each in others]
+    pairs = zip(changed, others, strict=True)
+    lines = [", ".join(f"{name} {first[name]} -> {each[name]}" for name in names) for names, each in pairs]
     return "; ".join(filter(None, dict.fromkeys(lines)))
-
-
-def listed(environments: Sequence[Environment]) -> str:
-    """Environments as text for a file's history."""
-    return "; ".join(", ".join(" ".join(each) for each in one.items()) for one in environments if one)
 
 
 @cache
@@ -85,27 +77,19 @@ def _processor() -> str:
 @cache
 def source(package: str) -> str:
     """Distribution, version and commit of a package; of a module without a distribution its name."""
-    names = packages_distributions().get(package)
-    if not names:
+    if not (names := packages_distributions().get(package)):
         return package
     number, _, local = _version(names[0]).partition("+")
     # As setuptools-scm writes it: g1a2b3c4 or g1a2b3c4.d20261120.
-    commit, _, date = local.partition(".")
-    built_from = commit[1:] + ("-dirty" if date else "") if commit.startswith("g") else ""
-    return f"{names[0]} {number} (commit {_checkout(package) or built_from or 'unknown'})"
-
-
-def _checkout(package: str) -> str:
-    """The commit of the git checkout in whose top folder the package lies; "" if it lies in none."""
+    built_from, _, date = local.partition(".")
+    commit = built_from[1:] + "-dirty" * bool(date) if built_from.startswith("g") else "unknown"
     spec = find_spec(package)
     home = Path(spec.origin).resolve().parents[1] if spec is not None and spec.origin else Path()
     # An installation inside somebody's repository is not a checkout of the package.
-    if not (home / ".git").exists():
-        return ""
-    git = partial(subprocess.check_output, cwd=home, text=True, timeout=10, stderr=subprocess.DEVNULL)
-    try:
-        commit = git(["git", "rev-parse", "--short=12", "HEAD"]).strip()
-        # Results may lie in the checkout too; only changed code counts.
-        return commit + ("-dirty" if git(["git", "status", "--porcelain", "--", "*.py"]) else "")
-    except (OSError, subprocess.SubprocessError):
-        return ""
+    if (home / ".git").exists():
+        git = partial(subprocess.check_output, cwd=home, text=True, timeout=10, stderr=subprocess.DEVNULL)
+        with suppress(OSError, subprocess.SubprocessError):
+            # Results may lie in the checkout too; only changed code counts.
+            dirty = "-dirty" * bool(git(["git", "status", "--porcelain", "--", "*.py"]))
+            commit = git(["git", "rev-parse", "--short=12", "HEAD"]).strip() + dirty
+    return f"{names[0]} {number} (commit {commit})"

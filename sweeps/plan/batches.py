@@ -1,14 +1,10 @@
-"""Cutting the points to compute into batches: their order, and the size of each.
-
-The first batches are small; the time that finished batches took decides the size of the next ones.
-"""
-
-from __future__ import annotations
+"""Cutting the points to compute into batches: their order, and the size of each by the time of finished ones."""
 
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,10 +83,10 @@ class Queue:
 
 def _in_order(grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str]) -> Iterator[NDArray[np.intp]]:
     """The points to compute, block by block: dimensions with axes of `order_by` change last, by their values."""
-    sorting = {
-        dim: np.lexsort([grid.axes[name].values for name in reversed(order_by) if grid.dim_of(name) == dim])
-        for dim in dict.fromkeys(map(grid.dim_of, order_by))
-    }
+    keys: dict[str, list[NDArray[Any]]] = {}
+    for name in order_by:
+        keys.setdefault(grid.dim_of(name), []).insert(0, grid.axes[name].values)
+    sorting = {dim: np.lexsort(values) for dim, values in keys.items()}
     dims = list(dict.fromkeys([*sorting, *grid.dims]))
     lengths = dict(zip(grid.dims, grid.shape, strict=True))
     for index in grid.blocks():

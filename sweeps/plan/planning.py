@@ -4,13 +4,9 @@ Planning calls no function of the user's but `skip`, `key` and `scale`, and read
 is refined. A plan keeps some 15 bytes for each point.
 """
 
-from __future__ import annotations
-
 import json
 import math
-import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -19,14 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.declaration import Declaration, Refinement
 from sweeps.errors import DamagedError, InputError, StoreError
-from sweeps.fingerprint.code import check_loaded
-from sweeps.fingerprint.identity import configuration, fingerprint, functions_of, libraries_of, metadata_digest
+from sweeps.fingerprint.code import check_loaded, home_of, libraries
+from sweeps.fingerprint.identity import configuration, fingerprint, functions_of, metadata_digest
 from sweeps.fingerprint.provenance import Environment, environment, mixed, source
-from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Alignment, check_size
-from sweeps.plan.keys import factors, representatives
-from sweeps.refine.refine import requested_points
+from sweeps.grid import BLOCK, FAILED, PENDING, Alignment, Declaration, Grid, Refinement, check_size, first_equal
+from sweeps.refine.lattice import choose
 from sweeps.sample import check_same_draws
 from sweeps.storage.assemble import LARGE, Source, Table, rounded, scaled
 from sweeps.storage.existing import Existing, check_replaceable, existing
@@ -35,6 +29,7 @@ from sweeps.storage.store import Store, signature
 from sweeps.task import Task
 
 Flags = NDArray[np.bool_]
+Fields = dict[str, Any]
 # The functions of the engine that change a value belong to the fingerprint.
 ENGINE = (rounded, scaled)
 # Bytes of a point besides its results: status, error, computing time.
@@ -87,29 +82,29 @@ class PlanData:
         return self.seconds / self.todo * (self.points - self.skipped - self.cached)
 
     def __repr__(self) -> str:
+        grid, count = self.sweep.grid, self.requested_count
         time = "unknown: there is no earlier run" if math.isnan(self.seconds) else duration(self.seconds)
-        shape = " x ".join(f"{d} {n}" for d, n in zip(self.sweep.grid.dims, self.sweep.grid.shape, strict=True))
-        chosen = f"to {self.requested_count} points ({100.0 * self.requested_count / self.points:.3g} %)"
+        chosen = f"to {count} points ({100.0 * count / self.points:.3g} %)"
         chosen += " so far; their results may request more" * (self.todo > 0)
         others = mixed([*self.environments, environment(self.task.libraries)])
-        rows = [
-            ("sweep", self.sweep.name),
-            ("grid", shape),
-            ("points", f"{self.points}"),
-            ("skipped", f"{self.skipped}"),
-            ("refined", self.sweep.refinement and chosen),
-            ("distinct", f"{self.distinct}"),
-            ("cached", f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else "")),
-            ("to do", f"{self.todo}"),
-            ("file size", size(self.bytes)),
-            ("estimated time", f"{time} on one core" if self.seconds > 0 else time),
-            ("at most", f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else ""),
-            ("file", str(self.store or "")),
-            ("depends on", ", ".join(name for name in self.covers if not name.startswith("sweeps."))),
-            ("environment", others and f"{others}; stored points stay"),
-            *(("damaged", f"{name}: its points are computed again") for name in self.damaged),
-        ]
-        return "\n".join(f"{name:<15} {text}" for name, text in rows if text)
+        rows = {
+            "sweep": self.sweep.name,
+            "grid": " x ".join(f"{dim} {n}" for dim, n in zip(grid.dims, grid.shape, strict=True)),
+            "points": f"{self.points}",
+            "skipped": f"{self.skipped}",
+            "refined": self.sweep.refinement and chosen,
+            "distinct": f"{self.distinct}",
+            "cached": f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else ""),
+            "to do": f"{self.todo}",
+            "file size": size(self.bytes),
+            "estimated time": f"{time} on one core" if self.seconds > 0 else time,
+            "at most": f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else "",
+            "file": str(self.store or ""),
+            "depends on": ", ".join(name for name in self.covers if not name.startswith("sweeps.")),
+            "environment": others and f"{others}; stored points stay",
+        }
+        damaged = [("damaged", f"{name}: its points are computed again") for name in self.damaged]
+        return "\n".join(f"{name:<15} {text}" for name, text in [*rows.items(), *damaged] if text)
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
@@ -151,17 +146,21 @@ def make_plan(
         raise
 
 
-def _make_plan(
-    sweep: Declaration, place: Store | None, fresh: bool, retry_failed: bool, strict: bool
-) -> dict[str, Any]:
+def _make_plan(sweep: Declaration, place: Store | None, fresh: bool, retry_failed: bool, strict: bool) -> Fields:
     # Before anything is read: a later change makes the plan outdated.
     version = () if place is None else place.version()
     check_size(sweep.grid)
-    attributes = {"source": source(_package(sweep))}
-    present, own, libraries = Existing(sweep.grid, [], {}), dict[str, Any](code={}), tuple[str, ...]()
-    # Without a store nothing is compared, so the function may carry anything.
-    with suppress(*([InputError] if place is None else [])):
-        libraries = tuple(libraries_of(sweep))
+    function: Any = sweep.function
+    while (inner := getattr(function, "func", None) or getattr(function, "__wrapped__", None)) is not None:
+        function = inner
+    attributes = {"source": source(home_of(function).partition(".")[0])}
+    present, own, imported = Existing(sweep.grid, [], {}), dict[str, Any](code={}), tuple[str, ...]()
+    try:
+        imported = tuple(libraries(functions_of(sweep), sweep.code))
+    except InputError:
+        # Without a store nothing is compared, so the function may carry anything.
+        if place is not None:
+            raise
     if place is not None:
         check_loaded(functions_of(sweep), sweep.code)
         own = fingerprint(sweep, ENGINE)
@@ -181,37 +180,30 @@ def _make_plan(
     mask, requested = grid.mask(), np.zeros(grid.shape, dtype=bool)
     requested[alignment.index] = True
     requested = requested.ravel() & mask
-    manifest = Manifest(
-        sweep.name,
-        sweep.title or sweep.name,
-        replace(grid, skip=None),
-        sweep.coords,
-        sweep.stored,
-        representatives(sweep, grid, requested, mask & ~requested),
-        factors(sweep, grid, mask),
-        attributes,
-        fresh,
-    )
+    axes = replace(grid, skip=None), sweep.coords, sweep.stored
+    points = representatives(sweep, grid, requested, mask & ~requested), factors(sweep, grid, mask)
+    manifest = Manifest(sweep.name, sweep.title or sweep.name, *axes, *points, attributes, fresh)
     if (before := present.manifest) is not None:
         known = grid.align(before.grid).identical
         token, earlier = (before.token, {}) if known else (manifest.token, {before.token: before.grid})
         # A run that started over and was interrupted starts over still.
         manifest = replace(manifest, fresh=before.fresh, token=token, earlier={**before.earlier, **earlier})
     selection = select(sweep, manifest, requested, present.sources, retry_failed)
-    mixture(place, sweep, [*selection["environments"], environment(libraries)], strict)
+    file = None if place is None else place.file
+    mixture(file or sweep.name, [*selection["environments"], environment(imported)], strict)
     finished = bool(present.sources) and present.manifest is None and not selection["todo"]
     same = present.attributes.get("metadata_digest") == attributes.get("metadata_digest")
     shapes = {name: tuple(len(sweep.coords[dim]) for dim in each.dims) for name, each in sweep.variables.items()}
-    what = sweep.name, sweep.function, sweep.constants, sweep.variables
+    what = sweep.name, sweep.function, sweep.constants, sweep.variables, sweep.stored
     shrunk = {name: 1.0 if each.digits is None else COMPRESSED for name, each in sweep.stored.items()}
     return selection | {
         "sweep": sweep,
-        "store": None if place is None else place.file,
+        "store": file,
         "points": sweep.grid.size,
         "skipped": sweep.grid.size - int(np.count_nonzero(requested)),
         "bytes": int(grid.size * (ROW_BYTES + sum(manifest.row_bytes(name) * shrunk[name] for name in shrunk))),
         "manifest": manifest,
-        "task": Task(*what, shapes, manifest.grid, sweep.rerun, libraries),
+        "task": Task(*what, shapes, manifest.grid, sweep.rerun, imported),
         "alignment": alignment,
         "requested": requested,
         "sources": tuple(present.sources),
@@ -222,25 +214,64 @@ def _make_plan(
     }
 
 
-def mixture(place: Store | None, sweep: Declaration, environments: Sequence[Environment], strict: bool) -> str:
-    """Report that the results of a sweep are of several environments, "" if not; `strict` refuses it."""
-    if not (different := mixed(environments)):
-        return ""
-    where = sweep.name if place is None else place.file
-    line = f"{where}: not all points are computed in one environment: {different}"
-    if strict:
+def representatives(sweep: Declaration, grid: Grid, requested: Flags, others: Flags) -> NDArray[Any] | None:
+    """The point whose computation serves each point; -1 where it is skipped. None: each is its own.
+
+    Of equal points the first requested one represents all, or the first of the others if none is requested.
+    """
+    kind = np.int32 if grid.size < 2**31 else np.int64
+    if sweep.key is None:
+        mask = requested | others
+        return None if mask.all() else np.where(mask, np.arange(grid.size, dtype=kind), kind(-1))
+    order = np.concatenate([np.flatnonzero(requested), np.flatnonzero(others)])
+    blocks = np.array_split(order, len(order) // BLOCK + 1)
+    keys = [np.concatenate(k) for k in zip(*(_key(sweep, grid, each) for each in blocks), strict=True)]
+    representative = np.full(grid.size, -1, dtype=kind)
+    representative[order] = order[first_equal(keys)]
+    return representative
+
+
+def factors(sweep: Declaration, grid: Grid, mask: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
+    """Factors of variables at each point; where `mask` is False they are for earlier results, and not checked."""
+    every: dict[str, NDArray[np.float64]] = {}
+    if sweep.scale is None:
+        return every
+    who = f"Sweep {sweep.name}: scale returned"
+    for index in grid.blocks():
+        returned = sweep.scale(grid.points(index))
+        if not isinstance(returned, Mapping):
+            raise InputError(f"{who} {type(returned).__name__}; it must be a dict of factors")
+        if missing := {v.scale for v in sweep.variables.values() if v.scale} - set(returned):
+            raise InputError(f"{who} no {', '.join(sorted(missing))}")
+        for name, each in returned.items():
+            values = np.asarray(each)
+            if values.shape != index.shape or values.dtype.kind not in "biuf":
+                what = f"an array of shape {values.shape} and type {values.dtype} for {len(index)} points"
+                raise InputError(f"{who} {name!r} as {what}; it must be one number for each")
+            if np.any(mask[index] & ~(np.isfinite(values) & (values != 0.0))):
+                raise InputError(f"{who} {name!r} with a factor that is 0 or not finite")
+            every.setdefault(name, np.zeros(grid.size))[index] = values
+    return every
+
+
+def _key(sweep: Declaration, grid: Grid, index: NDArray[np.intp]) -> list[NDArray[Any]]:
+    count, who = len(index), f"Sweep {sweep.name}: key returned"
+    rows = np.asarray(sweep.key(grid.points(index))) if sweep.key is not None and count else np.zeros(0)
+    if rows.ndim not in (1, 2) or len(rows) != count or rows.dtype.kind not in "biufU":
+        what = f"an array of shape {rows.shape} and type {rows.dtype} for {count} points"
+        raise InputError(f"{who} {what}; it must be one row of numbers or strings for each")
+    if rows.dtype.kind == "f" and np.any(np.isnan(rows)):
+        raise InputError(f"{who} NaN, which equals nothing")
+    return [rows] if rows.ndim == 1 else list(rows.T)
+
+
+def mixture(where: Any, environments: Sequence[Environment], strict: bool) -> str:
+    """Report that results are of several environments, "" if they are not; `strict` refuses it."""
+    different = mixed(environments)
+    line = f"{where}: not all points are computed in one environment: {different}" if different else ""
+    if line and strict:
         raise InputError(f"{line}; choose another folder, start over with fresh, or leave strict out")
     return line
-
-
-def _package(sweep: Declaration) -> str:
-    """The top-level package of a sweep's function, or the name of its script."""
-    function: Any = sweep.function
-    while hasattr(function, "func") or hasattr(function, "__wrapped__"):
-        function = function.func if hasattr(function, "func") else function.__wrapped__
-    name = str(getattr(function, "__module__", type(function).__module__)).partition(".")[0]
-    main = getattr(sys.modules["__main__"], "__file__", None) if name == "__main__" else None
-    return Path(main).stem if main else name
 
 
 def select(
@@ -252,12 +283,16 @@ def select(
         try:
             chosen = requested & _refined(sweep, sweep.refinement, table)
         except DamagedError as problem:
-            left = [source for source in table.used() if source.name != problem.part]
+            left = [source for source in sources if source.name not in (*table.damaged, problem.part)]
             fields = select(sweep, manifest, requested, left, retry_failed)
             return fields | {"damaged": (*table.damaged, problem.part, *fields["damaged"])}
     status = table.status
-    again = (status == PENDING) | (retry_failed & (status == FAILED))
-    computations, due = _computations(manifest, chosen), _computations(manifest, chosen & again)
+    again = chosen & ((status == PENDING) | (retry_failed & (status == FAILED)))
+    computations, due = chosen, again
+    if (representative := manifest.representative) is not None:
+        # Flags of the representatives of flagged points.
+        computations, due = np.zeros((2, len(status)), dtype=bool)
+        computations[representative[chosen]], due[representative[again]] = True, True
     distinct, todo = int(np.count_nonzero(computations)), int(np.count_nonzero(due))
     mean = table.seconds / table.computations if table.computations else math.nan
     return {
@@ -274,34 +309,21 @@ def select(
 
 
 def _refined(sweep: Declaration, refinement: Refinement, table: Table) -> Flags:
-    """The points of the file that a refined sweep requests, by the results so far."""
-    manifest = table.manifest
-    name, shape = refinement.variable, manifest.grid.shape
-    if manifest.row_bytes(name) * manifest.grid.size > LARGE:
-        raise InputError(
-            f"Sweep {sweep.name}: {manifest.grid.size} points of {name} are too many to refine; it must be at "
-            f"most {LARGE // manifest.row_bytes(name)}"
-        )
+    manifest, name = table.manifest, refinement.variable
+    shape, row = manifest.grid.shape, manifest.row_bytes(name)
+    if row * manifest.grid.size > LARGE:
+        many = f"{manifest.grid.size} points of {name} are too many to refine"
+        raise InputError(f"Sweep {sweep.name}: {many}; it must be at most {LARGE // row}")
     values = table.values(name, slice(None)).astype(float)
     if refinement.whole:
         values[values == manifest.variables[name].missing] = np.nan
-    known = np.isin(table.status, (DONE, FAILED, SKIPPED))
-    copies = None if sweep.key is None else manifest.representative
-    own = manifest.grid.align(sweep.grid).index
-    values, known, chosen = values.reshape(shape)[own], known.reshape(shape)[own], np.zeros(shape, dtype=bool)
-    chosen[own] = requested_points(
-        refinement, values, known, copies if copies is None else copies.reshape(shape)[own]
-    )
+    own, chosen = manifest.grid.align(sweep.grid).index, np.zeros(shape, dtype=bool)
+    # Of failed and skipped points the value is NaN.
+    known = (table.status != PENDING).reshape(shape)[own]
+    first = None if sweep.key is None else manifest.representative
+    copied = None if first is None else first.reshape(shape)[own]
+    chosen[own] = choose(values.reshape(shape)[own], known, refinement.levels, refinement, copied).points
     return chosen.ravel()
-
-
-def _computations(manifest: Manifest, flags: Flags) -> Flags:
-    """Flags of the representatives of flagged points."""
-    if manifest.representative is None:
-        return flags
-    computations = np.zeros_like(flags)
-    computations[manifest.representative[flags]] = True
-    return computations
 
 
 def timed(plan: PlanData) -> float:

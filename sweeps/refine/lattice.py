@@ -21,8 +21,6 @@ that is connected to another by mispredicted points does not count, for each wou
 is alone does (Good, Biometrika 40, 1953, 237-264: what a sample lacks is about as frequent as what it met once).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 from typing import Any, NamedTuple
@@ -30,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.declaration import Refinement
+from sweeps.grid import Refinement
 
 Values = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -44,18 +42,12 @@ CONTROL_SHARE, CONTROL_POINTS = 1.0 / 12.0, 350
 
 
 class Choice(NamedTuple):
-    """The points to be computed, as far as the results so far decide.
+    """The points to be computed, as far as the results so far decide, computed or not.
 
-    Attributes
-    ----------
-    points : ndarray of bool
-        All of them, computed or not.
-    levels : list of dict
-        Of each finished level its number (`level`) and `spacing` in units of the finest; the numbers of points
-        `computed`, of `mispredicted` ones among them, of `control` points in the sample and of `missed` ones among
-        these; how many points each of these `represents`; and the `largest` error of a prediction, 0 for classes.
-    exhausted : ndarray of bool
-        Mispredicted points of the finest level, once that is finished.
+    Each finished level has its number (`level`) and `spacing` in units of the finest; the numbers of points
+    `computed`, of `mispredicted` ones among them, of `control` points in the sample and of `missed` ones among
+    these; how many points each of these `represents`; and the `largest` error of a prediction, 0 for classes.
+    `exhausted` are the mispredicted points of the finest level, once that is finished.
     """
 
     points: Flags
@@ -69,16 +61,9 @@ def choose(
 ) -> Choice:
     """Choose the points to be computed, level by level, each time from the results of all chosen before.
 
-    So the choice does not depend on the order in which results come, nor on where a run was interrupted.
-
-    Parameters
-    ----------
-    values, computed, levels, rule
-        As for `predict`; nothing need be computed.
-    copies : ndarray of int, optional
-        Equal for points that are one computation: with one of them all are computed.
-    start : ndarray of bool, optional
-        Points that are chosen in any case.
+    So the choice does not depend on the order in which results come, nor on where a run was interrupted. Arguments
+    are as for `predict`, but nothing need be computed. `copies` are equal for points that are one computation:
+    with one of them all are computed. Points of `start` are chosen in any case.
     """
     from scipy.ndimage import label, maximum_filter  # here, because it takes long and few commands refine
 
@@ -145,16 +130,8 @@ def predict(values: Values, computed: Flags, levels: int, rule: Refinement) -> t
     Classes are those of the neighbours that have one, where these agree. Values are interpolated along each axis
     on which a point is odd and summed, less what then counts twice (Boolean sum). With only the corners of a cell
     computed this is multilinear interpolation; with points on its edges or faces it passes through them (Gordon,
-    SIAM J. Numer. Anal. 8, 1971, 158-177).
-
-    Parameters
-    ----------
-    values : ndarray
-        Of any number of dimensions; read where `computed`.
-    computed : ndarray of bool, same shape
-    levels : int
-        Halvings from the coarse lattice, which must be computed, to this one; those of the rule do not count.
-    rule : Refinement
+    SIAM J. Numer. Anal. 8, 1971, 158-177). `values`, of any number of dimensions, are read where `computed`; the
+    coarse lattice, `levels` halvings from this one, must be.
     """
     values, dims = np.where(computed, values, np.nan), computed.ndim
     codes = np.where(computed, classes(values, rule), UNSURE)

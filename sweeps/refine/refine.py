@@ -1,11 +1,9 @@
 """Refinement of a sweep: its grid is a lattice, of which only the points are computed that decide the others.
 
-A run of `refined(sweep, refinement)` goes in passes. Each computes the points that the results so far request
+A run of `refined(sweep, refinement)` computes, pass by pass, the points that the results so far request
 (`sweeps.refine.lattice`), and nothing twice. In the file the other points are interpolated and marked so in the
-status, and an attribute has the errors; for the next plan these points are pending.
+status; for the next plan they are pending.
 """
-
-from __future__ import annotations
 
 import json
 import math
@@ -18,9 +16,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps import grid
-from sweeps.declaration import Declaration, Refinement
 from sweeps.errors import InputError
-from sweeps.refine.lattice import Choice, Codes, Flags, Values, choose, coarse, predict
+from sweeps.grid import Declaration, Refinement
+from sweeps.refine.lattice import Choice, choose, coarse, predict
 
 Declared = TypeVar("Declared", bound=Declaration)
 Derive = Callable[[xr.Dataset], xr.Dataset] | None
@@ -29,13 +27,7 @@ CONFIDENCE = 0.95  # with which the share of wrong points is at most `upper_shar
 
 
 def refined(sweep: Declared, refinement: Refinement) -> Declared:
-    """The sweep, computed where `refinement` requests it and interpolated elsewhere.
-
-    Raises
-    ------
-    ValueError
-        If they do not fit.
-    """
+    """The sweep, computed where `refinement` requests it and interpolated elsewhere, if they fit (ValueError)."""
     who, levels, tolerance = f"Sweep {sweep.name}: refinement", refinement.levels, refinement.tolerance
     if type(levels) is not int or levels < 0:
         raise InputError(f"{who}: levels = {levels!r}: it must be an integer, 0 or above")
@@ -61,17 +53,6 @@ def refined(sweep: Declared, refinement: Refinement) -> Declared:
     return replace(sweep, refinement=refinement, derive=derive)
 
 
-def requested_points(rule: Refinement, values: Values, computed: Flags, copies: Codes | None = None) -> Flags:
-    """All points of the lattice that the results so far request, computed or not.
-
-    Parameters
-    ----------
-    rule, values, computed, copies
-        As for `sweeps.refine.lattice.choose`; failed and skipped points are computed, with the value NaN.
-    """
-    return choose(values, computed, rule.levels, rule, copies).points
-
-
 def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive, copied: Copied) -> xr.Dataset:
     """Interpolate the points that are neither computed nor requested, record how well, then derive the rest.
 
@@ -89,7 +70,15 @@ def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive, copied:
     if possible:
         levels = refinement.levels if refinement.levels in possible else min(possible)
         values = dataset[refinement.variable].values.astype(float)
-        choice = choose(values, computed, levels, refinement, _copies(dataset, copied))
+        copies = None
+        if copied is not None:
+            # Equal numbers for points that are one computation, as for the plan.
+            key, axes = copied
+            points = {name: dataset[name].broadcast_like(status).transpose(*status.dims) for name in axes}
+            keys = np.asarray(key({name: each.values.ravel() for name, each in points.items()}))
+            first = grid.first_equal(list(keys.reshape(status.size, -1).T)).reshape(status.shape)
+            copies = np.where(status.values == grid.SKIPPED, -1, first)
+        choice = choose(values, computed, levels, refinement, copies)
         shown = computed | ~choice.points
         for name, each in dataset.data_vars.items():
             if each.dims == status.dims and each.dtype.kind in "fi" and name not in ("status", "wall_time"):
@@ -106,13 +95,7 @@ def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive, copied:
 
 
 def report(dataset: xr.Dataset) -> list[str]:
-    """How far the interpolated points of a refined sweep can be trusted, in up to three sentences.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Of a refined sweep; there are no sentences for others.
-    """
+    """How far the interpolated points of a refined sweep's dataset can be trusted, in up to three sentences."""
     if "refinement" not in dataset.attrs:
         return []
     errors, lines = json.loads(dataset.attrs["refinement"]), []
@@ -122,10 +105,9 @@ def report(dataset: xr.Dataset) -> list[str]:
         lines.append(f"{count} points are interpolated; how many of them are {wrong} is not known.")
     elif count:
         share, upper, sure = map(_percent, (errors["estimated_share"], errors["upper_share"], CONFIDENCE))
-        lines.append(
-            f"{count} points are interpolated. An estimated {share} of them (at most {upper}, with {sure} "
-            f"confidence) are {wrong}, as were {errors['missed']} of {errors['control']} control points."
-        )
+        estimate = f"An estimated {share} of them (at most {upper}, with {sure} confidence) are {wrong}"
+        control = f"as were {errors['missed']} of {errors['control']} control points"
+        lines.append(f"{count} points are interpolated. {estimate}, {control}.")
     if levels:
         counts = ", ".join(f"{each['mispredicted']} of {each['computed']}" for each in levels)
         largest = ", ".join(_percent(each["largest"]) for each in levels)
@@ -159,10 +141,9 @@ def shares(levels: Sequence[dict[str, Any]]) -> tuple[float | None, float | None
 def _errors(dataset: xr.Dataset, refinement: Refinement, levels: int, choice: Choice) -> dict[str, Any]:
     """The attribute `refinement`.
 
-    It has the `tolerance` in units of the range, None for classes; the `levels` of the choice, none if unfinished,
-    their `largest` errors in units of the range; the number of `interpolated` points; the `control` points of all
-    samples and the `missed` ones; the `estimated_share` of wrong points and its bound `upper_share`; the number of
-    `exhausted` points, and by dimension the range `within` which they lie.
+    The `tolerance`, None for classes; the `levels` of the choice, none if unfinished, and their `largest` errors,
+    both in units of the range; the `estimated_share` of wrong points and its bound; the range `within` which
+    the `exhausted` ones lie, by dimension.
     """
     status, values = dataset["status"], dataset[refinement.variable].values
     finite = values[np.isfinite(values)]
@@ -179,16 +160,6 @@ def _errors(dataset: xr.Dataset, refinement: Refinement, levels: int, choice: Ch
     record |= zip(("estimated_share", "upper_share"), shares(measured), strict=True)
     within = {str(dim): [dataset[dim].values[end].item() for end in both] for dim, *both in ends}
     return record | {"exhausted": len(places), "within": within}
-
-
-def _copies(dataset: xr.Dataset, copied: Copied) -> Codes | None:
-    """Equal numbers for points that are one computation, as for the plan."""
-    if copied is None:
-        return None
-    (key, axes), status = copied, dataset["status"]
-    points = {name: dataset[name].broadcast_like(status).transpose(*status.dims).values.ravel() for name in axes}
-    keys = np.asarray(key(points)).reshape(status.size, -1)
-    return np.where(status.values == grid.SKIPPED, -1, grid.first_equal(list(keys.T)).reshape(status.shape))
 
 
 def _percent(share: float) -> str:

@@ -1,10 +1,8 @@
 """From stored results to a dataset: each point gets the result of its computation, times its own factors.
 
-Sources of results are a finished file, parts, and batches in memory. A `Table` says which row of which source
-belongs to each point; it reads no value. Large variables become lazy Dask arrays over the sources.
+A `Table` says which row of which source, a finished file, a part or a batch in memory, belongs to each point; it
+reads no value. Large variables become lazy Dask arrays over the sources.
 """
-
-from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,8 +16,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sweeps.errors import FRESH, UNREADABLE, DamagedError, StoreError, message
-from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, blocks, flag_attributes
-from sweeps.storage.parts import Coverage, Failure, Manifest, PartSource, ResultSource
+from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
+from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
 
 # Larger variables are assembled in blocks of this size, bytes.
 LARGE = 32_000_000
@@ -59,7 +57,7 @@ class FileSource:
         status, spent = self.read("status", rows), self.read("wall_time", rows)
         points = np.where((status == DONE) | (status == FAILED), manifest.grid.align(self.grid)(rows), -1)
         count = int(np.count_nonzero(spent > 0.0))
-        return Coverage(points, status == FAILED, float(np.nansum(spent)), count, self.environments)
+        return points, status == FAILED, float(np.nansum(spent)), count, self.environments
 
     def read(self, name: str, rows: Any) -> NDArray[Any]:
         """Values of a variable at some rows; the smallest box around them is read from the disk."""
@@ -71,12 +69,12 @@ class FileSource:
             raise StoreError(f"{self.path} is damaged ({message(problem)}); move it away, or {FRESH}") from None
         return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
-    def failures(self) -> Mapping[int, Failure]:
+    @property
+    def failures(self) -> dict[int, Failure]:
         """Why rows failed."""
-        rows = np.flatnonzero(self.data["status"].values.ravel() == FAILED)
-        if not len(rows):
-            return {}
-        reasons = dict(zip(rows.tolist(), map(Failure, self.read("error", rows).tolist()), strict=True))
+        rows = np.flatnonzero(self.read("status", np.arange(self.grid.size)) == FAILED)
+        errors = self.read("error", rows).tolist() if len(rows) else []
+        reasons = {row: Failure(error) for row, error in zip(rows.tolist(), errors, strict=True)}
         if "failure" in self.data.dims:
             at = self.grid.locate({name: self.data[f"failure_{name}"].values for name in self.grid.axes})
             lines = zip(*(self.data[name].values.tolist() for name in ("traceback", "reproduce")), strict=True)
@@ -84,7 +82,7 @@ class FileSource:
         return reasons
 
 
-Source = PartSource | ResultSource | FileSource
+Source = PartSource | BatchResult | FileSource
 
 
 class Table:
@@ -105,21 +103,19 @@ class Table:
         self.damaged, self.environments = list[str](), list[dict[str, str]]()
         for number, source in enumerate(sources):
             try:
-                self._add(number, source.coverage(manifest))
+                points, failed, seconds, computations, environments = source.coverage(manifest)
             except DamagedError as problem:
                 self.damaged.append(problem.part)
+                continue
+            self.seconds += seconds
+            self.computations += computations
+            self.environments += [each for each in environments if each not in self.environments]
+            rows = np.flatnonzero(points >= 0)
+            rows = rows[~failed[rows] | (self.status[points[rows]] != DONE)]
+            self.status[points[rows]] = np.where(failed[rows], np.int8(FAILED), np.int8(DONE))
+            self.source[points[rows]], self.row[points[rows]] = number, rows
         if manifest.representative is not None:
             self._copy(manifest.representative)
-
-    def _add(self, number: int, coverage: Coverage) -> None:
-        self.seconds += coverage.seconds
-        self.computations += coverage.computations
-        self.environments += [each for each in coverage.environments if each not in self.environments]
-        rows = np.flatnonzero(coverage.points >= 0)
-        rows = rows[~coverage.failed[rows] | (self.status[coverage.points[rows]] != DONE)]
-        points = coverage.points[rows]
-        self.status[points] = np.where(coverage.failed[rows], np.int8(FAILED), np.int8(DONE))
-        self.source[points], self.row[points] = number, rows
 
     def _copy(self, representative: NDArray[Any]) -> None:
         """Give results to the copies of points that have one, and successes to copies of failures."""
@@ -137,61 +133,51 @@ class Table:
         skipped = ~inside & (self.status != DONE)
         self.status[skipped], self.source[skipped] = SKIPPED, -1
 
-    def used(self) -> list[Source]:
-        """The sources that are not damaged."""
-        return [each for each in self.sources if each.name not in self.damaged]
-
     def values(self, name: str, points: slice) -> NDArray[Any]:
         """Values of a variable, or `wall_time`, at a range of points."""
-        variable, row = self.manifest.variable(name), self.row[points]
-        values = np.full((len(row), *self.manifest.shape(name)), variable.missing, variable.dtype)
-        index = np.arange(len(self.status))[points]
-        for number, at in self._by_source(self.source[points]):
-            source = self.sources[number]
-            found = source.read(name, _contiguous(row[at]) if isinstance(source, PartSource) else row[at])
+        variable, index = self.manifest.variable(name), np.arange(len(self.status))[points]
+        values = np.full((len(index), *self.manifest.shape(name)), variable.missing, variable.dtype)
+        for source, rows, at in self._by_source(index):
+            # A slice copies faster, or not at all.
+            part = isinstance(source, PartSource) and bool(np.all(np.diff(rows) == 1))
+            found = source.read(name, slice(int(rows[0]), int(rows[-1]) + 1) if part else rows)
             if variable.scale:
                 factors = self.manifest.factors[variable.scale]
                 factor = factors[index[at]]
                 if isinstance(source, FileSource):
                     # Exactly 1 at the file's own points.
-                    factor = factor / factors[self.manifest.grid.align(source.grid)(row[at])]
+                    factor = factor / factors[self.manifest.grid.align(source.grid)(rows)]
                 found = scaled(found, factor, variable.digits)
-            values[_contiguous(at)] = found
+            values[at] = found
         if name == "wall_time":
             values[self.is_copy[points]] = 0.0
         return values
 
-    def _by_source(self, source: NDArray[np.int32]) -> Iterator[tuple[int, Indices]]:
-        """Each source with the places at which it occurs."""
+    def _by_source(self, points: NDArray[np.intp]) -> Iterator[tuple[Source, Indices, Indices]]:
+        """Each source of some points, its rows, and the places among the points to which they belong."""
+        source = self.source[points]
         order = np.argsort(source, kind="stable")
         numbers, begins = np.unique(source[order], return_index=True)
         # Of nothing, `split` makes one piece.
         for number, places in zip(numbers.tolist(), np.split(order, begins[1:]), strict=False):
             if number >= 0:
-                yield number, places
+                yield self.sources[number], self.row[points[places]], places
 
     def reasons(self) -> dict[int, Failure]:
         """Why points failed, by point."""
-        points = np.flatnonzero(self.status == FAILED)
-        reasons = dict[int, Failure]()
-        for number, at in self._by_source(self.source[points]):
-            every, failed = self.sources[number].failures(), points[at]
-            reasons |= {k: every[row] for k, row in zip(failed.tolist(), self.row[failed].tolist(), strict=True)}
+        points, reasons = np.flatnonzero(self.status == FAILED), dict[int, Failure]()
+        for source, rows, at in self._by_source(points):
+            every = source.failures
+            reasons |= {k: every[row] for k, row in zip(points[at].tolist(), rows.tolist(), strict=True)}
         return reasons
-
-
-def _contiguous(index: Indices) -> Indices | slice:
-    """A slice in place of contiguous indices, which NumPy copies faster, or not at all."""
-    whole = int(index[-1]) - int(index[0]) == len(index) - 1 and bool(np.all(np.diff(index) == 1))
-    return slice(int(index[0]), int(index[-1]) + 1) if whole else index
 
 
 def rounded(values: NDArray[Any], digits: int | None) -> NDArray[Any]:
     """Round floats to significant decimal digits by clearing the last bits of the mantissa.
 
-    To nearest, ties to even: idempotent, and the same on every machine. The relative error is at most
-    10^-digits / 2, so that no value moves by more than half a unit of the last digit. Values that would become
-    infinite and subnormal numbers, which have fewer bits, stay as they are.
+    To nearest, ties to even: idempotent, and the same on every machine. No value moves by more than half a unit of
+    the last digit. Values that would become infinite and subnormal numbers, which have fewer bits, stay as they
+    are.
     """
     if digits is None:
         return values
@@ -217,48 +203,39 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
     """The dataset of a manifest, with CF attributes; if `lazy`, large variables are Dask arrays over its parts."""
     manifest, grid = table.manifest, table.manifest.grid
     reasons = table.reasons()
-    arrays: dict[str, Any] = {"status": table.status.reshape(grid.shape), "error": _errors(grid, reasons)}
-    for name in (*manifest.variables, "wall_time"):
-        large = lazy and manifest.row_bytes(name) * grid.size > LARGE
-        arrays[name] = _lazy(table, name) if large else _values(table, name, grid.shape)
-    data: dict[str, Any] = {}
-    for name in (*manifest.variables, "status", "error", "wall_time"):
-        variable, encoding = manifest.variable(name), {}
-        if np.dtype(variable.dtype).kind == "i" and name != "status":
-            encoding = {"dtype": variable.dtype, "_FillValue": np.dtype(variable.dtype).type(variable.missing)}
-        data[name] = ((*grid.dims, *variable.dims), arrays[name], attributes(variable, name), encoding)
-    data["error"][2]["_Encoding"] = "utf-8"
-    data |= _failure_table(table, reasons)
-    dims = {name: grid.dim_of(name) for name in grid.axes}
-    axes = {**grid.axes, **manifest.coords}
-    coords = {name: (dims.get(name, name), axis.values, attributes(axis, name)) for name, axis in axes.items()}
-    return xr.Dataset(data, coords, {"environments": json.dumps(table.environments or [{}])})
-
-
-def _errors(grid: Grid, reasons: Mapping[int, Failure]) -> NDArray[np.bytes_]:
-    """Error texts as fixed-width bytes, which are written as they are; strings would take a second a million."""
+    # Fixed-width bytes are written as they are; strings would take a second a million.
     most = max(LEAST_CHARACTERS, ERROR_CHARACTERS // grid.size)
     texts = {k: e if len(e) <= most else f"{e[: most - 3]}..." for k, (e, *_) in reasons.items()}
     errors = np.zeros(grid.size, f"S{max([1, *(len(each.encode()) for each in texts.values())])}")
     errors[list(texts)] = [each.encode() for each in texts.values()]
-    return errors.reshape(grid.shape)
+    arrays: dict[str, Any] = {"status": table.status.reshape(grid.shape), "error": errors.reshape(grid.shape)}
+    data: dict[str, Any] = {}
+    for name in (*manifest.variables, "status", "error", "wall_time"):
+        variable, encoding = manifest.variable(name), {}
+        if name not in arrays:
+            large = lazy and manifest.row_bytes(name) * grid.size > LARGE
+            arrays[name] = _lazy(table, name) if large else _values(table, name, grid.shape)
+            if np.dtype(variable.dtype).kind == "i":
+                encoding = {"dtype": variable.dtype, "_FillValue": np.dtype(variable.dtype).type(variable.missing)}
+        data[name] = ((*grid.dims, *variable.dims), arrays[name], attributes(variable, name), encoding)
+    data["error"][2]["_Encoding"] = "utf-8"
+    data |= _failure_table(table, reasons)
+    axes = {**grid.axes, **manifest.coords}
+    dims = dict.fromkeys(manifest.coords) | {name: grid.dim_of(name) for name in grid.axes}
+    coords = {name: (dims[name] or name, axis.values, attributes(axis, name)) for name, axis in axes.items()}
+    return xr.Dataset(data, coords, {"environments": json.dumps(table.environments or [{}])})
 
 
 def _values(table: Table, name: str, shape: Sequence[int], first: int = 0) -> NDArray[Any]:
-    """Values at a block of points, as a reader of the file gets them."""
     values = table.values(name, slice(first, first + int(np.prod(shape))))
     return shown(values.reshape(*shape, *values.shape[1:]), table.manifest.variable(name))
 
 
 def _lazy(table: Table, name: str) -> Any:
-    """A Dask array whose blocks are contiguous ranges of points."""
     import dask.array  # slow, and few files are large
 
     shape, inner = table.manifest.grid.shape, table.manifest.shape(name)
-    cuts = blocks(shape, max(LARGE // table.manifest.row_bytes(name), 1))
-    every = [(*cut, *(slice(0, length) for length in shape[len(cut) :])) for cut in cuts]
-    spans = [sorted({(cut[axis].start, cut[axis].stop) for cut in every}) for axis in range(len(shape))]
-    chunks = [tuple(stop - start for start, stop in span) for span in spans]
+    steps = block_shape(shape, max(LARGE // table.manifest.row_bytes(name), 1))
 
     def block(block_info: Any = None) -> NDArray[Any]:
         place = block_info[None]["array-location"][: len(shape)]
@@ -267,8 +244,9 @@ def _lazy(table: Table, name: str) -> Any:
 
     variable = table.manifest.variable(name)
     empty = shown(np.zeros((0,) * (len(shape) + len(inner)), variable.dtype), variable)
-    map_blocks: Any = dask.array.map_blocks
-    return map_blocks(block, chunks=(*chunks, *((n,) for n in inner)), dtype=empty.dtype, meta=empty)
+    array: Any = dask.array
+    chunks = array.core.normalize_chunks((*steps, *inner), (*shape, *inner))
+    return array.map_blocks(block, chunks=chunks, dtype=empty.dtype, meta=empty)
 
 
 def shown(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
@@ -281,16 +259,14 @@ def shown(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
 
 
 def _failure_table(table: Table, reasons: Mapping[int, Failure]) -> dict[str, Any]:
-    """The computations that failed: where, why, and a line that computes them again."""
     points = [k for k in sorted(reasons) if reasons[k].traceback and not table.is_copy[k]][:MOST_TRACEBACKS]
     if not points:
         return {}
-    texts = np.array([reasons[point] for point in points], dtype=object)
+    texts, grid = np.array([reasons[point] for point in points], dtype=object), table.manifest.grid
     data: dict[str, Any] = {
         "traceback": ("failure", texts[:, 1], {"long_name": "where the computation failed"}),
         "reproduce": ("failure", texts[:, 2], {"long_name": "a line that computes the point again"}),
     }
-    grid = table.manifest.grid
     for name, values in grid.points(np.array(points)).items():
         named = {"long_name": f"{name} of the point that failed"}
         data[f"failure_{name}"] = ("failure", values, attributes(grid.axes[name], name) | named)

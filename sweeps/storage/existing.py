@@ -1,12 +1,6 @@
-"""The results that a store has: a finished file, the parts of an unfinished run, or both.
-
-A run resumes them (`existing`); readers open them (`open_results`).
-"""
-
-from __future__ import annotations
+"""The results that a store has, finished or not: runs resume them (`existing`), readers open them."""
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +13,7 @@ from sweeps.grid import Axis, Grid
 from sweeps.storage.assemble import FileSource, Source, Table, assemble, declared, open_netcdf
 from sweeps.storage.netcdf import CHECKED, check_checksum, described
 from sweeps.storage.parts import Manifest, PartSource
-from sweeps.storage.store import Store, check_regular, signature
+from sweeps.storage.store import Store, signature
 
 # A file up to this size is read at once, so that it can be replaced meanwhile.
 READ_AT_ONCE = 50_000_000
@@ -36,9 +30,9 @@ class Existing(NamedTuple):
 
 def existing(store: Store, name: str, fingerprint: dict[str, Any]) -> Existing | None:
     """The results that a sweep resumes; None if there are none. A `StoreError` says what differs."""
-    manifest = _unfinished(store, name)
-    if manifest is None:
+    if (manifest := Manifest.load(store)) is None:
         return _finished(store, name, fingerprint) if store.file.exists() else None
+    _check_name(store.parts, manifest.name, name)
     replaces = manifest.fresh and store.file.exists()
     keep = f"; or remove {store.parts} to keep {store.file.name} as it is" if replaces else ""
     _check_same(store.parts, manifest.attributes, fingerprint, keep)
@@ -48,9 +42,9 @@ def existing(store: Store, name: str, fingerprint: dict[str, Any]) -> Existing |
 def check_replaceable(store: Store, name: str) -> None:
     """Refuse to start over where that would destroy the results of anything but the sweep `name`."""
     if store.file.exists():
-        _attributes(store, name)
+        _own_file(store, name, complete=False).close()
     try:
-        _unfinished(store, name)
+        _check_name(store.parts, getattr(Manifest.load(store), "name", name), name)
     except StoreError as problem:
         # Starting over is what a damaged manifest needs.
         if "--fresh" not in str(problem):
@@ -59,7 +53,7 @@ def check_replaceable(store: Store, name: str) -> None:
 
 def sources_of(store: Store, manifest: Manifest, *, strict: bool = False, complete: bool = True) -> list[Source]:
     """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`."""
-    parts: list[Source] = [PartSource(store.parts / name) for name in store.part_names()]
+    parts: list[Source] = [PartSource(store.parts, name) for name in store.part_names()]
     if not manifest.fresh and store.file.exists():
         try:
             fingerprint = json.loads(manifest.attributes["fingerprint"])
@@ -70,54 +64,59 @@ def sources_of(store: Store, manifest: Manifest, *, strict: bool = False, comple
     return parts
 
 
-def _unfinished(store: Store, name: str) -> Manifest | None:
-    manifest = Manifest.load(store)
-    if manifest is not None and manifest.name != name:
-        whose = f"has the results of {manifest.name}"
-        raise StoreError(f"{store.parts} {whose}; the results of {name} need another folder")
-    return manifest
+def _check_name(place: Path, owner: str | None, name: str) -> None:
+    """Refuse the results of anything but the sweep `name`, which are never overwritten."""
+    if owner != name:
+        whose = f"has the results of {owner}" if owner else "was not made by a sweep"
+        raise StoreError(f"{place} {whose}; the results of {name} need another folder")
 
 
 def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, complete: bool = True) -> Existing:
     """A finished file; readers of its status alone do not check all of it (`complete`)."""
     path = store.file
-    attributes = _attributes(store, name, complete=complete)
-    _check_same(path, attributes, fingerprint)
-    try:
-        stored = json.loads(attributes["fingerprint"])
-        with open_netcdf(path, cache=False) as data:
-            axes = {axis: Axis(data[axis].values) for axis in stored["axes"]}
-            shape = data["status"].shape
-        grid = Grid(axes, stored["groups"])
-        texts = {axis: each.values.dtype.kind == "U" for axis, each in grid.axes.items()}
-        if grid.shape != shape or texts != {axis: each["text"] for axis, each in stored["axes"].items()}:
-            raise InputError("its axes do not fit its points")
-        environments = json.loads(attributes["environments"])
-    except UNREADABLE as problem:
-        raise StoreError(f"{path} is damaged: {problem}; {MOVE}") from None
-    return Existing(grid, [FileSource(path, grid, environments)], attributes)
+    with _own_file(store, name, complete=complete) as data:
+        _check_same(path, data.attrs, fingerprint)
+        try:
+            stored = json.loads(data.attrs["fingerprint"])
+            grid = Grid({axis: Axis(data[axis].values) for axis in stored["axes"]}, stored["groups"])
+            texts = {axis: each.values.dtype.kind == "U" for axis, each in grid.axes.items()}
+            expected = {axis: each["text"] for axis, each in stored["axes"].items()}
+            if grid.shape != data["status"].shape or texts != expected:
+                raise InputError("its axes do not fit its points")
+            environments = json.loads(data.attrs["environments"])
+        except UNREADABLE as problem:
+            raise StoreError(f"{path} is damaged: {problem}; {MOVE}") from None
+    return Existing(grid, [FileSource(path, grid, environments)], data.attrs)
 
 
-def _attributes(store: Store, name: str, *, complete: bool = False) -> dict[str, Any]:
-    """The attributes of a finished file of the sweep `name`; anything else is never overwritten."""
-    path = store.file
-    if not os.access(path, os.R_OK):
-        raise StoreError(f"{path} cannot be read, so it may be anybody's; choose another folder")
+def _own_file(store: Store, name: str, *, complete: bool) -> xr.Dataset:
+    """The open file of the sweep `name`."""
     try:
-        check_regular(path)
+        data = _open(store.file, complete=complete, cache=False)
+    except InputError as problem:
+        raise StoreError(f"{store.file} {problem}; {MOVE}") from None
+    try:
+        _check_name(store.file, data.attrs.get("sweep"), name)
+    except StoreError:
+        data.close()
+        raise
+    return data
+
+
+def _open(path: Path, *, complete: bool = True, **options: Any) -> xr.Dataset:
+    """Open a file and check its checksum, unless it is large; an InputError tells what is wrong with it."""
+    try:
+        if not path.is_file():
+            raise InputError("is not a regular file")
         if complete and path.stat().st_size <= CHECKED:
             check_checksum(path)
-        with open_netcdf(path, decode_cf=False) as file:
-            attributes = dict(file.attrs)
-    except StoreError:
+        return open_netcdf(path, **options)
+    except (StoreError, InputError):
         raise
+    except PermissionError:
+        raise InputError("cannot be read") from None
     except UNREADABLE:
-        raise StoreError(f"{path} is damaged or not netCDF; {MOVE}") from None
-    owner = attributes.get("sweep")
-    if owner != name:
-        whose = f"has the results of {owner}" if owner else "was not made by a sweep"
-        raise StoreError(f"{path} {whose}; the results of {name} need another folder")
-    return attributes
+        raise InputError("is damaged or not netCDF") from None
 
 
 def _check_same(place: Path, attributes: Mapping[str, Any], fingerprint: dict[str, Any], keep: str = "") -> None:
@@ -133,12 +132,8 @@ def open_results(path: str | Path) -> xr.Dataset:
     """Open a sweep's netCDF file, or the finished points of a run that goes on or was interrupted.
 
     A file of moderate size is read into memory; of a larger one, large variables are read when they are used. Of
-    an unfinished run these are Dask arrays over its parts.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        If there is no such file, or it is not the result of a sweep.
+    an unfinished run these are Dask arrays over its parts. A FileNotFoundError or ValueError if there is no such
+    file, or it is not the result of a sweep.
     """
     return declared(opened(path))
 
@@ -155,46 +150,30 @@ def opened(path: str | Path) -> xr.Dataset:
                 raise InputError(str(problem)) from None
     if not store.file.exists():
         raise MissingFileError(f"{path}: there is no such file")
-    if not store.file.is_file():
-        raise InputError(f"{path}: it is not a regular file")
-    if not os.access(store.file, os.R_OK):
-        raise InputError(f"{path}: it cannot be read")
     try:
-        data = _read(store.file)
+        data = _open(store.file)
+        if data.nbytes <= READ_AT_ONCE:
+            with data:
+                data.load()
+        for name in data.variables:
+            if data[name].nbytes * 10 <= READ_AT_ONCE:
+                data[name].load()
     except StoreError as problem:
         raise InputError(str(problem)) from None
+    except InputError as problem:
+        raise InputError(f"{path}: it {problem}") from None
     except UNREADABLE:
         raise InputError(f"{path}: it is damaged or not netCDF") from None
     try:
-        check_result(data.attrs, data.variables)
+        configuration = json.loads(str(data.attrs.get("configuration", "{}")))
+        for key, kind in (("name", str), ("axes", dict), ("constants", dict)):
+            if not isinstance(configuration[key], kind):
+                raise InputError(f"its configuration has no {key}")
+        for name in (*configuration["axes"], "status"):
+            if name not in data.variables:
+                raise InputError(f"it has no variable {name}")
     except UNREADABLE as problem:
         raise InputError(f"{path}: it is not the result of a sweep: {message(problem)}") from None
-    return data
-
-
-def check_result(attributes: Mapping[Any, Any], variables: Mapping[Any, Any]) -> None:
-    """Raise a ValueError or KeyError unless a file has what readers of a sweep's results need."""
-    if not isinstance(attributes.get("configuration"), str):
-        raise InputError("it has no configuration")
-    configuration = json.loads(attributes["configuration"])
-    for name, kind in (("name", str), ("axes", dict), ("constants", dict)):
-        if not isinstance(configuration[name], kind):
-            raise InputError(f"its configuration has no {name}")
-    for name in (*configuration["axes"], "status"):
-        if name not in variables:
-            raise InputError(f"it has no variable {name}")
-
-
-def _read(path: Path) -> xr.Dataset:
-    if path.stat().st_size <= CHECKED:
-        check_checksum(path)
-    data = open_netcdf(path)
-    if data.nbytes <= READ_AT_ONCE:
-        with data:
-            return data.load()
-    for name in data.variables:
-        if data[name].nbytes * 10 <= READ_AT_ONCE:
-            data[name].load()
     return data
 
 
@@ -209,7 +188,9 @@ def _opened_parts(store: Store) -> xr.Dataset:
         try:
             data = described(manifest, assemble(table, lazy=True), None)
         except DamagedError as problem:
-            table = Table(manifest, [each for each in table.used() if each.name != problem.part])
+            table = Table(
+                manifest, [each for each in table.sources if each.name not in (*table.damaged, problem.part)]
+            )
     # A new file may be there while the parts still are, with its points at other places than the old one.
     if not store.manifest.is_file() or signature(store.file) != before:
         raise StoreError(f"{store.file} was finished while its parts were read")

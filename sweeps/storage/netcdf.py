@@ -1,7 +1,5 @@
 """The CF netCDF file of a sweep: written under a temporary name, with a checksum at its end, and renamed."""
 
-from __future__ import annotations
-
 import json
 import os
 import zlib
@@ -15,9 +13,9 @@ import dask
 import xarray as xr
 
 from sweeps.errors import MOVE, UNREADABLE, StoreError, reason
-from sweeps.fingerprint.provenance import listed
+from sweeps.grid import block_shape
 from sweeps.storage.assemble import LARGE, FileSource, Table, assemble, open_netcdf
-from sweeps.storage.parts import BOOKKEEPING, Manifest
+from sweeps.storage.parts import Manifest
 from sweeps.storage.store import Store, check_regular, replacing
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
@@ -31,18 +29,13 @@ CHUNK_BYTES, MOST_CHUNK_BYTES = 1 << 18, 1 << 22
 
 def described(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
     """Add global attributes and derived variables; the history goes on from `before`."""
-    own = {"source": "", **manifest.attributes}
-    by = [own["source"], listed(json.loads(data.attrs["environments"])), own.pop("remark", "")]
-    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by {'; '.join(filter(None, by))}"
+    own, environments = {"source": "", **manifest.attributes}, json.loads(data.attrs["environments"])
+    made = "; ".join(", ".join(map(" ".join, each.items())) for each in environments if each)
+    by = "; ".join(filter(None, [own["source"], made, own.pop("remark", "")]))
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by {by}"
     first = {"Conventions": "CF-1.11", "title": manifest.title, "history": f"{before}\n{now}".lstrip("\n")}
     data = data.assign_attrs(first | {"source": own["source"], "sweep": manifest.name} | own)
     return data if derive is None else derive(data)
-
-
-def stored_only(manifest: Manifest, data: xr.Dataset) -> xr.Dataset:
-    """The computed variables of an opened file, without derived ones."""
-    own = [*manifest.variables, *(name for name in BOOKKEEPING if name in data)]
-    return data[own + [name for name in data.data_vars if data[name].dims == ("failure",)]]
 
 
 def write(store: Store, table: Table, derive: Derive | None) -> None:
@@ -52,7 +45,10 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
     if any(each.path.stat().st_size > CHECKED for each in files):
         check_checksum(store.file)
     data = assemble(table, lazy=True)
-    before = "" if manifest.fresh else _history(store.file)
+    before = ""
+    if not manifest.fresh:
+        with suppress(*UNREADABLE), open_netcdf(store.file, decode_cf=False) as file:
+            before = str(file.attrs["history"])
     try:
         whole = described(manifest, data, derive, before)
     except Exception as raised:  # noqa: BLE001 - raised again when the results are safe
@@ -74,23 +70,6 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
         raise problem
 
 
-def _history(path: Path) -> str:
-    with suppress(*UNREADABLE), open_netcdf(path, decode_cf=False) as file:
-        return str(file.attrs["history"])
-    return ""
-
-
-def chunk(points: tuple[int, ...], inner: tuple[int, ...], row: int) -> list[int]:
-    """Lengths of chunks, from the shapes of the grid and of a variable at one point, which has `row` bytes."""
-    left, lengths = max(CHUNK_BYTES // row, 1), list[int]()
-    for length in reversed(points):
-        lengths.insert(0, min(left, length))
-        left = max(left // length, 1)
-    if row > MOST_CHUNK_BYTES:
-        return [*lengths, *inner[:-1], max(inner[-1] * MOST_CHUNK_BYTES // row, 1)]
-    return [*lengths, *inner]
-
-
 def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in data.variables.items():
@@ -108,7 +87,10 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
         if name in (*manifest.variables, "status", "wall_time"):
             inner = manifest.shape(str(name))
             if variable.shape == (*manifest.grid.shape, *inner):  # `derive` may have replaced it
-                chosen["chunksizes"] = chunk(manifest.grid.shape, inner, manifest.row_bytes(str(name)))
+                row = manifest.row_bytes(str(name))
+                if row > MOST_CHUNK_BYTES:
+                    inner = (*inner[:-1], max(inner[-1] * MOST_CHUNK_BYTES // row, 1))
+                chosen["chunksizes"] = (*block_shape(manifest.grid.shape, max(CHUNK_BYTES // row, 1)), *inner)
         if text:
             chosen["dtype"] = "S1"
         if name in data.coords or variable.dtype.kind in "iu":

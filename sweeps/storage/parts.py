@@ -1,11 +1,9 @@
 """Parts and the manifest: the results of finished batches, and the description of the file that they will form.
 
-A part is one batch: its results and computing times, which points of its manifest's grid they are, which of them
-failed and why, and the environment. Both are zip archives, whose CRC-32 finds damage, with a JSON header; they are
-complete or absent (`replacing`). The manifest is written twice, since all parts depend on it.
+A part is one batch: results, computing times, which points of its manifest's grid they are, failures and the
+environment. Both are zip archives with a JSON header, whose CRC-32 finds damage; they are complete or absent. The
+manifest is written twice, since all parts depend on it.
 """
-
-from __future__ import annotations
 
 import json
 import os
@@ -70,17 +68,15 @@ class Packed:
     def _open(self) -> zipfile.ZipFile:
         return zipfile.ZipFile(BytesIO(self._file) if isinstance(self._file, bytes) else self._file)
 
-    def read(self, *names: str) -> list[NDArray[Any]]:
-        """Some of the arrays."""
-        arrays = []
+    def read(self, name: str) -> NDArray[Any]:
+        """One of the arrays."""
+        kind, shape, deflated = self._arrays[name]
+        dtype = np.dtype(kind)
         with self._open() as archive:
-            for name in names:
-                kind, shape, deflated = self._arrays[name]
-                raw, dtype = archive.read(f"{name}.array"), np.dtype(kind)
-                if deflated and raw:
-                    raw = np.frombuffer(raw, np.uint8).reshape(dtype.itemsize, -1).T.tobytes()
-                arrays.append(np.frombuffer(raw, dtype).reshape(shape))
-        return arrays
+            raw = archive.read(f"{name}.array")
+        if deflated and raw:
+            raw = np.frombuffer(raw, np.uint8).reshape(dtype.itemsize, -1).T.tobytes()
+        return np.frombuffer(raw, dtype).reshape(shape)
 
 
 class Failure(NamedTuple):
@@ -91,17 +87,33 @@ class Failure(NamedTuple):
     reproduce: str = ""
 
 
+# The point of each row of a source in a manifest's grid, -1 for none; failed rows; s; computations; environments.
+Coverage = tuple[NDArray[np.intp], NDArray[np.bool_], float, int, list[dict[str, str]]]
+
+
 @dataclass(eq=False)
 class BatchResult:
-    """Computed points, one row each: results, not scaled, wall times in s, and failures by row."""
+    """Computed points, one row each: unscaled results, wall times in s, failures by row; a source of results."""
 
     values: dict[str, NDArray[Any]]
     wall_time: NDArray[np.float64]
     failures: dict[int, Failure] = field(default_factory=dict)
     environment: dict[str, str] = field(default_factory=dict)
+    # Flat indices in the grid of the task, which is that of the manifest.
+    points: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    name = "memory"
 
     def __len__(self) -> int:
         return len(self.wall_time)
+
+    def coverage(self, manifest: "Manifest") -> Coverage:
+        """The points that it has."""
+        failed = np.isin(np.arange(len(self)), list(self.failures))
+        return self.points, failed, float(self.wall_time.sum()), len(self), [self.environment]
+
+    def read(self, name: str, rows: Any) -> NDArray[Any]:
+        """Values of a variable, or `wall_time`, at some rows."""
+        return np.asarray((self.wall_time if name == "wall_time" else self.values[name])[rows])
 
 
 class PartWriter:
@@ -119,16 +131,17 @@ class PartWriter:
         self._last += 1
         return f"{self._last:06d}-{self._run}.part"
 
-    def write(self, name: str, points: NDArray[np.intp], result: BatchResult) -> None:
-        """Write the results of `points`, flat indices in the manifest's grid, unless the writer is closed."""
+    def write(self, name: str, result: BatchResult) -> None:
+        """Write the results of a batch, unless the writer is closed."""
         if self._closed:
             return
+        points, arrays = result.points, dict[str, NDArray[Any]](wall_time=result.wall_time)
         contiguous = bool(np.all(np.diff(points) == 1))
         header = {"manifest": self.token, "rows": len(points), "first": int(points[0]) if contiguous else None}
         header |= {"failures": result.failures, "environment": result.environment}
         header |= {"seconds": float(result.wall_time.sum())}
-        arrays = {} if contiguous else {"points": points}
-        arrays |= {"wall_time": result.wall_time} | {f"value_{n}": each for n, each in result.values.items()}
+        arrays |= {} if contiguous else {"points": points}
+        arrays |= {f"value_{name}": each for name, each in result.values.items()}
         # Floats of full precision hardly shrink; rounded ones and integers do.
         small = [n for n, v in self.variables.items() if v.digits is not None or np.dtype(v.dtype).kind == "i"]
         with replacing(self.folder / name, rename=self._rename) as temporary:
@@ -206,7 +219,7 @@ class Manifest:
                 pack(temporary, header, arrays, ["representative"])
 
     @classmethod
-    def load(cls, store: Store) -> Manifest | None:
+    def load(cls, store: Store) -> "Manifest | None":
         """The manifest of an unfinished run; None if there is none."""
         if not store.manifest.exists():
             return None
@@ -226,9 +239,8 @@ class Manifest:
         raise StoreError([*told, f"{store.manifest} and its copy are damaged, {lost}; {ANEW}"][0])
 
     @classmethod
-    def _of(cls, file: Packed) -> Manifest:
-        header, arrays = file.header, dict(zip(file.names, file.read(*file.names), strict=True))
-        grids = {}
+    def _of(cls, file: Packed) -> "Manifest":
+        header, arrays, grids = file.header, {name: file.read(name) for name in file.names}, {}
         for token, groups in header["groups"].items():
             axes = {name: Axis(arrays[f"axis {name} {token}"], *each) for name, each in header["axes"].items()}
             grids[token] = Grid(axes, groups)
@@ -245,80 +257,42 @@ class Manifest:
         )
 
 
-class Coverage(NamedTuple):
-    """The point of each row of a source in a manifest's grid, -1 for none; failed rows; cost; environments."""
-
-    points: NDArray[np.intp]
-    failed: NDArray[np.bool_]
-    seconds: float
-    computations: int
-    environments: list[dict[str, str]]
-
-
-@dataclass(frozen=True, eq=False)
-class ResultSource:
-    """A batch in memory as a source of results, one row for each of its points."""
-
-    points: NDArray[np.intp]
-    result: BatchResult
-    name = "memory"
-
-    def coverage(self, manifest: Manifest) -> Coverage:
-        """The points that it has."""
-        count, failures = len(self.points), list(self.result.failures)
-        seconds, failed = float(self.result.wall_time.sum()), np.isin(np.arange(count), failures)
-        return Coverage(self.points, failed, seconds, count, [self.result.environment])
-
-    def read(self, name: str, rows: Any) -> NDArray[Any]:
-        """Values of a variable, or `wall_time`, at some rows."""
-        values = self.result.wall_time if name == "wall_time" else self.result.values[name]
-        return np.asarray(values[rows])
-
-    def failures(self) -> Mapping[int, Failure]:
-        """Why rows failed."""
-        return self.result.failures
-
-
 @dataclass(frozen=True)
 class PartSource:
     """A part on the disk as a source of results; methods raise a `DamagedError` if it is damaged or gone."""
 
-    path: Path
-
-    @property
-    def name(self) -> str:
-        """Its file name."""
-        return self.path.name
+    folder: Path
+    name: str
 
     @cached_property
     def _file(self) -> Packed:
-        return Packed(self.path)
+        return Packed(self.folder / self.name)
 
     def _read(self, array: str = "") -> Any:
         """One of the arrays; without a name the header."""
-        folder = self.path.parent
         try:
-            return self._file.read(array)[0] if array else self._file.header
+            return self._file.read(array) if array else self._file.header
         except UNREADABLE:
-            if folder.exists():
-                raise DamagedError(self.name, str(folder)) from None
-            raise StoreError(f"{folder} is gone: the run has finished; open its results again") from None
+            if self.folder.exists():
+                raise DamagedError(self.name, str(self.folder)) from None
+            raise StoreError(f"{self.folder} is gone: the run has finished; open its results again") from None
 
     def coverage(self, manifest: Manifest) -> Coverage:
         """The points that it has."""
         header = self._read()
         alignment = manifest.alignments.get(header["manifest"])
         if alignment is None:
-            raise DamagedError(self.name, str(self.path.parent))
+            raise DamagedError(self.name, str(self.folder))
         count, first = header["rows"], header["first"]
         points = alignment(self._read("points") if first is None else first + np.arange(count))
-        failed = np.isin(np.arange(count), list(self.failures()))
-        return Coverage(points, failed, header["seconds"], count, [header["environment"]])
+        failed = np.isin(np.arange(count), list(self.failures))
+        return points, failed, header["seconds"], count, [header["environment"]]
 
     def read(self, name: str, rows: Any) -> NDArray[Any]:
         """Values of a variable, or `wall_time`, at some rows."""
         return np.asarray(self._read("wall_time" if name == "wall_time" else f"value_{name}")[rows])
 
+    @property
     def failures(self) -> Mapping[int, Failure]:
         """Why rows failed."""
         return {int(row): Failure(*each) for row, each in self._read()["failures"].items()}

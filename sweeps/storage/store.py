@@ -8,8 +8,6 @@ STUDY.nc.parts/     during a run, and after it was interrupted:
 .STUDY.nc.lock      locked by the run; the empty file stays
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -94,10 +92,10 @@ class Store:
 
     def part_names(self) -> list[str]:
         """Names of the parts, in the order in which their batches were submitted."""
-        names = []
         try:
-            with suppress(FileNotFoundError, NotADirectoryError), os.scandir(self.parts) as entries:
-                names = [each.name for each in entries if PART.fullmatch(each.name) and each.is_file()]
+            names = [each.name for each in os.scandir(self.parts) if PART.fullmatch(each.name) and each.is_file()]
+        except (FileNotFoundError, NotADirectoryError):
+            return []
         except OSError as problem:
             raise StoreError(f"{self.parts} cannot be read: {reason(problem)}") from None
         return sorted(names, key=lambda name: int(name.partition("-")[0]))
@@ -110,11 +108,11 @@ class Store:
         """Refuse, before anything is computed, a place that cannot have the results of sweep `name`."""
         path = self.file
         try:
+            self._check_parts()
+            folder = next(each for each in path.parents if each.is_symlink() or each.exists())
             if path.exists() and not path.is_file():
                 what = "a folder" if path.is_dir() else "not a regular file"
                 raise StoreError(f"{path} is {what}; the results of {name} need a file there")
-            self._check_parts()
-            folder = next(each for each in path.parents if each.is_symlink() or each.exists())
             if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
                 what = "cannot be written to" if folder.exists() else "is a link to nothing"
                 raise StoreError(f"{folder} {what}; {OTHER}")
@@ -122,7 +120,7 @@ class Store:
             raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
 
     def _check_parts(self) -> None:
-        """Refuse a folder of parts with foreign files, since a finished run removes the folder."""
+        # A finished run removes the folder.
         if self.parts.is_symlink() or (self.parts.exists() and not self.parts.is_dir()):
             raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {OTHER}")
         if foreign := self._foreign():

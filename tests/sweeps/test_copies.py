@@ -5,6 +5,7 @@ import pytest
 
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.plan import batches
+from sweeps.storage.assemble import rounded
 from tests.helpers.waves import interrupted
 
 # What was computed, and which computations fail; not part of the fingerprint, as constants would be.
@@ -31,7 +32,8 @@ def scale(points):
 def raw(rows):
     """The results at F = 1."""
     value = rows[:, 0] / (1.0 + rows[:, 1])
-    return {"force": value, "square": 3.0 * value, "series": value[:, None] / [1, 2, 3], "own": value}
+    results = {"force": value, "square": 3.0 * value, "series": value[:, None] / [1, 2, 3]}
+    return results | {"own": value, "kept": value}
 
 
 def oscillate(points):
@@ -46,14 +48,14 @@ VARIABLES = {
     "square": Variable("N2", dtype="float32", scale="square"),
     "series": Variable("N", dims="step", scale="force"),
     "own": Variable(),
+    "kept": Variable("N", digits=4, scale="force"),
 }
 
 
 def sweep(V=(0, 6), F=(8, 5), mu=(0.1, 0.5), skip=None, **changes):
     """Geometric axes V and F: first power and count of each."""
-    powers = {
-        name: 10.0 ** (0.25 * np.arange(first, first + n) - 3.0) for name, (first, n) in (("V", V), ("F", F))
-    }
+    ends = {"V": V, "F": F}
+    powers = {name: 10.0 ** (0.25 * np.arange(k, k + n) - 3.0) for name, (k, n) in ends.items()}
     grid = Grid({"V": Axis(powers["V"], "m/s"), "mu": Axis(mu), "F": Axis(powers["F"], "N")}, skip=skip)
     options = {"key": key, "scale": scale, "coords": {"step": [1, 2, 3]}}
     return Sweep("oscillations", oscillate, grid, VARIABLES, **(options | changes))
@@ -65,9 +67,11 @@ def assert_right(data, one, rtol=0.0):
     for name, value in raw(key(points)).items():
         variable = VARIABLES[name]
         factor = scale(points).get(variable.scale, np.ones(one.grid.size))
-        expected = (value.astype(variable.dtype).T * factor).T.astype(variable.dtype)
+        value = rounded(value.astype(variable.dtype), variable.digits)
+        expected = rounded((value.T * factor).T.astype(variable.dtype), variable.digits)
         found = data[name].values.reshape(expected.shape)
-        np.testing.assert_allclose(found[is_done], expected[is_done], rtol=rtol)
+        most = max(rtol, 1e-4) if rtol and variable.digits else rtol
+        np.testing.assert_allclose(found[is_done], expected[is_done], rtol=most)
 
 
 def test_a_geometric_grid_costs_its_diagonals_only(path):
@@ -82,15 +86,6 @@ def test_a_geometric_grid_costs_its_diagonals_only(path):
         assert float(data["wall_time"].sum()) == np.count_nonzero(data["wall_time"]) == 20
     plan = sweep(V=(0, 9)).plan(path)
     assert (plan.todo, plan.seconds) == (6, pytest.approx(6.0))
-
-
-def test_an_interrupted_run_resumes_its_computations(path):
-    interrupted(sweep().plan(path), 3)
-    partly = open_results(path)
-    assert 0 < np.count_nonzero(partly["status"] == 1) < 60
-    assert_right(partly, sweep())
-    assert_right(sweep().plan(path).run(), sweep())
-    assert len(LOG) == len(set(LOG)) == 20
 
 
 def test_a_failure_is_one_however_many_points_it_has(path):
@@ -114,12 +109,16 @@ def test_a_failure_is_one_however_many_points_it_has(path):
 
 @pytest.mark.parametrize("before", [(1, 1, 8, 1), (0, 1, 7, 1), (2, 3, 5, 4)])
 def test_only_new_diagonals_are_computed_and_earlier_results_stay_where_points_are_skipped(path, before):
-    # New points that equal old ones come first.
+    # New points that equal old ones come first; values that are there stay, to the bit.
+    first = sweep(V=before[:2], F=before[2:]).plan(path).run().load()
     for v, nv, f, nf in (before, (0, 2, 7, 2), (0, 6, 7, 6)):
         one, count = sweep(V=(v, nv), F=(f, nf), order_by=("mu", "V")), len(LOG)
         plan = one.plan(path)
         assert_right(plan.run(), one, rtol=1e-6)
         assert len(LOG) - count == plan.todo
+    same = open_results(path)["kept"].sel({dim: first[dim] for dim in first["kept"].dims})
+    np.testing.assert_array_equal(same, first["kept"])
+    interrupted(sweep(V=(0, 8), F=(7, 6)).plan(path), 1)
     one = sweep(V=(0, 7), F=(7, 6), skip=lambda points: points["V"] > 5e-3)
     data = one.plan(path).run()
     assert_right(data, one, rtol=1e-6)

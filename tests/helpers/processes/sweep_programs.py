@@ -32,7 +32,6 @@ from sweeps import (
 from sweeps.plan import batches
 from sweeps.storage.store import Store
 from tests import HOME
-from tests.helpers.storms import faults
 
 COMPARED = ["square", "powers", "status", "error"]
 
@@ -179,12 +178,6 @@ def main(told):
     if "file_size" in told:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (told["file_size"], resource.RLIM_INFINITY))
-    if "refused" in told:
-        faults.refuse_steps(*told["refused"])
-    if "clock" in told:
-        faults.shift_clock(told["clock"])
-    if "bereft" in told:
-        faults.wait_for_workers(told["bereft"])
     print("ready", flush=True)
     wanted = {key: told[key] for key in ("points", "log", "pause", "long") if key in told}
     store = Store(told["store"])

@@ -1,5 +1,7 @@
-"""Threads, processes and clusters give the same bits, with any batch size and after any interruption."""
+"""Back ends give the same bits, in batches of any size; failures, progress and interrupts are the same on all."""
 
+import os
+import signal
 import threading
 import time
 
@@ -9,11 +11,12 @@ import pytest
 import xarray as xr
 from threadpoolctl import threadpool_info
 
-from sweeps import Grid, Refinement, SchedulerError, SweepStoppedError, open_results, refined
+from sweeps import AbandonedError, Grid, Refinement, SchedulerError, SweepStoppedError, open_results, refined
 from sweeps.plan import batches
+from sweeps.storage.store import Store
 from sweeps.task import one_blas_thread
 from tests.helpers.backends import assert_right, simple, visible
-from tests.helpers.processes.sweep_programs import make
+from tests.helpers.processes.sweep_programs import end, finished_points, make, start, wait_for
 from tests.helpers.waves import stop_after
 
 SIZES = [{"BATCH_BYTES": 1.0}, {"GROWTH": 2, "SHORTEST": 1e-4}, {"BATCH_SECONDS": 1e-6}, {"PLACES": 1}]
@@ -140,3 +143,76 @@ def test_a_run_within_a_thread_and_within_a_worker(outside):
         assert_right(client.submit(lambda: make().plan().run("threads", 2), pure=False).result(60))
         with pytest.raises(SchedulerError, match="a worker of another cluster cannot start workers; use threads"):
             client.submit(lambda: make().plan().run("processes", 2), pure=False).result(60)
+
+
+# Ctrl-C: the first lets batches that have begun finish, the second stops at once.
+
+
+ctrl_c = pytest.mark.usefixtures("small_pieces", "interruptible")
+
+
+def interrupt(snapshot, twice=False):
+    """Send Ctrl-C after four points; and again, when the run has noticed."""
+    if snapshot.done >= 4 and (twice or not snapshot.stopping):
+        signal.raise_signal(signal.SIGINT)
+
+
+@ctrl_c
+def test_the_first_interrupt_finishes_and_keeps_what_has_begun(path, tmp_path, scheduler):
+    log, store = tmp_path / "log", Store(path)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        make(log=log, pause=0.02).plan(path).run(scheduler, 2, interrupt)
+    assert not isinstance(caught.value, AbandonedError)
+    begun = [float(line) for line in log.read_text().split()]
+    assert len(begun) == len(set(begun)) < 40
+    assert finished_points(store) == set(begun)
+    assert not store.is_locked()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert_right(make(log=log, pause=0.02).plan(path).run())
+    assert len(log.read_text().split()) == 60
+
+
+@ctrl_c
+@pytest.mark.parametrize("where", ["threads", "sync", "inside"])
+def test_the_second_interrupt_stops_at_once_and_late_batches_are_not_written(path, where, request):
+    scheduler = request.getfixturevalue(where) if where == "inside" else where
+    begun, store = [], Store(path)
+
+    def twice(snapshot):
+        begun.extend([time.monotonic()] * (snapshot.done >= 4))
+        interrupt(snapshot, twice=True)
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        make(points=16, pause=0.4).plan(path).run(scheduler, 4, twice)
+    assert time.monotonic() - begun[0] < 0.3
+    assert isinstance(caught.value, AbandonedError) == (where == "threads")
+    assert not store.is_locked()
+    before = store.part_names()
+    time.sleep(0.6)
+    assert store.part_names() == before
+    assert 16 > make(points=16, pause=0.4).plan(path).cached >= 4
+
+
+@ctrl_c
+@pytest.mark.parametrize("twice", [False, True])
+def test_an_interrupt_of_a_terminal_reaches_processes_as_well(path, tmp_path, twice):
+    log, store = tmp_path / "log", Store(path)
+    process = start(store=path, log=log, points=40, pause=30.0 if twice else 0.1, scheduler="processes")
+    try:
+        while int(wait_for(process, "progress").split()[1]) < (0 if twice else 4):
+            pass
+        begin = time.monotonic()
+        os.killpg(process.pid, signal.SIGINT)
+        if twice:
+            wait_for(process, "progress 0 True")
+            os.killpg(process.pid, signal.SIGINT)
+        wait_for(process, "KeyboardInterrupt")
+        assert process.wait(20.0) == 130
+        assert time.monotonic() - begin < 6.0
+        assert process.stderr.read() == ""
+    finally:
+        end(process)
+    begun = {float(line) for line in log.read_text().split()} if log.exists() else set()
+    assert not store.is_locked()
+    assert finished_points(store) == (set() if twice else begun)
+    assert len(begun) < 30

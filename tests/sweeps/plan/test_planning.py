@@ -62,25 +62,6 @@ def test_planning_calls_no_function_and_timed_computes_few_points(path):
     assert math.isnan(sweep(4, lambda points: 1 / 0).plan().timed().seconds)
 
 
-def test_earlier_runs_estimate_the_time(path):
-    def slow(points):
-        return {"y": points["x"], "wall_time": np.full(len(points["x"]), 0.5)}
-
-    sweep(100, slow).plan(path).run("sync")
-    plan = sweep(144, slow).plan(path)
-    assert plan.seconds == pytest.approx(22.0)
-    assert "estimated time  22 s on one core" in repr(plan)
-
-
-def test_one_plan_may_run_twice_with_and_without_a_store(path):
-    for store in (path, None):
-        plan = sweep(9).plan(store)
-        assert plan.run("sync").equals(plan.run("sync")) or store is None
-    CALLS.clear()
-    sweep(9).plan(path).run("sync")
-    assert CALLS == []
-
-
 @pytest.mark.parametrize(
     ("changes", "most"),
     [({}, 22.0), ({"order_by": ("z",)}, 22.0), ({"key": lambda points: points["x"] * 0.0 + points["z"]}, 85.0)],
@@ -151,12 +132,3 @@ def test_the_last_batches_are_small_so_that_workers_end_together(points, seconds
     assert np.all(np.diff(sizes) <= 0)
     remaining = np.cumsum(sizes[::-1])[::-1]
     assert np.all((sizes <= remaining / 8 + 1) | (sizes == 1) | (sizes * seconds <= 0.25))
-
-
-def test_a_run_begins_with_one_point_of_each_of_three_places_and_grows_its_batches():
-    CALLS.clear()
-    sweep(10_000).plan().run("sync")
-    assert CALLS[0] == batches.PLACES
-    assert max(CALLS) > 1000
-    assert sum(CALLS) == 10_000
-    assert all(now <= batches.GROWTH * max(CALLS[:k]) for k, now in enumerate(CALLS) if k)

@@ -1,4 +1,4 @@
-"""What is stored is not computed again: runs that go on, grids that grow, failures that are retried, copies."""
+"""What is stored is not computed again: growth, retried failures; what somebody else has stored is refused."""
 
 import numpy as np
 import pytest
@@ -6,23 +6,9 @@ import xarray as xr
 
 from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results, status
 from sweeps.storage.assemble import FileSource
-from tests.helpers.waves import BROKEN, GRID, LOG, NAMES, interrupted, sweep
+from tests.helpers.waves import BROKEN, GRID, LOG, NAMES, POWERS, VARIABLES, interrupted, sweep, wave
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
-
-
-def test_an_interrupted_run_goes_on_and_a_complete_file_is_not_touched(path):
-    interrupted(sweep().plan(path), 3)
-    done, partly = set(LOG), open_results(path)
-    LOG.clear()
-    np.testing.assert_array_equal(np.isnan(partly["root"]), partly["status"] == 0)
-    found = sweep().plan(path).run()
-    assert set(LOG) == {(x, y) for x in GRID["x"] for y in GRID["y"]} - done
-    xr.testing.assert_equal(found[NAMES], sweep().plan().run()[NAMES])
-    before = path.read_bytes(), path.stat().st_mtime_ns
-    xr.testing.assert_identical(sweep().plan(path).run(), found)
-    assert (path.read_bytes(), path.stat().st_mtime_ns) == before
-    assert sorted(each.name for each in path.parent.iterdir()) == [".sweep.nc.lock", "sweep.nc"]
 
 
 GROWTH = {
@@ -79,19 +65,6 @@ def test_runs_along_a_diagonal_leave_an_incomplete_file(path):
     sweep({"x": [1.0, 2.0, 3.0], "y": [1.0, 2.0, 3.0]}).plan(path).run()
     assert len(LOG) == 6
     assert status(path).state == "complete"
-
-
-def test_zipped_axes_grow_together(path):
-    def pairs(x, y):
-        return sweep(Grid({"x": Axis(x), "k": Axis([1, 2]), "y": Axis(y)}, zipped=("x", "y")))
-
-    pairs([1.0, 2.0], [5.0, 5.0]).plan(path).run()
-    LOG.clear()
-    found = pairs([1.0, 2.0, 2.0], [5.0, 6.0, 5.0]).plan(path).run("sync")
-    assert LOG == [(2.0, 1, 6.0), (2.0, 2, 6.0)]
-    whole = open_results(path)
-    assert list(zip(whole["x"].values, whole["y"].values, strict=True)) == [(1.0, 5.0), (2.0, 5.0), (2.0, 6.0)]
-    xr.testing.assert_equal(found[NAMES], pairs([1.0, 2.0, 2.0], [5.0, 6.0, 5.0]).plan().run()[NAMES])
 
 
 def test_other_points_may_be_skipped_later(path):
@@ -168,40 +141,6 @@ def test_starting_over_mixes_nothing(path):
     assert found["status"].values.tolist() == [[2, 1], [1, 1], [1, 1]]
 
 
-def loaded(points):
-    LOG.extend(points["V"].tolist())
-    return {"force": np.sin(points["V"] / points["F"])}
-
-
-def loads(values, digits=None):
-    """A sweep whose results are proportional to the load F at equal V / F."""
-    return Sweep(
-        "loads",
-        loaded,
-        {"V": Axis([1.0, 2.0, 4.0], "m/s"), "F": Axis(values, "N")},
-        {"force": Variable("N", digits=digits, scale="load")},
-        key=lambda points: points["V"] / points["F"],
-        scale=lambda points: {"load": points["F"]},
-    )
-
-
-@pytest.mark.parametrize("digits", [None, 4])
-@pytest.mark.parametrize("unfinished", [False, True])
-def test_copies_of_what_is_there_are_added_without_computing(path, digits, unfinished):
-    """In a finished file their values may differ by one rounding; those of its own points stay as they are."""
-    first = loads([1.0, 2.0], digits).plan(path).run()
-    if unfinished:
-        interrupted(loads([1.0, 2.0, 64.0, 128.0], digits).plan(path), 3)
-    LOG.clear()
-    plan = loads([1.0, 2.0, 3.0, 6.0, 4.0], digits).plan(path)
-    assert (plan.distinct, plan.todo) == (9, 5)  # V / F = 1/4, and 1/3, 2/3, 4/3, 1/6 of 3 and 6 N
-    found = plan.run()
-    assert len(LOG) == 5
-    alone = loads([1.0, 2.0, 3.0, 6.0, 4.0], digits).plan().run()
-    np.testing.assert_allclose(found["force"], alone["force"], rtol=1e-15 if digits is None else 10.0**-digits)
-    xr.testing.assert_equal(found["force"].sel(F=[1.0, 2.0]), first["force"])
-
-
 def test_a_reader_whose_file_is_replaced_meanwhile_sees_the_new_one(path, tmp_path, monkeypatch):
     """Its points have other places there, and the parts of the run that replaced it are not removed yet."""
     every = sweep({"x": np.arange(1.0, 7.0), "y": [1.0]})
@@ -217,3 +156,63 @@ def test_a_reader_whose_file_is_replaced_meanwhile_sees_the_new_one(path, tmp_pa
 
     monkeypatch.setattr(FileSource, "read", late)
     assert open_results(path)[NAMES].equals(whole[NAMES])
+
+
+def files(folder):
+    return {each: each.read_bytes() for each in folder.rglob("*") if each.is_file()}
+
+
+def test_names_and_derived_variables_may_change(path):
+    old = sweep().plan(path).run()
+    LOG.clear()
+    axes = {"x": Axis(GRID["x"], "m", "width"), "y": Axis(GRID["y"], "m")}
+    changes = {"title": "Waves", "derive": lambda data: data.assign(top=data["root"].max())}
+    changes |= {"remark": "again", "request": {"a": 1}}
+    changes["variables"] = VARIABLES | {"root": Variable("m", "square root")}
+    found = sweep(Grid(axes), **changes).plan(path).run()
+    assert LOG == []
+    assert (found.attrs["title"], found["x"].attrs["long_name"]) == ("Waves", "width")
+    assert (found["root"].attrs["long_name"], found["top"].item()) == ("square root", old["root"].max().item())
+    xr.testing.assert_equal(found[[*NAMES, "wall_time", "status"]], old[[*NAMES, "wall_time", "status"]])
+    xr.testing.assert_identical(open_results(path), found)
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+@pytest.mark.parametrize(
+    ("name", "said", "read"),
+    [
+        ("others.nc", "has the results of others; the results of waves need another folder", ""),
+        ("half.nc", "has the results of others; the results of waves need another folder", ""),
+        ("text.nc", "is damaged or not netCDF", "it is damaged or not netCDF"),
+        ("plain.nc", "was not made by a sweep", "it is not the result of a sweep"),
+        (f"{'long' * 100}/waves.nc", "cannot be used", ""),
+        (".", "is a folder", "it is not a regular file"),
+    ],
+)
+def test_files_of_others_are_refused_and_stay(tmp_path, name, said, read, fresh):
+    others = Sweep("others", wave, sweep().grid, VARIABLES, coords={"power": POWERS})
+    others.plan(tmp_path / "others.nc").run()
+    interrupted(others.plan(tmp_path / "half.nc"), 3)
+    (tmp_path / "text.nc").write_text("no netCDF")
+    xr.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "plain.nc")
+    before = files(tmp_path)
+    with pytest.raises(StoreError, match=said):
+        sweep().plan(tmp_path / name, fresh=fresh).run()
+    if read:
+        with pytest.raises(ValueError, match=read):
+            open_results(tmp_path / name)
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_folder_in_the_place_of_the_parts_that_no_run_made_stays(path, tmp_path, fresh):
+    parts = path.with_name("sweep.nc.parts")
+    plan = sweep().plan(path, fresh=fresh)
+    parts.mkdir()
+    (parts / "notes.txt").write_text("mine")
+    for attempt in (lambda: sweep().plan(path, fresh=fresh), plan.run):
+        with pytest.raises(StoreError, match=r"parts has notes\.txt, which is not a run's; move it away"):
+            attempt()
+    assert (parts / "notes.txt").read_text() == "mine"
+    parts.rename(tmp_path / "elsewhere")
+    assert np.all(plan.run()["status"] == 1)
