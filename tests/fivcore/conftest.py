@@ -1,4 +1,4 @@
-"""What all tests of the solver core share."""
+"""Matrices of a few hundred rows gain nothing from threads, which burn a core each while they wait."""
 
 import pytest
 from threadpoolctl import threadpool_limits
@@ -6,6 +6,5 @@ from threadpoolctl import threadpool_limits
 
 @pytest.fixture(scope="session", autouse=True)
 def one_blas_thread():
-    """Matrices of a few hundred rows gain nothing from threads, which burn a core each while they wait."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield

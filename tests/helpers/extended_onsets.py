@@ -45,8 +45,7 @@ def element(given: Numbers, beam: str, count: int, value: np.ndarray) -> np.ndar
 
 def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Gaussian elimination of (k, n, n) and (k, n, m) in their own precision."""
-    a, b = a.copy(), b.copy()
-    n = a.shape[1]
+    a, b, n = a.copy(), b.copy(), a.shape[1]
     for i in range(n):
         for j in [*range(i), *range(i + 1, n)]:
             factor = a[:, j, i] / a[:, i, i]

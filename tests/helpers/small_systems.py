@@ -1,59 +1,93 @@
-"""A few modes and a contact given as plain arrays, stepped by the kernels that run the rig."""
+"""A few modes and a contact given as plain arrays, moved by the three methods that move the rig."""
+
+from dataclasses import dataclass, field
+from typing import Any
+from unittest import mock
 
 import numpy as np
 
+from fivcore import Rig
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel
-from fivcore.transient import fast_kernel, published
+from fivcore.transient import exact, fast_kernel, published
 from fivcore.transient import fast_scene as at
 from fivcore.transient.fast import aligned
 from fivcore.transient.fast_scene import lanes_for
 from fivcore.transient.fast_solver import Solver, put, take
-from fivcore.transient.published import BETA2, TAU
+from fivcore.transient.normalised import Normalised, State
+from fivcore.transient.options import Options
 from fivcore.transient.record import SAMPLE, count_in
-from fivcore.transient.statistics import ENERGIES, begin
-from tests.helpers.transient_reference import SEPARATION, SLIP
+from fivcore.transient.statistics import ENERGIES, SEPARATION, SLIP, begin
 
-# Steps between two samples.
+# Columns of a record: time, normal and tangential force, slip velocity and contact state.
+TIME, N_OF, T_OF, SPEED_OF, STATE_OF = 0, 2, 3, 4, 5
+# Steps between two samples of `fast`.
 SAMPLED = 10
 
 
-class Small:
-    """A few modes and a contact element under constant modal forces, by the kernel of `method="fast"`.
+@dataclass
+class System:
+    """Modes of unit mass under constant forces f, their gap shapes, and the contact element (K, C), if any.
 
-    The kernel's load presses with one newton: a mode without stiffness must carry it, f = -normal.
+    The load presses with one newton: a mode without stiffness must carry it, f = -normal.
     """
 
-    def __init__(
-        self, k, normal, tangential, f, K, C, *, mu, step, q, v, c=0.0, V=0.0, contact=SLIP, u=(0.0, 0.0)
-    ):
-        k, normal, tangential, f, q, v = (np.array(x, dtype=float) for x in (k, normal, tangential, f, q, v))
-        none = np.zeros(len(k))
-        kept = np.ones(len(k), dtype=bool)
-        self.model = ReducedModel(
-            k, c + none, normal, tangential, none, none.copy(), f, kept, np.array(K), np.array(C)
-        )
-        rest = self.model.rest
-        self.solver = Solver(self.model, mu, step)
-        self.mu, self.V, self.step = mu, V, step
-        u = np.array(u)
-        if self.model.K.any() and contact != SEPARATION:
+    k: Any
+    normal: Any
+    tangential: Any
+    f: Any
+    q: Any
+    v: Any
+    mu: float
+    K: Any = field(default_factory=lambda: np.zeros((2, 2)))
+    C: Any = field(default_factory=lambda: np.zeros((2, 2)))
+    c: Any = 0.0
+    V: float = 0.0
+    contact: int = SLIP
+    u: tuple[float, float] = (0.0, 0.0)
+    # Friction at the start, for the published scheme; `held`: contact bears the load, so that nothing accelerates.
+    last_T: float = 0.0
+    held: bool = False
+
+    def __post_init__(self):
+        for name in ("k", "normal", "tangential", "f", "q", "v", "K", "C"):
+            setattr(self, name, np.array(getattr(self, name), dtype=float))
+        self.c = self.c + 0.0 * self.k
+
+    @property
+    def model(self):
+        none, kept = np.zeros(len(self.k)), np.ones(len(self.k), dtype=bool)
+        return ReducedModel(self.k, self.c, self.normal, self.tangential, none, none, self.f, kept, self.K, self.C)
+
+
+def fill(record, **given):
+    for name, value in given.items():
+        record[name] = value
+
+
+class Fast:
+    """A system under way by the kernel of `fast`."""
+
+    def __init__(self, system, step):
+        self.model, self.step = system.model, step
+        rest, normal, tangential = self.model.rest, system.normal, system.tangential
+        self.solver = Solver(self.model, system.mu, step)
+        u = np.array(system.u)
+        if self.model.K.any() and system.contact != SEPARATION:
             # The same force of the element that impulses need.
             u = np.linalg.solve(self.solver.impulse.stiffness, self.model.K @ u)
         self.record = record = begin(self.solver.record.copy(), 0.0, 0.0, 1.0)
-        record["contact"], record["speed"], record["threshold"] = contact, V, np.inf
-        record["u_N"], record["u_T"] = u
-        record["anchor"] = u[1] + tangential @ (q - rest) + self.solver.at_rest[1]
-        record["p_rest"], record["T_rest"] = self.solver.at_rest
+        (p_rest, T_rest), away = self.solver.at_rest, system.q - rest
+        fill(record, contact=system.contact, speed=system.V, threshold=np.inf, u_N=u[0], u_T=u[1])
+        fill(record, anchor=u[1] + tangential @ away + T_rest, p_rest=p_rest, T_rest=T_rest)
         # Impulses come in the middle of a step.
-        x, v = self._moved(q - rest, v, 0.5 * step)
+        x, v = self._moved(away, system.v, 0.5 * step)
         blocks = self.solver.blocks.copy()
         put(blocks, at.Q, x)
         put(blocks, at.V, v)
         self.modes = aligned(blocks.size)
         self.modes[:] = blocks.ravel()
-        record["g_N"], record["g_T"] = normal @ x, tangential @ x
-        record["v_N"], record["v_T"] = normal @ v, tangential @ v
+        fill(record, g_N=normal @ x, g_T=tangential @ x, v_N=normal @ v, v_T=tangential @ v)
         self.first = self.energy()
 
     def _moved(self, x, v, time):
@@ -61,27 +95,16 @@ class Small:
         return a * x + b * v, c * x + d * v
 
     def run(self, steps):
-        """Go on; returns a record of each step: t, -, N, T, slip velocity, state."""
+        """Go on; returns a record of each step."""
         record, now = self.record, int(self.record["now"][0])
         last = now + steps
-        record["last"], record["next_row"], record["row_every"] = last, now, 1
-        record["sample_every"], record["next_sample"] = SAMPLED, -(-now // SAMPLED) * SAMPLED
-        record["samples"] = record["rows"] = record["sticks"] = 0
-        record["stick_room"] = steps
+        fill(record, last=last, next_row=now, row_every=1, stick_room=steps, samples=0, rows=0, sticks=0)
+        fill(record, sample_every=SAMPLED, next_sample=-(-now // SAMPLED) * SAMPLED)
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), SAMPLE))
         sticks, no_skip = np.empty((steps, 2)), np.empty(0)
         fast_kernel.advance(record, *lanes_for(record), self.modes, samples, rows, sticks, no_skip, no_skip)
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
-
-    def follow(self, duration, every):
-        """Time and displacements every so many steps, and the record of all."""
-        times, places, rows = [], [], []
-        for _ in range(int(duration / self.step / every)):
-            rows.append(self.run(every))
-            times.append(int(self.record["now"][0]) * self.step)
-            places.append(self.q)
-        return np.array(times), np.array(places), np.concatenate(rows)
 
     def _state(self):
         """Displacements about rest and velocities at the start of the step."""
@@ -104,47 +127,65 @@ class Small:
         return work + self.first - self.energy() - sum(lost)
 
 
-def stepped(
-    stiffness,
-    damping,
-    normal,
-    tangential,
-    f,
-    *,
-    mu,
-    dt,
-    steps,
-    q,
-    v,
-    b=BETA2,
-    tau=TAU,
-    V=0.0,
-    last_T=0.0,
-    held=False,
-):
-    """The scheme on a few modes given as plain arrays: a record of every step and the final q.
+def by_fast(system, duration, step, every=8):
+    """Times and displacements every so many steps, and the record of all."""
+    run, times, places, rows = Fast(system, step), [], [], []
+    for _ in range(int(duration / step / every)):
+        rows.append(run.run(every))
+        times.append(int(run.record["now"][0]) * step)
+        places.append(run.q)
+    return np.array(times), np.array(places), np.concatenate(rows)
 
-    `held`: at the start contact bears the load, so that nothing accelerates.
-    """
-    k, c, normal, tangential, f, q, v = (
-        np.array(x, dtype=float) for x in (stiffness, damping, normal, tangential, f, q, v)
-    )
+
+def by_exact(system, duration, step, every=8):
+    """From event to event; it reads its model from a rig, for which the system stands in."""
+    speed = system.V if system.V else 1e-300
+    scene = Normalised(Rig(), 0.0, speed, system.mu, 1.0, 1.0)
+    given = {"initial": State(system.q, system.v, system.contact), "ramp": 0.0, "settle": 0.0, "step": step}
+    options = Options(duration, "exact", record=("state",), sample_rate=1.0 / step, **given)
+    rows, places = [], []
+    with (
+        mock.patch.object(exact, "reduced_model", return_value=system.model),
+        mock.patch.object(exact, "element_displacement", return_value=np.array(system.u)),
+    ):
+        run = exact.ExactRun(scene, options)
+        run._length = every
+        while not run.done:
+            exact.ExactRun.advance([run])
+            rows += [segment.rows for segment in run.segments]
+            places.append(run._state_at(run._now)[: len(system.k)] + run.model.rest)
+    times = np.minimum(np.arange(1, len(places) + 1) * every, run.steps) * step
+    return times, np.array(places), np.concatenate(rows)
+
+
+def by_paper(system, duration, step, every=1, b=published.BETA2, tau=None):
+    """The published scheme, without an element; displacements along x follow from the slip velocity."""
+    rows, _ = stepped(system, int(duration / step), step, b, 10.0 * step if tau is None else tau)
+    t = rows[:, TIME]
+    x = system.tangential @ system.q + np.cumsum(rows[:, SPEED_OF]) * step + system.V * t
+    return t[every - 1 :: every], np.outer(x, system.tangential)[every - 1 :: every], rows
+
+
+METHODS = {"fast": by_fast, "exact": by_exact, "paper": by_paper}
+
+
+def stepped(system, steps, dt, b=published.BETA2, tau=published.TAU):
+    """A record of every step of the published scheme's kernel, and the final q."""
+    k, c, normal, tangential, f = system.k, system.c, system.normal, system.tangential, system.f
+    q, v = system.q.copy(), system.v
     inverse = 1.0 / (1.0 + b * dt * c)
     scale = dt**2 * (b + 0.5)
-    W = scale * np.array([normal @ (normal * inverse), normal @ (tangential * inverse), 0.0])
-    W[2] = scale * tangential @ (tangential * inverse)
-    vs = v if held else v + dt * (1.0 - b) * (f - k * q - c * v)
+    pairs = (normal, normal), (normal, tangential), (tangential, tangential)
+    W = [scale * one @ (other * inverse) for one, other in pairs]
+    vs = v if system.held else v + dt * (1.0 - b) * (f - k * q - c * v)
     a = (f - k * q - c * vs) * inverse
     reach = q + dt * (vs + b * dt * a) + 0.5 * dt**2 * a
     record = begin(np.zeros(1, published.SCENE), 0.0, 0.0, 1.0)
-    record["dt"], record["b"], record["r"], record["mu"], record["speed"] = dt, b, dt / tau, mu, V
-    record["W_NN"], record["W_NT"], record["W_TT"] = W
-    record["gap_N"], record["gap_T"] = normal @ reach, tangential @ reach
-    record["last_gT"], record["last_T"], record["contact"] = tangential @ q, last_T, SLIP
-    record["sample_every"], record["row_every"], record["stick_room"] = steps, 1, steps
+    fill(record, dt=dt, b=b, r=dt / tau, mu=system.mu, speed=system.V, gap_N=normal @ reach)
+    fill(record, W_NN=W[0], W_NT=W[1], W_TT=W[2], gap_T=tangential @ reach, last_gT=tangential @ q)
+    fill(record, last_T=system.last_T, contact=SLIP, sample_every=steps, row_every=1, stick_room=steps)
     rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), SAMPLE))
     modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
-    published.advance(
-        record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, np.empty((steps, 2))
-    )
+    sticks = np.empty((steps, 2))
+    published.advance(record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, sticks)
     return rows, q

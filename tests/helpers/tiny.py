@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from studies.study import Setting, Study
+from studies.study import Parameter, Study
 from sweeps import Axis, Variable
 
 WORDS = {0: "calm", 1: "wild"}
 
 
-def tiny(points, gain):
+def tiny(x, gain):
     """Numbers, words and a row of each point; one fails."""
-    x = points["x"]
     if np.any(x == 3.0):
         raise ValueError("three is not allowed")
     return {"y": gain * x, "word": (x > 2.0).astype(int), "row": x[:, None] ** np.arange(3.0)}
@@ -30,16 +29,18 @@ STUDY = Study(
     name="tiny",
     title="A small study",
     question="Does it last?",
-    paper="No word of it.",
-    axes={"x": Axis(np.arange(1.0, 6.0), "m", "place"), "kind": Axis(["one", "other"])},
-    settings={"gain": Setting(2.0, "1", "gain")},
-    function=tiny,
-    variables={
+    parameters={
+        "x": Parameter(np.arange(1.0, 6.0), "m", "place"),
+        "kind": Parameter(np.array(["one", "other"]), "1", "kind"),
+        "gain": Parameter(2.0, "1", "gain"),
+    },
+    outputs={
         "y": Variable("m", "height", digits=6),
         "word": Variable("1", "word", dtype="int8", flags=WORDS),
         "row": Variable("1", "row", dims=("power",), dtype="float32"),
     },
+    function=tiny,
     coords={"power": Axis([0, 1, 2])},
-    draw=draw,
-    findings=lambda data: ["nothing"],
+    summary=lambda data: iter(["nothing"]),
+    figure=draw,
 )

@@ -2,13 +2,11 @@
 
 Section 3.3 of the paper with beta2 in both of its places and damping implicit: Newmark's method with
 beta = 0 and gamma = beta2, contact by Lagrange multipliers at the end of each step, simplified Prakash-Clifton
-friction. Of fivcore's only the arguments are used (a rig, a scene's numbers), and, to carry a state across,
-the shapes of the modes.
+friction. Of fivcore's only the arguments are used, and, to carry a state across, the shapes of the modes.
 """
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -19,23 +17,12 @@ from tests.helpers.reference import assemble, element
 SEPARATION, STICK, SLIP = 0, 1, 2
 
 
-class FiniteElements(NamedTuple):
-    """Both beams of a rig: matrices (n, n) and rows or columns (n,)."""
+def finite_elements(rig: Any, theta: float) -> SimpleNamespace:
+    """Matrices (n, n), rows and columns (n,); P1's nodes run from C to A, of which only y is free, then P2's.
 
-    K: np.ndarray
-    M: np.ndarray
-    C: np.ndarray
-    # Rows that read g_N and g_T (without the clamp's own motion), and the displacement of B along x.
-    normal: np.ndarray
-    tangential: np.ndarray
-    point_b: np.ndarray
-    # Force of a unit load on A, along -y; of a unit acceleration of P2's clamp, for motion relative to it.
-    weight: np.ndarray
-    thrown: np.ndarray
-
-
-def finite_elements(rig: Any, theta: float) -> FiniteElements:
-    """Assemble; P1's nodes run from C to A, of which only y is free, P2's from the first after the clamp."""
+    `weight` is the force of a unit load on A, along -y, `thrown` that of a unit acceleration of P2's clamp, for
+    motion relative to it; g_T is without the clamp's own motion.
+    """
     # Rounded once.
     K, M, normal, tangential = (part.astype(float) for part in assemble(rig, theta, np.longdouble))
     n1 = 3 * rig.p1.elements + 1
@@ -48,7 +35,8 @@ def finite_elements(rig: Any, theta: float) -> FiniteElements:
     # B between two nodes, of which A has no displacement along x.
     nodes = np.arange(rig.p1.elements)
     point_b[3 * nodes] = np.maximum(1.0 - np.abs(rig.point_b * rig.p1.elements - nodes), 0.0)
-    return FiniteElements(K, M, rig.d1 * M + rig.d2 * K, normal, tangential, point_b, weight, thrown)
+    rows = {"normal": normal, "tangential": tangential, "point_b": point_b, "weight": weight, "thrown": thrown}
+    return SimpleNamespace(K=K, M=M, C=rig.d1 * M + rig.d2 * K, **rows)
 
 
 def nodal(rig: Any, theta: float, modal: np.ndarray) -> np.ndarray:
@@ -64,58 +52,28 @@ def clamp(t: float, V: float, ramp: float) -> float:
     return V * t * t / (2.0 * ramp) if t < ramp else V * (t - ramp / 2.0)
 
 
-class Motion(NamedTuple):
-    """What every step left behind, and the displacements q at the end."""
-
-    N: np.ndarray
-    T: np.ndarray
-    slip_velocity: np.ndarray
-    velocity_B: np.ndarray
-    state: np.ndarray
-    q: np.ndarray
-
-
 def published_scheme(
-    fe: FiniteElements,
-    *,
-    V: float,
-    mu: float,
-    F: float,
-    ramp: float,
-    q: np.ndarray,
-    v: np.ndarray,
-    contact: int,
-    steps: int,
-    dt: float = 2e-8,
-    b: float = 0.8,
-    tau: float = 1e-7,
-) -> Motion:
-    """Run the scheme from displacements q and velocities v (of P2 relative to its clamp).
+    fe: Any, scene: Any, ramp: float, q: np.ndarray, v: np.ndarray, contact: int, steps: int, dt: float
+) -> SimpleNamespace:
+    """What every step left behind, from displacements q and velocities v (of P2 relative to its clamp).
 
     The first prediction needs an acceleration: that of the load and the structure alone, without the drive's; for
     surfaces that touch with the force that keeps the gap from accelerating, and where they slip its friction.
     """
+    V, mu, F, b, r = scene.V, scene.mu, scene.F, 0.8, dt / 1e-7
     GN, GT = fe.normal, fe.tangential
-    implicit = cho_factor(fe.M + b * dt * fe.C)
+    implicit, mass = cho_factor(fe.M + b * dt * fe.C), cho_factor(fe.M)
     per_N, per_T = cho_solve(implicit, GN), cho_solve(implicit, GT)
     closing = dt**2 * (b + 0.5) * np.array([[GN @ per_N, GN @ per_T], [GT @ per_N, GT @ per_T]])
-    r = dt / tau
     out = np.zeros((5, steps))
-
-    mass = cho_factor(fe.M)
     a = cho_solve(mass, F * fe.weight - fe.K @ q - fe.C @ v)
     last_T = 0.0
     if contact != SEPARATION:
-        m = 0.0
-        if contact == SLIP:
-            m = -mu * np.sign(GT @ v)
+        m = -mu * np.sign(GT @ v) if contact == SLIP else 0.0
         push = cho_solve(mass, GN + m * GT)
         N = -(GN @ a) / (GN @ push)
         a, last_T = a + push * N, m * N
-    if ramp == 0.0:
-        v = v + V * cho_solve(mass, fe.thrown)
-    ramp_ends = round(ramp / dt)
-    last_gT = GT @ q
+    ramp_ends, last_gT = round(ramp / dt), GT @ q
     for i in range(steps):
         load = F * fe.weight + (V / ramp * fe.thrown if i < ramp_ends else 0.0)
         v_star = v + dt * (1.0 - b) * a
@@ -129,7 +87,8 @@ def published_scheme(
         gT = GT @ q - clamp((i + 1) * dt, V, ramp)
         out[:, i] = *force, (gT - last_gT) / dt, fe.point_b @ v, state
         last_gT, last_T = gT, force[1]
-    return Motion(*out[:4], out[4].astype(int), q)
+    names = "normal_force", "tangential_force", "slip_velocity", "velocity_B"
+    return SimpleNamespace(**dict(zip(names, out, strict=False)), state=out[4].astype(int), q=q)
 
 
 def _contact(

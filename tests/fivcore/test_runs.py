@@ -1,0 +1,236 @@
+"""What every run must do whatever its scene: records, scaling, segments, options, and ends with an error."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate
+from fivcore.contact.reduced import reduced_model
+from fivcore.rig import P1, P2
+from fivcore.transient import fast, moving_contact
+from fivcore.transient.moving_contact import LEAST, ContactMotion, moved_model
+from fivcore.transient.normalised import Normalised
+from fivcore.transient.published import BETA2
+from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
+
+PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)
+QUICK = Scene(0.02, 5.0, 0.2, 9.0)
+
+# What is recorded, and in which stretches, changes nothing.
+
+RECORDED = [
+    ("fast", PAPERS, 0.15, 1e3, {}),
+    ("fast", PAPERS, 0.05, 1e7, {}),
+    ("fast", replace(PAPERS, rig=Rig(d1=200.0)), 0.06, 5e5, {"contact_motion": 1}),
+    ("fast", replace(PAPERS, theta=-5.0, rig=Rig(d1=200.0)), 0.5, 5e5, {}),
+    ("fast", replace(PAPERS, theta=-5.0, rig=Rig(d1=200.0)), 0.5, 5e5, {"cutoff": 75e3}),
+    ("exact", QUICK, 0.0125, 1e6, {}),
+    ("paper", QUICK, 2e-3, 1e7, {}),
+]
+
+
+@pytest.mark.parametrize(("method", "scene", "duration", "rate", "given"), RECORDED)
+def test_recorded_or_not_the_bits_are_the_same(method, scene, duration, rate, given):
+    plain = simulate(scene, duration, method, **given)
+    assert plain.summary["settled_early"] == (scene.theta < 0.0)
+    assert_same_summary(plain, simulate(scene, duration, method, record=["state"], sample_rate=rate, **given))
+
+
+@pytest.mark.parametrize(
+    ("method", "scene", "duration"),
+    [
+        # Through the onset; a drive that starts to slide steadily for good; the published scheme; event to event.
+        ("fast", PAPERS, 0.07),
+        ("fast", Scene(-5e-3, 5.0, 0.05, 9.0), 2.0),
+        ("paper", PAPERS, 0.001),
+        ("exact", QUICK, 0.0125),
+    ],
+)
+def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
+    every = simulate(scene, duration, method, record=True, sample_rate=1e9 if duration < 0.01 else 1e6)
+    times = np.sort(np.concatenate([[0.0, duration], np.random.default_rng(2).uniform(0.0, duration, 3000)]))
+    kept = simulate(scene, duration, method, record=True, sample_times=times)
+    assert_same_summary(kept, every)
+    np.testing.assert_array_equal(kept.time, times)
+    for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
+        np.testing.assert_array_equal(getattr(kept, name), np.interp(times, every.time, getattr(every, name)))
+    before = np.maximum(np.searchsorted(every.time, times, side="right") - 1, 0)
+    np.testing.assert_array_equal(kept.state, every.state[before])
+    assert kept.state.dtype == np.int8
+
+
+def test_the_motion_does_not_depend_on_the_stretches_it_is_taken_in(monkeypatch):
+    """Bit for bit, long after the first burst; the sums of the figures are added stretch by stretch."""
+    runs = []
+    for short, long in ((0.04, 0.2), (0.0137, 0.0091), (0.5, 0.5)):
+        monkeypatch.setattr(fast, "SHORT_SEGMENT", short)
+        monkeypatch.setattr(fast, "LONG_SEGMENT", long)
+        runs.append(simulate(replace(PAPERS, V=2e-3), 0.25, record=True, sample_rate=1e6, end_early=False))
+    for run in runs[1:]:
+        for name in SERIES:
+            assert np.array_equal(getattr(run, name), getattr(runs[0], name))
+        assert run.summary.pop("regime") == runs[0].summary["regime"]
+        for name, value in run.summary.items():
+            assert value == pytest.approx(runs[0].summary[name], rel=1e-9, nan_ok=True)
+
+
+def test_memory_does_not_grow_with_duration_unless_recorded():
+    peaks = []
+    # Two seconds hold stretches of full length.
+    for duration in (2.0, 2.0, 8.0):
+        tracemalloc.start()
+        run = simulate(PAPERS, duration)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert all(len(getattr(run, name)) == 0 for name in SERIES)
+    assert peaks[2] < 1.1 * peaks[1]
+
+
+# Scaling: every figure with a unit is F times its canonical value, to the last bit.
+SCALED = {"velocity_rms", "mean_normal_force", "max_normal_force", "normal_force_999"}
+SCALED |= {"max_slip_speed", "slip_speed_999"}
+SCALES = [
+    (PAPERS, 0.25, {}),
+    (Scene(-3.7e-3, 5.0, 0.2, 7.3), 0.25, {"settle": 0.0, "numerical_damping": "published"}),
+    (Scene(-2.1e-2, -5.0, 0.2, 113.0), 0.25, {}),
+    # Ended early, and by the other methods.
+    (Scene(-2e-2, 5.0, 0.2, 3.3, Rig(d1=200.0)), 0.3, {}),
+    (Scene(-0.03, -5.0, 0.2, 7.3), 2e-3, {"method": "paper", "settle": 0.0}),
+    (Scene(-0.03, -5.0, 0.2, 7.3), 0.012, {"method": "exact", "settle": 0.0}),
+]
+
+
+@pytest.mark.parametrize(("scene", "duration", "given"), SCALES)
+def test_a_run_is_the_canonical_one_times_the_load(scene, duration, given):
+    sense, F = np.sign(scene.V), scene.F
+    canonical = Scene(Normalised.of(scene).speed_per_load, scene.drive_theta, scene.mu, 1.0, scene.rig)
+    own, unit = (simulate(each, duration, record=True, **given) for each in (scene, canonical))
+    for key, value in unit.summary.items():
+        expected = F * value if key in SCALED else value
+        assert np.array_equal(own.summary[key], expected, equal_nan=not isinstance(value, str)), key
+    for name, factor in zip(SERIES, (1.0, F * sense, F, F * sense, F * sense, 1), strict=True):
+        assert np.array_equal(getattr(own, name), factor * getattr(unit, name)), name
+    assert own.summary["settled_early"] == bool(scene.rig.d1 == 200.0)
+
+
+# Options.
+SAME = [
+    # Published damping is a rig with so much more; each method's own is the default; and beta2 by its value.
+    ("fast", {"numerical_damping": "published"}, {"rig": Rig(d2=1.6e-8)}, 0.1),
+    ("fast", {"numerical_damping": "published", "contact_motion": 1}, {"rig": Rig(d2=1.6e-8)}, 0.033),
+    ("exact", {"numerical_damping": "published"}, {"rig": Rig(d2=1.6e-8)}, 0.0125),
+    ("fast", {"numerical_damping": "none"}, {}, 0.1),
+    ("exact", {"numerical_damping": "none"}, {}, 0.0125),
+    ("paper", {"numerical_damping": "published"}, {}, 3e-3),
+    ("paper", {"numerical_damping": "none"}, {"beta2": 0.5}, 3e-3),
+    ("paper", {"beta2": BETA2}, {}, 2e-3),
+]
+
+
+@pytest.mark.parametrize(("method", "given", "same", "duration"), SAME)
+def test_an_option_is_what_it_says_by_other_means(method, given, same, duration):
+    scene, recorded = PAPERS if duration > 0.02 else QUICK, {"record": True, "sample_rate": 50e3}
+    other = replace(scene, rig=same.get("rig", scene.rig))
+    rest = {name: given[name] for name in given if name != "numerical_damping" and name != "beta2"}
+    rest |= {name: same[name] for name in same if name != "rig"}
+    own = simulate(scene, duration, method, **given, **recorded)
+    assert own.scene == scene
+    assert_same_run(replace(own, scene=other), simulate(other, duration, method, **rest, **recorded))
+
+
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+def test_a_ramp_shorter_than_a_step_is_a_jerk(method):
+    """What matters is the speed that P2 is given at once, not in how many steps."""
+    jerk, *others = (
+        simulate(replace(PAPERS, V=1e-3), 1e-3, method, ramp=ramp, settle=0.0, record=True)
+        for ramp in (0.0, 1e-9, 1e-7, 1.3e-6)
+    )
+    for short in others:
+        assert short.summary["stick_fraction"] == pytest.approx(jerk.summary["stick_fraction"], abs=0.02)
+        assert short.normal_force[-1] == pytest.approx(jerk.normal_force[-1], rel=0.02)
+        assert short.tangential_force[-1] == pytest.approx(jerk.tangential_force[-1], abs=0.05)
+
+
+def test_at_rest_it_stays_at_rest():
+    """A drive of 1e-11 m/s is none; what is left is rounding of a contact held by positions."""
+    run = simulate(Scene(1e-11, 5.0, 0.2, 9.0), 2e-3, "paper", record=True, sample_rate=1e6)
+    assert np.all(run.state == 1)
+    np.testing.assert_allclose(run.normal_force, 9.0, rtol=1e-7)
+    assert np.abs(run.tangential_force).max() < 1e-6
+    assert np.abs(run.velocity_B).max() < 1e-11
+
+
+def test_heavy_damping_does_not_make_the_contact_slip_early():
+    for d2 in (3e-6, 1e-4):
+        scene = replace(PAPERS, rig=Rig(d2=d2))
+        default, plain = (simulate(scene, 0.035, cutoff=cutoff, settle=0.0).summary for cutoff in (None, 75e3))
+        assert default["first_slip_time"] == pytest.approx(plain["first_slip_time"], rel=1e-3)
+
+
+@pytest.mark.parametrize(("n1", "n2"), [(1, 1), (2, 2), (1, 40), (30, 1)])
+@pytest.mark.parametrize("method", ["fast", "exact"])
+def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
+    rig = Rig(replace(P1, elements=n1), replace(P2, elements=n2))
+    assert reduced_model(rig, 5.0).K.any() == (n1 != n2)
+    if method == "exact" and n1 == n2:
+        with pytest.raises(ValueError, match=r"cutoff = 117350: it keeps every mode .* or method 'fast'"):
+            simulate(replace(QUICK, rig=rig), 0.02, method)
+        return
+    # Over a third of a period of the head on its beam.
+    summary = simulate(replace(QUICK, rig=rig), 0.02, method, settle=0.0).summary
+    assert summary["mean_normal_force"] == pytest.approx(9.0, rel=0.05)
+
+
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+def test_a_run_that_blows_up_says_so(method, monkeypatch):
+    """Steps known to be unstable are refused beforehand; here a run is told that its energy has exploded."""
+    kind = {"fast": "fast.FastRun", "exact": "exact.ExactRun", "paper": "published.PaperRun"}[method]
+    energies = iter([1.0])
+    monkeypatch.setattr(f"fivcore.transient.{kind}.stored_energy", lambda run: next(energies, 1e9))
+    with pytest.raises(DivergenceError, match=r"blown up at t = .*; scene V = 0\.005 m/s") as caught:
+        simulate(PAPERS, 1e-3, method)
+    assert caught.value.scene == PAPERS
+
+
+# A contact point that moves.
+@pytest.mark.slow
+def test_the_line_wanders_with_the_contact_point_as_in_the_mirror():
+    """P2's stiffness at D, and with it the unstable pair, depends on where D is."""
+    towards, away = (simulate(PAPERS, 0.25, contact_motion=motion).summary for motion in (-1, 1))
+    assert towards["dominant_frequency"] < 0.97 * away["dominant_frequency"]
+    given = {"contact_motion": -1, "record": True}
+    one, other = (simulate(scene, 0.05, **given) for scene in (PAPERS, PAPERS.mirrored()))
+    assert one.summary["first_separation_time"] < 0.05
+    assert np.array_equal(one.velocity_B, -other.velocity_B)
+
+
+def test_the_cost_of_a_fast_contact_point_is_that_of_its_path(monkeypatch):
+    """At 0.02 m/s a segment is 5 um long; a hundred times as fast it is ten times as long, and moves B as well."""
+    slow, quick = (ContactMotion(Normalised.of(replace(PAPERS, V=V)), 0.0, 1) for V in (0.02, 2.0))
+    assert [each.segment_steps(1e-6) for each in (slow, quick)] == [250, 25]
+    scene, made = Scene(2.0, -5.0, 0.2, 9.0), []
+    monkeypatch.setattr(fast, "moved_model", lambda *given: made.append(given) or moved_model(*given))
+    run = simulate(scene, 9e-4, contact_motion=1, record=True)
+    # Two models a segment.
+    path = 2.0 * (9e-4 - 0.5e-3)
+    assert len(made) <= 2.0 * (path / 45e-6 + 20)
+    monkeypatch.setattr(moving_contact, "MOST", 5e-6)
+    fine = simulate(scene, 9e-4, contact_motion=1, record=True)
+    assert len(made) > 100
+    assert np.abs(run.velocity_B - fine.velocity_B).max() < 0.02 * np.abs(fine.velocity_B).max()
+
+
+def test_a_contact_that_moves_to_where_it_is_not_unique_is_an_error():
+    """Between two nodes of P2 the contact closes less than at a node."""
+    start, end = (critical_mu(Rig(contact_position=place), 5.0, "paper") for place in (0.0801, 0.08))
+    scene = Scene(0.1, 5.0, 32.1, 9.0, Rig(contact_position=0.0801))
+    assert end < scene.mu < start
+    with pytest.raises(
+        ContactError, match=r"mu = 32\.1: from 32\.0\d* on .* with the contact 0\.0800\d* m"
+    ) as said:
+        simulate(scene, 2e-3, "paper", contact_motion=-1)
+    place = float(str(said.value).split("contact ")[2].split(" m")[0])
+    assert critical_mu(Rig(contact_position=place), 5.0, "paper") <= scene.mu
+    assert critical_mu(Rig(contact_position=place + 2.0 * LEAST), 5.0, "paper") > scene.mu
