@@ -1,13 +1,12 @@
-"""Predefined studies of the paper, from Python: `studies.run("fig5")`, `studies.open("fig5")`.
+"""Predefined studies of the paper, from Python: `studies.run("fig5")`, `studies.map(...)`, `studies.open("fig5")`.
 
-What they return has the accessor `.fiv` (`studies.query.accessor`): rows, figure and scenes of the result.
-
-Nothing heavy is imported before it is used: the command line starts from here.
+Their datasets have the accessor `.fiv` (`studies.query.accessor`). The command line starts from here, so nothing
+heavy is imported before it is used.
 """
 
 from __future__ import annotations
 
-# Not typing's, which takes a while to import: the command line cannot answer to Ctrl-C before it begins itself.
+# Not typing's, which is slow to import: the command line answers to Ctrl-C only once it has begun.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Plan, Progress
 
-__all__ = ["map", "open", "run"]
+__all__ = ["map", "open", "run"]  # two shadow built-ins, in this module only
 
 
 def run(
@@ -29,145 +28,84 @@ def run(
     sample_rate: float | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: bool | Progress = False,
+    progress: bool | Progress | None = None,
     out: str | Path | None = None,
     fresh: bool = False,
-    scatter: Mapping[str, str] | None = None,
     samples: int | None = None,
     seed: int | None = None,
     sampling: str | None = None,
     points: str | Path | Mapping[str, Any] | None = None,
-    **axes: Any,
+    **parameters: Any,
 ) -> xr.Dataset:
-    """Run a study, keep its netCDF file and figure in the results folder, and return its dataset.
+    """Run a study, store its netCDF file and figure in the results folder, and return its dataset.
 
     Parameters
     ----------
     study : str or Study
-        A name that `fiv list` shows, or a `studies.study.Study`.
-    record : sequence of str
-        Time series to keep, such as "velocity_B" and "normal_force".
-    sample_rate : float, optional
-        Sampling rate of recorded series, Hz.
-    scheduler : str, optional
-        "threads", "sync", or a Dask scheduler's address; by default what Dask is configured for, else threads.
-    workers : int, optional
-        Processes on this machine; with "threads", threads.
+        A name that `fiv list` prints, the path of a FILE.py, or a `studies.study.Study`.
+    record, sample_rate : sequence of str, float
+        Time series to keep, such as "velocity_B", and their sampling rate, Hz.
+    scheduler, workers : str, int
+        "threads" (the default), "sync", or a Dask scheduler's address; number of processes, or of threads.
     progress : bool or callable
-        True shows a bar, in a terminal or a notebook; a callable gets a `sweeps.Snapshot` now and then.
-    out : str or Path, optional
-        The results folder; by default FIV_RESULTS, else `results` under the current folder.
-    fresh : bool
-        Start over where the results folder holds the study with other settings. Otherwise what is there is kept
-        and completed.
-    scatter : mapping of str to str, optional
-        Axes and settings to draw from distributions: ``{"mu": "normal:0.2:0.02"}``. The result is called as the
-        study with `-scatter` behind it.
-    samples, seed : int, optional
-        Number and seed of the draws; by default 1024 and 0.
-    sampling : str, optional
-        "sobol" (the default), "latin" or "random".
-    points : path or mapping, optional
-        Rows to compute instead of a grid: a CSV file, or columns by name. The result is called as the study with
-        `-points` behind it.
-    **axes
-        New values of an axis (a number or a list) or of a setting (a number) of the study; or as texts, as the
-        command line has them: ``V="2mm/s"``, ``mu="0:0.5:101"``.
+        True shows a bar; a callable gets a `sweeps.Snapshot` now and then.
+    out, fresh : path, bool
+        The results folder, by default FIV_RESULTS or `results`; start over, instead of computing missing points.
+    samples, seed, sampling : int, int, str
+        Number of draws, their seed, and "sobol", "latin" or "random"; by default 1024, 0 and "sobol".
+    points : path or mapping
+        Rows to compute instead of a grid: a CSV file, or columns by name.
+    **parameters
+        A number in SI, a word, a list, or text as on the command line: ``V="1,2mm/s"``, ``mu="0:0.5:101"``,
+        ``p1_length="normal:50:0.1mm"``.
 
-    Returns
-    -------
-    xarray.Dataset
-
-    Raises
-    ------
-    ValueError
-        If a study or an axis is unknown, or a value is out of range; nothing is written then.
-    sweeps.StoreError
-        If the results folder cannot be used, or holds the study with other settings.
+    A wrong name or value is a `ValueError`, an unusable folder a `sweeps.StoreError`; nothing is written then.
     """
-    from studies import runner
-    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
+    from studies import registry, runner
+    from studies.request import Request
 
-    where: dict[str, Any] = {"scatter": scatter, "samples": samples, "seed": seed, "sampling": sampling}
-    where["points"] = points
-    series: dict[str, Any] = {"record": record, "sample_rate": sample_rate}
-    return _executed(runner.plan(study, axes, out, fresh=fresh, **series, **where), scheduler, workers, progress)
+    one = registry.resolve(study)
+    request = Request("", parameters, points, tuple(record), sample_rate, samples, seed, sampling)
+    return _executed(one, runner.plan(one, request, out, fresh=fresh), scheduler, workers, progress)
 
 
-def map(  # shadows the built-in only as studies.map
+def map(
     x: str,
     y: str | None = None,
-    quantity: str = "growth_rate",
+    quantity: str | Sequence[str] = "growth_rate",
     *,
     fix: Mapping[str, Any] | None = None,
     refine: int = 0,
     tolerance: float | None = None,
-    scatter: Mapping[str, str] | None = None,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    progress: bool | Progress = False,
-    out: str | Path | None = None,
-    fresh: bool = False,
+    **options: Any,
 ) -> xr.Dataset:
-    """Map one quantity over two axes, or along one, keep the netCDF file and figure, and return the dataset.
+    """Map quantities over two parameters, or along one, store them with a figure, and return the dataset.
 
-    Parameters
-    ----------
-    x, y : str
-        AXIS=SPEC as on the command line: ``x="theta=-10:20:61"``, ``y="p1_thickness=1.5mm:3mm:40"``.
-    quantity : str
-        A name that `fiv map --help` lists.
-    fix : mapping, optional
-        Other axes and settings, numbers or texts with units: ``{"theta": 8, "p1_length": "60mm"}``.
-    refine : int
-        How often intervals are halved where the quantity changes.
-    tolerance : float, optional
-        Largest estimated error of interpolation in a refined map, as a share of the range of the values.
-    scatter : mapping of str to str, optional
-        For ``quantity="probability_unstable"``: ``{"p1_length": "normal:50:0.1mm"}``.
-    scheduler, workers, progress, out, fresh
-        The same as in `run`.
-
-    Returns
-    -------
-    xarray.Dataset
-
-    Raises
-    ------
-    ValueError, sweeps.StoreError
-        The same as in `run`.
+    `x` and `y` are as on the command line, ``"theta=-10:20:61"``; `quantity` has one or several names of `fiv map
+    --help`; `fix` has other parameters, as `run` takes them: ``{"theta": 8, "p1_length": "60mm"}``. Intervals are
+    halved `refine` times where the quantity changes, and interpolated where the estimated error is at most
+    `tolerance`, relative to the range of the values. Other options and errors are those of `run`.
     """
-    from dataclasses import replace
+    from studies.gallery import maps
 
-    from studies import runner
-    from studies.maps import maps
-    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
-
-    constants = maps.fixed_of([f"{name}={value}" for name, value in (fix or {}).items()])
-    plane = maps.plane_of(x, y or maps.line_along(x, quantity, constants), refine)
-    sweep = maps.sweep_of(plane, quantity, constants, refine, tolerance, scatter)
-    sweep = replace(sweep, remark=runner.remark(maps.unusual_in(plane, quantity, constants), strict=False))
-    planned = sweep.plan(maps.file_of(plane, quantity, out, constants, scatter), fresh=fresh)
-    return _executed(planned, scheduler, workers, progress)
+    how = [options.pop(name, None) for name in ("scheduler", "workers", "progress")]
+    one, planned = maps.plan(x, y, quantity, fix, refine=refine, tolerance=tolerance, **options)
+    return _executed(one, planned, *how)
 
 
-def _executed(planned: Plan, scheduler: str | None, workers: int | None, progress: bool | Progress) -> xr.Dataset:
-    """Execute a plan and return the dataset of its file."""
+def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progress: Any) -> xr.Dataset:
     from contextlib import nullcontext
 
     from studies import runner
     from studies.cli.progress import bar
+    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    shown = bar(planned.todo) if progress is True else nullcontext(progress or None)
-    with shown as callback:
-        return runner.execute(planned, *runner.backend(scheduler, workers), callback).dataset
+    with bar(planned.todo) if progress is True else nullcontext(progress or None) as callback:
+        return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
 
 
-def open(name: str, out: str | Path | None = None) -> xr.Dataset:  # shadows the built-in only as studies.open
-    """Open the kept results of a study: by its name, in the results folder `out`, or by the path of its file.
-
-    If the folder lacks it, the reference is opened, with a warning.
-    """
+def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
+    """Open a result by its name in the results folder, else with a warning in the reference, or by its path."""
     from warnings import warn
 
     from studies import results

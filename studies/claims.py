@@ -1,123 +1,139 @@
-"""Claims of the paper as data, and the one table that shows them beside a result: paper, here, difference."""
+"""Claims of the paper as data, and the table that compares them with a result."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
-from studies import paper
-from studies.query.nearest import nearest
-from studies.study import constants
-from studies.tables import Part, Table, word
+from studies import labels, paper
+from studies.nearest import nearest
+from studies.parameters import RIG
+from studies.results import settings
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 # The operating point of a claim, where it does not say otherwise.
 POINT = {"theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD}
-# Units as a reader writes them, and factors to them.
-READABLE = {"m s-1": ("mm/s", 1e3), "s-1": ("1/s", 1.0), "degree": ("degrees", 1.0), "1": ("", 1.0)}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A number or a word that the paper prints, and which value of a result stands beside it.
+    """A number or a word that the paper prints, and the value of a result that answers it.
 
     Attributes
     ----------
     variable : str
         Of the result.
     at : mapping
-        Where: values of axes and of what the study holds fixed, or places along a dimension that has no values; a
-        pair means all values of an axis between its ends, both excluded. Of theta, mu and F what is not named is
-        the paper's operating point.
+        Values of parameters, or indices along a dimension that has no values; a pair means all values of an axis
+        between its ends, both excluded. Of theta, mu and F what is not named is the paper's operating point.
     value : float or str
         In the variable's units; the word of a variable with flags.
     section : str
         Of the paper: section, figure or table.
+    cells : bool
+        A value of an axis represents its surroundings: the nearest one within the axis's range answers.
     """
 
     variable: str
     at: Mapping[str, float | str | tuple[float, float]]
     value: float | str
     section: str
+    cells: bool = False
 
 
-def beside(dataset: xr.Dataset, claims: Sequence[Claim], cells: bool = False) -> list[Part]:
-    """A table of the claims that a result of the paper's rig answers; nothing where it answers none.
-
-    With `cells` a value of an axis stands for all about it: the nearest one within the axis's range answers.
-    """
-    if not paper.is_rig(dataset):
-        return []
-    rows = [_row(claim, point) for claim in claims if (point := answer(dataset, claim, cells)) is not None]
-    heads = ["beside the paper", "at", "paper", "here", "difference", "section"]
-    return ["", Table(heads, rows, words=2)] if rows else []
+def is_papers_rig(dataset: xr.Dataset) -> bool:
+    """Whether a result is of the paper's rig."""
+    values = settings(dataset)
+    return all(values.get(name) == parameter.default for name, parameter in RIG.items())
 
 
-def answer(dataset: xr.Dataset, claim: Claim, cells: bool = False) -> xr.DataArray | None:
-    """The value that a claim speaks of, or all of its values; None where the result does not hold it."""
+def is_papers_point(dataset: xr.Dataset, **point: float) -> bool:
+    """Whether a result is of the paper's rig with these fixed parameters."""
+    values = settings(dataset)
+    return is_papers_rig(dataset) and all(values.get(name) == value for name, value in point.items())
+
+
+def rig_text(dataset: xr.Dataset) -> str:
+    """The addition to a title of a result of another rig."""
+    return "" if is_papers_rig(dataset) else " (not the paper's rig)"
+
+
+def beside(dataset: xr.Dataset, claims: Sequence[Claim]) -> pd.DataFrame:
+    """The claims that a result of the paper's rig answers: quantity, at, paper, computed, deviation, section."""
+    import pandas as pd
+
+    rows = []
+    if is_papers_rig(dataset):
+        rows = [_row(claim, found) for claim in claims if (found := answer(dataset, claim)) is not None]
+    return pd.DataFrame(rows, columns=["quantity", "at", "paper", "computed", "deviation", "section"])
+
+
+def answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
+    """The value or the values that a claim is about; None where the result lacks them."""
     if claim.variable not in dataset:
         return None
-    fixed, answer = constants(dataset), dataset[claim.variable]
+    fixed, found = settings(dataset), dataset[claim.variable]
     for name, value in (POINT | dict(claim.at)).items():
         if isinstance(value, tuple):
-            if name not in answer.dims:
+            if name not in found.dims:
                 return None
-            answer = answer.isel({name: (answer[name].values > value[0]) & (answer[name].values < value[1])})
-            if not answer.size:
+            found = found.isel({name: (found[name].values > value[0]) & (found[name].values < value[1])})
+            if not found.size:
                 return None
-        elif name in answer.dims and name in dataset.coords:
+        elif name in found.dims and name in dataset.coords:
+            if not dataset.sizes[name]:
+                return None
             if dataset[name].dtype.kind in "iuf":
                 values = dataset[name].values
-                near, is_there = nearest(values, float(value))
-                if not (is_there or (cells and values.min() <= value <= values.max())):
+                near, matches = nearest(values, float(value))
+                if not (matches or (claim.cells and values.min() <= value <= values.max())):
                     return None
                 value = near
-            answer = answer.sel({name: value})
-        elif name in answer.dims:
+            elif value not in dataset[name].values:
+                return None
+            found = found.sel({name: value})
+        elif name in found.dims:
             if int(value) >= dataset.sizes[name]:
                 return None
             # Counted from 1 where it is named.
-            answer = answer.isel({name: int(value)}).assign_coords({name: int(value) + 1})
+            found = found.isel({name: int(value)}).assign_coords({name: int(value) + 1})
         elif name in fixed and fixed[name] != value:
             return None
-    return answer
+    return found
 
 
-def _row(claim: Claim, answer: xr.DataArray) -> list[str]:
+def _row(claim: Claim, found: xr.DataArray) -> tuple[Any, ...]:
     # Of what the claim does not name only what is not the paper's.
     others = [
-        name for name in POINT if name in answer.coords and name not in claim.at and answer[name] != POINT[name]
+        name for name in POINT if name in found.coords and name not in claim.at and found[name] != POINT[name]
     ]
-    where = ", ".join(
-        _named(answer, name, claim.at.get(name, 0.0)) for name in (*claim.at, *others) if name in answer.coords
-    )
-    # As `fiv query` knows it, and shorter than its long name.
-    name = claim.variable
+    place = ", ".join(_place(found, name, claim.at.get(name, 0.0)) for name in (*claim.at, *others))
+    unit, factor = labels.unit_of(found)
+    quantity = f"{claim.variable.replace('_', ' ')} {unit}".strip()
     if isinstance(claim.value, str):
-        values = [answer[k] for k in range(len(answer))] if answer.ndim else [answer]
-        here = ", ".join(sorted({word(value) for value in values}))
-        difference = "-" if here == "-" else "none" if here == claim.value else "differs"
-        return [name, where, claim.value, here, difference, claim.section]
-    units = str(answer.attrs.get("units", "1"))
-    shown, factor = READABLE.get(units, (units, 1.0))
-    value, low, high = (factor * float(each) for each in (claim.value, answer.min(), answer.max()))
-    here = "-" if np.isnan(low) else " to ".join(dict.fromkeys(f"{end:.4g}" for end in (low, high)))
-    difference = f"{100.0 * (low / value - 1.0):+.1f} %" if value and low == high else "differs"
+        words = ", ".join(sorted(set(labels.words(found).ravel())))
+        deviation = "-" if words == "-" else "none" if words == claim.value else "differs"
+        return quantity, place, claim.value, words, deviation, claim.section
+    value, low, high = (factor * float(each) for each in (claim.value, found.min(), found.max()))
+    computed = " to ".join(dict.fromkeys(map(labels.number, (low, high))))
+    deviation = f"{100.0 * (low / value - 1.0):+.1f} %" if value and low == high else "differs"
     if np.isnan(low) or low == high == value:
-        difference = "-" if np.isnan(low) else "none"
-    return [f"{name}{shown and f', {shown}'}", where, f"{value:.4g}", here, difference, claim.section]
+        deviation = "-" if np.isnan(low) else "none"
+    return quantity, place, labels.number(value), computed, deviation, claim.section
 
 
-def _named(answer: xr.DataArray, name: str, value: Any) -> str:
-    """A coordinate of the answer, or the range that a claim speaks of, in the units of a reader."""
+def _place(found: xr.DataArray, name: str, value: Any) -> str:
+    """A coordinate of the answer, or the range that a claim speaks of."""
     if isinstance(value, str):
         return value.replace("_", " ")
-    units = str(answer[name].attrs.get("units", "1"))
-    shown, factor = READABLE.get(units, (units, 1.0))
     if isinstance(value, tuple):
+        unit, factor = labels.unit_of(found[name])
         ends = [f"{sign} {factor * end:g}" for sign, end in zip("><", value, strict=True) if np.isfinite(end)]
-        return f"{name} {' and '.join(ends)} {shown}".strip()
-    return f"{name} = {factor * float(answer[name]):.4g} {shown}".strip()
+        return f"{labels.title(name)} {' and '.join(ends)} {unit}".strip()
+    return labels.named(name, found[name]) if name in found.coords else f"{labels.title(name)} {value:g}"

@@ -1,18 +1,7 @@
-"""Numbers printed in the paper, where they stand, and which results they can stand beside.
+"""Numbers printed in the paper, with their places.
 
 Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853.
 """
-
-from __future__ import annotations
-
-from dataclasses import asdict
-from typing import TYPE_CHECKING
-
-from fivcore import Rig
-from studies.study import constants
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 # Table 4: frequencies (Hz) of the beams glued at the contact.
 GLUED_NUMERICAL = (16.0, 362.0, 1665.0, 2060.0, 2924.0, 5035.0, 6624.0, 8030.0)
@@ -57,8 +46,8 @@ CONTACT_PEAKS = {5e-3: (25.0, 0.030), 2e-3: (50.0, 0.120)}
 ANGLES_SPEED = 2e-3
 ANGLES = {10.0: 2700.0, 15.0: float("nan")}
 
-# Table 6, whose body is not at hand: what the text says of single inclinations (degrees) at mu = 0.2 and F = 9 N.
-# Sections 2 and 3.6: dominant frequency measured at 2 mm/s, Hz.
+# Table 6, whose body is not available: what the text says of single inclinations (degrees) at mu = 0.2 and F = 9
+# N. Sections 2 and 3.6: dominant frequency measured at 2 mm/s, Hz.
 ANGLES_MEASURED = {5.0: 2700.0, 10.0: ANGLES[10.0]}
 # Section 3.5.3: dominant frequency of the simulation, Hz.
 ANGLES_SIMULATED = {5.0: 2700.0}
@@ -66,14 +55,3 @@ ANGLES_SIMULATED = {5.0: 2700.0}
 ANGLES_UNSTABLE = {5.0: (400.0, 2800.0)}
 # Section 3.6: between these angles (degrees), both excluded, it slides steadily.
 STEADY_ANGLES = ((float("-inf"), 0.0), (12.0, float("inf")))
-
-
-def is_rig(dataset: xr.Dataset) -> bool:
-    """Whether a result is of the paper's own rig."""
-    return bool(constants(dataset)["rig"] == asdict(Rig()))
-
-
-def is_point(dataset: xr.Dataset, **point: float) -> bool:
-    """Whether a result is of the paper's own rig and was made with these values of its constants."""
-    fixed = constants(dataset)
-    return is_rig(dataset) and all(fixed[name] == value for name, value in point.items())

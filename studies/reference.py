@@ -1,46 +1,111 @@
-"""The repository's own outcomes, in `results/reference`.
-
-`python -m studies.reference [STUDY ...]` makes them, all if none is named, from nothing and with the studies' own
-values (two hours of one core), and notes what `fiv list` says of each. Runs only read them.
-"""
+"""How far a result is from the repository's own outcomes in `results/reference`, which runs only read."""
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
-from studies import registry, results, runner
-from studies.cli.output import show
-from sweeps import duration, open_results
+from studies.results import REFERENCE, configuration
+
+if TYPE_CHECKING:
+    from studies.study import Study
+
+# By a part of a variable's name: tolerance of two values of a chaotic motion, absolute and relative; from
+# ensembles that differ by the ramp only.
+TOLERANCE = {
+    "fraction": (0.05, 0.0),
+    "share": (0.05, 0.0),
+    "velocity_rms": (0.0, 0.25),
+    "mean_normal_force": (0.0, 0.02),
+    "normal_force_999": (0.0, 0.25),
+    "slip_speed_999": (0.0, 0.25),
+    "switches_per_second": (0.0, 0.25),
+    # At 1 mm/s, where bursts are rare, 40 runs of 2.5 s range from 2453 to 2615 Hz.
+    "dominant_frequency": (0.0, 0.07),
+    "first_slip_time": (0.0, 0.01),
+    "first_separation_time": (5e-4, 0.01),
+    "mean_stick_time": (0.0, 0.1),
+    "exponent": (0.06, 0.0),
+    "start_up_ratio": (0.03, 0.0),
+    "intermittence_end": (0.0, 0.08),
+}
+# Variables that a comparison names, those that differ most.
+NAMED = 3
+# Processors and their BLAS differ by some 1e-12 of the largest value.
+ROUNDING = 1e-9
 
 
-def entry(name: str, folder: Path) -> dict[str, Any]:
-    """A study's entry; the time is that of the reference's computations, on one core."""
-    study = registry.load(name)
-    plan = study.sweep({}).plan()
-    own = plan.manifest.representative
-    with open_results(folder / name / f"{name}.nc") as dataset:
-        times = dataset["wall_time"].values.ravel()
-    seconds = float(np.nansum(times if own is None else times[np.unique(own[own >= 0])]))
-    return {"title": study.title, "question": study.question, "points": plan.points, "time": duration(seconds)}
+def is_own(folder: Path) -> bool:
+    """Whether a folder is the repository's reference, which runs do not write."""
+    return folder.name == REFERENCE and (folder / "rig.svg").exists()
 
 
-def main(names: list[str]) -> None:
-    """Make the reference."""
-    folder = Path("results") / results.FOLDER
-    catalogue = registry.catalogue()
-    for name in names or registry.NAMES:
-        plan = runner.plan(registry.load(name), {}, folder, fresh=True, reference=True)
-        show(str(runner.execute(plan).file))
-        catalogue[name] = entry(name, folder)
-    ordered = {name: catalogue[name] for name in registry.NAMES if name in catalogue}
-    text = json.dumps(ordered, indent=1, ensure_ascii=False)
-    registry.CATALOGUE.write_text(text + "\n", encoding="utf-8")
+def tolerance(name: str) -> tuple[float, float] | None:
+    """Absolute and relative tolerance of a chaotic variable; None where it has none."""
+    # The spread of four runs is as uncertain as it is large, and so is a standard error.
+    if name.startswith("member_") or name.endswith(("_std", "_se")):
+        return None
+    return next((limits for part, limits in TOLERANCE.items() if part in name), None)
 
 
-if __name__ == "__main__":
-    main(sys.argv[1:])
+def compared(study: Study, dataset: xr.Dataset, reference: xr.Dataset) -> str:
+    """How far a result is from the reference, in a line; "" where they have no points in common.
+
+    Of each variable the largest difference at a common point counts, in units of its largest value, or of its
+    tolerance where the motion is chaotic.
+    """
+    ours, theirs = (_constants(each) for each in (dataset, reference))
+    differ = [name for name in ours if name in theirs and ours[name] != theirs[name]]
+    for dim in ("member",):
+        if dim in reference.sizes and dataset.sizes.get(dim) != reference.sizes[dim]:
+            counts = f"{reference.sizes[dim]} realisations, this result {dataset.sizes.get(dim, 1)}"
+            return f"not compared with the reference, which has {counts}"
+    if differ or ours.keys() != theirs.keys():
+        return ""
+    # Entries without a coordinate, such as onsets, have partners only where there are as many.
+    paired = {d for d, size in reference.sizes.items() if d in reference.indexes or dataset.sizes.get(d) == size}
+    names = [
+        str(name)
+        for name, variable in reference.data_vars.items()
+        if variable.dtype.kind == "f"
+        and name in dataset
+        and name != "wall_time"
+        and paired.issuperset(variable.dims)
+        and (not study.chaotic or tolerance(str(name)))
+    ]
+    both = xr.align(dataset[names], reference[names], join="inner")
+    if not names or 0 in both[0].sizes.values():
+        return ""
+    differences = {name: _distance(study, name, *(each[name].values for each in both)) for name in names}
+    largest = [
+        name for name in sorted(differences, key=lambda name: -differences[name])[:NAMED] if differences[name]
+    ]
+    if not largest:
+        return "beside the reference: no difference"
+    if max(differences.values()) < ROUNDING:
+        return "beside the reference: no difference beyond rounding"
+    unit = "the tolerance" if study.chaotic else "the largest value"
+    listed = ", ".join(f"{name} {differences[name]:.2g}" for name in largest)
+    return f"beside the reference: largest differences, in units of {unit}: {listed}"
+
+
+def _distance(study: Study, name: str, ours: Any, theirs: Any) -> float:
+    """Largest difference of two arrays where both have values."""
+    both = np.isfinite(ours) & np.isfinite(theirs)
+    distance, size = np.abs(ours - theirs)[both], np.abs(theirs)[both]
+    if not np.any(distance):
+        return 0.0
+    absolute, relative = (tolerance(name) if study.chaotic else None) or (float(np.max(size)), 0.0)
+    return float(np.max(distance / np.maximum(absolute + relative * size, np.finfo(float).tiny)))
+
+
+def _constants(dataset: xr.Dataset) -> dict[str, Any]:
+    """Constants to nine digits, for those computed from a request may differ by rounding."""
+    values = configuration(dataset).get("constants", {})
+    text = json.dumps(values)
+    rounded: dict[str, Any] = json.loads(text, parse_float=lambda n: f"{float(n):.9g}", parse_constant=str)
+    return rounded

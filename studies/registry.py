@@ -1,60 +1,42 @@
 """The studies: predefined, installed (entry points `fiv.studies`), or a file of one's own.
 
-A study's module is imported when it is asked for. What a result says of its study is a name and nothing more:
-only who types the path of a file has it loaded.
+A study's module is imported when it is requested. A result holds the name of its study and nothing more: only a
+path that a user types is run.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import re
-from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from studies.results import MAPS, REFERENCE, expanded, is_script
+from sweeps import InputError, load_script
+
 if TYPE_CHECKING:
     from studies.study import Study
 
-# The predefined studies in their order, with their modules; then those that are not listed, by the name of the
-# sweep: a map is made by a command of its own.
-MODULES = {
-    "table4": "gallery.table4",
-    "fig5": "gallery.fig5",
-    "fig6": "gallery.fig6",
-    "fig7": "gallery.fig7",
-    "contact": "gallery.contact",
-    "fig11": "gallery.fig11",
-    "table6": "gallery.table6.study",
-    "stick_time": "gallery.stick_time.study",
-    "stability": "gallery.stability.study",
-    "sensitivity": "gallery.sensitivity.study",
-    "robust": "gallery.robust.study",
-    "regimes": "gallery.regimes.study",
-    "scenes": "gallery.scenes.study",
-    "accuracy": "accuracy.study",
-    "stress": "stress.study",
-    "map": "maps.maps",
-}
-UNLISTED = ("map",)
-NAMES = tuple(name for name in MODULES if name not in UNLISTED)
+# The predefined studies in their order.
+NAMES = (
+    "table4", "fig5", "fig6", "fig7", "contact", "fig11", "table6", "stick_time", "stability", "sensitivity",
+    "robust", "regimes", "scenes", "accuracy", "stress",
+)  # fmt: skip
+# Where a predefined study is not in the gallery.
+ELSEWHERE = {"accuracy": "studies.accuracy.study", "stress": "studies.stress.study"}
 GROUP = "fiv.studies"
-# What a study at points that are no grid is called besides (`studies.scatter`), and what makes it.
-SUFFIXES = {"-scatter": "--scatter NAME=DISTRIBUTION", "-points": "--points FILE.csv"}
-# Of a text that is read as a whole.
-MOST_LETTERS = 100_000_000
 CATALOGUE = Path(__file__).with_name("catalogue.json")
-# Studies of one's own that this process was given, by name.
+# Studies of users in this process, by name.
 _registered: dict[str, Study] = {}
 
 
 @cache
 def installed() -> dict[str, EntryPoint]:
-    """Studies that installed packages bring along, by name; none of them is imported."""
-    return {each.name: each for each in entry_points(group=GROUP) if each.name not in MODULES}
+    """Studies of installed packages by name; none of them is imported."""
+    return {point.name: point for point in entry_points(group=GROUP) if point.name not in NAMES}
 
 
 def catalogue() -> dict[str, dict[str, Any]]:
@@ -64,18 +46,17 @@ def catalogue() -> dict[str, dict[str, Any]]:
 
 
 def names() -> list[str]:
-    """Every study that a name stands for: the predefined ones, then the installed ones."""
+    """Every study with a name: the predefined ones, then the installed ones."""
     return [*NAMES, *sorted(installed())]
 
 
 def resolve(text: str | Study) -> Study:
-    """The study of the argument STUDY: a name, or the path of a Python file that defines STUDY and is run."""
+    """The study of the argument STUDY: a name, or the path of a Python file that defines STUDY, which is run."""
     from studies.study import Study
-    from sweeps import InputError, load_script
 
     if isinstance(text, Study):
         return register(text)
-    if not (isinstance(text, str) and is_file(text)):
+    if not (isinstance(text, str) and is_script(text)):
         return load(text)
     study = getattr(load_script(expanded(text)), "STUDY", None)
     if not isinstance(study, Study):
@@ -83,88 +64,54 @@ def resolve(text: str | Study) -> Study:
     return register(study, text)
 
 
-def expanded(path: str | Path) -> Path:
-    """A path with the home folder in place of `~`, or an `InputError` where there is none.
+def register(study: Study, where: str = "name") -> Study:
+    """Register a user's study, which this process then finds by its name.
 
     Raises
     ------
-    OSError
-        If nobody can tell whether there is a file; from Python 3.14 on `exists` would say that there is none.
+    InputError
+        If a predefined study has the name, or a folder cannot have it.
     """
-    from sweeps import InputError
-
-    try:
-        found = Path(path).expanduser()
-    except RuntimeError:
-        raise InputError(f"{path}: {Path(path).parts[0]} has no home folder; write the whole path") from None
-    with suppress(FileNotFoundError, NotADirectoryError, ValueError):
-        os.lstat(found)
-    return found
-
-
-def read_text(file: Path, encoding: str) -> str:
-    """A text that a user has written, as it stands there; an `InputError` if it is longer than anybody writes."""
-    from sweeps import InputError
-
-    with file.open(encoding=encoding, newline="") as opened:
-        text = opened.read(MOST_LETTERS + 1)
-    if len(text) > MOST_LETTERS:
-        raise InputError(f"it has more than {MOST_LETTERS} letters")
-    return text
-
-
-def is_file(text: str) -> bool:
-    """Whether STUDY is the path of a Python file."""
-    return text.endswith(".py")
-
-
-def register(study: Study, where: str = "name") -> Study:
-    """Register a study of a user, which this process then finds by its name.
-
-    An `InputError` refuses the name of another, and one that no folder can have.
-    """
-    from sweeps import InputError
-
-    if study.name in MODULES:
+    if study.name in NAMES:
         if study is load(study.name):
             return study
         raise InputError(f"{where}: a predefined study is called {study.name!r}; choose another name")
-    if not re.fullmatch(r"\w[\w-]*", study.name) or study.name == "reference":
+    if not re.fullmatch(r"\w[\w-]*", study.name) or study.name in (REFERENCE, MAPS):
         raise InputError(f"{where}: a study cannot be called {study.name!r}; use letters, digits, _ and -")
     _registered[study.name] = study
     return study
 
 
-def parted(name: str) -> tuple[str, str]:
-    """A study's name and which of `SUFFIXES` is behind it, or ""."""
-    suffix = next((each for each in SUFFIXES if name.endswith(each)), "")
-    return name.removesuffix(suffix), suffix
-
-
 def load(name: str) -> Study:
-    """The study called `name`: predefined, installed, or given to this process before; no file is run.
+    """The study called `name`: predefined, installed or registered; no file is run.
 
-    With one of `SUFFIXES` it is the study that shows such a result.
-    Where there is none, an `InputError` suggests the nearest.
+    Raises
+    ------
+    InputError
+        If no study has the name; the message suggests the nearest.
     """
-    from studies.study import Study, suggest
-    from sweeps import InputError
+    from studies.parameters import suggest
+    from studies.study import Study
 
-    if name in MODULES:
-        study: Study = import_module(f"studies.{MODULES[name]}").STUDY
+    if name in NAMES:
+        study: Study = import_module(ELSEWHERE.get(name, f"studies.gallery.{name}")).STUDY
         return study
     if name in _registered:
         return _registered[name]
     if name in installed():
         loaded = installed()[name].load()
         if not isinstance(loaded, Study) or loaded.name != name:
-            raise InputError(f"STUDY = {name!r}: the entry point {installed()[name].value} is no study called so")
+            raise InputError(
+                f"STUDY = {name!r}: the entry point {installed()[name].value} is no study of that name"
+            )
         return register(loaded)
-    base, suffix = parted(str(name))
-    if suffix:
-        at_points: Study = import_module("studies.scatter.study").derived(load(base), suffix)
-        return at_points
+    if str(name).startswith(f"{MAPS}_"):
+        from studies.gallery import maps
+
+        if name.removeprefix(f"{MAPS}_") in maps.STUDIES:
+            found: Study = maps.STUDIES[name.removeprefix(f"{MAPS}_")]
+            return found
     raise InputError(
-        f"STUDY = {name!r}: there is no such study; {suggest(str(name), names())}"
-        f"the studies are {', '.join(names())}; one's own is named by its file, FILE.py"
+        f"STUDY = {name!r}: no study has this name; {suggest(str(name), names())}"
+        f"the studies are {', '.join(names())}; give the path of a file, FILE.py, for your own"
     )

@@ -1,37 +1,61 @@
-"""Where results are: folders, files, and how they are opened."""
+"""Where results are, how they are opened, and what they say of the parameters that were fixed."""
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib import import_module
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import sweeps
-from studies import registry
+from fivcore import Rig
+from studies.parameters import RIG
 from sweeps import InputError, MissingFileError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from studies.study import Study
-
-
-# The repository's own outcomes, in the results folder.
-FOLDER = "reference"
+# The repository's own outcomes and maps, in the results folder.
+REFERENCE, MAPS = "reference", "map"
+# Dimensions of points that vary together: draws, and rows of a table.
+PATHS = ("sample", "row")
 
 
 def results_folder(out: str | Path | None = None) -> Path:
     """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
-    return registry.expanded(out or os.environ.get("FIV_RESULTS") or "results")
+    return expanded(out or os.environ.get("FIV_RESULTS") or "results")
+
+
+def expanded(path: str | Path) -> Path:
+    """A path with the home folder in place of `~`, or an `InputError` if there is none.
+
+    Raises
+    ------
+    OSError
+        If the path cannot be examined; from Python 3.14 on `exists` would report that it does not exist.
+    """
+    try:
+        expanded = Path(path).expanduser()
+    except RuntimeError:
+        raise InputError(f"{path}: {Path(path).parts[0]} has no home folder; write the whole path") from None
+    with suppress(FileNotFoundError, NotADirectoryError, ValueError):
+        os.lstat(expanded)
+    return expanded
+
+
+def is_script(text: str) -> bool:
+    """Whether STUDY is the path of a Python file."""
+    return text.endswith(".py")
 
 
 def is_path(text: str) -> bool:
     """Whether a STUDY or PATH names the file of a result, and not a study."""
-    return not registry.is_file(text) and (text.endswith(".nc") or os.sep in text)
+    return not is_script(text) and (text.endswith(".nc") or os.sep in text)
 
 
 def file_of(study: str, out: str | Path | None = None) -> Path:
@@ -41,13 +65,57 @@ def file_of(study: str, out: str | Path | None = None) -> Path:
 
 def reference_folder(out: str | Path | None = None) -> Path:
     """The repository's own outcomes: below the results folder, else below `results` of the current folder."""
-    own = results_folder(out) / FOLDER
-    return own if own.is_dir() else Path("results") / FOLDER
+    folder = results_folder(out) / REFERENCE
+    return folder if folder.is_dir() else Path("results") / REFERENCE
 
 
 def is_reference(file: Path) -> bool:
     """Whether a file is one of the repository's own outcomes."""
-    return file.parent.parent.name == FOLDER
+    return file.parent.parent.name == REFERENCE
+
+
+def results_file(name: str | Path, out: str | Path | None = None) -> Path:
+    """The netCDF file of a study or map by name or path; that of the reference if the folder lacks it."""
+    text = os.fspath(name)
+    if is_path(text):
+        return expanded(text)
+    places = [file_of(text, out), results_folder(out) / MAPS / f"{text}.nc", file_of(text, reference_folder(out))]
+    return next((file for file in places if sweeps.Store(file).exists()), places[0])
+
+
+def stored(out: str | Path | None = None) -> list[Path]:
+    """Every result of a folder: studies by name, then maps; without the reference."""
+    folder = results_folder(out)
+    parts = {path.with_suffix("") for path in folder.glob("*/*.nc.parts")}
+    files = {*folder.glob("*/*.nc"), *parts}
+    return sorted(
+        (file for file in files if not file.name.startswith(".")), key=lambda f: (f.parent.name == MAPS, f)
+    )
+
+
+def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
+    """The stored results of a study or a map, by name or by path; finished or as far as they are.
+
+    Raises
+    ------
+    MissingFileError
+        If the folder and the reference lack them; the message lists what the folder has.
+    """
+    text, file = os.fspath(name), results_file(name, out)
+    try:
+        dataset = sweeps.open_results(file)
+    except FileNotFoundError:
+        if is_path(text):
+            raise
+        names = ", ".join(path.stem for path in stored(out)) or "nothing"
+        raise MissingFileError(
+            f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with: "
+            f"{command('run', text, out)}"
+        ) from None
+    owner = dataset.attrs.get("sweep")
+    if not is_path(text) and owner != file.stem and file.parent.name != MAPS:
+        raise InputError(f"{file}: it holds the results of {owner}, not of {file.stem}")
+    return settled(dataset)
 
 
 def notice(name: str | Path, out: str | Path | None = None) -> str:
@@ -56,47 +124,6 @@ def notice(name: str | Path, out: str | Path | None = None) -> str:
     if is_path(text) or not is_reference(file := results_file(text, out)):
         return ""
     return f"{results_folder(out) / file.stem} has no result; this is the reference, {file}"
-
-
-def is_there(file: Path) -> bool:
-    """Whether there is a result, finished or not."""
-    return sweeps.Store(file).exists()
-
-
-def results_file(name: str | Path, out: str | Path | None = None) -> Path:
-    """The netCDF file that a STUDY or a PATH names; a study of one's own, or a map, is found by its name too.
-
-    Where nothing of one's own is there, it is that of the reference, if there is one.
-    """
-    text = os.fspath(name)
-    if is_path(text):
-        return registry.expanded(text)
-    if registry.is_file(text):
-        return file_of(registry.resolve(text).name, out)
-    places = [results_folder(out) / kind / f"{text}.nc" for kind in (text, *registry.UNLISTED)]
-    if text in registry.names():
-        places = [places[0], file_of(text, reference_folder(out))]
-    # Of what is nowhere: where a run would leave it, if there is such a study.
-    return next(filter(is_there, places), None) or file_of(registry.load(text).name, out)
-
-
-def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
-    """The kept results of a study, by name, by its FILE.py, or by their own path; whole or as far as they are."""
-    text, file = os.fspath(name), results_file(name, out)
-    if is_path(text):
-        return sweeps.open_results(file)
-    try:
-        dataset = sweeps.open_results(file)
-    except FileNotFoundError:
-        base, suffix = registry.parted(text)
-        how = f" {registry.SUFFIXES[suffix]}" if suffix else ""
-        raise MissingFileError(
-            f"{file}: there is no such file; make it with: {command('run', base, out)}{how}"
-        ) from None
-    owner = dataset.attrs.get("sweep")
-    if owner not in (file.stem, *registry.UNLISTED):
-        raise InputError(f"{file}: it holds the results of {owner}, not of {file.stem}")
-    return dataset
 
 
 @contextmanager
@@ -115,16 +142,46 @@ def command(verb: str, study: str, out: str | Path | None = None) -> str:
     return shlex.join(["fiv", verb, study, *(["--out", os.fspath(out)] if out else [])])
 
 
-def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
-    """The study that a dataset is the result of, or an `InputError` if no study has its name."""
-    name = str(dataset.attrs.get("sweep", ""))
-    try:
-        return registry.load(name)
-    except InputError:
-        base, suffix = registry.parted(name)
-        if suffix:
-            shown: Study = import_module("studies.scatter.study").nameless(base, suffix)
-            return shown
-        raise InputError(
-            f"{whose}: {name!r} is a study of a file of one's own, or none; name the file: fiv plot FILE.py"
-        ) from None
+def configuration(dataset: xr.Dataset) -> dict[str, Any]:
+    """Name, axes, constants and request of a result, from its file; {} if it is not the result of a sweep."""
+    values: dict[str, Any] = json.loads(dataset.attrs.get("configuration", "{}"))
+    return values
+
+
+def settings(dataset: xr.Dataset) -> dict[str, Any]:
+    """Values of the parameters that a result holds fixed."""
+    return {name: value for name, (value, *_) in _fixed(dataset).items()}
+
+
+def _fixed(dataset: xr.Dataset) -> dict[str, Any]:
+    """Value, units and long name of each fixed parameter."""
+    fixed: dict[str, Any] = configuration(dataset).get("request", {}).get("fixed", {})
+    return fixed
+
+
+def rig_of(dataset: xr.Dataset) -> Rig:
+    """The rig of a result, or an `InputError` that names a number which varies or is not in the file."""
+    for name in RIG:
+        if name not in dataset.coords or dataset[name].ndim:
+            what = "varies" if name in dataset.coords else "is not in the file"
+            raise InputError(f"{name}: it {what}, so the result has no single rig")
+    return Rig.of(**{name: dataset[name].item() for name in RIG})
+
+
+def settled(dataset: xr.Dataset, about: Mapping[str, tuple[Any, str, str]] | None = None) -> xr.Dataset:
+    """Add fixed parameters as scalar coordinates: value, units and long name; None, "auto", is NaN.
+
+    By default those of the file's request, for a result that is not finished.
+    """
+    scalars = {
+        name: ((), np.nan if value is None else value, {"units": units, "long_name": text})
+        for name, (value, units, text) in (_fixed(dataset) if about is None else about).items()
+        if name not in dataset.variables and name not in dataset.dims
+    }
+    return dataset.assign_coords(scalars)
+
+
+def is_usual(dataset: xr.Dataset, dims: tuple[str, ...]) -> bool:
+    """Whether the points of a result have these dimensions; of a map, without any, one or two parameters."""
+    found = tuple(map(str, dataset["status"].dims))
+    return found == dims if dims else len(found) <= 2 and found[0] not in PATHS

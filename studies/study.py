@@ -1,271 +1,483 @@
-"""A study: a question, the axes it varies, the function that answers, and how the answer is shown."""
+"""A study: parameters, the function of them that answers a question, and how the answer is presented."""
 
 from __future__ import annotations
 
-import difflib
-import json
-from collections.abc import Callable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from studies import spec, tables
-from sweeps import Axis, Grid, InputError, Sweep, Variable, check_size
+from fivcore import checks
+from studies.motion import scenes, series
+from studies.parameters import RIG, SCENE, Parameter, suggest
+from studies.results import is_usual, settled
+from sweeps import Axis, Grid, InputError, Sample, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from studies.claims import Claim
 
-@dataclass(frozen=True)
-class Setting:
-    """A number, or one of some `words`, that a study holds fixed unless it is set."""
+__all__ = ["Parameter", "Study"]
 
-    value: Any
-    units: str
-    long_name: str
-    words: tuple[str, ...] = ()
+SAMPLES, SEED, SAMPLING = 1024, 0, "sobol"
+# Values of an axis, and draws, that are checked before a run; others fail by themselves.
+CHECKED, DRAWS_CHECKED = 10_000, 16
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study: `fiv run` computes it, stores it, draws it and prints its findings.
+    """A question, the parameters that it is asked over, and the function that answers it at each point.
 
-    Attributes
+    Parameters
     ----------
-    name, title : str
-    question : str
-        What the study asks, in a sentence.
+    name, title, question : str
+        `title` heads the figure's page; `question` is a sentence.
+    parameters : mapping of str to Parameter
+        In the order of the result's dimensions. Those of the rig and of a scene that `function` takes are added
+        with the paper's values.
+    outputs : mapping of str to (Variable or tuple)
+        (units, text, *dimensions) or a `sweeps.Variable`.
+    function : callable
+        Called with what its signature names: `rig`, a `fivcore.Rig`; `scenes`, a list of `fivcore.Scene`;
+        `distributions`, the requested ones as text; `record`, series to keep, with their `times`; or parameters:
+        one value of those that are fixed or common, else an array with one entry a point; ``**others`` takes the
+        rest. Returns an array for each output, points first; a shorter one is padded with NaN.
     paper : str
-        What the paper says, in the project's own words, with the place.
-    axes : mapping of str to Axis
-        What is varied, with its default values.
-    settings : mapping of str to Setting
-        What is fixed.
-    draw : callable
-        `draw(dataset)` returns the figure, from what the file holds and nothing else (`deferred` imports it late).
-    findings : callable
-        `findings(dataset)` returns the findings as lines and tables.
-    function : callable, optional
-        `function(points, **constants)` computes a batch: `points` holds an array for each axis, one entry a point;
-        it returns an array for each variable, the batch first.
-    variables : mapping of str to Variable
-        What the function returns.
-    constants : callable, optional
-        `constants(settings)` returns what the function gets besides its points; by default the settings.
-    coords : mapping of str to Axis, or callable
-        Axes of the variables' own dimensions; a callable gets the constants: `coords(**constants)`.
-    check : callable, optional
-        `check(axes, constants)` raises ValueError for what cannot be computed, before anything is planned.
-    skip : callable, optional
-        `skip(points)` says which points of the product are none (`sweeps.Grid`).
+        What the paper says, with the section.
     derive : callable, optional
-        `derive(dataset, **constants)` returns the dataset with what follows from the whole of it.
-    options : mapping
-        Further arguments of `sweeps.Sweep`: key, scale, order_by, batch_multiple.
-    build : callable, optional
-        `build(axes, settings)` returns the sweep where it is not one function; then the seven above are not used.
-    record : callable, optional
-        `record(study, given, names, sample_rate)` returns the sweep that keeps the series called `names` too
-        (`motion.recording`); without it the study has no motion in time.
-    scatters : bool
-        Whether it scatters numbers by itself: `build` then finds distributions under `scatter` among its settings
-        where some are asked for.
-    request : mapping
-        What else than axes and settings its file is to say that it was asked for (`studies.scatter`).
+        `derive(dataset)` returns the dataset with what follows from the whole of it.
+    summary : callable, optional
+        `summary(dataset)` yields sentences, and pairs of a caption and a pandas DataFrame; the finding first.
+    figure : callable, optional
+        `figure(dataset)` returns a Matplotlib figure.
+    claims : sequence of Claim
+        What the paper prints, to stand beside the result.
+    coords : mapping of str to Axis, or callable
+        Axes of the outputs' own dimensions; a callable takes parameters by name.
+    check : callable, optional
+        Takes parameters by name, one value or an array, or `rig`, the first; raises `ValueError` for what cannot
+        be computed.
+    normalised : bool
+        Compute the scaled scene with V > 0 and F = 1 once for all points that are equivalent to it;
+        `Variable.scale` "load" or "along" names the factor of a point.
+    chaotic : bool
+        The motion is chaotic: another processor changes digits, and only statistics can be compared.
     """
 
     name: str
     title: str
     question: str
-    paper: str
-    axes: Mapping[str, Axis]
-    settings: Mapping[str, Setting]
-    draw: Callable[[xr.Dataset], Figure]
-    findings: Callable[[xr.Dataset], Sequence[tables.Part]]
-    function: Callable[..., Mapping[str, Any]] | None = None
-    variables: Mapping[str, Variable] = field(default_factory=dict)
-    constants: Callable[[Mapping[str, float]], Mapping[str, Any]] = dict
-    coords: Mapping[str, Axis] | Callable[..., Mapping[str, Axis]] = field(default_factory=dict)
-    check: Callable[[Mapping[str, Axis], Mapping[str, Any]], None] | None = None
-    skip: Callable[[Mapping[str, Any]], Any] | None = None
-    derive: Callable[..., xr.Dataset] | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
-    build: Callable[[Mapping[str, Axis], Mapping[str, float]], Sweep] | None = None
-    record: Callable[[Study, Mapping[str, Any], Sequence[str], float | None], Sweep] | None = None
-    scatters: bool = False
-    request: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Parameter]
+    outputs: Mapping[str, Any]
+    function: Callable[..., Mapping[str, Any]]
+    paper: str = field(default="", kw_only=True)
+    derive: Callable[[xr.Dataset], xr.Dataset] | None = field(default=None, kw_only=True)
+    summary: Callable[[xr.Dataset], Iterator[Any]] | None = field(default=None, kw_only=True)
+    figure: Callable[[xr.Dataset], Figure] | None = field(default=None, kw_only=True)
+    claims: Sequence[Claim] = field(default=(), kw_only=True)
+    coords: Mapping[str, Axis] | Callable[..., Mapping[str, Axis]] = field(default_factory=dict, kw_only=True)
+    check: Callable[..., None] | None = field(default=None, kw_only=True)
+    normalised: bool = field(default=False, kw_only=True)
+    chaotic: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        if (self.function is None) == (self.build is None):
-            raise InputError(f"study {self.name}: it must have one of function and build")
-
-    def report(self, dataset: xr.Dataset) -> str:
-        """The findings as text for a terminal."""
-        return tables.text(self.findings(dataset))
-
-    def statement(self) -> str:
-        """The paper's statement, the axes and the settings, as lines."""
-        lines = [f"Paper: {self.paper}"]
-        for name, axis in self.axes.items():
-            if name in self.texts:
-                ends = ", ".join(self.texts[name])
-                ends = ends if len(ends) <= 22 else f"{len(axis)} texts"
-            else:
-                ends = f"{axis.values[0]:g} to {axis.values[-1]:g} ({len(axis)})"
-            units = "" if axis.units == "1" else f", {axis.units}"
-            lines.append(f"axis     {name:<17} {ends:<22} {axis.long_name}{units}")
-        for name, setting in self.settings.items():
-            units = "" if setting.units == "1" else f" {setting.units}"
-            value = setting.value if setting.words else f"{setting.value:g}{units}"
-            lines.append(f"setting  {name:<17} {value:<22} {setting.long_name}")
-        return "\n".join(lines)
-
-    def units(self, name: str) -> str:
-        """Units of an axis or a setting; "" for a name that there is not."""
-        declared = self.axes.get(name) or self.settings.get(name)
-        return "" if declared is None else declared.units
+        takes = set(inspect.signature(self.function).parameters)
+        added = dict[str, Parameter]()
+        if "scenes" in takes:
+            added |= SCENE
+        if takes & {"scenes", "rig"}:
+            added |= {name: SCENE[name] for name in SCENE if name in takes} | RIG
+        parameters = {**self.parameters, **{k: v for k, v in added.items() if k not in self.parameters}}
+        # A call has one rig.
+        parameters = {k: replace(v, common=True) if k in RIG else v for k, v in parameters.items()}
+        outputs = {
+            k: v if isinstance(v, Variable) else Variable(v[0], v[1], tuple(v[2:]))
+            for k, v in self.outputs.items()
+        }
+        vars(self).update(parameters=parameters, outputs=outputs)  # it is frozen
 
     @property
-    def texts(self) -> dict[str, list[str]]:
-        """The values of axes of texts, and the words of settings; a run may ask for these and no others."""
-        axes = {name: axis.values.tolist() for name, axis in self.axes.items() if axis.values.dtype.kind == "U"}
-        return axes | {name: list(each.words) for name, each in self.settings.items() if each.words}
+    def takes(self) -> set[str]:
+        """The names in the function's signature."""
+        return set(inspect.signature(self.function).parameters)
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Dimensions of the points of a run without requests."""
+        return tuple(name for name, parameter in self.parameters.items() if parameter.is_axis)
+
+    def is_usual(self, dataset: xr.Dataset) -> bool:
+        """Whether a result has the study's own dimensions, which its summary and figure present."""
+        return is_usual(dataset, self.dims)
+
+    def parameter(self, name: str) -> Parameter:
+        """A parameter by its name; an `InputError` suggests the nearest."""
+        if name not in self.parameters:
+            near = suggest(name, self.parameters)
+            friction = "; friction has one constant mu (README)" if "mu" in name.split("_") else ""
+            raise InputError(
+                f"{name}: study {self.name} has no such parameter; {near}"
+                f"it has {', '.join(self.parameters)}{friction}"
+            )
+        return self.parameters[name]
+
+    def describe(self) -> str:
+        """The paper's statement and the parameters, as lines."""
+        lines = [f"Paper: {self.paper}"] if self.paper else []
+        for name, parameter in self.parameters.items():
+            value = parameter.default
+            if np.ndim(value):
+                words = ", ".join(map(str, value))
+                ends = words if len(words) <= 22 else f"{len(value)} words"
+                value = ends if value.dtype.kind == "U" else f"{value[0]:g} to {value[-1]:g} ({len(value)})"
+            elif value is None:
+                value = "auto"
+            units = "" if parameter.units == "1" else f", {parameter.units}"
+            value = f"{value:g}" if isinstance(value, (int, float)) else value
+            lines.append(f"{name:<18} {value:<22} {parameter.text}{units}")
+        return "\n".join(lines)
 
     def sweep(
-        self, values: Mapping[str, Any], *, record: Sequence[str] = (), sample_rate: float | None = None
+        self,
+        values: Mapping[str, Any],
+        *,
+        rows: Mapping[str, Any] | None = None,
+        record: Sequence[str] = (),
+        sample_rate: float | None = None,
+        samples: int = SAMPLES,
+        seed: int = SEED,
+        sampling: str = SAMPLING,
     ) -> Sweep:
-        """The study's sweep with these values in place of its own.
+        """The sweep over the requested points.
 
         Parameters
         ----------
         values : mapping
-            Values of axes and settings.
-        record : sequence of str
-            Series of the motion to keep besides, of `studies.motion.recording.SERIES`; by default none.
-        sample_rate : float, optional
-            Sampling rate of recorded series, Hz.
+            By parameter one value, several, or a distribution with `ppf` and `text` (`studies.uncertainty`).
+        rows : mapping of str to array_like, (rows,), optional
+            Parameters that vary together, a point in each row.
+        record, sample_rate : sequence of str, float
+            Series to keep, and their sampling rate, Hz.
+        samples, seed, sampling : int, int, str
+            Number of draws, seed and method (`sweeps.Sample`).
 
         Raises
         ------
-        ValueError
-            For a name that is neither an axis nor a setting, or a value out of range; for a series that there is
-            not, or that this study cannot record.
+        InputError
+            For a parameter or a series that does not exist, or a value out of range.
         """
-        if len(record) or sample_rate is not None:
-            if self.record is None:
-                raise InputError(f"study {self.name} has no motion in time to record")
-            return self.record(self, values, record, sample_rate)
-        axes, settings = dict(self.axes), {name: s.value for name, s in self.settings.items()}
-        for name, value in values.items():
-            if name in axes:
-                axes[name] = _axis(name, value, axes[name])
-            elif name in settings:
-                words = self.settings[name].words
-                settings[name] = one_word(name, value, words) if words else _one_number(self.name, name, value)
-            else:
-                names = [*axes, *settings]
-                raise InputError(
-                    f"{name}: study {self.name} has no such axis; {suggest(name, names)}"
-                    f"its axes are {', '.join(axes)}; its settings are {', '.join(settings) or 'none'}"
-                )
-        return self.build(axes, settings) if self.build else self._one_function(axes, settings)
-
-    def _one_function(self, axes: Mapping[str, Axis], settings: Mapping[str, float]) -> Sweep:
-        """The sweep of `function` over the axes."""
-        assert self.function is not None
-        grid = Grid(axes, skip=self.skip)
+        requested = {name: self._read(name, value) for name, value in values.items()}
+        draws = {name: value for name, value in requested.items() if hasattr(value, "ppf")}
+        columns = {name: self._column(name, column) for name, column in (rows or {}).items()}
+        for name in columns:
+            if name in requested:
+                raise InputError(f"{name}: it is a column of the points already; give one of the two")
+        # In the study's order, so that the order of a request changes nothing.
+        default = {name: parameter.default for name, parameter in self.parameters.items()}
+        chosen = {name: requested.get(name, value) for name, value in default.items() if name not in columns}
+        fixed: dict[str, Any] = {}
+        if draws and "distributions" in self.takes:
+            fixed["distributions"] = {name: draw.text for name, draw in draws.items()}
+            chosen |= {name: default[name] for name in draws}
+            draws = {}
+        inner = {n: self._axis(n, v) for n, v in chosen.items() if self.parameters[n].inner}
+        axes = {n: self._axis(n, v) for n, v in chosen.items() if np.ndim(v) and n not in inner and n not in draws}
+        fixed |= {n: v for n, v in chosen.items() if n not in axes and n not in inner and n not in draws}
+        fixed |= {name: axis.values.tolist() for name, axis in inner.items()}
+        if not (axes or draws or columns):
+            first = next(name for name in fixed if name in self.parameters)
+            axes = {first: self._axis(first, fixed.pop(first))}
+        grid = self._grid(axes, draws, columns, samples, seed, sampling)
         check_size(grid)
-        try:
-            fixed = dict(self.constants(settings))
-            if self.check is not None:
-                self.check(axes, fixed)
-        except ValueError as problem:
-            raise InputError(str(problem)) from problem
+        outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed)
+        if len(record) or sample_rate is not None:
+            kept, elapsed = self._recorded(tuple(record), sample_rate, fixed)
+            coords.setdefault("elapsed", elapsed)
+            outputs = {**kept, **outputs}
+            fixed["record"] = tuple(name for name in kept if name not in self.outputs)
+        self._check(grid, fixed, inner)
+        common = tuple(n for n in grid.axes if n in self.parameters and self.parameters[n].common)
+        shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
+        times = coords["elapsed"].values if "elapsed" in coords else None
+        call = Call(self.function, common, self.normalised, tuple(self.parameters), shapes, times)
+        numbers = {name: fixed[name] for name in SCENE if name in fixed}
+        others = tuple(name for name in grid.axes if name not in (*SCENE, "sample", "row"))
+        about = {
+            name: (fixed[name], parameter.units, parameter.text)
+            for name, parameter in self.parameters.items()
+            if name in fixed and not parameter.inner
+        }
         return Sweep(
             self.name,
-            self.function,
+            partial(compute, call),
             grid,
-            self.variables,
+            outputs,
             fixed,
-            coords=self.coords(**fixed) if callable(self.coords) else self.coords,
+            key=partial(scenes.key, fixed=numbers, others=others) if self.normalised else None,
+            scale=partial(scenes.factors, fixed=numbers) if self.normalised else None,
+            coords={name: axis for name, axis in coords.items() if name not in grid.axes},
             code=("fivcore",),
             title=self.title,
-            derive=None if self.derive is None else partial(self.derive, **fixed),
-            **self.options,
+            derive=partial(finish, self.derive, self.dims, about),
+            # The modes of P1, of a rig and of an inclination are computed once for neighbours.
+            order_by=() if draws or columns else tuple(name for name in axes if name not in ("V", "mu", "F")),
+            batch_multiple=scenes.BATCH_MULTIPLE if "scenes" in self.takes else 1,
+            request={"fixed": about},
         )
 
+    def _read(self, name: str, value: Any) -> Any:
+        parameter = self.parameter(name)
+        if not hasattr(value, "ppf"):
+            return parameter.read(name, value)
+        if parameter.choices or parameter.is_whole or parameter.inner:
+            raise InputError(f"{name} = {value.text}: it has no distribution; give it values")
+        return value
 
-def deferred(place: str) -> Callable[[xr.Dataset], Any]:
-    """The function at `module:name`, imported when called: drawing is slow to import, and workers never draw."""
+    def _column(self, name: str, values: Any) -> NDArray[Any]:
+        """The values of a column, in their order."""
+        parameter = self.parameter(name)
+        if parameter.inner:
+            raise InputError(f"points: {name}: study {self.name} takes its values together; give a range of it")
+        column = [parameter.read(name, value) for value in np.asarray(values).tolist()]
+        return np.array([np.ravel(value)[0] for value in column])
 
-    def call(dataset: xr.Dataset) -> Any:
-        module, _, name = place.partition(":")
-        return getattr(import_module(module), name)(dataset)
+    def _axis(self, name: str, values: Any) -> Axis:
+        return Axis(values, self.parameters[name].units, self.parameters[name].text)
 
-    return call
+    def _grid(
+        self,
+        axes: Mapping[str, Axis],
+        draws: Mapping[str, Any],
+        columns: Mapping[str, NDArray[Any]],
+        samples: int,
+        seed: int,
+        sampling: str,
+    ) -> Grid:
+        if draws and columns:
+            raise InputError("points: distributions and a table both say where the points are; leave one out")
+        if draws:
+            units = {name: (self.parameters[name].units, self.parameters[name].text) for name in draws}
+            return Sample(draws, samples, sampling, seed, units=units, axes=axes)
+        if columns:
+            number = Axis(np.arange(1, len(next(iter(columns.values()))) + 1), long_name="row of the table")
+            table = {"row": number} | {name: self._axis(name, values) for name, values in columns.items()}
+            return Grid({**table, **axes}, zipped=tuple(table), sampling={"method": "a table"})
+        return Grid(axes)
+
+    def _coords(self, fixed: Mapping[str, Any]) -> dict[str, Axis]:
+        if not callable(self.coords):
+            return dict(self.coords)
+        names = inspect.signature(self.coords).parameters
+        for name in names:
+            if name not in fixed:
+                raise InputError(
+                    f"{name}: it decides the size of the results of study {self.name}; give one value"
+                )
+        try:
+            return dict(self.coords(**{name: fixed[name] for name in names}))
+        except ValueError as problem:
+            raise InputError(str(problem)) from None
+
+    def _recorded(
+        self, names: tuple[str, ...], sample_rate: float | None, fixed: dict[str, Any]
+    ) -> tuple[dict[str, Variable], Axis]:
+        """Variables of requested series and their times; sets `sample_rate` and `duration` in `fixed`."""
+        if "record" not in self.takes:
+            raise InputError(
+                f"record = {', '.join(names)}: study {self.name} records no series; study scenes does"
+            )
+        if not names:
+            raise InputError(f"sample_rate = {sample_rate!r}: it is for recorded series; give record")
+        for name in (name for name in names if name not in series.SERIES):
+            near = suggest(name, series.SERIES)
+            raise InputError(f"record = {name!r}: no such series; {near}the series are {', '.join(series.SERIES)}")
+        for name in ("duration", "sample_rate"):
+            if name in self.parameters and name not in fixed:
+                raise InputError(f"{name}: recorded series need one value of it")
+        if sample_rate is not None and fixed.get("sample_rate", sample_rate) != sample_rate:
+            text = f"it is set to {fixed['sample_rate']:g}; give one of the two"
+            raise InputError(f"sample_rate = {sample_rate!r}: {text}")
+        rate = fixed.get("sample_rate", series.SAMPLE_RATE if sample_rate is None else sample_rate)
+        fixed |= {"duration": fixed.get("duration") or series.DURATION, "sample_rate": float(rate)}
+        try:
+            times = series.even_times(fixed["duration"], rate)
+        except ValueError as problem:
+            raise InputError(str(problem)) from None
+        kept = {
+            name: series.SERIES[name] for name in series.SERIES if name in names
+        }  # their order changes nothing
+        if self.normalised:
+            kept = {name: replace(each, scale=series.FACTORS.get(name, "")) for name, each in kept.items()}
+        return kept, times
+
+    def _check(self, grid: Grid, fixed: Mapping[str, Any], inner: Mapping[str, Axis]) -> None:
+        """Build the rig or the scene at the values of each dimension, the others at their first ones."""
+        problems: list[Exception] = []
+        for row, (place, numbers) in enumerate(_rows(grid)):
+            try:
+                _build({**fixed, **numbers}, self.takes)
+            except ValueError as problem:
+                if grid.dims[0] != "sample":
+                    raise InputError(f"{place}{problem}") from None
+                problems.append(problem)
+                if len(problems) == row + 1 == min(DRAWS_CHECKED, grid.shape[0]):
+                    raise InputError(str(problem)) from None
+        if self.check is not None:
+            values = {**fixed, **{name: axis.values for name, axis in {**grid.axes, **inner}.items()}}
+            if "rig" in inspect.signature(self.check).parameters:
+                values["rig"] = scenes.rig_of(
+                    {name: np.ravel(value)[0].item() for name, value in values.items() if name in RIG}
+                )
+            try:
+                self.check(**_chosen(inspect.signature(self.check).parameters, values))
+            except ValueError as problem:
+                raise InputError(str(problem)) from problem
 
 
-def constants(dataset: xr.Dataset) -> dict[str, Any]:
-    """Constants of a result's function, from the file's configuration."""
-    values: dict[str, Any] = json.loads(dataset.attrs["configuration"])["constants"]
-    return values
+def _chosen(signature: Mapping[str, inspect.Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that a signature names; all with ``**others``."""
+    takes_rest = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in signature.values())
+    return {name: value for name, value in values.items() if takes_rest or name in signature}
 
 
-def suggest(name: str, names: list[str]) -> str:
-    """'did you mean ...? ' for a near miss, else nothing."""
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    return f"did you mean {near[0]}? " if near else ""
+def _rows(grid: Grid) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Parameters at each value of each dimension, the others at their first; rows of a table with their number."""
+    first = {name: axis.values[0].item() for name, axis in grid.axes.items()}
+    for group in grid.groups:
+        for k in range(min(len(grid.axes[group[0]]), CHECKED)):
+            place = f"points: row {k + 1}: " if group[0] == "row" else ""
+            yield place, {**first, **{name: grid.axes[name].values[k].item() for name in group}}
 
 
-def _axis(name: str, value: Any, own: Axis) -> Axis:
-    """The axis with other values, sorted, each once; of one of texts some of its own, in its own order."""
-    if own.values.dtype.kind == "U":
-        texts = np.atleast_1d(np.asarray(value, dtype=object))
-        for text in texts.ravel().tolist():
-            if text not in own.values.tolist():
-                every = own.values.tolist()
-                near = suggest(str(text), every) or f"it must be one of {', '.join(every[:8])}"
-                raise InputError(f"{name} = {text!r}: there is no such {name}; {near.rstrip()}")
-        return replace(own, values=own.values[np.isin(own.values, texts.astype(str))])
-    values = _numbers(name, value, "a number or a list of numbers")
-    if own.values.dtype.kind == "i":
-        whole = (values == np.rint(values)) & (np.abs(values) < 2**53)
-        if not np.all(whole):
-            raise InputError(f"{name} = {values[~whole][0]:g}: it must be a whole number")
-    return Axis(np.unique(values).astype(own.values.dtype), own.units, own.long_name)
+def _build(numbers: Mapping[str, Any], takes: set[str]) -> None:
+    rig = scenes.rig_of(numbers) if takes & {"rig", "scenes"} else None
+    if "scenes" in takes:
+        assert rig is not None
+        scenes.scene_of(numbers, rig)
+    elif "theta" in numbers and np.ndim(numbers["theta"]) == 0:
+        checks.theta_degrees(numbers["theta"])
+    if "mu" in numbers and np.ndim(numbers["mu"]) == 0:
+        checks.friction(numbers["mu"])
 
 
-def _numbers(name: str, value: Any, allowed: str) -> np.ndarray:
-    """One or more finite numbers as an array of one dimension."""
-    try:
-        values = np.atleast_1d(np.asarray(value))
-    except ValueError:
-        values = np.empty((0, 0))
-    if values.dtype.kind not in "iuf" or values.ndim != 1 or not len(values):
-        raise InputError(f"{name} = {value!r}: it must be {allowed}")
-    if not np.all(np.isfinite(values)):
-        raise InputError(f"{name} = {values[~np.isfinite(values)][0]}: it must be finite")
-    return values.astype(float)
+@dataclass(frozen=True, eq=False)
+class Call:
+    """How a study's function is called with a batch of points.
+
+    Attributes
+    ----------
+    function : callable
+    common : tuple of str
+        Parameters that vary and that all points of one call share.
+    normalised : bool
+    parameters : tuple of str
+    shapes : mapping of str to tuple of int
+        Of each output at a point.
+    times : ndarray or None
+        Of recorded series, s.
+    """
+
+    function: Callable[..., Mapping[str, Any]]
+    common: tuple[str, ...]
+    normalised: bool
+    parameters: tuple[str, ...]
+    shapes: Mapping[str, tuple[int, ...]]
+    times: NDArray[Any] | None
+
+    def arguments(self, numbers: Mapping[str, Any], count: int) -> dict[str, Any]:
+        """Arguments of the function for `count` points."""
+        signature = inspect.signature(self.function).parameters
+        given: dict[str, Any] = {}
+        if "rig" in signature:
+            given["rig"] = scenes.rig_of(numbers)
+        if "scenes" in signature:
+            given["scenes"] = scenes.scenes_of(numbers, count, self.normalised)
+        if "times" in signature:
+            given["times"] = self.times
+        if "record" in signature:
+            given["record"] = numbers.get("record", ())
+        if "distributions" in signature:
+            given["distributions"] = numbers.get("distributions", {})
+        consumed = {*RIG, *(SCENE if "scenes" in signature else ()), "record", "distributions"}
+        takes_rest = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature.values())
+        for name, value in numbers.items():
+            if name in signature or (takes_rest and name in self.parameters and name not in consumed):
+                given.setdefault(name, value)
+        return given
 
 
-def one_word(name: str, value: Any, words: Sequence[str]) -> str:
-    """The one of the words that is asked for, alone or as a list of one."""
-    entries = np.atleast_1d(np.asarray(value, dtype=object)).ravel().tolist()
-    if len(entries) != 1 or entries[0] not in words:
-        raise InputError(f"{name} = {', '.join(map(repr, entries))}: it must be one of {', '.join(words)}")
-    return str(entries[0])
+def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
+    """Call a study's function for each group of points that share the common parameters, and join the results."""
+    count = len(next(iter(points.values())))
+    groups = _groups({name: points[name] for name in call.common}, count)
+    results: list[Mapping[str, Any] | Exception] = []
+    for common, chosen in groups:
+        numbers = {**fixed, **{name: values[chosen] for name, values in points.items()}, **common}
+        size = len(next(iter(points.values()))[chosen])
+        try:
+            found = dict(call.function(**call.arguments(numbers, size)))
+            results.append({k: _padded(v, size, call.shapes.get(k)) for k, v in found.items()})
+        except (ValueError, ArithmeticError) as problem:
+            if len(groups) == 1:
+                raise
+            results.append(problem)
+    if len(groups) == 1:
+        assert isinstance(results[0], Mapping)
+        return dict(results[0])
+    done = next((each for each in results if isinstance(each, Mapping)), None)
+    if done is None:
+        assert isinstance(results[0], Exception)
+        raise results[0]
+    joined: dict[str, Any] = {"error": np.full(count, None)}
+    for name in {**done, "error": None}:
+        for (_, chosen), result in zip(groups, results, strict=True):
+            if isinstance(result, Exception):
+                if name == "error":
+                    joined["error"][chosen] = result
+                continue
+            if name in result:
+                part = np.asarray(result[name])
+                whole = joined.setdefault(name, np.zeros((count, *part.shape[1:]), part.dtype))
+                whole[chosen] = part
+    return joined | {"error": joined["error"].tolist()}
 
 
-def _one_number(study: str, name: str, value: Any) -> float:
-    values = _numbers(name, value, "one number")
-    if len(values) != 1:
-        listed = ", ".join(f"{v:g}" for v in values[:5])
-        hint = (
-            f"; to vary it: fiv map --x {name}={spec.written(values)} --quantity NAME, or fiv run {study} --points"
-        )
-        raise InputError(f"{name} = {listed}: study {study} holds it fixed, so it must be one number{hint}")
-    return float(values[0])
+def _groups(common: Mapping[str, NDArray[Any]], count: int) -> list[tuple[dict[str, Any], Any]]:
+    """The common parameters of each group of points, in order of appearance, and its points."""
+    if not common:
+        return [({}, slice(None))]
+    places: dict[tuple[Any, ...], list[int]] = {}
+    for k, row in enumerate(zip(*(values.tolist() for values in common.values()), strict=True)):
+        places.setdefault(row, []).append(k)
+    return [(dict(zip(common, row, strict=True)), np.array(chosen)) for row, chosen in places.items()]
+
+
+def _padded(value: Any, count: int, shape: tuple[int, ...] | None) -> Any:
+    """An output of the declared shape, filled with NaN where the function returned fewer entries."""
+    if shape is None:
+        return value
+    values = np.asarray(value)
+    if len(values) == 1 < count:
+        # All points of the call have the same parameters, those of a table repeat.
+        values = np.repeat(values, count, axis=0)
+    missing = [(0, 0), *((0, full - size) for full, size in zip(shape, values.shape[1:], strict=True))]
+    if not any(more for _, more in missing):
+        return values
+    return np.pad(values.astype(float), missing, constant_values=np.nan)
+
+
+def finish(
+    derive: Callable[[xr.Dataset], xr.Dataset] | None,
+    dims: tuple[str, ...],
+    about: Mapping[str, tuple[Any, str, str]],
+    dataset: xr.Dataset,
+) -> xr.Dataset:
+    """Add the fixed parameters as scalar coordinates, and what the study derives from its usual dimensions."""
+    dataset = settled(dataset, about)
+    return derive(dataset) if derive is not None and is_usual(dataset, dims) else dataset

@@ -1,64 +1,61 @@
-"""Units as a table's head or a result writes them: `mm/s`, `m s-1`, `degree`; pint knows what they are."""
+"""Units as people write them, `mm/s`, `m s-1`, `degree`; pint knows their factors."""
 
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
 from sweeps import InputError
 
-# A name with its power, which may stand without a sign: m s-2. Nothing else reaches pint, which would compute it.
+# A name with its power, also without a sign: m s-2. Nothing else reaches pint, which would compute it.
 NAME = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)?\s*-?\d)?"
 PRODUCT = re.compile(rf"{NAME}(?:\s*[*/]\s*{NAME}|\s+{NAME}|\.{NAME})*")
 POWER = re.compile(r"(?<=[A-Za-zµμΩ°%])\s*(?:\^|\*\*)?\s*(-?\d)")
-# What has no unit.
-PURE = ("", "1", "-")
+# What is measured, by its dimensions, and an example.
+KINDS = {
+    "dimensionless": ("a plain number", "0.2"),
+    "degree": ("an angle", "5deg or 5"),
+    "[mass]": ("a mass", "500g or 0.5"),
+    "[length]": ("a length", "5mm or 5e-3"),
+    "[time]": ("a time", "5ms or 5e-3"),
+    "1 / [time]": ("a rate", "5kHz or 5e3"),
+    "[length] / [time]": ("a speed", "5mm/s or 5e-3"),
+    "[length] * [mass] / [time] ** 2": ("a force", "9N or 9"),
+    "[mass] / [length] / [time] ** 2": ("a pressure", "210GPa or 210e9"),
+    "[mass] / [length] ** 3": ("a density", "7.8g/cm3 or 7800"),
+}
 
 
-def convert(value: float, unit: str, own: str) -> float:
-    """A value in the unit `unit` as one in the unit `own`, as one would write it; as it is where these are one.
-
-    Raises
-    ------
-    InputError
-        If there is no such unit, or it measures something else.
-    """
-    return value if unit == own else float(f"{value * factor(unit, own):.15g}")
+class UnitError(InputError):
+    """A unit does not exist, or measures something else."""
 
 
-def factor(unit: str, own: str) -> float:
-    """How many of the unit `own` one of `unit` is, to 15 digits."""
-    one, other = _unit(unit), _unit(own)
-    # A temperature in degrees Celsius is no multiple of one in kelvin; neither is a level in decibels.
-    if _registry().Quantity(0.0, one.units).to_base_units().magnitude != 0.0:
-        raise InputError(f"[{unit}] has a zero of its own; write the column in [{own}]")
-    if one.dimensionality != other.dimensionality:
-        raise InputError(f"[{unit}] measures {one.dimensionality}, but [{own}] {other.dimensionality}")
-    return float(f"{one.to(other).magnitude:.15g}")
-
-
-@cache
-def _registry() -> Any:
-    # Slow to import, and most commands convert nothing.
-    from pint import UnitRegistry
-
-    return UnitRegistry()
+def convert(value: float, unit: str, own: str, name: str = "the value") -> float:
+    """A value in `unit` as one in `own`, to 15 digits; a `UnitError` says what the unit measures."""
+    if unit == own:
+        return value
+    given, needed = _unit(unit), _unit(own)
+    if given.dimensionality != needed.dimensionality:
+        one, other = (str(each.dimensionality) for each in (given, needed))
+        wanted, example = KINDS.get("degree" if own == "degree" else other, (other, own))
+        raise UnitError(f"{unit} is {KINDS.get(one, (one,))[0]}; {name} is {wanted}: {example}")
+    # Degrees Celsius are no multiple of kelvins, nor decibels of anything.
+    if any(type(each)(0.0, each.units).to_base_units().magnitude for each in (given, needed)):
+        raise UnitError(f"{unit} and {own} have different zeros; write values in {own}")
+    return float(f"{value * float(f'{given.to(needed).magnitude:.15g}'):.15g}")
 
 
 @cache
 def _unit(text: str) -> Any:
-    """One of a unit."""
-    if text.strip() in PURE:
-        return _registry().Quantity(1.0)
-    unknown = InputError(f"[{text}] is no unit; write it like mm, mm/s or kg m-3")
-    if not PRODUCT.fullmatch(text.strip()):
-        raise unknown
-    powers = POWER.sub(r"**\1", text.strip())
-    # A pint that cannot be imported is no unknown unit.
-    known = _registry()
-    try:
-        found = known.Quantity(1.0, re.sub(r"\s*(\*\*|[*/])\s*|[\s.]+", lambda m: m[1] or "*", powers))
-    except Exception:  # noqa: BLE001 - pint raises of many kinds for a text that it does not understand
-        raise unknown from None
-    return found
+    """One of a unit, as a quantity of pint."""
+    from pint import application_registry as registry  # slow to import, and most commands convert nothing
+
+    if text.strip() in ("", "1", "-"):
+        return registry.Quantity(1.0)
+    if PRODUCT.fullmatch(text.strip()):
+        powers = POWER.sub(r"**\1", text.strip())
+        with suppress(Exception):  # pint raises errors of many kinds for a text that is no unit
+            return registry.Quantity(1.0, re.sub(r"\s*(\*\*|[*/])\s*|[\s.]+", lambda m: m[1] or "*", powers))
+    raise UnitError(f"{text} is no unit; write it like mm, mm/s or kg m-3")

@@ -7,12 +7,6 @@ from pathlib import Path
 import pytest
 
 from sweeps.plan import batches
-from tests.battery.harness import (  # noqa: F401 - pytest calls them
-    pytest_addoption,
-    pytest_configure,
-    pytest_runtest_call,
-    pytest_terminal_summary,
-)
 from tests.helpers.waves import BROKEN, LOG
 
 
@@ -56,4 +50,4 @@ def forgetful(tmp_path, monkeypatch):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Runs draw no figure: what a test is not about."""
-    monkeypatch.setattr("studies.runner.plot", lambda study, dataset, file, *_: file.with_suffix(".png"))
+    monkeypatch.setattr("studies.runner.plot", lambda study, dataset, file, *_: [file.with_suffix(".png")])

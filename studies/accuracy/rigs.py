@@ -6,14 +6,8 @@ import numpy as np
 
 from fivcore import Beam, Rig, Scene, sliding_modes
 
-MATERIALS = {
-    "carbon steel": (185e9, 7900.0),
-    "stainless steel": (200e9, 7950.0),
-    "cast iron": (110e9, 7200.0),
-    "brass": (105e9, 8500.0),
-    "titanium": (114e9, 4430.0),
-    "aluminium": (70e9, 2700.0),
-}
+# Young's modulus and density of carbon steel, stainless steel, cast iron, brass, titanium and aluminium.
+MATERIALS = ((185e9, 7900.0), (200e9, 7950.0), (110e9, 7200.0), (105e9, 8500.0), (114e9, 4430.0), (70e9, 2700.0))
 
 
 def drawn_scene(seed: int, number: int) -> Scene:
@@ -24,11 +18,10 @@ def drawn_scene(seed: int, number: int) -> Scene:
     """
     rng = np.random.default_rng([seed, number])
     while True:
-        upper, lower = (list(MATERIALS.values())[k] for k in rng.integers(0, len(MATERIALS), 2))
+        upper, lower = (MATERIALS[k] for k in rng.integers(0, len(MATERIALS), 2))
         length, thickness, below = rng.uniform([0.040, 0.0015, 0.120], [0.070, 0.004, 0.250])
-        finest = np.sqrt(thickness / 0.0015) / 600.0
-        p1 = Beam(length, 0.010, thickness, upper[0], upper[1], int(length / finest))
-        p2 = Beam(below, 0.015, 0.003, lower[0], lower[1], round(600.0 * below))
+        p1 = Beam(length, 0.010, thickness, *upper, int(length / (np.sqrt(thickness / 0.0015) / 600.0)))
+        p2 = Beam(below, 0.015, 0.003, *lower, round(600.0 * below))
         share, head, theta, mu = rng.uniform([0.35, 1.0, 2.0, 0.15], [0.80, 6.0, 14.0, 0.45])
         rig = Rig(p1, p2, share * below, head)
         speed, load = rng.uniform([1e-3, 5.0], [5e-3, 15.0])

@@ -1,118 +1,147 @@
-"""Run time against error: every method and setting on the same scenes, beside what one would use instead."""
+"""Run time against error: every method and setting at the same scenes."""
 
 from __future__ import annotations
 
+import os
+import tempfile
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock
+from numpy.typing import NDArray
+from scipy import signal
 
-from fivcore import checks
-from studies import paper
-from studies.accuracy import runs
-from studies.accuracy import settings as choices
+from fivcore import Rig, Scene, checks, simulate, simulate_many
+from fivcore.transient.published import STEP
 from studies.accuracy.errors import with_errors
-from studies.accuracy.findings import findings
-from studies.motion import ensembles, transients
-from studies.rig import rig_of, rig_settings
-from studies.study import Setting, Study, deferred
-from sweeps import Axis, Variable
+from studies.accuracy.presentation import figure, summary
+from studies.accuracy.settings import EXACT, FAST, GIVEN, METHODS, PAPER, SCENES, SETTINGS, model_of, scene_of
+from studies.motion import ensemble, series
+from studies.motion.run import SETTLING, SUMMARY, summary_of
+from studies.parameters import RUN, Parameter
+from studies.study import Study
+from sweeps import Axis
 
-MOST_MEMBERS = 100
-# This alone is not the same whenever it is computed.
-COSTS = {"cpu_per_second": Variable("1", "CPU time of a run per simulated second, nothing of the run beside it")}
-VARIABLES = {
-    **COSTS,
-    "step": Variable("s", "time step"),
-    "modes": Variable("1", "number of modes"),
-    **{
-        name: Variable(each.units, f"{each.long_name}, of each repeat run", ("member",))
-        for name, each in transients.SUMMARY.items()
-        if name in runs.KEPT
-    },
-    "observed_time": Variable("s", "time simulated after settling, of each repeat run", ("member",)),
-    "rival_lines": Variable(
-        "Hz", "peaks of the reference at least half as strong as the dominant one", ("rival",)
-    ),
+Array = NDArray[Any]
+
+MOST_MEMBERS, RIG = 100, Rig()
+# After a run this long everything that an expensive method needs is compiled, and every basis built, s.
+WARMING = 10e-3
+# So many spectral peaks of the reference are stored, of this share of the largest one's power; sampling rate, Hz.
+RIVALS, STRONG, RATE = 3, 0.5, 50e3
+# One thread of one process holds it: while a run is timed this user's machine computes no other point.
+TURN = FileLock(Path(tempfile.gettempdir(), f"fiv-accuracy-{getattr(os, 'getuid', int)()}.lock"))
+STATISTICS = (
+    *("stick_fraction", "slip_fraction", "separation_fraction", "dominant_frequency", "velocity_rms"),
+    *("first_slip_time", "first_separation_time", "long_sticks", "mean_stick_time"),
+)
+COSTS = ("cpu_per_second",)  # differs whenever it is computed
+OUTPUTS = {
+    "cpu_per_second": ("1", "CPU time of a run per simulated second, with nothing beside it"),
+    "step": ("s", "time step"),
+    "modes": ("1", "number of modes"),
+    **{name: (SUMMARY[name].units, f"{SUMMARY[name].long_name}, of each run", "member") for name in STATISTICS},
+    "observed_time": ("s", "time simulated after settling, of each run", "member"),
+    "rival_peaks": ("Hz", "peaks of the reference at least half as strong as the dominant one", "rival"),
 }
 
 
-def points(points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
-    """Cost and figures of each method, setting and scene: one point at a time, on one thread."""
-    values = []
-    for method, setting, scene in zip(points["method"], points["setting"], points["scene"], strict=True):
-        with runs.TURN:
+def compare(
+    method: Array, setting: Array, scene: Array, rig: Rig, members: int, **others: Any
+) -> dict[str, Array]:
+    """Run one point at a time, on one thread; NaN where a method has no such setting or is too expensive."""
+    sizes = {"member": members, "rival": RIVALS}
+    shapes = {name: (len(method), *(sizes[dim] for dim in dims)) for name, (_, _, *dims) in OUTPUTS.items()}
+    values = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+    values["wall_time"] = np.zeros(len(method))
+    for k, (of, name, at) in enumerate(zip(method.tolist(), setting.tolist(), scene.tolist(), strict=True)):
+        if at not in SETTINGS[name].scenes.get(of, ()):
+            continue
+        with TURN:
             start = time.perf_counter()
-            own = point(method, setting, scene, fixed)
-            values.append(own | {"wall_time": time.perf_counter() - start})
-    return {name: np.stack([each[name] for each in values]) for name in values[0]}
+            found = measure(of, name, scene_of(at, rig), members=members, **others)
+            found["wall_time"] = time.perf_counter() - start
+        for output, value in found.items():
+            values[output][k, ...].flat[: np.size(value)] = value
+    return values
 
 
-def point(method: str, setting: str, scene: str, fixed: Mapping[str, Any]) -> dict[str, Any]:
-    """Every variable of one point, NaN where it does not belong to the method."""
-    own = choices.scene_of(scene, fixed["rig"])
-    return blank(fixed) | runs.measured(method, choices.OPTIONS[setting], own, fixed)
+def measure(
+    method: str, setting: str, scene: Scene, duration: float, ramp: float, members: int, members_expensive: int
+) -> dict[str, Any]:
+    """Cost, model and statistics of the runs of one scene."""
+    options = SETTINGS[setting].options(scene)
+    model = model_of(method, scene, options)
+    values: dict[str, Any] = {"modes": len(model.stiffness)}
+    if method != EXACT:
+        values["step"] = options.get("step", STEP if method == PAPER else model.default_step)
+    ramps = [ramp * (1.0 + ensemble.STRETCH * k) for k in range(members if method == FAST else members_expensive)]
+    simulate(scene, duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
+    start = time.thread_time()  # of this thread alone
+    runs: list[Any] = simulate_many([scene] * len(ramps), duration, method, ramp=ramps, **options)
+    cpu = time.thread_time() - start
+    if failed := [run for run in runs if isinstance(run, Exception)]:
+        raise failed[0]
+    summaries = [summary_of(run) for run in runs]
+    values |= {name: np.array([summary[name] for summary in summaries]) for name in STATISTICS}
+    if (method, setting) == GIVEN:
+        values["rival_peaks"] = rival_peaks(scene, duration, {"ramp": ramp, **options})
+    observed = duration - values["first_slip_time"] - SETTLING
+    return values | {"observed_time": observed, "cpu_per_second": cpu / (len(ramps) * duration)}
 
 
-def blank(fixed: Mapping[str, Any]) -> dict[str, Any]:
-    """NaN for every variable of a point."""
-    sizes = {dim: len(axis) for dim, axis in coords(**fixed).items()}
-    return {name: np.full([sizes[dim] for dim in each.dims], np.nan) for name, each in VARIABLES.items()}
+def rival_peaks(scene: Scene, duration: float, options: Mapping[str, Any]) -> Array:
+    """Frequencies of the strongest spectral peaks of the velocity of B outside long sticks, Hz, at most RIVALS."""
+    run = simulate(scene, duration, record=True, sample_rate=series.OVERSAMPLING * RATE, **options)
+    times = series.even_times(duration, RATE).values
+    chosen = series.after_settling(run, times) & ~series.long_sticks(run, times)
+    power = series.spectrum(series.velocity(run, times, RATE), chosen, RATE)
+    peaks = signal.find_peaks(power, STRONG * np.max(power))[0]
+    return np.asarray(series.frequencies(RATE).values[peaks[np.argsort(-power[peaks])][:RIVALS]])
 
 
-def constants(settings: Mapping[str, float]) -> dict[str, Any]:
-    """The rig, and the settings that do not belong to it."""
-    rig, _ = rig_of({**settings, "theta": paper.THETA})
-    members = checks.count("members", settings["members"], MOST_MEMBERS)
-    expensive = checks.count("members_expensive", settings["members_expensive"], members)
-    own = {name: settings[name] for name in SETTINGS}
-    return own | {"members": members, "members_expensive": expensive, "rig": rig}
-
-
-def coords(*, members: int, **_: Any) -> dict[str, Axis]:
-    """The repeat runs and the rival peaks, counted from 1."""
+def coords(members: int) -> Mapping[str, Axis]:
+    """The runs and the rival peaks, counted from 1."""
+    runs, peaks = (np.arange(1, n + 1) for n in (checks.count("members", members, MOST_MEMBERS), RIVALS))
     return {
-        "member": Axis(np.arange(1, members + 1), "1", "repeat run, by the ramp of the drive"),
-        "rival": Axis(np.arange(1, runs.RIVALS + 1), "1", "peak, by its strength"),
+        "member": Axis(runs, "1", "run, by the ramp of its drive"),
+        "rival": Axis(peaks, "1", "peak by strength"),
     }
 
 
-def check(axes: Mapping[str, Axis], fixed: Mapping[str, Any]) -> None:
-    """Refuse, before anything is planned, runs that are too short or all alike."""
-    checks.between("ramp", fixed["ramp"], 1e-6, 1.0, "s, for repeat runs differ by it")
-    names = axes["scene"].values.tolist()
-    loading = max(ensembles.loading_time(choices.scene_of(name, fixed["rig"])) for name in names)
+def check(scene: Array, duration: Any, members: int, members_expensive: Any, ramp: Any, rig: Rig = RIG) -> None:
+    """Refuse runs that are too short, or all equal."""
+    checks.count("members_expensive", np.max(members_expensive), members)
+    checks.between("ramp", np.min(ramp), 1e-6, 1.0, "s, for the runs of a scene differ by it")
+    loading = max(ensemble.loading_time(scene_of(name, rig)) for name in scene.tolist())
     # After settling the slowest has some windows of its spectrum.
-    longest = fixed["ramp"] + loading + transients.SETTLING + 4.0 * transients.WINDOW
-    checks.between("duration", fixed["duration"], longest, 1e3, "s, for the slowest scene to have settled")
+    least = np.max(ramp) + loading + SETTLING + 4.0 * series.WINDOW
+    checks.between("duration", np.min(duration), least, 1e3, "s, for the slowest scene to have settled")
 
 
-SETTINGS = {
-    "duration": Setting(1.2, "s", "simulated time of each run"),
-    "members": Setting(10.0, "1", "runs of each scene and setting of fast"),
-    "members_expensive": Setting(1.0, "1", "runs of each scene and setting of paper and exact"),
-    "ramp": Setting(1e-3, "s", "time in which P2's clamp reaches its velocity"),
-}
 STUDY = Study(
-    name="accuracy",
-    title="Run time against error",
-    question="What does each method cost, how wrong is it, and which setting is the cheapest that is right?",
-    paper="Section 3.3: one scheme, in finite elements, at a step of 2e-8 s with beta2 = 0.8. Its cost and its "
-    "error are not in the paper.",
-    axes={
-        "method": Axis(choices.METHODS, long_name="method of integration"),
-        "setting": Axis(list(choices.OPTIONS), long_name="setting that differs from the default, and its value"),
-        "scene": Axis(choices.SCENES, long_name="scene: the paper's rig by speed, rigs drawn at random by number"),
+    "accuracy",
+    "Run time against error",
+    "What does each method cost, how wrong is it, and which setting is the cheapest that is right?",
+    {
+        "method": Parameter(np.array(METHODS), "1", "method of integration"),
+        "setting": Parameter(np.array(list(SETTINGS)), "1", "what differs from the default, and its value"),
+        "scene": Parameter(np.array(SCENES), "1", "scene: the paper's rig by speed, random rigs by number"),
+        "duration": Parameter(1.2, "s", "simulated time of each run", common=True),
+        "members": Parameter(10, "1", "runs of each scene and setting of fast", common=True),
+        "members_expensive": Parameter(1, "1", "runs of each scene and setting of paper and exact", common=True),
+        "ramp": RUN["ramp"],
     },
-    settings=SETTINGS | {name: each for name, each in rig_settings().items() if name != "theta"},
-    function=points,
-    variables=VARIABLES,
-    constants=constants,
+    OUTPUTS,
+    compare,
+    paper="Section 3.3: one scheme, in finite elements, at a step of 2e-8 s with beta2 = 0.8; no cost, no error.",
+    derive=with_errors,
+    summary=summary,
+    figure=figure,
     coords=coords,
     check=check,
-    skip=choices.skip,
-    derive=with_errors,
-    draw=deferred("studies.accuracy.figure:draw"),
-    findings=findings,
+    chaotic=True,
 )

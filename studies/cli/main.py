@@ -1,4 +1,4 @@
-"""The command line. Data goes to standard output, everything else to standard error."""
+"""The command line's entry: exit codes, and one line for what is wrong."""
 
 from __future__ import annotations
 
@@ -6,109 +6,73 @@ import os
 import sys
 
 try:
-    import errno
-    import re
+    from io import TextIOWrapper
+    from traceback import format_exception
     from typing import NoReturn
 
     import click
+    from click.shell_completion import shell_complete
 
-    from studies.cli import check, compute, read  # noqa: F401 - they add their commands
-    from studies.cli.app import BrokenPipe, fiv
-    from studies.cli.completion import answer
-    from studies.cli.errors import (
-        INTERNAL,
-        INTERRUPTED,
-        SOME_FAILED,
-        STORE_TAKEN,
-        WRONG_INPUT,
-        is_unread,
-        show_traceback,
-    )
-    from studies.cli.output import streams, tell
+    from studies.cli import compute, read  # noqa: F401 - they add their commands
+    from studies.cli.app import fiv
+    from studies.cli.output import FLAGS, show, tell
 except KeyboardInterrupt:
-    # In the first tenth of a second. What says so otherwise is not there yet.
+    # In the first tenth of a second, before anything else can say so.
     os.write(2, b"fiv: interrupted\n")
     sys.exit(130)
 
-FAILED_DEVICE = (errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EDQUOT, errno.EBADF)
+# Exit codes of errors of our packages, by their names: those packages are slow to import.
+CODES = {"InputError": 2, "UnsolvedError": 2, "StoreError": 3, "ClusterLostError": 3, "SweepStoppedError": 1}
+INTERNAL = 70
 
 
 def main() -> NoReturn:
-    """Entry point: exit codes as documented, errors in one line."""
-    with streams():
-        code = _run()
-    sys.exit(code if isinstance(code, int) else 0)
-
-
-def _run() -> object:
-    """Run the command; its exit code."""
+    """Entry point."""
+    _open_streams()
+    FLAGS.update(quiet=False, verbose=False)
     try:
-        if asked := os.environ.get("_FIV_COMPLETE"):
-            return answer(fiv, asked)
-        _check_names()
-        code: object = fiv.main(prog_name="fiv", standalone_mode=False)
-        sys.stdout.flush()
+        if instruction := os.environ.get("_FIV_COMPLETE"):
+            sys.exit(shell_complete(fiv, {}, "fiv", "_FIV_COMPLETE", instruction))
+        for text in (*sys.argv[1:], os.environ.get("FIV_RESULTS", "")):
+            if text.encode(errors="replace").decode() != text:
+                raise click.UsageError(f"{text}: it is no text in this system's encoding; rename it")
+        with fiv.make_context("fiv", sys.argv[1:]) as context:
+            fiv.invoke(context)
     except click.exceptions.Exit as stop:
-        code = stop.exit_code
-    except (click.Abort, KeyboardInterrupt):
+        sys.exit(stop.exit_code)
+    except (click.Abort, KeyboardInterrupt, EOFError):
         tell("interrupted")
-        code = INTERRUPTED
-    except click.ClickException as problem:
-        tell(problem.format_message())
-        code = WRONG_INPUT
+        sys.exit(130)
     except Exception as problem:  # noqa: BLE001 - each has its exit code
-        code = _code_of(problem)
-    return code
+        sys.exit(_code_of(problem))
+    sys.exit(0)
 
 
-def _check_names() -> None:
-    """Refuse names that are no text in the encoding of the file system: netCDF files and pages have UTF-8."""
-    try:
-        folder = os.getcwd()
-    except FileNotFoundError:
-        raise click.UsageError("the current folder is gone; change to another") from None
-    for text in (*sys.argv[1:], os.environ.get("FIV_RESULTS", ""), folder):
-        if re.search("[\ud800-\udfff]", text):
-            encoding = sys.getfilesystemencoding()
-            raise click.UsageError(f"{text}: it is no text in {encoding}, this system's encoding; rename it")
+def _open_streams() -> None:
+    """Make standard streams take any text; open closed ones, whose numbers and output a file would get."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r+"))  # noqa: SIM115 - until the end
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _code_of(problem: Exception) -> int:
-    """Say in one line what went wrong; of a fault of our own, with its traceback."""
-    # Imported here: most runs need no sweeps to fail.
-    from sweeps import ClusterLostError, InputError, StoreError, SweepStoppedError
-
-    broken = isinstance(problem, (BrokenPipe, BrokenPipeError))
-    if is_unread() if broken else isinstance(problem, OSError) and _is_of_output(problem):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if broken:
-            return 0  # whoever read has enough
-        assert isinstance(problem, OSError)
-        tell(f"standard output could not be written: {problem.strerror}")
-        return STORE_TAKEN
-    for kind, code in (
-        (InputError, WRONG_INPUT),
-        (StoreError, STORE_TAKEN),
-        (ClusterLostError, STORE_TAKEN),
-        (SweepStoppedError, SOME_FAILED),
-    ):
-        if isinstance(problem, kind):
-            tell(str(problem))
-            return code
-    if isinstance(problem, MemoryError):
-        tell(f"out of memory: {problem or 'nothing more could be allocated'}; ask for less")
-        return WRONG_INPUT
-    if isinstance(problem, RecursionError):
-        tell("something is nested too deeply; -v shows where")
-        return WRONG_INPUT
-    if isinstance(problem, OSError) and problem.filename is not None:
-        tell(f"{problem.filename}: {problem.strerror}")
-        return STORE_TAKEN
-    show_traceback(problem)
-    tell(f"internal error: {type(problem).__name__}; please report it with the lines above")
-    return INTERNAL
-
-
-def _is_of_output(problem: OSError) -> bool:
-    """Whether the standard output could not be written: no file is named, and its device failed or is full."""
-    return problem.filename is None and problem.errno in FAILED_DEVICE
+    """Print what went wrong in one line, of a fault of our own with its traceback; its exit code."""
+    names = {kind.__name__ for kind in type(problem).__mro__ if kind.__module__.startswith(("fivcore", "sweeps"))}
+    code, text = next((CODES[name] for name in CODES if name in names), INTERNAL), str(problem)
+    if isinstance(problem, click.ClickException):
+        code, text = 2, problem.format_message()
+    elif isinstance(problem, MemoryError):
+        code, text = 2, f"out of memory: {problem or 'nothing more could be allocated'}; take fewer values"
+    elif isinstance(problem, RecursionError):
+        code, text = 2, "something is nested too deeply; -v shows where"
+    elif isinstance(problem, OSError) and code == INTERNAL and problem.filename is not None:
+        code, text = 3, f"{problem.filename}: {problem.strerror}"
+    elif code == INTERNAL:
+        text = f"internal error: {type(problem).__name__}; please report it with the lines above"
+    if code == INTERNAL or (FLAGS["verbose"] and not isinstance(problem, click.ClickException)):
+        show("".join(format_exception(problem)).rstrip("\n"), err=True)
+    tell(text)
+    return code

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import click
 
-from studies.cli.app import is_set
-from studies.cli.output import harmless, tell
-from sweeps import Progress, Snapshot, duration
+from studies.cli.output import FLAGS, harmless, tell
 
-# Between two plain lines, s.
-INTERVAL = 5.0
-# What the first run takes more of the processor than the second, s: 12.1 less 4.2 of `fiv run fig5`, 14.1 less 6.0
-# of `fiv run scenes` (AMD EPYC, Python 3.11).
+if TYPE_CHECKING:
+    from sweeps import Progress, Snapshot
+
+INTERVAL = 5.0  # between two plain lines, s
+# What the first run takes more than the second, s of an AMD EPYC: 12.1 less 4.2 for `fiv run fig5`.
 COMPILING = 8.0
 STOPPING = "stopping after what is under way; Ctrl-C again: now"
 
@@ -25,27 +24,26 @@ STOPPING = "stopping after what is under way; Ctrl-C again: now"
 @contextmanager
 def progress(todo: int) -> Iterator[Progress | None]:
     """Yield a callback for `Plan.run` that prints its progress on standard error; None with --quiet."""
-    if is_set("quiet") or not todo:
+    if FLAGS["quiet"] or not todo:
         yield None
     elif sys.stderr.isatty():
         with bar(todo) as callback:
             yield callback
     else:
-        yield _Lines()
+        yield _lines()
 
 
-def words(snapshot: Snapshot) -> list[str]:
+def described(snapshot: Snapshot) -> list[str]:
     """Failures, rate and time left of a run, as far as they are known."""
-    failed = f"{snapshot.failed} failed" if snapshot.failed else ""
-    rate = f"{snapshot.rate:.3g} a second" if snapshot.rate > 0.0 else ""
-    left = "" if math.isnan(snapshot.left) else f"{duration(snapshot.left)} left"
-    return [word for word in (failed, rate, left) if word]
+    from sweeps import duration
+
+    texts = [f"{snapshot.failed} failed"] if snapshot.failed else []
+    texts += [f"{snapshot.rate:.3g} a second"] if snapshot.rate > 0.0 else []
+    return [*texts, f"{duration(snapshot.left)} left"] if snapshot.left >= 0.0 else texts
 
 
 def announce_compiling() -> None:
     """Print a line when the first kernel is compiled, which only the first run of an installation does."""
-    if is_set("quiet"):
-        return
     from numba.core import event
 
     class Compiling(event.Listener):
@@ -53,54 +51,48 @@ def announce_compiling() -> None:
 
         def on_start(self, happening: object) -> None:
             if not self.announced:
-                self.announced = True
                 tell(f"compiling once, about {COMPILING:.0f} s")
+            self.announced = True
 
-        def on_end(self, happening: object) -> None:
-            pass
+        def on_end(self, happening: object) -> None: ...
 
-    listening = event.install_listener("numba:compile", Compiling())
-    click.get_current_context().with_resource(listening)
+    if not FLAGS["quiet"]:
+        click.get_current_context().with_resource(event.install_listener("numba:compile", Compiling()))
 
 
-class _Lines:
-    """Print a plain line of progress every INTERVAL seconds."""
+def _lines() -> Progress:
+    """A callback that prints a plain line every INTERVAL seconds."""
+    last, stopping = time.monotonic(), False
 
-    def __init__(self) -> None:
-        self._last = time.monotonic()
-        self._stopping = False
-
-    def __call__(self, snapshot: Snapshot) -> None:
-        if snapshot.stopping and not self._stopping:
-            self._stopping = True
+    def update(snapshot: Snapshot) -> None:
+        nonlocal last, stopping
+        if snapshot.stopping and not stopping:
             tell(STOPPING)
-        # When a batch begins: the line then says which.
-        if snapshot.now and time.monotonic() - self._last >= INTERVAL:
-            self._last = time.monotonic()
-            done = ", ".join([f"{snapshot.done} of {snapshot.todo} done", *words(snapshot)])
+        stopping = snapshot.stopping
+        # When a batch begins: the line then names it.
+        if snapshot.now and time.monotonic() - last >= INTERVAL:
+            last = time.monotonic()
+            done = ", ".join([f"{snapshot.done} of {snapshot.todo} done", *described(snapshot)])
             tell(f"{done}; now {snapshot.now[0]}")
+
+    return update
 
 
 @contextmanager
 def bar(todo: int) -> Iterator[Progress]:
     """Show a bar in a terminal or a notebook, and remove it at the end."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
-    count = Column(no_wrap=True, min_width=2 * len(str(todo)) + 1)
-    rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")
-    columns = (
-        BarColumn(16),
-        MofNCompleteColumn(table_column=count),
-        TextColumn("{task.description}", markup=False, table_column=rest),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as shown:
-        task = shown.add_task("", total=todo)
+    text = TextColumn("{task.description}", markup=False, table_column=Column(ratio=1, no_wrap=True))
+    columns = BarColumn(16), MofNCompleteColumn(), TimeElapsedColumn(), text
+    with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display:
+        task = display.add_task("", total=todo)
 
         def update(snapshot: Snapshot) -> None:
-            texts = [STOPPING] if snapshot.stopping else [*words(snapshot), *snapshot.now[:1]]
-            text = harmless("  ".join(texts))
-            shown.update(task, total=snapshot.todo, completed=snapshot.done, description=text)
+            texts = [STOPPING] if snapshot.stopping else [*described(snapshot), *snapshot.now[:1]]
+            line = harmless("  ".join(texts))
+            display.update(task, total=snapshot.todo, completed=snapshot.done, description=line)
 
         yield update

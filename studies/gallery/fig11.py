@@ -2,155 +2,136 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient
-from studies import paper
-from studies.claims import Claim, beside
-from studies.gallery.stability.study import largest_growth
-from studies.motion import recording, regimes, transients
-from studies.motion.jobs import BATCH_MULTIPLE
+from studies import labels, paper, summary
+from studies.claims import Claim, is_papers_point
+from studies.motion import regimes, run, series
+from studies.parameters import RUN, published
 from studies.plotting import figures, planes
-from studies.rig import rig_settings
-from studies.study import Setting, Study, constants
-from studies.tables import Column, Part, Table
-from sweeps import Axis, Variable
+from studies.stability import LEAST_STABLE, least_stable
+from studies.study import Parameter, Study
+from sweeps import Variable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colours and line styles of the inclinations; of more the figure shows so many, evenly chosen.
+# Colours and line styles of the inclinations; of more an evenly spaced subset is drawn.
 LOOKS = ((figures.BLUE, "-"), (figures.ORANGE, "-"), (figures.GREEN, "--"), (figures.BLACK, ":"))
 # How long growth or decay is followed from the first slip on, s.
 FOLLOWED = 0.1
-# Below this share of V the motion has gone, and what remains is rounding.
+# Below this share of V the motion has ended, and what remains is rounding.
 NOTHING = 1e-9
-STABILITY = {
-    "mode_growth_rate": Variable("s-1", "growth rate of the fastest-growing mode of steady sliding below 10 kHz"),
-    "mode_frequency": Variable("Hz", "frequency of the fastest-growing mode of steady sliding below 10 kHz"),
-}
-CLAIMS = (
-    Claim("dominant_frequency", {"theta": 10.0, "V": paper.ANGLES_SPEED}, paper.ANGLES[10.0], "3.6, measured"),
-    Claim("regime", {"theta": 15.0, "V": paper.ANGLES_SPEED}, "steady sliding", "3.6, measured"),
-)
-VARIABLES = (
+OUTPUTS = (
     {
         "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
         "spectrum": Variable(
             "m2 s-1", "power spectral density of the velocity of B after settling", ("frequency",), "float32"
         ),
     }
-    | STABILITY
-    | transients.SUMMARY
+    | LEAST_STABLE
+    | run.SUMMARY
+)
+CLAIMS = (
+    Claim("dominant_frequency", {"theta": 10.0, "V": paper.ANGLES_SPEED}, paper.ANGLES[10.0], "3.6, measured"),
+    Claim("regime", {"theta": 15.0, "V": paper.ANGLES_SPEED}, "steady sliding", "3.6, measured"),
 )
 
 
 def histories(
-    points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
+    scenes: Sequence[Scene], duration: float, sample_rate: float, record: Sequence[str], **options: Any
 ) -> dict[str, Any]:
-    """Velocity of B, its spectrum, the summary figures, linear stability, and further recorded series."""
+    """Velocity of B, its spectrum, the summary and the linear stability of each scene."""
 
-    def values(run: Transient, series: np.ndarray, times: np.ndarray) -> dict[str, Any]:
-        spectrum = transients.spectrum(series, transients.settled(run, times), sample_rate)
-        return {"spectrum": spectrum} | dict(zip(STABILITY, fastest(run.scene), strict=True))
+    def values(motion: Transient, velocity: np.ndarray, times: np.ndarray) -> dict[str, Any]:
+        spectrum = series.spectrum(velocity, series.after_settling(motion, times), sample_rate)
+        return {"spectrum": spectrum} | dict(zip(LEAST_STABLE, least_stable(motion.scene), strict=True))
 
-    return recording.histories(points, fixed, values, ("velocity_B",), record, sample_rate)
-
-
-def fastest(scene: Scene) -> tuple[float, float]:
-    """Growth rate (1/s) and frequency (Hz) of the mode of steady sliding that grows fastest."""
-    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, transients.BAND)
-    return float(growth), float(frequency)
+    lengths: dict[str, Any] = {"duration": duration, "sample_rate": sample_rate}
+    return series.histories(scenes, values, ("velocity_B",), record, **lengths, run=options)
 
 
-def findings(dataset: xr.Dataset) -> list[Part]:
-    """Motion at each inclination, its linear stability, and the measured motion."""
-    fixed = constants(dataset)
-    columns: dict[str, Column] = {
-        "theta deg": ("theta", "g"),
-        "vibration": regimes.kind,
-        "dominant Hz": (regimes.dominant_frequency, ".0f"),
-        "RMS mm/s": ("velocity_rms", ".3f", 1e3),
-        "fastest mode 1/s": ("mode_growth_rate", ".0f"),
-        "at Hz": ("mode_frequency", ".0f"),
-    }
-    return [
-        f"Velocity of B, V = {1e3 * fixed['V']:g} mm/s, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
-        f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
-        f"RMS and dominant frequency from {transients.SETTLING:g} s after the first slip on.",
-        "",
-        Table.of(dataset, "theta", columns),
-        "",
-        "Fastest mode: the growth rate of steady sliding's least stable mode; below 0 all decay.",
-        *beside(dataset, CLAIMS),
-    ]
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """Motion and linear stability at each inclination."""
+    points = [dataset.isel(theta=k) for k in range(dataset.sizes["theta"])]
+    kinds = ", ".join(f"{labels.number(float(p['theta']))}° {regimes.kind(p)}" for p in points)
+    yield f"Motion by inclination, {regimes.damping_text(dataset)}: {kinds}."
+    names = ["theta", "regime", "dominant_frequency", "velocity_rms", "mode_growth_rate", "mode_frequency"]
+    table = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))
+    yield "Motion and the least stable mode of steady sliding", summary.frame(table, names)
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """The histories as in the paper; below, how the vibration grows or dies, and the spectra."""
-    fixed = constants(dataset)
-    some = transients.some(dataset.sizes["theta"], len(LOOKS))
+    """The histories as in the paper; below, how the vibration grows or decays, and the spectra."""
+    chosen = planes.subset(dataset.sizes["theta"], len(LOOKS))
     layout = [["top", "top"], ["growth", "tones"]]
     figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.0, 1.1))
     top, growth, tones = panels.values()
-    for k, (colour, style) in zip(some, LOOKS, strict=False):
-        at = dataset.isel(theta=k)
-        kind, main = regimes.kind(at), float(regimes.dominant_frequency(at))
-        label = f"{planes.named('theta', at['theta'])}: {kind}" + (
+    for k, (colour, style) in zip(chosen, LOOKS, strict=False):
+        point = dataset.isel(theta=k)
+        kind, main = regimes.kind(point), float(regimes.dominant_frequency(point))
+        text = f"{labels.named('theta', point['theta'])}: {kind}" + (
             f", dominant {main:.0f} Hz" if main > 0.0 else ""
         )
         if kind == "failed":
-            top.plot([], [], color=colour, linestyle=style, label=label)
+            top.plot([], [], color=colour, linestyle=style, label=text)
             continue
-        velocity = 1e3 * at["velocity_B"].values.astype(float)
+        velocity = 1e3 * point["velocity_B"].values.astype(float)
         # A quiet trace would vanish under a loud one.
         above = 3.0 - 1e-3 * float(np.ptp(velocity[len(velocity) // 2 :]))
-        figures.trace(top, at["elapsed"].values, velocity, color=colour, label=label, zorder=above)
-        _draw_growth(growth, at, colour, float(fixed["V"]))
-        tones.plot(at["frequency"] / 1e3, figures.decibels(at["spectrum"]), style, color=colour, linewidth=1.0)
-    top.set(xlim=(0.0, fixed["duration"]), xlabel="time since the drive started / s")
+        figures.trace(top, point["elapsed"].values, velocity, color=colour, label=text, zorder=above)
+        _draw_growth(growth, point, colour)
+        tones.plot(
+            point["frequency"] / 1e3, figures.decibels(point["spectrum"]), style, color=colour, linewidth=1.0
+        )
+    top.set(xlim=(0.0, float(dataset["duration"])), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")
-    growth.plot([], [], color=figures.RED, linestyle="--", label="growth of the fastest mode of steady sliding")
+    growth.plot(
+        [], [], color=figures.RED, linestyle="--", label="growth of the least stable mode of steady sliding"
+    )
     growth.set(yscale="log", xlim=(0.0, FOLLOWED), xlabel="time since the first slip / s")
     growth.set_ylabel("velocity of B about its mean,\nlargest in 0.5 ms / (m/s)")
-    if paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED):
+    if is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED):
         look: dict[str, Any] = {"color": figures.RED, "linestyle": ":", "linewidth": 1.4, "zorder": 3.0}
         tones.axvline(paper.ANGLES[10.0] / 1e3, **look, label="paper: measured at 10°")
-    tones.set_xlim(0.0, transients.BAND / 1e3)
+    tones.set_xlim(0.0, run.BAND / 1e3)
     tones.set_ylim(bottom=max(tones.get_ylim()[0], tones.get_ylim()[1] - 200.0))
     tones.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
     figures.letter((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
     figures.legend_below(figure, [top, growth, tones], 2)
-    where = ", ".join(planes.named(name, fixed[name]) for name in ("V", "mu", "F"))
-    title = f"Velocity of B along x, {where}{transients.of_all(some, dataset.sizes['theta'])}"
-    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
+    where = ", ".join(labels.named(name, dataset[name]) for name in ("V", "mu", "F"))
+    title = f"Velocity of B along x, {where}{planes.of_all(chosen, dataset.sizes['theta'])}"
+    figure.suptitle(f"{title}\n{regimes.damping_text(dataset)}")
     return figure
 
 
-def _draw_growth(axes: Axes, at: xr.Dataset, colour: str, speed: float) -> None:
-    """Largest velocity in every half millisecond from the first slip on, and the slope that stability gives."""
-    first = float(at["first_slip_time"])
-    elapsed = at["elapsed"].values
+def _draw_growth(axes: Axes, point: xr.Dataset, colour: str) -> None:
+    """Largest velocity in every half millisecond from the first slip on, and the slope of linear stability."""
+    first = float(point["first_slip_time"])
+    elapsed = point["elapsed"].values
     if np.isnan(first) or first > elapsed[-1]:
         return
-    rest = float(np.mean(at["velocity_B"].values[-len(elapsed) // 4 :].astype(float)))
+    mean = float(np.mean(point["velocity_B"].values[-len(elapsed) // 4 :].astype(float)))
     since = (elapsed >= first) & (elapsed < first + FOLLOWED)
-    time, away = elapsed[since] - first, np.abs(at["velocity_B"].values[since].astype(float) - rest)
+    time, distance = elapsed[since] - first, np.abs(point["velocity_B"].values[since].astype(float) - mean)
     edges = np.unique(np.searchsorted(time, np.arange(0.0, time[-1], FOLLOWED / 200)))
-    time, largest = time[edges], np.maximum.reduceat(away, edges)
-    axes.plot(time, np.where(largest > NOTHING * abs(speed), largest, np.nan), color=colour)
-    rate = float(at["mode_growth_rate"])
+    if not len(edges):
+        return
+    time, largest = time[edges], np.maximum.reduceat(distance, edges)
+    axes.plot(time, np.where(largest > NOTHING * abs(float(point["V"])), largest, np.nan), color=colour)
+    rate = float(point["mode_growth_rate"])
     if rate > 0.0:
-        # Growth is linear until it comes near what it saturates at.
+        # Growth is linear until it comes near its saturation.
         last = int(np.argmax(largest >= 0.5 * np.median(largest)))
         ends = np.array([time[last] - 3.0 / rate, time[last]])
     else:
-        last = int(np.searchsorted(time, 0.2 * FOLLOWED))
+        last = min(int(np.searchsorted(time, 0.2 * FOLLOWED)), len(time) - 1)
         ends = np.array([time[last], 0.8 * FOLLOWED])
     slope = 2.0 * largest[last] * np.exp(rate * (ends - time[last]))
     axes.plot(ends, slope, color=figures.RED, linestyle="--", zorder=3.0)
@@ -163,18 +144,18 @@ STUDY = Study(
     "scheme's numerical damping?",
     paper="Section 3.6, Fig. 11 and Table 6: measured at 2 mm/s, the rig vibrates at 2700 Hz at 10 degrees; at 15 "
     "degrees, as above 12 degrees and at negative angles, it slides steadily.",
-    axes={"theta": Axis(np.array(sorted(paper.ANGLES)), "degree", "inclination of P1")},
-    settings={"V": Setting(paper.ANGLES_SPEED, "m s-1", "velocity of P2's clamp")}
-    | transients.run_settings(1.0, transients.PUBLISHED)
-    | {"sample_rate": Setting(40e3, "Hz", "sampling rate of the recorded series")}
-    | {name: setting for name, setting in rig_settings().items() if name != "theta"},
+    parameters={
+        "theta": Parameter(np.array(sorted(paper.ANGLES)), "degree", "inclination of P1"),
+        "duration": Parameter(1.0, "s", "simulated time", common=True),
+        "sample_rate": Parameter(40e3, "Hz", "sampling rate of the series", common=True),
+    }
+    | published(RUN),
+    outputs=OUTPUTS,
     function=histories,
-    variables=VARIABLES,
-    constants=transients.constants("V", "mu", "F", "sample_rate"),
-    coords=transients.series_coords,
-    check=transients.check,
-    options={"batch_multiple": BATCH_MULTIPLE},
-    draw=draw,
-    findings=findings,
-    record=recording.on_own_times,
+    coords=series.coords,
+    check=run.check,
+    summary=summarise,
+    figure=draw,
+    claims=CLAIMS,
+    chaotic=True,
 )

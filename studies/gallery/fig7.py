@@ -2,46 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Transient, glued_frequencies
-from studies import paper
-from studies.claims import Claim, beside
-from studies.motion import recording, regimes, transients
-from studies.motion.jobs import BATCH_MULTIPLE
+from fivcore import Scene, Transient, glued_frequencies
+from studies import labels, paper, summary
+from studies.claims import Claim, is_papers_point
+from studies.motion import regimes, run, series
+from studies.parameters import RUN, published
 from studies.plotting import figures, planes
-from studies.rig import rig_settings
-from studies.study import Setting, Study, constants
-from studies.tables import Column, Part, Table
-from sweeps import Axis, Variable
+from studies.results import rig_of
+from studies.study import Parameter, Study
+from sweeps import Variable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Rows of the figure; of more speeds it shows so many, evenly chosen.
+# Rows of the figure; of more speeds an evenly spaced subset.
 MOST_ROWS = 6
-# Depth of the spectra shown, in powers of ten.
-DECADES = 10.0
+# Depth of the spectra drawn, dB.
+DEPTH = 100.0
+# A peak within this share of a multiple of the dominant frequency is its harmonic.
+HARMONIC = 0.01
 SPECTRA = {
     "spectrum": "power spectral density of the velocity of B after settling",
     "spectrum_vibrating": "power spectral density of the velocity of B after settling, outside long sticks",
     "spectrum_stuck": "power spectral density of the velocity of B within long sticks",
 }
-VARIABLES = (
+OUTPUTS = (
     {
         "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32", digits=3),
-        "long_stick": Variable(
-            "1", "whether within a long stick", ("elapsed",), "int8", flags={0: "no", 1: "yes"}
-        ),
+        "long_stick": Variable("1", "within a long stick", ("elapsed",), "int8", flags={0: "no", 1: "yes"}),
     }
     | {name: Variable("m2 s-1", text, ("frequency",), "float32") for name, text in SPECTRA.items()}
-    | transients.SUMMARY
+    | run.SUMMARY
 )
 CLAIMS = (
     *(Claim("regime", {"V": V}, kind, "2 and 3.5.3") for V, kind in paper.VIBRATION.items()),
@@ -50,130 +48,123 @@ CLAIMS = (
 
 
 def histories(
-    points: Mapping[str, Any], *, sample_rate: float, record: Sequence[str] = (), **fixed: Any
+    scenes: Sequence[Scene], duration: float, sample_rate: float, record: Sequence[str], **options: Any
 ) -> dict[str, Any]:
-    """Velocity of B, its spectra, the summary figures and what else is recorded of each point's motion."""
+    """Velocity of B, its spectra and the summary of each scene."""
 
-    def values(run: Transient, series: np.ndarray, times: np.ndarray) -> dict[str, Any]:
-        stuck, settled = transients.long_sticks(run, times), transients.settled(run, times)
+    def values(motion: Transient, velocity: np.ndarray, times: np.ndarray) -> dict[str, Any]:
+        stuck, settled = series.long_sticks(motion, times), series.after_settling(motion, times)
         # Long sticks of the start count too: at 2 mm/s there are no others.
-        spectra = [transients.spectrum(series, each, sample_rate) for each in (settled, settled & ~stuck, stuck)]
+        parts = (settled, settled & ~stuck, stuck)
+        spectra = [series.spectrum(velocity, part, sample_rate) for part in parts]
         return {"long_stick": stuck} | dict(zip(SPECTRA, spectra, strict=True))
 
-    return recording.histories(points, fixed, values, ("velocity_B", "state"), record, sample_rate)
+    lengths: dict[str, Any] = {"duration": duration, "sample_rate": sample_rate}
+    return series.histories(scenes, values, ("velocity_B", "state"), record, **lengths, run=options)
 
 
-def with_glued_modes(dataset: xr.Dataset, *, rig: Rig, theta: float, **_: Any) -> xr.Dataset:
-    """Add the modes of the glued rig, which ring while it sticks."""
+def derive(dataset: xr.Dataset) -> xr.Dataset:
+    """Add the modes of the glued rig, which ring while it sticks, and the harmonics of the dominant frequency."""
+    rig = rig_of(dataset)
     # Each element has three freedoms, one of P1 is held at A and two are glued.
     count = min(8, 3 * (rig.p1.elements + rig.p2.elements) - 1)
-    frequency = glued_frequencies(rig, theta, count)
+    frequency = glued_frequencies(rig, float(dataset["theta"]), count)
     about = {"units": "Hz", "long_name": "natural frequency of the rig glued at its contact"}
-    return dataset.assign(glued_frequency=("glued_mode", frequency, about))
+    harmonics = [[_harmonic(dataset.isel(V=k), order) for order in (2, 3)] for k in range(dataset.sizes["V"])]
+    text = "peak of the spectrum within 1 % of a multiple of the dominant frequency"
+    return dataset.assign_coords(
+        harmonic=("harmonic", [2, 3], {"units": "1", "long_name": "order of the harmonic"})
+    ).assign(
+        glued_frequency=("glued_mode", frequency, about),
+        harmonic_frequency=(("V", "harmonic"), harmonics, {"units": "Hz", "long_name": text}),
+    )
 
 
-def findings(dataset: xr.Dataset) -> list[Part]:
-    """Kind of vibration, peaks of the spectra and long sticks, beside the paper's."""
-    fixed, glued = constants(dataset), dataset["glued_frequency"].values
-    near = [f"{glued[np.abs(glued - f).argmin()]:.0f} Hz nearest to {f:.0f}" for f in paper.OTHER_LINES]
-    speed: dict[str, Column] = {"V mm/s": ("V", ".4g", 1e3)}
-    motion: dict[str, Column] = {
-        "vibration": regimes.kind,
-        **regimes.SHARES,
-        "RMS mm/s": ("velocity_rms", ".1f", 1e3),
-        "coherence": ("coherence", ".2f"),
-        "first slip ms": ("first_slip_time", ".1f", 1e3),
-        "separation ms": ("first_separation_time", ".1f", 1e3),
-        "long sticks": ("long_sticks", ".0f"),
-        "mean ms": ("mean_stick_time", ".1f", 1e3),
-        "last ends s": (_last_stick, ".3f"),
-    }
-    lines: dict[str, Column] = {
-        "dominant": (regimes.dominant_frequency, ".0f"),
-        "2nd": (lambda at: _line(at, "spectrum_vibrating", 2.0 * float(regimes.dominant_frequency(at))), ".0f"),
-        "3rd": (lambda at: _line(at, "spectrum_vibrating", 3.0 * float(regimes.dominant_frequency(at))), ".0f"),
-    }
-    for f in paper.OTHER_LINES:
-        lines[f"stuck, about {f:.0f}"] = (partial(_line, spectrum="spectrum_stuck", about=f), ".0f")
-    tones = Table.of(dataset, "V", speed | lines)
-    if paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA):
-        measured = [f"{f:.0f}" for f in (*paper.LINES, *paper.OTHER_LINES)]
-        tones = Table(tones.heads, [*tones.rows, ["paper", *measured]])
-    return [
-        f"Velocity of B, theta = {fixed['theta']:g} degrees, mu = {fixed['mu']:g}, F = {fixed['F']:g} N, "
-        f"{fixed['duration']:g} s, {transients.damping(fixed)}; "
-        f"shares of time, RMS, coherence (autocorrelation after 20 periods) and spectra "
-        f"from {transients.SETTLING:g} s after the first slip on.",
-        "",
-        Table.of(dataset, "V", speed | motion),
-        "",
-        "Peaks of the spectra, Hz: three while vibrating, two within long sticks, where the glued rig rings "
-        f"(modes: {', '.join(near)}).",
-        tones,
-        *beside(dataset, CLAIMS),
-    ]
+def _harmonic(point: xr.Dataset, order: int) -> float:
+    target = order * float(regimes.dominant_frequency(point))
+    return series.peak_near(point["frequency"].values, point["spectrum_vibrating"].values, target, HARMONIC)
 
 
-def _line(at: xr.Dataset, spectrum: str, about: float) -> float:
-    return transients.line_near(at["frequency"].values, at[spectrum].values, about)
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """Kind of vibration, spectral peaks and long sticks."""
+    kinds = ", ".join(
+        f"{regimes.kind(point)} at {labels.named('V', point['V'])[4:]}" for point in _points(dataset)
+    )
+    yield f"The vibration is {kinds}, {regimes.damping_text(dataset)}."
+    yield (
+        f"Statistics and spectra start {run.SETTLING:g} s after the first slip; coherence is the autocorrelation "
+        "after 20 periods."
+    )
+    named = ["V", "regime", "stick_fraction", "slip_fraction", "separation_fraction", "velocity_rms", "coherence"]
+    yield "Motion", summary.frame(dataset, named)
+    yield (
+        "Begin and long sticks",
+        summary.frame(
+            dataset, ["V", "first_slip_time", "first_separation_time", "long_sticks", "mean_stick_time"]
+        ),
+    )
+    peaks = summary.frame(
+        dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset)), ["V", "dominant_frequency"]
+    )
+    for k, order in enumerate(dataset["harmonic"].values):
+        peaks[f"harmonic {order} Hz"] = dataset["harmonic_frequency"].isel(harmonic=k).values
+    for target in paper.OTHER_LINES:
+        peaks[f"stuck, near {target:.0f} Hz"] = [
+            series.peak_near(point["frequency"].values, point["spectrum_stuck"].values, target, 0.08)
+            for point in _points(dataset)
+        ]
+    yield "Spectral peaks: while vibrating, and within long sticks, where the glued rig rings", peaks
 
 
-def _last_stick(at: xr.Dataset) -> float:
-    """When the last long stick ends, s."""
-    inside = at["elapsed"].values[at["long_stick"].values == 1.0]
-    return float(inside[-1]) if len(inside) else np.nan
+def _points(dataset: xr.Dataset) -> list[xr.Dataset]:
+    return [dataset.isel(V=k) for k in range(dataset.sizes["V"])]
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Draw time on the left and spectra on the right, a row for each speed, as the paper does."""
-    fixed = constants(dataset)
-    rows = transients.some(dataset.sizes["V"], MOST_ROWS)
-    size: dict[str, Any] = {"width": 18.0, "height": 2.2 + 4.6 * len(rows)}
+    """Time on the left and spectra on the right, a row for each speed, as in the paper."""
+    rows = planes.subset(dataset.sizes["V"], MOST_ROWS)
     shared: dict[str, Any] = {"sharex": "col", "sharey": "col", "gridspec_kw": {"width_ratios": (1.35, 1.0)}}
-    figure, panels = figures.panels(len(rows), 2, **size, **shared)
-    papers = paper.is_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
+    figure, panels = figures.panels(len(rows), 2, 18.0, 3.2 + 4.6 * len(rows), **shared)
+    papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
     for k, left, right in zip(rows, panels[::2], panels[1::2], strict=True):
         _draw_speed(left, right, dataset.isel(V=k))
-        for lines, style, label in (
+        for lines, style, text in (
             (paper.LINES, "--", "paper: dominant frequency and harmonics"),
             (paper.OTHER_LINES, ":", "paper: other peaks"),
         ):
             for f in lines if papers and float(dataset["V"][k]) in paper.SPEEDS else ():
-                right.axvline(f / 1e3, color=figures.RED, linestyle=style, linewidth=1.0, zorder=1.5, label=label)
-    panels[0].set_xlim(0.0, fixed["duration"])
+                right.axvline(f / 1e3, color=figures.RED, linestyle=style, linewidth=1.0, zorder=1.5, label=text)
+    panels[0].set_xlim(0.0, float(dataset["duration"]))
     top = panels[1].get_ylim()[1]
-    panels[1].set(xlim=(0.0, transients.BAND / 1e3), ylim=(top - DECADES * 10.0, top))
+    panels[1].set(xlim=(0.0, run.BAND / 1e3), ylim=(top - DEPTH, top))
     panels[-2].set_xlabel("time since the drive started / s")
     panels[-1].set_xlabel("frequency / kHz")
     figures.legend_below(figure, panels, 3)
-    where = ", ".join(planes.named(name, fixed[name]) for name in ("theta", "mu", "F"))
-    title = f"Velocity of B along x, {where}{transients.of_all(rows, dataset.sizes['V'])}"
-    figure.suptitle(f"{title}\n{transients.damping(fixed)}")
+    where = ", ".join(labels.named(name, dataset[name]) for name in ("theta", "mu", "F"))
+    title = f"Velocity of B along x, {where}{planes.of_all(rows, dataset.sizes['V'])}"
+    figure.suptitle(f"{title}\n{regimes.damping_text(dataset)}")
     return figure
 
 
-def _draw_speed(left: Axes, right: Axes, at: xr.Dataset) -> None:
+def _draw_speed(left: Axes, right: Axes, point: xr.Dataset) -> None:
     """One row; the panels of a speed that failed stay empty."""
-    kind, main = regimes.kind(at), float(at["dominant_frequency"])
-    left.set_title(f"{planes.named('V', at['V'])}: {kind}", loc="left")
+    kind, main = regimes.kind(point), float(point["dominant_frequency"])
+    left.set_title(f"{labels.named('V', point['V'])}: {kind}", loc="left")
     left.set_ylabel("velocity of B / (mm/s)")
     right.set_ylabel("PSD / dB re 1 (m/s)²/Hz")
     if kind == "failed":
         return
-    elapsed, frequency = at["elapsed"].values, at["frequency"].values / 1e3
-    figures.trace(left, elapsed, 1e3 * at["velocity_B"].values.astype(float), color=figures.BLUE)
-    sticks = transients.stretches(at["long_stick"].values == 1.0)
-    left.broken_barh(
-        [(elapsed[begin], elapsed[end - 1] - elapsed[begin]) for begin, end in sticks],
-        (0.0, 0.045),
-        snap=False,  # or what is narrower than a pixel may vanish
-        transform=left.get_xaxis_transform(),
-        color=figures.BLACK,
-        linewidth=0.0,
-        label="long stick",
+    elapsed, frequency = point["elapsed"].values, point["frequency"].values / 1e3
+    figures.trace(left, elapsed, 1e3 * point["velocity_B"].values.astype(float), color=figures.BLUE)
+    sticks = series.runs_of_true(point["long_stick"].values == 1.0)
+    spans = [(elapsed[begin], elapsed[end - 1] - elapsed[begin]) for begin, end in sticks]
+    # Without snapping, which may hide what is narrower than a pixel.
+    look: dict[str, Any] = {"snap": False, "color": figures.BLACK, "linewidth": 0.0, "label": "long stick"}
+    left.broken_barh(spans, (0.0, 0.045), transform=left.get_xaxis_transform(), **look)
+    right.plot(
+        frequency, figures.decibels(point["spectrum"]), color=figures.BLUE, linewidth=1.0, label="after settling"
     )
-    settled, stuck = (figures.decibels(at[name]) for name in ("spectrum", "spectrum_stuck"))
-    right.plot(frequency, settled, color=figures.BLUE, linewidth=1.0, label="after settling")
+    stuck = figures.decibels(point["spectrum_stuck"])
     right.plot(frequency, stuck, color=figures.BLACK, linewidth=0.8, label="within long sticks")
     if np.isfinite(main):
         right.set_title(f"dominant frequency {main:.0f} Hz", loc="left")
@@ -187,18 +178,19 @@ STUDY = Study(
     paper="Sections 2 and 3.5.3, Figs. 2, 3 and 7: intermittent vibration at 1 and 2 mm/s, periodic at 5 mm/s; a "
     "dominant frequency of 2700 Hz with harmonics at 5400 and 8100 Hz, others at 2080 and 6500 Hz. "
     "Section 3.5.4.2: sticking phases half as long at 2 mm/s as at 1 mm/s.",
-    axes={"V": Axis(np.array(paper.SPEEDS), "m s-1", "velocity of P2's clamp")},
-    settings=transients.run_settings(2.5, transients.PUBLISHED)
-    | {"sample_rate": Setting(25e3, "Hz", "sampling rate of the recorded series")}
-    | rig_settings(),
+    parameters={
+        "V": Parameter(np.array(paper.SPEEDS), "m s-1", "speed of the drive"),
+        "duration": Parameter(2.5, "s", "simulated time", common=True),
+        "sample_rate": Parameter(25e3, "Hz", "sampling rate of the series", common=True),
+    }
+    | published(RUN),
+    outputs=OUTPUTS,
     function=histories,
-    variables=VARIABLES,
-    constants=transients.constants("theta", "mu", "F", "sample_rate"),
-    coords=transients.series_coords,
-    check=transients.check,
-    derive=with_glued_modes,
-    options={"batch_multiple": BATCH_MULTIPLE},
-    draw=draw,
-    findings=findings,
-    record=recording.on_own_times,
+    coords=series.coords,
+    check=run.check,
+    derive=derive,
+    summary=summarise,
+    figure=draw,
+    claims=CLAIMS,
+    chaotic=True,
 )

@@ -13,8 +13,6 @@ from fivcore import Scene, Transient, Until, simulate_many
 from fivcore.errors import SceneError
 from fivcore.transient.driver import located
 
-# "fast" advances two vector registers of eight scenes together: a batch of a multiple of 16 leaves no place empty.
-BATCH_MULTIPLE = 16
 # Options that `fivcore.simulate_many` takes one for each scene.
 PER_SCENE = ("ramp", "settle", "initial", "numerical_damping")
 
@@ -61,13 +59,6 @@ def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
     return [results[place] for place in range(len(jobs))]
 
 
-def check_jobs(jobs: Sequence[Job]) -> None:
-    """Raise the `ValueError` of the first job with a bad argument; jobs of one step are enough for that."""
-    for result in run_all(jobs):
-        if isinstance(result, ValueError):
-            raise result
-
-
 def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError:
     """A result as it is, or the `BalanceError` of a run whose energy residual exceeds that of its method."""
     method = job.options.get("method", "fast")
@@ -81,7 +72,6 @@ def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError
 def outcomes(
     points: Sequence[Sequence[Job]],
     values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]],
-    copies: bool = False,
 ) -> dict[str, Any]:
     """Simulate the jobs of all points of a batch and return what a sweep's function returns.
 
@@ -96,8 +86,6 @@ def outcomes(
     values : callable
         `values(jobs, runs)` returns the value of each variable at one point. Long arrays should have their final
         type, for a batch holds many.
-    copies : bool
-        Whether points are copies of the scenes simulated; errors then say so and name none of the points.
 
     Returns
     -------
@@ -110,8 +98,6 @@ def outcomes(
     results: Iterator[Any] = map(balanced, every, run_all(every))
     runs = [[next(results) for _ in jobs] for jobs in points]
     errors: list[Any] = [next((each for each in own if isinstance(each, Exception)), None) for own in runs]
-    if copies:
-        errors = [error and _of_copy(error) for error in errors]
     if None not in errors:
         raise errors[0]
     own_values = [
@@ -126,8 +112,3 @@ def outcomes(
     )
     per_second = (time.perf_counter() - start) / simulated.sum()
     return whole | {"error": errors, "wall_time": per_second * simulated}
-
-
-def _of_copy(error: Any) -> Any:
-    """The error of a scene as that of its copies."""
-    return type(error)(f"{error}, which this is a copy of", error.scene).with_traceback(error.__traceback__)

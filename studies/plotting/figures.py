@@ -83,6 +83,8 @@ def data_digest(dataset: xr.Dataset) -> str:
 
 def saved(figure: Figure, form: str, digest: str) -> bytes:
     """A figure as a file of this format, with the digest of the data that it shows among its metadata."""
+    # The layout needs the ticks, which the first drawing chooses.
+    figure.draw_without_rendering()
     file = BytesIO()
     figure.savefig(file, format=form, dpi=200, metadata=UNDATED[form] | {SOURCE[form]: digest})
     return file.getvalue()
@@ -109,7 +111,10 @@ def mosaic(layout: Any, width: float, height: float, **options: Any) -> tuple[Fi
 def _figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
+    figure = Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
+    # Labels of panels that span several columns reach into the margin.
+    figure.get_layout_engine().set(w_pad=0.1)  # type: ignore[union-attr, call-arg]
+    return figure
 
 
 def trace(axes: Axes, x: Any, y: Any, columns: int = 1500, **options: Any) -> None:

@@ -1,86 +1,68 @@
-"""The accessor `.fiv` of xarray's datasets: rows, figure and scenes of a result.
+"""The accessor `.fiv` of datasets: rows, summary, figure, scenes and rigs of a result."""
 
-It is there once `studies.run` or `studies.open` was called, or after ``import studies.query.accessor``.
-"""
+import warnings
+from collections.abc import Collection, Mapping
+from numbers import Real
+from typing import Any
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
+import numpy as np
+import pandas as pd
 import xarray as xr
 
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
-    from fivcore import Scene
+from fivcore import Rig, Scene
+from studies import runner, summary
+from studies.nearest import nearest
+from studies.parameters import RIG, SCENE
+from studies.query.query import select
+from sweeps import InputError
 
 
 @xr.register_dataset_accessor("fiv")  # type: ignore[no-untyped-call]
 class Accessor:
-    """Rows, figure and scenes of a result.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        As `studies.open`, `sweeps.open_results` or ``xarray.open_dataset`` give it, or a part of one.
-    """
+    """Rows, summary, figure, scenes and rigs of a result, or of a part of one."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
 
     def query(self, where: str | None = None, **options: Any) -> pd.DataFrame:
-        """Rows as a data frame, like ``fiv query``; options as `studies.query.query.query` has them."""
-        from studies.query.query import frame
+        """Rows as a frame, like ``fiv query``; options as in `studies.query.query.select`."""
+        notes: list[str] = []
+        frame = select(self._dataset, where, **options, note=notes.append)
+        for note in notes:
+            warnings.warn(note, stacklevel=2)
+        return frame
 
-        return frame(self._dataset, 3, where, **options)
+    def summary(self) -> str:
+        """The study's summary, as ``fiv run`` prints it."""
+        return summary.text(summary.parts(runner.study_of(self._dataset), self._dataset))
 
-    def plot(self, path: str | Path | None = None, format: str | None = None) -> Figure | Path:
-        """Draw the study's figure.
+    def plot(self) -> Any:
+        """The study's figure, a `matplotlib.figure.Figure`."""
+        return runner.draw(runner.study_of(self._dataset), self._dataset)[""]
 
-        Parameters
-        ----------
-        path : path, optional
-            The file to write; without it none is.
-        format : {"png", "svg", "pdf"}, optional
-            By default what the path ends with, else png.
+    def scene(self, **at: float) -> Scene:
+        """The scene where axes have the values `at`, or near ones: ``data.fiv.scene(V=2e-3)``."""
+        numbers = _numbers(self._dataset, [*SCENE, *RIG], at)
+        return Scene(**{name: numbers.pop(name) for name in SCENE}, rig=Rig.of(**numbers))
 
-        Returns
-        -------
-        matplotlib.figure.Figure or Path
-            The figure, which a notebook shows; with a path, what was written.
+    def rig(self, **at: float) -> Rig:
+        """The rig there."""
+        return Rig.of(**_numbers(self._dataset, RIG, at))
 
-        Raises
-        ------
-        ValueError
-            If the result is of no study, or lacks something that the figure shows; for another format.
-        sweeps.StoreError
-            If the figure cannot be written.
-        """
-        from studies import results, runner
 
-        study = results.study_of(self._dataset)
-        if path is None:
-            return runner.drawn(study, self._dataset)
-        form = runner.format_of(path, format)
-        return runner.plot(study, self._dataset, Path(path), form, "dataset")
-
-    def scene(self, point: Mapping[str, float] | None = None, /, **named: float) -> Scene:
-        """The scene behind a point, ready for `fivcore.simulate`; see `studies.query.scene_at.scene`.
-
-        ``data.fiv.scene(mu=0.2)`` and ``data.fiv.scene({"mu": 0.2})`` are the same.
-        """
-        from studies.query.scene_at import scene
-
-        return scene(self._dataset, **(dict(point or {}) | named))
-
-    def run_options(self, point: Mapping[str, float] | None = None, /, **named: float) -> dict[str, Any]:
-        """How that scene was run: ``simulate(data.fiv.scene(V=2e-3), **data.fiv.run_options(V=2e-3))``.
-
-        See `studies.query.scene_at.run_options`.
-        """
-        from studies.query.scene_at import run_options
-
-        return run_options(self._dataset, **(dict(point or {}) | named))
+def _numbers(dataset: xr.Dataset, names: Collection[str], at: Mapping[str, float]) -> dict[str, Any]:
+    """Numbers of a point, which must all be in the file."""
+    axes = {str(name): array for name, array in dataset.coords.items() if array.dtype.kind in "iuf"}
+    for name, number in at.items():
+        if name not in axes or not isinstance(number, Real):
+            raise InputError(f"{name} = {number!r}: it must be one number of an axis; these are {', '.join(axes)}")
+        value, is_near = nearest(axes[name], number)
+        if not is_near:
+            raise InputError(f"{name} = {number}: the result has no such value; the nearest is {value}")
+        dataset = dataset.isel({dim: np.flatnonzero(dataset[name] == value) for dim in dataset[name].dims})
+    for name in names:
+        if name not in axes:
+            raise InputError(f"{name}: the file does not have it, so the point's scene is not known")
+        if np.unique(dataset[name]).size != 1:
+            raise InputError(f"{name}: give one of its values, like {name}={dataset[name].values.flat[0]}")
+    return {name: np.unique(dataset[name])[0].item() for name in names}

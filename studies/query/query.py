@@ -1,281 +1,211 @@
-"""Rows of a result: its points, or the entries that a further dimension has at each; chosen, sorted and limited.
+"""Rows of a result, which are its points: chosen, sorted, grouped, written.
 
-The columns of a query decide what a row is. The points are the rows; a name on a further dimension (mode, member,
-elapsed) makes a row of each of its entries, and the dimension's coordinate a column. A dimension has room for as
-many entries as any point might have; those without a value in anything shown along it are left out, unless the
-expression speaks of nan. Points stay, with values or without. Rows may be put in groups (`studies.query.groups`).
+A name on a further dimension (mode, member, elapsed) makes a row of each entry, but of one without a value only if
+the condition has nan. Named variables are read alone, and of these what conditions along one dimension leave.
 """
 
-from __future__ import annotations
-
 import ast
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+import difflib
+import json
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
-from studies.query import evaluate
-from studies.query.columns import MAKING, TEXT, Column, Columns
-from studies.query.groups import grouped, order_of, statistics
-from studies.query.language import Expression, parse, split
-from studies.query.rows import Rows, Selection, joined
+from studies.query.where import NUMBER, TRUTH, Evaluator, kind, names_in, parse
 from sweeps import InputError
 
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
+MOST_ROWS = 5_000_000
+STATISTIC = re.compile(r"(size|mean|std|min|max|median|share)\s*:\s*(\S.*)")
+ASIDE = re.compile(r"status|error|wall_time|.*_se")  # no columns by default
+# The commas of a list are outside of quotes and brackets.
+ENTRY = re.compile(r"""(?:'[^']*'|"[^"]*"|\((?:[^()]|\([^()]*\))*\)|[^,])+""")
 Names = str | Sequence[str] | None
-
-
-def query(
-    dataset: xr.Dataset,
-    where: str | None = None,
-    *,
-    show: Names = None,
-    by: Names = None,
-    sort: Names = None,
-    limit: int | None = None,
-) -> pd.DataFrame:
-    """Rows of a result as a data frame.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Of a sweep: `studies.open`, `sweeps.open_results`, or plain xarray on its file.
-    where : str, optional
-        An expression over axes, variables and settings, ``mu > 0.2 and theta in (5, 8) and regime == "stuck"``
-        (`studies.query.language`, `studies.query.evaluate`); by default every row.
-    show : str or sequence of str, optional
-        Columns, "V*1000,mu,regime" or a list, by name or calculated; by default the axes and what each point, or
-        each entry, has one value of. With `by` the statistics of each group: "count", and "mean:X", "std:X"
-        (of a sample), "min:X", "max:X" and "median:X" of the values that are not missing; "share:X" has a column
-        for each word, the share of the group's rows, and of a condition one column; by default "count".
-    by : str or sequence of str, optional
-        Columns; rows that agree in them are one group, and one row.
-    sort : str or sequence of str, optional
-        Columns to sort by, the first first, by name or calculated; with a minus in front, which is no part of the
-        expression, descending. What is missing comes last. By default the order of the file. With `by` columns of
-        the grouped table; by default those of `by`.
-    limit : int, optional
-        So many rows at most.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Numbers as the dataset has them; codes as categories of words.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument. A number that an axis does not have is a warning.
-    """
-    return frame(dataset, 3, where, show=show, by=by, sort=sort, limit=limit)
-
-
-def frame(dataset: xr.Dataset, depth: int, where: str | None = None, **options: Any) -> pd.DataFrame:
-    """The same; its warnings are laid to the caller so many calls above."""
-    import pandas as pd
-
-    notes: list[str] = []
-    columns, parts = select(dataset, where, **options, note=notes.append)
-    for text in notes:
-        warnings.warn(text, stacklevel=depth)
-    rows = joined([*parts] or [{column.name: _none(dataset, column) for column in columns}])
-    table: dict[str, Any] = {}
-    for column in columns:
-        values = rows[column.name]
-        if column.kind == TEXT:
-            table[column.name] = pd.Series(values, dtype="str")
-        elif column.words is not None:
-            words = list(dict.fromkeys(column.words.values()))
-            table[column.name] = pd.Categorical(column.shown(values), categories=words)
-        else:
-            table[column.name] = values
-    return pd.DataFrame(table)
-
-
-def _none(dataset: xr.Dataset, column: Column) -> Any:
-    """No value, of the type that values of the column have."""
-    like = dataset.variables.get(column.name, column.values)
-    return np.empty(0, dtype=None if like is None else like.dtype)
-
-
-class Selected(NamedTuple):
-    """Columns of a query and its rows in blocks, which are read one at a time."""
-
-    columns: Sequence[Column]
-    rows: Iterator[Rows]
 
 
 def select(
     dataset: xr.Dataset,
     where: str | None = None,
-    *,
     show: Names = None,
     by: Names = None,
     sort: Names = None,
     limit: int | None = None,
     note: Callable[[str], None] = lambda text: None,
-) -> Selected:
-    """Understand a query; arguments and errors are those of `query`, and `note` is called with its warnings."""
-    whole = isinstance(limit, (int, np.integer)) and not isinstance(limit, bool)
-    if limit is not None and not (whole and limit >= 0):
+) -> pd.DataFrame:
+    """Select rows of a result as a frame, with the units of columns as ``attrs["units"]``.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+    where : str, optional
+        Condition on the rows (`studies.query.where`).
+    show, by, sort : str or sequence of str, optional
+        Columns, by name or calculated: "V*1000, mu"; to sort descending with a minus in front. Rows that agree in
+        `by` are one, and `show` has "count", "share:X" of words or a condition, "mean:X", std, min, max, median.
+    limit : int, optional
+    note : callable
+        Called with a sentence on a number that no axis has.
+    """
+    if limit is not None and not (isinstance(limit, (int, np.integer)) and limit >= 0):
         raise InputError(f"limit = {limit!r}: it must be a whole number, 0 or above")
-    every = Columns(dataset, note)
-    expression = None if where is None else parse(where)
-    named = [] if expression is None else [every.find(name, "where") for name in expression.names()]
-    if by is not None:
-        keys = [every.find(name, "by") for name in _listed(by, "by")]
-        measures = [
-            each
-            for entry in _listed(show, "show") or ["count"]
-            if entry not in [key.name for key in keys]
-            for each in statistics(entry, lambda text: evaluate.column(every, text, "show"))
-        ]
-        columns = _once([*keys, *(each.of for each in measures if each.of is not None)])
-        together = _read([*columns, *named])
-        dims = _dims(every, together, points=all(each.axis for each in together if every.beside(each)))
-        shown = [*keys, *(each.column for each in measures)]
-        ranks = order_of(_listed(sort, "sort"), shown)
-        parts = _selection(every, expression, dims, columns, named).rows([each.name for each in columns])
-        return Selected(shown, grouped(parts, keys, measures, ranks, limit))
-    order = [
-        (_number(every, name.removeprefix("-").strip(), "sort"), name[0] == "-") for name in _listed(sort, "sort")
-    ]
-    named += [column for column, _ in order]
-    if show is None:
-        _dims(every, _read(named), points=False)
-        dims, shown = _by_default(every, named)
-    else:
-        shown = [_number(every, text, "show") for text in _listed(show, "show")]
-        dims = _dims(every, _read([*shown, *named]), points=False)
-    shown = _with_coordinates(every, dims, shown)
-    selection = _selection(every, expression, dims, shown, named)
-    return Selected(shown, selection.rows([column.name for column in shown], order, limit))
+    result = _Result(dataset)
+    condition = result.parse("True" if where is None else where, "where")
+    order = {entry.removeprefix("-").strip(): entry[0] != "-" for entry in _listed(sort, "sort")}
+    keys = {entry: result.parse(entry, "by") for entry in _listed(by, "by")}
+    ranks = {} if keys else {entry: result.parse(entry, "sort") for entry in order}
+    named = names_in(condition, *ranks.values())
+    entries = _listed(show, "show") or (["count"] if keys else result.usual(named))
+    shown = {e: result.parse(_statistic(e)[1] if keys else e, "show") for e in entries if e not in keys}
+    read = names_in(*keys.values(), *shown.values())
+    part = result.part([*read, *named], whole=show is None or bool(keys))
+    rows = result.rows(part, condition)
+    chosen = pd.Series(True, rows.index) & Evaluator(rows, result.axes, "where", note)(condition, TRUTH)
+    if (padded := [*result.entries.intersection(read)]) and not re.search(r"\bnan\b", where or ""):
+        chosen &= ~rows[padded].isna().all(axis=1)
+    rows = rows[chosen]
+
+    def table(trees: Mapping[Any, ast.expr], argument: str) -> pd.DataFrame:
+        evaluate = Evaluator(rows, result.axes, argument, note)
+        return pd.DataFrame({label: evaluate(tree) for label, tree in trees.items()}, rows.index)
+
+    frame = _grouped(table(keys, "by"), table(shown, "show")) if keys else table(ranks, "sort")
+    if unknown := [entry for entry in order if entry not in frame]:
+        raise InputError(f"sort = {unknown[0]!r}: the grouped table has only {', '.join(frame)}")
+    if order:
+        frame = frame.sort_values([*order], ascending=[*order.values()], kind="stable", na_position="last")
+    frame = frame[:limit]
+    if not keys:
+        rows = rows.loc[frame.index]
+        further = {dim: ast.Name(str(dim)) for dim in part.sizes if dim not in [*result.points, *shown]}
+        frame = table(further | shown, "show")
+    frame.attrs["units"] = {n: unit for n in frame if (unit := result.units.get(n.rpartition(":")[2].strip()))}
+    return frame.reset_index(drop=True)
 
 
-def _selection(
-    every: Columns,
-    expression: Expression | None,
-    dims: tuple[str, ...],
-    shown: Sequence[Column],
-    named: Sequence[Column],
-) -> Selection:
-    """The rows along some dimensions for which an expression is true, without those that are padding."""
-    columns = {column.name: column for column in [*shown, *named, *_read([*shown, *named])]}
-    padded = [column for column in _read(shown) if every.beside(column) and not column.axis]
-    if expression is None:
-        return Selection(every.dataset, columns, dims, [], padded)
-    tree = expression.tree
-    parts = tree.values if isinstance(tree, ast.BoolOp) and isinstance(tree.op, ast.And) else [tree]
-    conditions = []
-    for part in parts:
-        read = [columns[name] for name in expression.names(part) if columns[name].values is None]
-        cost = sum(every.dataset.variables[column.name].size for column in read)
-        conditions.append((cost, evaluate.condition(expression, columns, every.note, part)))
-    cheapest = [condition for _, condition in sorted(conditions, key=itemgetter(0))]
-    return Selection(every.dataset, columns, dims, cheapest, [] if expression.speaks_of_missing() else padded)
-
-
-def _number(every: Columns, text: str, argument: str) -> Column:
-    """A column to be shown or to sort by: one of a name, or one of numbers."""
-    column = evaluate.column(every, text, argument)
-    if column.kind == evaluate.TRUTH:
-        raise InputError(f"{argument} = {text!r}: it is true or false; where = {text!r} chooses such rows")
-    return column
+def text(frame: pd.DataFrame, form: str, units: bool = False, width: int | None = None) -> str:
+    """Write rows as "table" (in blocks of a `width`), "csv" or "json"; `units` in heads or beside the rows."""
+    known = frame.attrs.get("units", {})
+    if form == "json":
+        plain = frame.replace([np.inf, -np.inf], np.nan).astype(object)
+        rows = ",\n".join(json.dumps(row) for row in plain.where(plain.notna(), None).to_dict("records"))
+        rows = f"[\n{rows}\n]" if rows else "[]"
+        return f'{{"units": {json.dumps(known)},\n"rows": {rows}}}\n' if units else f"{rows}\n"
+    heads = [f"{label} [{known[label]}]" if units and label in known else label for label in frame]
+    if form == "csv":
+        return str(frame.to_csv(index=False, header=heads, lineterminator="\r\n"))
+    cells = frame.map(lambda cell: f"{cell:.6g}" if isinstance(cell, float) else " ".join(str(cell).split())[:60])
+    cells = cells.where(frame.notna(), "-").set_axis(heads, axis=1)
+    return f"{cells.to_string(index=False, line_width=width) if len(cells) else '  '.join(heads)}\n"
 
 
 def _listed(names: Names, argument: str) -> list[str]:
-    """The entries of a text or a list, each once."""
-    if names is None:
-        return []
-    entries = split(names) if isinstance(names, str) else [name.strip() for name in names]
-    if not entries or not all(entries):
-        raise InputError(
-            f"{argument} = {names!r}: it must be one name or more, with commas between them, like V,mu"
-        )
+    text = names if isinstance(names, str) else ",".join(names or ())
+    entries = [entry.strip() for entry in ENTRY.findall(text)]
+    if names is not None and not all(entries or [""]):
+        raise InputError(f"{argument} = {names!r}: it must be columns with commas between them, like V,mu")
     return list(dict.fromkeys(entries))
 
 
-def _read(columns: Sequence[Column]) -> list[Column]:
-    """The columns that are read for some: themselves, or what they are calculated from."""
-    return [each for column in columns for each in ([column] if column.calculate is None else column.inputs)]
+def _statistic(entry: str) -> tuple[str, str]:
+    """The function and the column of an entry like mean:V; count is the size of a column of zeros."""
+    if match := STATISTIC.fullmatch("size:0" if entry == "count" else entry):
+        return match[1], match[2]
+    raise InputError(f"show = {entry!r}: with by it is count, or mean, std, min, max, median or share like mean:V")
 
 
-def _dims(every: Columns, columns: Sequence[Column], points: bool) -> tuple[str, ...]:
-    """Dimensions of the rows: those of the columns, and all of the points where these are the rows.
-
-    Raises
-    ------
-    ValueError
-        If they run along further dimensions that have nothing to do with each other.
-    """
-    along = {dim for column in columns for dim in column.dims}
-    widest: tuple[str, ...] = ()
-    for column in columns:
-        own = tuple(dim for dim in column.dims if dim not in every.point_dims)
-        if not set(own) <= set(widest):
-            if not set(widest) <= set(own):
-                raise _apart(columns, own, widest)
-            widest = own
-    return (*(dim for dim in every.point_dims if points or dim in along), *widest)
+def _grouped(keys: pd.DataFrame, columns: pd.DataFrame) -> pd.DataFrame:
+    """Statistics of columns over the rows that agree in the keys."""
+    table, aggregations = keys.copy(), dict[str, tuple[int, str]]()
+    for label, values in columns.items():
+        function, share = _statistic(str(label))[0], str(label).startswith("share")
+        words = values.cat.categories if share and hasattr(values, "cat") else []
+        measures = {f"{label}={word}": values == word for word in words} or {str(label): values}
+        if not len(words) and kind(values) != (TRUTH if share else NUMBER):
+            raise InputError(f"show = {label!r}: it is {kind(values)}; share is of words or a condition")
+        for head, measure in measures.items():
+            table[len(aggregations)] = measure.astype(float)
+            aggregations[head] = (len(aggregations), "mean" if share else function)
+    return table.groupby([*keys], dropna=False, observed=True, as_index=False).agg(**aggregations)
 
 
-def _apart(columns: Sequence[Column], *dims: tuple[str, ...]) -> InputError:
-    """Error for columns that run along different dimensions and so have no rows in common."""
-    parts = []
-    for own in dims:
-        along = sorted((column for column in columns if set(own) <= set(column.dims)), key=lambda each: each.axis)
-        parts.append(f"{along[0].name} runs along {', '.join(own)}")
-    return InputError(f"{' and '.join(parts)}: they have no rows in common; query them one after the other")
+class _Result:
+    """What a result has names for, and along what."""
 
+    def __init__(self, dataset: xr.Dataset) -> None:
+        self.dataset = dataset.assign_coords({d: range(n) for d, n in dataset.sizes.items() if d not in dataset})
+        arrays = [dataset["status"]] if "status" in dataset else [*dataset.data_vars.values()]
+        self.points = [dim for array in arrays[:1] for dim in array.dims if all(dim in a.dims for a in arrays)]
+        self.entries = {name for name, array in dataset.items() if not {*array.dims} <= {*self.points}}
+        coords = self.dataset.coords.items()
+        self.axes: Any = {n: a.values for n, a in coords if a.ndim < 2 and a.dtype.kind in "iuf"}
+        units: Any = {name: array.attrs.get("units", "1") for name, array in dataset.variables.items()}
+        self.units = {name: unit for name, unit in units.items() if unit != "1"}
 
-def _by_default(every: Columns, named: Sequence[Column]) -> tuple[tuple[str, ...], list[Column]]:
-    """Dimensions of the rows and the columns shown by default, where a condition has `named` some."""
-    # Those that have a place in a table.
-    names = [str(name) for name, each in every.dataset.variables.items() if each.dtype.kind in "OUiufb"]
-    variables = [every.find(name, "show") for name in names]
-    # A standard error is shown where it is asked for.
-    errors = [f"{name}_se" for name in names]
-    aside = (*every.axes, *every.dataset.sizes, *MAKING, *errors)
-    results = [column for column in variables if column.name not in aside]
-    points = set(every.point_dims)
-    entries = [column for column in named if every.beside(column)]
-    status = [column for column in variables if column.name == "status"]
-    dims = _dims(every, named, points=all(column.axis for column in entries))
-    if entries:
-        chosen = [column for column in results if every.beside(column) and set(column.dims) <= set(dims)]
-    else:
-        chosen = [column for column in results if set(column.dims) == points]
-    if not entries and not chosen:
-        # Where a point has no number of its own, the entries that it has many of are the rows.
-        wider = [column for column in results if set(column.dims) > points]
-        return _by_default(every, [*named, *wider[:1]]) if wider else (dims, _axes(every, dims, results) + status)
-    # Coordinates of further dimensions get their own place.
-    named = [column for column in named if column.dims and not (column.axis and column in entries)]
-    return dims, _once([*_axes(every, dims, results), *chosen, *named, *([] if entries else status)])
+    def parse(self, text: str, argument: str) -> ast.expr:
+        tree = ast.Name(text) if text in self.dataset.variables else parse(text, argument, self.units)
+        for name in names_in(tree):
+            if name not in self.dataset.variables:
+                raise InputError(f"{argument} = {name!r}: no such column; {self.hint(name)}")
+        return tree
 
+    def hint(self, name: str) -> str:
+        """What a name that is no column may mean: a similar column, or one whose description has it."""
+        arrays: Any = {**self.dataset.coords, **self.dataset.data_vars}
+        if any(name in str(array.attrs.get("flag_meanings")).split() for array in arrays.values()):
+            return f"to compare with the word, write {name!r} in quotes"
+        texts = {n: str(array.attrs.get("long_name", "")) for n, array in arrays.items() if not n.endswith("_se")}
+        close = {n for n in texts if name in n}.union(difflib.get_close_matches(name, texts, 1))
+        meant = [n if n in close else f"{n} ({texts[n]})" for n in texts if n in close or name in texts[n].split()]
+        return f"did you mean {' or '.join(meant[:3])}?" if meant else f"it has {', '.join(arrays)}"
 
-def _axes(every: Columns, dims: tuple[str, ...], results: Sequence[Column]) -> list[Column]:
-    """The axes that rows run along, and the names that their values have."""
-    every_axis = (every.find(name, "show") for name in every.axes)
-    axes = [column for column in every_axis if set(column.dims) <= set(dims)]
-    named = {f"{column.name}_name" for column in axes}
-    return axes + [column for column in results if column.name in named]
+    def part(self, names: Sequence[str], whole: bool) -> xr.Dataset:
+        """Some columns along the dimensions of the rows, which are all of the points where these are `whole`."""
+        further = [{*self.dataset[name].dims}.difference(self.points) for name in names]
+        if further and set().union(*further) not in further:
+            raise InputError(f"{', '.join(names)} run along different dimensions: query one after the other")
+        points = self.points if whole and self.entries.isdisjoint(names) else []
+        part = self.dataset[[*dict.fromkeys([*points, *names])]]
+        return part.drop_vars({*part.coords}.difference(part.sizes, names))
 
+    def usual(self, names: Sequence[str]) -> list[Any]:
+        """The columns by default: the axes, what has one value in each row, and what is named besides."""
+        dims, points = {*self.part(names, whole=True).sizes}, {*self.points}
+        data = {n: a for n, a in self.dataset.items() if a.dtype.kind in "iufbOU" and not ASIDE.fullmatch(str(n))}
+        wider = [{*array.dims} for array in data.values() if {*array.dims} >= dims]
+        if dims == points and points not in wider:
+            dims = wider[0] if wider else dims
+        axes = [n for n, array in self.dataset.coords.items() if array.ndim and {*array.dims} <= dims]
+        named = [name for name in names if self.dataset[name].ndim]
+        status = ["status"] if dims == points and "status" in self.dataset else []
+        return [*dict.fromkeys([*axes, *(n for n in data if {*data[n].dims} == dims), *named, *status])]
 
-def _once(columns: Sequence[Column]) -> list[Column]:
-    return list({column.name: column for column in columns}.values())
+    def rows(self, part: xr.Dataset, condition: Any) -> pd.DataFrame:
+        """Read the rows of a part, without those that fail a part of the condition along one dimension."""
+        for conjunct in condition.values if isinstance(getattr(condition, "op", 0), ast.And) else [condition]:
+            line = part[names_in(conjunct)]
+            if len(line.sizes) == 1:
+                chosen = Evaluator(self.frame(line), self.axes, "where")(conjunct, TRUTH)
+                part = part.isel({dim: np.flatnonzero(chosen) for dim in line.sizes})
+        if (count := math.prod(part.sizes.values())) > MOST_ROWS:
+            dim = max(part.sizes, key=part.sizes.__getitem__)
+            advice = f"select along {dim}, like --where '{dim} == {part[dim].values[0]}', or --show less"
+            raise InputError(f"{count} rows are more than {MOST_ROWS}: {advice}")
+        return self.frame(part)
 
-
-def _with_coordinates(every: Columns, dims: tuple[str, ...], shown: Sequence[Column]) -> list[Column]:
-    """The columns, with the coordinate of each further dimension before the first that runs along it."""
-    columns = list(shown)
-    for dim in dims:
-        if dim not in every.point_dims and dim not in [column.name for column in columns]:
-            place = next((k for k, column in enumerate(columns) if dim in column.dims), len(columns))
-            columns.insert(place, every.find(dim, "show"))
-    return columns
+    def frame(self, part: xr.Dataset) -> pd.DataFrame:
+        """Read columns as a frame; words are categories."""
+        part = part if part.sizes else part.reset_coords().expand_dims("")
+        dims = sorted(part.sizes, key=lambda dim: [*self.points, dim].index(dim))
+        frame = part.to_dataframe(dim_order=dims).reset_index()
+        for name, variable in part.variables.items():
+            if "flag_values" in variable.attrs:
+                codes = pd.Index(np.atleast_1d(variable.attrs["flag_values"])).get_indexer(frame[name])
+                words = [word.replace("_", " ") for word in str(variable.attrs["flag_meanings"]).split()]
+                frame[name] = pd.Categorical.from_codes(codes, words)
+            elif name in self.dataset.coords and name not in self.axes:
+                frame[name] = pd.Categorical(frame[name], pd.unique(np.ravel(self.dataset[name])))
+        return frame

@@ -1,5 +1,9 @@
-"use strict";
-// What tables and maps of this page share. All text reaches the page as text, never as markup.
+// Tables and maps of points. Texts of files reach the page as text, never as markup.
+
+const read = (value, factor, digits = 6) =>
+  value === null ? "–" : typeof value === "number" ? String(Number((value * factor).toPrecision(digits))) : value;
+
+const isText = (values) => values.some((value) => typeof value === "string");
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -8,83 +12,199 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
-const product = (numbers) => numbers.reduce((a, b) => a * b, 1);
+// All places of a grid, the last dimension first.
+function* places(sizes) {
+  const count = sizes.reduce((a, b) => a * b, 1);
+  for (let row = 0; row < count; row += 1) {
+    let rest = row;
+    const at = sizes.toReversed().map((size) => [rest % size, (rest = Math.floor(rest / size))][0]);
+    yield at.reverse();
+  }
+}
 
-// The points of a result: rows in the order of its grid, columns by number.
+// The points of a result: columns over a grid of rows.
 class Points {
   constructor(id) {
-    const { axes, columns, plane, settings } = JSON.parse(document.getElementById(id).textContent);
-    Object.assign(this, { axes, plane, settings });
-    this.shape = axes.map((axis) => axis.values.length);
-    this.count = product(this.shape);
-    this.columns = [...axes.map((axis, dim) => ({ ...axis, dim, axis: true })), ...columns];
-    this.place = new Map(this.columns.map((column, k) => [column.name, k]));
-    this.strides = this.shape.map((_, dim) => product(this.shape.slice(dim + 1)));
+    Object.assign(this, JSON.parse(document.getElementById(id).textContent));
   }
 
-  value(row, column) {
-    const { axis, dim, values } = this.columns[column];
-    return values[axis ? Math.floor(row / this.strides[dim]) % this.shape[dim] : row];
+  value(column, at) {
+    return column.values[column.dims.reduce((place, dim) => place * this.shape[dim] + at[dim], 0)];
   }
 
-  named(row, name) {
-    return this.value(row, this.place.get(name));
+  // The coordinate of a dimension; its entries are counted where it has none.
+  axis(dim) {
+    const head = this.dims[dim], counted = { head, factor: 1, values: Array.from({ length: this.shape[dim] }, (_, k) => k + 1) };
+    return this.columns.find(({ name }) => name === head) || counted;
   }
 
-  static of(id) {
-    if (!Points.known.has(id)) Points.known.set(id, new Points(id));
-    return Points.known.get(id);
+  // The command that computes a point alone.
+  again(at) {
+    const quoted = (text) => (/^[\w.+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\"'\"'")}'`);
+    const set = ({ name, ...column }) => ` --set ${name}=${quoted(String(this.value(column, at)))}`;
+    return this.command + this.columns.filter(({ parameter }) => parameter).map(set).join("");
   }
 }
-Points.known = new Map();
 
-function shown(value) {
-  if (value === null) return "–";
-  if (typeof value !== "number") return String(value);
-  return String(Number(value.toPrecision(6)));
+const dark = matchMedia("(prefers-color-scheme: dark)");
+document.documentElement.classList.toggle("dark", dark.matches);
+
+// DataTables, from the copy in this page.
+let library = null;
+async function dataTables() {
+  const bytes = Uint8Array.from(atob(document.getElementById("library").textContent), (c) => c.charCodeAt(0));
+  return (await import(URL.createObjectURL(new Blob([bytes], { type: "text/javascript" })))).default;
 }
 
-// A text as one word of a shell.
-function quoted(text) {
-  return /^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\"'\"'")}'`;
-}
-
-// A command, or lines of Python: broken before an option, if at all, with a button that copies it.
-function command(text, box = element("div", { class: "command" })) {
-  const [begin, ...options] = text.split(" --");
-  const code = element("code", {}, begin, ...options.flatMap((part) => [" ", element("span", {}, "--" + part)]));
-  const button = element("button", { type: "button", "aria-label": "Copy this line" }, "Copy");
-  button.addEventListener("click", async () => {
-    try {
-      await navigator.clipboard.writeText(text);
-      button.textContent = "Copied";
-      setTimeout(() => { button.textContent = "Copy"; }, 1500);
-    } catch {
-      // Without a clipboard the line is marked, ready for the keyboard.
-      getSelection().selectAllChildren(code);
-    }
+async function fill(box) {
+  library ??= dataTables();
+  const DataTable = await library, points = new Points(box.dataset.points);
+  const escaped = (text) => element("i", {}, text).innerHTML;
+  const render = (factor) => (value, type) => {
+    if (type === "export") return value === null ? "" : read(value, factor, 15);
+    if (type !== "display" && type !== "filter") return value;
+    return type === "display" && typeof value === "string" ? escaped(value) : read(value, factor);
+  };
+  const heads = points.columns.map(({ head, about }) => element("th", { title: about }, head));
+  const table = element("table", { class: "display compact" }, element("thead", {}, element("tr", {}, ...heads)));
+  box.append(table);
+  const csv = { extend: "csv", text: "Save as CSV", filename: box.dataset.name };
+  csv.exportOptions = { orthogonal: "export", stripHtml: false, decodeEntities: false };
+  new DataTable(table, {
+    data: [...places(points.shape)].map((at) => points.columns.map((column) => points.value(column, at))),
+    columns: points.columns.map(({ factor, values }) => ({ render: render(factor), className: isText(values) ? "dt-left" : "dt-right" })),
+    ...{ order: [], pageLength: 25, autoWidth: false },
+    layout: { topStart: { buttons: [csv, { extend: "colvis", text: "Columns" }, "searchBuilder"] } },
+    language: { searchBuilder: { button: { 0: "Filter", _: "Filter (%d)" } } },
   });
-  box.replaceChildren(element("pre", {}, code), button);
-  return box;
 }
 
-for (const box of document.querySelectorAll(".command")) command(box.textContent, box);
+for (const box of document.querySelectorAll(".points")) box.addEventListener("toggle", () => fill(box), { once: true });
 
-// What is folded opens where a link leads to it, and for a print.
-function unfold(within) {
-  for (const fold of within ? within.querySelectorAll("details.fold") : []) fold.open = true;
+// A plane of points in the colours of a column; a click shows all of a point.
+const LIGHTNESS = ["#00224e", "#575d6d", "#a59c74", "#fee838"], SIGNS = ["#0072b2", "#f7f7f7", "#d55e00"];
+const OTHERS = ["#0072b2", "#e69f00", "#009e73", "#d55e00", "#a6dcf7", "#7f7f7f"];
+
+function mixed(stops, share) {
+  const place = Math.min(Math.max(share, 0), 1) * (stops.length - 1), k = Math.min(Math.floor(place), stops.length - 2);
+  const part = (stop, at) => parseInt(stop.slice(at, at + 2), 16);
+  const mix = (at) => Math.round(part(stops[k], at) + (place - k) * (part(stops[k + 1], at) - part(stops[k], at)));
+  return `rgb(${mix(1)},${mix(3)},${mix(5)})`;
 }
-addEventListener("hashchange", () => unfold(document.getElementById(location.hash.slice(1))));
-addEventListener("beforeprint", () => unfold(document));
-unfold(document.getElementById(location.hash.slice(1)));
 
-// The list of sections marks the one that is read.
-const links = new Map([...document.querySelectorAll(".index a")].map((link) => [link.getAttribute("href").slice(1), link]));
-const watch = new IntersectionObserver((entries) => {
-  for (const { isIntersecting, target } of entries) {
-    if (!isIntersecting) continue;
-    for (const link of links.values()) link.removeAttribute("aria-current");
-    links.get(target.id).setAttribute("aria-current", "true");
+class PlaneMap {
+  constructor(box) {
+    this.points = new Points(box.dataset.points);
+    [this.x, this.y] = this.points.plane;
+    this.at = this.points.shape.map((size) => size >> 1);
+    this.results = this.points.columns.filter(({ parameter, dims }) => !parameter && dims.length >= 2);
+    const names = this.results.map(({ head }, k) => element("option", { value: k }, head));
+    this.choice = element("select", {}, ...names);
+    this.choice.value = Math.max(this.results.findIndex(({ name }) => ["regime", "growth_rate"].includes(name)), 0);
+    this.canvas = element("canvas", { role: "img", "aria-label": "Map; the sliders below it choose a point" });
+    this.mark = element("div", { class: "mark" });
+    this.legend = element("p", { class: "legend" });
+    this.cell = element("div", { class: "cell", "aria-live": "polite" });
+    this.sliders = this.points.shape.map((size, dim) => this.slider(size, dim));
+    const wide = this.sliders.filter((_, dim) => this.points.shape[dim] > 1);
+    box.append(
+      element("label", {}, "Colour ", this.choice), this.legend,
+      element("div", { class: "beside" },
+        element("div", {},
+          element("div", { class: "plane" }, this.ticks(this.y, "bottom"), element("div", { class: "field" }, this.canvas, this.mark),
+            element("span"), this.ticks(this.x, "left")),
+          element("p", { class: "paper" }, `${this.points.axis(this.x).head} across, ${this.points.axis(this.y).head} up; click a cell.`),
+          ...wide.map(([label]) => label)),
+        this.cell),
+    );
+    this.choice.addEventListener("change", () => this.draw());
+    this.canvas.addEventListener("click", ({ offsetX, offsetY }) => {
+      const place = (share, dim) => Math.min(Math.max(Math.floor(share * this.points.shape[dim]), 0), this.points.shape[dim] - 1);
+      this.at[this.x] = place(offsetX / this.canvas.clientWidth, this.x);
+      this.at[this.y] = place(1 - offsetY / this.canvas.clientHeight, this.y);
+      this.tell();
+    });
+    this.draw();
   }
-}, { rootMargin: "-20% 0px -75% 0px" });
-for (const section of document.querySelectorAll("main > [id]")) if (links.has(section.id)) watch.observe(section);
+
+  slider(size, dim) {
+    const input = element("input", { type: "range", min: 0, max: size - 1 }), value = element("output");
+    input.addEventListener("input", () => {
+      this.at[dim] = Number(input.value);
+      if (dim === this.x || dim === this.y) this.tell();
+      else this.draw();
+    });
+    return [element("label", {}, input, value), input, value];
+  }
+
+  ticks(dim, side) {
+    const size = this.points.shape[dim], { values, factor } = this.points.axis(dim), count = Math.min(size, 5);
+    const places = Array.from({ length: count }, (_, k) => Math.round((k * (size - 1)) / (count - 1)));
+    const texts = places.map((place) => {
+      const text = element("span", {}, String(Number((values[place] * factor).toPrecision(3))));
+      text.style[side] = `${(100 * (place + 0.5)) / size}%`;
+      return text;
+    });
+    return element("div", { class: `ticks ${side}` }, ...texts);
+  }
+
+  // The plane of the chosen point: each cell's place and value.
+  cells(column) {
+    const sizes = this.points.shape.map((size, dim) => (dim === this.x || dim === this.y ? size : 1));
+    return [...places(sizes)].map((place) => {
+      const at = place.map((k, dim) => (dim === this.x || dim === this.y ? k : this.at[dim]));
+      return [at[this.x], at[this.y], this.points.value(column, at)];
+    });
+  }
+
+  // The colour of a value, and entries of the legend.
+  colours(values, factor) {
+    const known = new Set(values.filter((value) => value !== null));
+    if (isText([...known])) {
+      const words = [...known], colour = (word) => this.points.colours[word] || OTHERS[words.indexOf(word) % OTHERS.length];
+      return [colour, words.map((word) => [colour(word), word])];
+    }
+    const low = Math.min(...known), high = Math.max(...known), most = Math.max(-low, high);
+    const [stops, from, to] = low < 0 && high > 0 ? [SIGNS, -most, most] : [LIGHTNESS, low, high];
+    const colour = (value) => (value === null ? "transparent" : mixed(stops, (value - from) / (to - from || 1)));
+    const ends = low > high ? [] : [...new Set([low, ...(low < 0 && high > 0 ? [0] : []), high])];
+    return [colour, ends.map((end) => [colour(end), read(end, factor, 4)])];
+  }
+
+  draw() {
+    const column = this.results[this.choice.value], cells = this.cells(column);
+    const [colour, entries] = this.colours(cells.map(([, , value]) => value), column.factor);
+    [this.canvas.width, this.canvas.height] = [this.points.shape[this.x], this.points.shape[this.y]];
+    const context = this.canvas.getContext("2d");
+    for (const [x, y, value] of cells) {
+      context.fillStyle = colour(value);
+      context.fillRect(x, this.canvas.height - 1 - y, 1, 1);
+    }
+    this.legend.replaceChildren(...entries.map(([shade, text]) => {
+      const swatch = element("i");
+      swatch.style.background = shade;
+      return element("span", {}, swatch, text);
+    }));
+    this.tell();
+  }
+
+  tell() {
+    const { points, at, mark, x, y } = this, share = (dim, k) => `${(100 * k) / points.shape[dim]}%`;
+    Object.assign(mark.style, { left: share(x, at[x]), bottom: share(y, at[y]), width: share(x, 1), height: share(y, 1) });
+    for (const [dim, [, input, value]] of this.sliders.entries()) {
+      const axis = points.axis(dim);
+      [input.value, value.textContent] = [at[dim], ` ${axis.head}: ${read(axis.values[at[dim]], axis.factor)}`];
+    }
+    const pairs = points.columns.map((column) => [column.head, read(points.value(column, at), column.factor)]);
+    const list = element("dl", {}, ...pairs.flatMap(([head, text]) => [element("dt", {}, head), element("dd", {}, text)]));
+    const command = points.command ? [element("p", {}, "This point again:"), element("code", {}, points.again(at))] : [];
+    this.cell.replaceChildren(...command, list);
+  }
+}
+
+for (const box of document.querySelectorAll(".map")) new PlaneMap(box);
+
+// Words are flush left, numbers flush right.
+for (const cell of document.querySelectorAll(".numbers :is(td, th)")) {
+  if (!/^[-+<>≤≥]?[\d.]|^-?$/.test(cell.textContent)) cell.classList.add("text");
+}

@@ -1,156 +1,140 @@
-"""The report: one page of every result that is kept, which needs nothing but itself."""
+"""The report: one page of every result, which needs no network and no other file."""
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from hashlib import sha256
-from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
+import pandas as pd
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 import sweeps
-from studies import registry, results
-from studies.cli.output import harmless
-from studies.maps import maps
-from studies.report.answers import answers
-from studies.report.battery import battery
-from studies.report.context import OVERVIEW, Broken, Result, overview, shown, table, why
-from studies.report.explained import explained
-from studies.runner import written
-from sweeps import InputError
+from studies import labels, registry, results, runner, summary
+from studies.parameters import RIG, SCENE
+from studies.report.section import Result, Tell, content, date, reason
+from sweeps import InputError, MissingFileError
 
-SCRIPTS = ("page.js", "filter.js", "table.js", "map.js")
+HERE = Path(__file__).parent
 
 
-def write(
-    names: Sequence[str], out: str | Path | None, file: str | Path | None, warn: Callable[[str], None]
-) -> Path:
-    """Write the page of the studies called `names`, or of all, and of all maps if none is named.
+def write(targets: Sequence[str], out: str | Path | None, file: str | Path | None, tell: Tell) -> Path:
+    """Write the page of some results, or of all of the results folder and of the reference.
 
     Parameters
     ----------
-    names : sequence of str
-        Studies, or paths of netCDF files.
+    targets : sequence of str
+        Studies or maps by name, or paths of netCDF files; all if it is empty.
     out : str or Path, optional
         The results folder.
     file : str or Path, optional
         The page; by default `report.html` in the results folder.
-    warn : callable
-        Given a line for each file that cannot be shown.
+    tell : callable
+        Given a line for all results that are the reference's, and for each thing that cannot be shown.
+
+    Returns
+    -------
+    Path
+        The page.
 
     Raises
     ------
-    ValueError
-        For an unknown study, or where there is nothing to show.
+    InputError
+        For an unknown name, or if nothing can be shown.
     StoreError
         If the page cannot be written.
     """
-    contents, missing, broken = gather(names, out)
     folder = results.results_folder(out)
+    names = [registry.resolve(each).name if results.is_script(each) else each for each in dict.fromkeys(targets)]
+    contents, broken = opened(names or everything(folder), out, tell)
     if not contents:
-        begin = results.command("run", [*missing, ""][0], out)
-        nothing = f"{folder}: nothing of this has been computed there yet; begin with: {begin}"
-        raise InputError(broken[0].line if broken else nothing)
-    target = registry.expanded(file) if file else folder / "report.html"
-    whole = page(contents, missing, out, broken)
-    for each in broken:
-        warn(each.line)
-    with written(target) as temporary:
-        temporary.write_text(whole, encoding="utf-8", newline="\n")
+        raise InputError(broken[0])
+    if notice := of_reference(contents):
+        tell(notice)
+    target = results.expanded(file) if file else folder / "report.html"
+    whole = page(contents, broken, tell)
+    with runner.written(target) as temporary:
+        temporary.write_text(whole, encoding="utf-8", errors="backslashreplace", newline="\n")
     return target
 
 
-def gather(names: Sequence[str], out: str | Path | None) -> tuple[list[Result], list[str], list[Broken]]:
-    """The results there are, in the order of the studies; the studies there are none of; what cannot be shown."""
-    kept_maps = sorted(map(str, (results.results_folder(out) / maps.NAME).glob("*.nc")))
-    contents, missing, broken = list[Result](), list[str](), list[Broken]()
-    at_points = [f"{name}{suffix}" for name in registry.names() for suffix in registry.SUFFIXES]
-    at_points = [name for name in at_points if results.is_there(results.file_of(name, out))]
-    for target in dict.fromkeys(names or [*registry.names(), *at_points, *kept_maps]):
-        file = results.results_file(target, out)
+def everything(folder: Path) -> list[str]:
+    """Every result of a folder in the order of the studies, and the reference of studies that it lacks."""
+    own, order, reference = results.stored(folder), registry.names(), results.reference_folder(folder)
+    if not own:
+        show = f"; show the reference with: fiv report --out {reference} --file report.html"
+        lacks = "has no result" if folder.is_dir() else "does not exist"
+        begin = results.command("run", "fig5", None if folder == Path("results") else folder)
+        raise InputError(f"{folder}: the folder {lacks}; begin with: {begin}{show if reference.is_dir() else ''}")
+    own.sort(key=lambda file: order.index(file.stem) if file.stem in order else len(order))
+    others = (results.file_of(name, reference) for name in order if name not in {file.stem for file in own})
+    return [str(file) for file in (*own, *others) if sweeps.Store(file).exists()]
+
+
+def opened(names: Sequence[str], out: str | Path | None, tell: Tell) -> tuple[list[Result], list[str]]:
+    """The results, and for each file that is none a line with the reason, which is told too."""
+    contents, broken = list[Result](), list[str]()
+    for name in names:
+        file = results.results_file(name, out)
         try:
-            dataset = results.open_dataset(target, out)
-            study = results.study_of(dataset, str(file))
-            own = None if results.is_path(target) else out
-            contents.append(Result(study, dataset, file, sweeps.status(file).state, target, own))
-        except FileNotFoundError:
-            if target not in registry.names():
-                raise
-            missing.append(target)
-        except KeyError:
-            broken.append(Broken(target, f"{file}: it is not the result of a study"))
-        except Exception as problem:  # noqa: BLE001 - a file that is no result takes no other with it
-            broken.append(Broken(target, why(problem)))
-    return contents, missing, broken
+            dataset = results.open_dataset(name, out)
+            contents.append(Result(runner.study_of(dataset, str(file)), dataset, file, sweeps.status(file).state))
+        except MissingFileError:
+            raise
+        except Exception as problem:  # noqa: BLE001 - a bad file, or a study that fails to load, is named on the page
+            why = reason(problem)
+            broken.append(why if str(file) in why else f"{file}: {why}")
+            tell(broken[-1])
+    return contents, broken
 
 
-def page(
-    contents: Sequence[Result],
-    missing: Sequence[str],
-    out: str | Path | None = None,
-    broken: list[Broken] | None = None,
-) -> str:
-    """The whole page; the same results give the same bytes. What turns out to be `broken` is added there."""
-    broken = [] if broken is None else broken
-    whole = []
+def of_reference(contents: Sequence[Result]) -> str:
+    """A line that names the studies which are shown by the reference; "" if none is."""
+    studies = [result for result in contents if result.name in registry.names()]
+    theirs = [result.name for result in studies if result.is_reference]
+    return f"{len(theirs)} of {len(studies)} studies are the reference's: {', '.join(theirs)}" if theirs else ""
+
+
+def page(contents: Sequence[Result], broken: Sequence[str], tell: Tell) -> str:
+    """The whole page; equal results give equal pages."""
+    sections = list[tuple[Result, dict[str, Any]]]()
     for result in contents:
-        try:
-            whole.append((result, overview(result), shown(result), answers(result.study.name, result.dataset)))
-        except Exception as problem:  # noqa: BLE001 - a file or a study of one's own takes no other section with it
-            broken.append(Broken(result.target, f"{result.file}: {why(problem)}"))
-    titles = {result.study.name: (result.anchor, result.title) for result, *_ in reversed(whole)}
-    findings = {result.study.name: each for result, _, _, each in reversed(whole)}
-    names = dict(
-        [("found", "What we found")] * any(findings.values())
-        + [("rig", "Rig, symbols, regimes"), ("overview", "Overview")]
-        + [(result.anchor, result.short) for result, *_ in whole]
-        + [(each.anchor, each.title) for each in broken]
-        + [("missing", "Not run yet")] * bool(missing)
-    )
-    environment = Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined, finalize=_harmless
-    )
-    environment.policies["json.dumps_function"] = lambda data, **options: json.dumps(_harmless(data), **options)
+        with results.reading(result.file):
+            sections.append((result, content(result, tell)))
+    environment = Environment(autoescape=True, undefined=StrictUndefined, loader=FileSystemLoader(HERE))
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    style, script = _own("page.css"), "\n".join(map(_own, SCRIPTS))
-    return environment.from_string(_own("page.html.j2")).render(
-        results=[(result, parts) for result, _, parts, _ in whole],
-        overview=table(OVERVIEW, [row for _, row, _, _ in whole], "What is in this page"),
-        newest=max((result.made for result, *_ in whole), default=""),
-        battery=battery(out),
-        index=names.items(),
-        answers=[(*titles[name], each) for name in registry.MODULES for each in findings.get(name, ())],
-        explained=(words := explained()),
-        symbols=table(("symbol or name", "meaning", "the paper's value"), words["symbols"], "Symbols and names"),
-        rig=_own("rig.svg"),
+    style, script = ((HERE / name).read_text("utf-8") for name in ("page.css", "page.js"))
+    own, theirs = ([each for each in sections if each[0].is_reference is kind] for kind in (False, True))
+    groups = {"Your results": own, "The project's results": theirs}
+    return environment.get_template("page.html.j2").render(
+        groups={name: group for name, group in groups.items() if group},
+        findings=[(result, made["finding"]) for result, made in theirs if made["finding"]],
+        notice=of_reference(contents),
+        newest=date(max(result.stamp for result in contents)),
         broken=broken,
-        missing=[(registry.load(name), results.command("run", name, out)) for name in missing],
-        style=style,
-        style_digest=_digest(style),
-        script=script,
-        script_digest=_digest(script),
+        rig=Markup((HERE / "rig.svg").read_text("utf-8")),
+        symbols=Markup(summary.html(symbols())),
+        library=b64encode(datatables("js").encode()).decode(),
+        styles=[Markup(datatables("css")), Markup(style)],
+        script=Markup(script),
+        digest=b64encode(sha256(script.encode()).digest()).decode(),
     )
 
 
-def _harmless(value: Any) -> Any:
-    """A value for the page, without what turns the direction of texts round; the page's own stays."""
-    if isinstance(value, str) and not isinstance(value, Markup):
-        return harmless(value)
-    if isinstance(value, dict):
-        return {_harmless(key): _harmless(each) for key, each in value.items()}
-    return [_harmless(each) for each in value] if isinstance(value, (list, tuple)) else value
+def datatables(kind: str) -> str:
+    """Script or style of DataTables, from the bundle that itables brings for pages without a network."""
+    found: Any = find_spec("itables")  # its import would read the user's configuration of notebooks
+    return (Path(found.origin).parent / "html" / f"dt_bundle.{kind}").read_text("utf-8")
 
 
-def _own(name: str) -> str:
-    """A file of this package."""
-    return files("studies.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _digest(text: str) -> str:
-    """How the page's policy names a style or script: those with another digest count for nothing."""
-    return "sha256-" + b64encode(sha256(text.encode()).digest()).decode()
+def symbols() -> pd.DataFrame:
+    """Every parameter of a scene and its rig, with the paper's value."""
+    rows = [
+        (labels.SYMBOLS.get(name, name), p.text, labels.named(name, p.default, p.units).partition(" = ")[2])
+        for name, p in (SCENE | RIG).items()
+    ]
+    return pd.DataFrame(rows, columns=["parameter", "meaning", "the paper's value"])

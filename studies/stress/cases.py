@@ -1,28 +1,92 @@
-"""Cases of the battery as data, one row each, by groups.
-
-A case is the operating point with something driven to an edge. Where the edge is the method's own (its largest
-step, its critical friction), the row says which share of it; `studies.stress.ask` computes the limit. A run must
-pass every check of `studies.stress.checks`; what a method cannot do it must refuse, naming the argument.
-"""
+"""Cases of the battery as data, by groups: the operating point with something driven to an edge."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from typing import Any
 
-from fivcore import Rig
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from fivcore import Rig, Scene
+from fivcore.beams.modes import propagator
+from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model
+from fivcore.transient.statistics import SEPARATION as OPEN
+from fivcore.transient.statistics import SLIP, STICK
 from studies import paper
-from studies.stress.starts import NO_STATES, STARTS
+
+# How far a tip rings whose path touches P2, m; half the duration of a blow, s.
+RINGING, BLOW = 1e-6, 2e-6
+
+
+def _equilibrium(scene: Scene, force: float, gap: float = 0.0) -> tuple[ReducedModel, int, Any]:
+    """All modes, the rigid one, and rest under the load and a contact force (N), with a gap (m)."""
+    full = full_model(scene.rig, scene.drive_theta)
+    elastic = full.stiffness > 0.0
+    rigid = int(np.flatnonzero(~elastic)[0])
+    # Modal force of the unit load on A.
+    load = np.where(elastic, full.stiffness * full.rest - full.normal, -full.normal)
+    q = np.zeros(len(full.stiffness))
+    q[elastic] = (scene.F * load + force * full.normal)[elastic] / full.stiffness[elastic]
+    q[rigid] = (gap - full.normal @ q) / full.normal[rigid]
+    return full, rigid, q
+
+
+def _at_rest(
+    scene: Scene, _: Any, contact: int, force: float = 0.0, gap: float = 0.0, fall: float = 0.0, along: float = 0.0
+) -> Any:
+    """Equilibrium with a contact force, in units of the load; P1 falls, or its lowest mode along P2 moves."""
+    full, rigid, q = _equilibrium(scene, force * scene.F, gap)
+    v, mode = np.zeros_like(q), int(np.flatnonzero(full.tangential)[0])
+    v[rigid] = -fall / full.normal[rigid]
+    v[mode] = along / full.tangential[mode]
+    return q, v, contact
+
+
+def _struck(scene: Scene, _: Any, shape: str, n: int | None = None) -> Any:
+    """All modes as after a blow on both surfaces that gives them a relative speed of 10 m/s."""
+    full, _, q = _equilibrium(scene, scene.F)
+    direction = getattr(full, shape)
+    # A Gauss pulse: one without duration would put most of its energy into the mesh's fastest modes.
+    v = direction * np.exp(-0.5 * full.stiffness * BLOW**2)
+    return q[:n], 10.0 / float(direction @ v) * v, SLIP
+
+
+def _tangent(scene: Scene, kept: Any, above: float) -> Any:
+    """P1 falling and ringing so that its first least gap is `above` times its amplitude; modes not kept rest."""
+    full, rigid, q = _equilibrium(scene, 0.0)
+    q = np.where(kept, q, 0.0)
+    p1 = np.arange(len(q)) <= 3 * scene.rig.p1.elements
+    # It rings in the mode below the usual cut-off that moves the tip most.
+    low = full.stiffness < (2.0 * np.pi * default_cutoff(scene.rig)) ** 2
+    mode = int(np.argmax(np.abs(full.normal) * (p1 & low & (full.stiffness > 0.0))))
+    k, c = full.stiffness[[mode]], full.damping[[mode]]
+    fall = scene.F * full.normal[rigid] ** 2
+
+    def path(t: float) -> float:
+        drag = full.damping[rigid] * t
+        # To the fourth power of t, enough for a period of the ringing.
+        fallen = 0.5 * fall * t * t * (1.0 - drag / 3.0 + drag * drag / 12.0)
+        return float(RINGING * propagator(k, c, t)[0, 0] - fallen)
+
+    period = 2.0 * np.pi / float(np.sqrt(k[0]))
+    # The path is flat there: a time good to half of all digits is a place good to all.
+    digits = {"xatol": 1e-9 * period}
+    least = minimize_scalar(path, bounds=(0.25 * period, 0.75 * period), method="bounded", options=digits)
+    q[mode] += RINGING / full.normal[mode]
+    q[rigid] = 0.0
+    q[rigid] = ((1.0 + above) * RINGING - float(least.fun) - full.normal @ q) / full.normal[rigid]
+    return q, np.zeros_like(q), OPEN
+
 
 METHODS = ("fast", "exact", "paper")
 PASSES, VALUE, CONTACT, DIVERGENCE = EXPECTED = ("passes", "ValueError", "ContactError", "DivergenceError")
-NAN, INFINITE = float("nan"), float("inf")
-PAPERS = Rig()
+NAN, INFINITE, PAPERS = float("nan"), float("inf"), Rig()
 # Ten times the paper's middle speed: first slip after 8 ms, the first burst 3 ms later, bursts from then on.
-POINT = {"V": 20e-3, "theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD}
-DURATION = 30e-3
+POINT, DURATION = {"V": 20e-3, "theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD}, 30e-3
 
 
 @dataclass(frozen=True)
@@ -30,17 +94,17 @@ class Case:
     """One task for every method."""
 
     name: str
-    asks: str  # for a reader
+    task: str  # for a reader
     scene: Mapping[str, float] = field(default_factory=dict)  # what differs from POINT
     run: Mapping[str, Any] = field(default_factory=dict)  # further arguments of `simulate`, `duration` among them
     rig: Rig = PAPERS
-    edge: str = ""  # one of `studies.stress.ask.LIMITS`, of which `share` is asked
+    edge: str = ""  # one of `checks.LIMITS`, of which `share` is taken
     share: float = 1.0
     slips_at: float = 0.0  # s: V is such that by then the drive has moved what a contact at rest yields
-    start: str = ""  # one of STARTS; "": rest under the load
+    start: Callable[..., Any] | None = None  # `start(scene, kept)`: modal displacements, velocities, contact state
     expected: str | Mapping[str, str] = PASSES  # one of EXPECTED, for all methods or by method (others: PASSES)
     names: str = ""  # the argument that a refusal must name
-    not_asked: Mapping[str, str] = field(default_factory=dict)  # methods, and why
+    excluded: Mapping[str, str] = field(default_factory=dict)  # methods that it does not apply to, and why
     copy: bool = False  # whether the motion is that of POINT in another size or in a mirror
     group: str = ""
 
@@ -49,126 +113,133 @@ class Case:
         return self.expected if isinstance(self.expected, str) else self.expected.get(method, PASSES)
 
 
-def _numbers(number: str, name: str, asks: str, *values: float, **more: Any) -> Any:
-    """A case for each value of a number of the scene, which stands in its name and in what it asks."""
-    also = more.pop("also", {})
-    return [Case(name.format(v), asks.format(v), also | {number: v}, names=number, **more) for v in values]
+def _begun(name: str, task: str, build: Any = _at_rest, expected: str = PASSES, **values: Any) -> Case:
+    """A case that begins in a state; None: rest under the load."""
+    return Case(
+        name, task, {}, {"duration": 20e-3}, start=partial(build, **values), expected=expected, names="initial"
+    )
 
 
-def _rig(name: str, asks: str, rig: Rig, duration: float = 12e-3, **more: Any) -> Case:
+def _numbers(number: str, name: str, task: str, *values: float, also: Any = None, **more: Any) -> list[Case]:
+    """A case for each value of a number of the scene, which its name and its task contain."""
+    scenes = [dict(also or {}) | {number: value} for value in values]
+    return [Case(name.format(x[number]), task.format(x[number]), x, names=number, **more) for x in scenes]
+
+
+def _rig(name: str, task: str, rig: Rig, duration: float = 12e-3, **more: Any) -> Case:
     """A rig at a speed at which it slips soon; stiff or fine beams need shorter steps of the published scheme."""
     soon: dict[str, Any] = {"edge": "fitting step", "share": 0.9, "slips_at": 1.5e-3}
-    return Case(name, asks, run={"duration": duration}, rig=rig, **soon, **more)
+    return Case(name, task, run={"duration": duration}, rig=rig, **soon, **more)
 
 
 def _beams(word: str, number: str, factor: float, *beams: str) -> Case:
     """A number of some beams multiplied; the contact stays at the same share of P2's length."""
-    scaled = {beam: getattr(PAPERS, beam) for beam in beams}
-    scaled = {beam: replace(own, **{number: factor * getattr(own, number)}) for beam, own in scaled.items()}
+    old = {beam: getattr(PAPERS, beam) for beam in beams}
+    scaled = {beam: replace(part, **{number: factor * getattr(part, number)}) for beam, part in old.items()}
     position = scaled.get("p2", PAPERS.p2).length / PAPERS.p2.length * PAPERS.contact_position
-    who, called = " and ".join(map(str.upper, beams)), {"young_modulus": "Young's modulus"}.get(number, number)
+    who, text = " and ".join(map(str.upper, beams)), "Young's modulus" if number == "young_modulus" else number
     rig = replace(PAPERS, contact_position=position, **scaled)
-    return _rig(f"{word} {who}", f"{called} of {who} times {factor:g}", rig)
+    return _rig(f"{word} {who}", f"{text} of {who} times {factor:g}", rig)
 
 
-def _mesh(asks: str, p1: int, p2: int, **more: Any) -> Case:
-    rig = replace(PAPERS, p1=replace(PAPERS.p1, elements=p1), p2=replace(PAPERS.p2, elements=p2))
-    return _rig(f"{p1} and {p2} elements", asks, rig, **more)
-
-
-# Methods that a case is not asked of, and why.
+# Methods that a case does not apply to, and why.
 NO_STEP = {"exact": "it has no step to be stable: its grid is only where statistics are read"}
-OWN_MODES = {"paper": "it keeps all modes: it has no cut-off and no termination"}
+ALL_MODES = {"paper": "it keeps all modes: it has no cut-off and no termination"}
 ABSORBING = {"exact": "it needs the absorbing element and refuses another termination"}
 ENDS_EARLY = dict.fromkeys(("exact", "paper"), "only 'fast' ends a run early")
 # Cases that would take these methods longer than some 10 s of a core.
-TOO_EXPENSIVE = {
-    "long P2": ("exact",),
-    "absorbing, cut-off 1000 kHz": ("exact",),
-    "1 s, vibrating": ("paper",),
-} | dict.fromkeys(("100 s, vibrating", "100 s, sliding", "100 s, stuck"), ("exact", "paper"))
-# What "exact" says where one mode of a regime is slower than the others by ten orders of magnitude; and of a mesh
-# so coarse that the reduced model keeps every mode and needs no element.
+TOO_EXPENSIVE: Any = dict.fromkeys(("100 s, vibrating", "100 s, sliding", "100 s, stuck"), ("exact", "paper"))
+TOO_EXPENSIVE |= {"long P2": ("exact",), "absorbing, cut-off 1000 kHz": ("exact",), "1 s, vibrating": ("paper",)}
+# What "exact" says where one mode is slower by ten orders of magnitude; where a reduced model keeps every mode.
 TOO_SLOW: dict[str, Any] = {"expected": {"exact": DIVERGENCE}}
 NO_ELEMENT: dict[str, Any] = {"expected": {"exact": VALUE}, "names": "cutoff"}
-BRIEF = {"duration": 10e-3}
+AT_REST: Any = {"force": 1.0}
+BLOWN, ALONG = "all modes as after a blow of 4 us", "P1's tip moving along P2 at {} as contact is made"
 MU = ("mu", "mu = {:g}", "a coefficient of friction of {:g}")
 THETA = ("theta", "theta = {:g}°", "P1 at {:g} degrees")
-DRIVE, LOAD = "a drive of {:g} m/s", "a load of {:g} N"
+DRIVE, FORCE, T, BRIEF = "a drive of {:g} m/s", "a load of {:g} N", "tangential", {"duration": 10e-3}
+CRITICAL = "times the coefficient of friction at which the contact force stops being unique,"
+LARGEST = "the largest coefficient of friction that a scene takes, where nothing couples the directions"
+SAME, SCALED = "the same motion", "at the operating point's V / F"
+TOUCHING = "a cut-off above all modes: the finite elements themselves, touching rigidly"
+REACH = "a contact point moving {:g} times as long as it takes to reach {} from nearby, at 1 m/s"
+FASTEST = "a cut-off that leaves out the fastest modes alone, termination"
 
 GROUPED: dict[str, list[Case]] = {
-    "step": [
-        Case(f"step {share:g} of the largest", f"a step of {share:g} times the largest stable one", edge="step",
-             share=share, expected=VALUE if share > 1.0 else PASSES, names="step", not_asked=NO_STEP)
-        for share in (0.5, 0.9, 0.999, 1.001, 1.5)
-    ],
+    "step": [Case(f"step {x:g} of the largest", f"a step of {x:g} times the largest stable one", edge="step",
+                  share=x, expected=VALUE if x > 1.0 else PASSES, names="step", excluded=NO_STEP)
+             for x in (0.5, 0.9, 0.999, 1.001, 1.5)],
     "friction": [
         *_numbers(*MU, 0.0, 1e-12),
         *_numbers(*MU, 1.0, 2.0, also={"V": 1.0}, run=BRIEF),
-        *(Case(f"{share:.7g} of critical mu, {theta:g}°",
-               f"{share:.7g} times the coefficient of friction at which the contact force stops being unique, "
-               f"at {theta:g} degrees and 1 m/s",
+        *(Case(f"{share:.7g} of critical mu, {theta:g}°", f"{share:.7g} {CRITICAL} at {theta:g} degrees and 1 m/s",
                # "exact" says so where slip would grow faster than events may follow each other.
                {"V": 1.0, "theta": theta}, BRIEF, edge="mu", share=share, names="mu",
                expected=CONTACT if share > 1.0 else {"exact": CONTACT} if 1.0 - share < 1e-6 else PASSES)
           for theta, share in product((5.0, 20.0, -20.0), (0.5, 0.999, 0.9999999, 1.001))),
-        Case("mu = 1e6, upright",
-             "the largest coefficient of friction that a scene takes, where nothing couples the directions",
-             {"mu": 1e6, "theta": 0.0, "V": 1.0}, BRIEF),
-        *_numbers(*MU, -0.1, NAN, expected=VALUE),
-    ],
+        Case("mu = 1e6, upright", LARGEST, {"mu": 1e6, "theta": 0.0, "V": 1.0}, BRIEF),
+        *_numbers(*MU, -0.1, NAN, expected=VALUE)],
     "angle": [
         *_numbers(*THETA, 0.0, 5.0, -5.0, 60.0, -60.0, 89.0, 89.9999, -89.9999),
-        *_numbers(*THETA, 90.0, -91.0, NAN, expected=VALUE),
-    ],
+        *_numbers(*THETA, 90.0, -91.0, NAN, expected=VALUE)],
     "speed": [
         *_numbers("V", "V = {:g} m/s", DRIVE, 1e-9, 1e-3, 1.0, -POINT["V"]),
-        Case("in the mirror", "V and theta of the other sign: the same motion",
+        Case("in the mirror", f"V and theta of the other sign: {SAME}",
              {"V": -POINT["V"], "theta": -POINT["theta"]}, copy=True),
-        *_numbers("V", "V = {:g}", DRIVE, 0.0, INFINITE, NAN, expected=VALUE),
-    ],
+        *_numbers("V", "V = {:g}", DRIVE, 0.0, INFINITE, NAN, expected=VALUE)],
     "load": [
-        *(Case(f"F = {F:g} N, same V/F",
-               f"a load of {F:g} N at the operating point's V / F: the same motion in another size",
-               {"F": F, "V": POINT["V"] * F / POINT["F"]}, copy=True)
-          for F in (1e-3, 1.0, 1e6)),
-        *_numbers("F", "F = {:g} N", LOAD, 1e-3, 1e6),
-        *_numbers("F", "F = {:g}", LOAD, 0.0, -9.0, NAN, expected=VALUE),
-        *(Case(f"{share:g} of the {edge} V/F", f"{share:g} times the {edge} V / F that is resolved",
-               edge=f"{edge} V/F", share=share, expected=expected, names="V / F")
-          for edge, share, expected in (("least", 1.001, PASSES), ("least", 0.999, VALUE),
-                                        ("largest", 0.999, PASSES), ("largest", 1.001, VALUE))),
-    ],
-    **{
-        group: [
-            Case(name, start.asks, run={} if name in NO_STATES else {"duration": 20e-3}, start=name,
-                 expected=VALUE if name in NO_STATES else PASSES, names="initial")
-            for name, start in STARTS.items() if start.group == group
-        ]
-        for group in ("grazing", "release", "catch", "first state")
-    },
+        *(Case(f"F = {F:g} N, same V/F", f"a load of {F:g} N {SCALED}: {SAME} in another size",
+               {"F": F, "V": POINT["V"] * F / POINT["F"]}, copy=True) for F in (1e-3, 1.0, 1e6)),
+        *_numbers("F", "F = {:g} N", FORCE, 1e-3, 1e6),
+        *_numbers("F", "F = {:g}", FORCE, 0.0, -9.0, NAN, expected=VALUE),
+        *(Case(f"{x:g} of the {edge} V/F", f"{x:g} times the {edge} V / F that is resolved", edge=f"{edge} V/F",
+               share=x, expected=PASSES if (x > 1.0) == (edge == "least") else VALUE, names="V / F")
+          for edge, x in (("least", 1.001), ("least", 0.999), ("largest", 0.999), ("largest", 1.001)))],
+    "grazing": [
+        _begun("touching", "P1 unloaded, just touching and at rest, when the load comes on", contact=OPEN),
+        _begun("vanishing impact", "an impact at 1 nm/s from a gap of 1 pm", contact=OPEN, gap=1e-12, fall=1e-9),
+        _begun("tangent", "a ringing tip whose path touches P2 without a closing speed", _tangent, above=0.0),
+        _begun("tangent, missed", "the same path a trillionth of its size higher", _tangent, above=1e-12),
+        _begun("tangent, met", "the same path a trillionth of its size lower", _tangent, above=-1e-12)],
+    "release": [
+        _begun("preload 100 F", "rest under a hundred times the load, released", contact=STICK, force=1e2),
+        _begun("preload 10000 F", "rest under ten thousand times the load, released", contact=STICK, force=1e4)],
+    "catch": [
+        _begun("thrown at 1 m/s", "P1 thrown onto P2 at 1 m/s", contact=OPEN, gap=1e-6, fall=1.0),
+        _begun("thrown at 100 m/s", "P1 thrown onto P2 at 100 m/s", contact=OPEN, gap=1e-6, fall=100.0),
+        _begun("along at 10 m/s", ALONG.format("10 m/s"), contact=SLIP, along=10.0, **AT_REST),
+        _begun("along at 1 km/s", ALONG.format("1 km/s"), contact=SLIP, along=1e3, **AT_REST),
+        _begun("struck along", f"{BLOWN} along P2 that leaves the contact slipping at 10 m/s", _struck, shape=T),
+        _begun("struck across", f"{BLOWN} across P2 that opens the contact at 10 m/s", _struck, shape="normal")],
+    "first state": [
+        _begun("rest, separation", "rest under the load, begun in separation", contact=OPEN, **AT_REST),
+        _begun("rest, stick", "rest under the load, begun in stick", contact=STICK, **AT_REST),
+        _begun("rest, slip", "rest under the load, begun in slip", contact=SLIP, **AT_REST),
+        _begun("open, stick", "a gap of 1 um, begun in stick", contact=STICK, gap=1e-6),
+        _begun("open, slip", "a gap of 1 um, begun in slip", contact=SLIP, gap=1e-6),
+        _begun("too few modes", "displacements of one mode less than the rig has", _struck, VALUE, shape=T, n=-1),
+        _begun("not a number", "a modal velocity that is not a number", contact=STICK, fall=NAN, expected=VALUE),
+        _begun("no such state", "the contact state 3", contact=3, expected=VALUE, **AT_REST)],
     "rig": [
         *(_beams(word, "young_modulus", factor, *beams)
           for word, factor in (("stiff", 100.0), ("soft", 0.01)) for beams in (("p1",), ("p2",), ("p1", "p2"))),
-        *(_beams(word, "length", factor, beam) for word, factor in (("long", 10.0), ("short", 0.1))
-          for beam in ("p1", "p2")),
-        *(_beams(word, "thickness", factor, beam) for word, factor in (("thick", 10.0), ("thin", 0.1))
-          for beam in ("p1", "p2")),
-        _mesh("beams of 1 elements", 1, 1, **NO_ELEMENT),
-        _mesh("beams of 3 elements", 3, 3, **NO_ELEMENT),
-        _mesh("P1 of 3 elements, P2 of 90", 3, 90),
-        _mesh("P1 of 30 elements, P2 of 3", 30, 3),
-        # Thrown together, for it cannot run for long.
-        _mesh("beams of 400 elements, P1 thrown onto P2 at 1 m/s", 400, 400,
-              duration=0.2e-3, start="thrown at 1 m/s"),
+        *(_beams(word, number, factor, beam) for number, words in (("length", ("long", "short")),
+                                                                   ("thickness", ("thick", "thin")))
+          for word, factor in zip(words, (10.0, 0.1), strict=True) for beam in ("p1", "p2")),
+        # The finest is thrown together, for it cannot run for long.
+        *(_rig(f"{p1} and {p2} elements", task, Rig.of(p1_elements=p1, p2_elements=p2), **more)
+          for p1, p2, task, more in (
+              (1, 1, "beams of 1 elements", NO_ELEMENT), (3, 3, "beams of 3 elements", NO_ELEMENT),
+              (3, 90, "P1 of 3 elements, P2 of 90", {}), (30, 3, "P1 of 30 elements, P2 of 3", {}),
+              (400, 400, "beams of 400 elements, P1 thrown onto P2 at 1 m/s",
+               {"duration": 2e-4, "start": partial(_at_rest, contact=OPEN, gap=1e-6, fall=1.0)}))),
         _rig("no head", "no mass at A", Rig(head_mass=0.0)),
         _rig("head of 1 mg", "a head of 1 mg", Rig(head_mass=1e-6)),
         _rig("head of 1 t", "a head of 1000 kg", Rig(head_mass=1e3)),
         _rig("head of 1e9 kg", "a head of 1e9 kg", Rig(head_mass=1e9), **TOO_SLOW),
         _rig("contact 1 um from the clamp", "the contact 1 um from P2's clamp", Rig(contact_position=1e-6)),
         _rig("contact 1 mm from the clamp", "the contact 1 mm from P2's clamp", Rig(contact_position=1e-3)),
-        _rig("contact at the free end", "the contact at P2's free end", Rig(contact_position=0.15)),
-    ],
+        _rig("contact at the free end", "the contact at P2's free end", Rig(contact_position=0.15))],
     "damping": [
         _rig("no damping", "d1 = d2 = 0", Rig(d1=0.0, d2=0.0)),
         _rig("d2 = 0", "no damping on the stiffness", Rig(d2=0.0)),
@@ -176,54 +247,40 @@ GROUPED: dict[str, list[Case]] = {
         _rig("d1 = 5e4 1/s", "a damping on the mass of 5e4 1/s", Rig(d1=5e4)),
         _rig("d1 = 1e7 1/s", "a damping on the mass of 1e7 1/s", Rig(d1=1e7), **TOO_SLOW),
         _rig("d2 = 1 us", "a damping on the stiffness of 1 us", Rig(d2=1e-6)),
-        _rig("d2 = 100 us", "a damping on the stiffness of 100 us", Rig(d2=1e-4)),
-    ],
+        _rig("d2 = 100 us", "a damping on the stiffness of 100 us", Rig(d2=1e-4))],
     "drive": [
         *(Case(f"ramp {ramp:g} s", f"a ramp of {ramp:g} s", run={"ramp": ramp, "duration": 20e-3})
           for ramp in (0.0, 1e-9, 1e-6, 10.0, 1e3)),
         *(Case(f"ramp {ramp:g}", f"a ramp of {ramp:g} s", run={"ramp": ramp}, expected=VALUE, names="ramp")
-          for ramp in (-1e-3, 1e-12)),
-    ],
+          for ramp in (-1e-3, 1e-12))],
     "long": [
         Case("100 s, vibrating", "100 s at 5 mm/s", {"V": 5e-3}, {"duration": 100.0}),
         Case("1 s, vibrating", "1 s at 5 mm/s", {"V": 5e-3}, {"duration": 1.0}),
         Case("100 s, sliding", "100 s of steady sliding", {"theta": -5.0}, {"duration": 100.0}),
         Case("10 s, every step", "10 s of sliding in which all vibration dies, every step taken",
-             {"theta": -5.0}, {"duration": 10.0, "end_early": False}, not_asked=ENDS_EARLY),
-        Case("100 s, stuck", "100 s at a drive that never slips", {"V": 1e-9}, {"duration": 100.0}),
-    ],
+             {"theta": -5.0}, {"duration": 10.0, "end_early": False}, excluded=ENDS_EARLY),
+        Case("100 s, stuck", "100 s at a drive that never slips", {"V": 1e-9}, {"duration": 100.0})],
     "moving contact": [
-        Case(f"to {end}, {share:g} of the way",
-             f"a contact point moving {share:g} times as long as it takes to reach {end} from nearby, at 1 m/s",
-             {"V": 1.0}, {"contact_motion": motion}, Rig(contact_position=position), "reach", share,
-             expected=dict.fromkeys(METHODS if share > 1.0 else ("exact",), VALUE),
-             names="duration" if share > 1.0 else "contact_motion")
+        Case(f"to {end}, {share:g} of the way", REACH.format(share, end), {"V": 1.0}, {"contact_motion": motion},
+             Rig(contact_position=position), "reach", share, expected=dict.fromkeys(methods, VALUE), names=names)
         for motion, end, position in ((-1, "P2's clamp", 0.012), (1, "P2's free end", 0.14))
-        for share in (0.999, 1.001)
-    ],
+        for share, methods, names in ((0.999, ("exact",), "contact_motion"), (1.001, METHODS, "duration"))],
     "termination": [
         *(Case(f"termination {kind}", f"the termination {kind!r}", run={"termination": kind},
-               expected={"exact": VALUE}, names="termination", not_asked=OWN_MODES)
+               expected={"exact": VALUE}, names="termination", excluded=ALL_MODES)
           for kind in ("elastic", "none")),
-        *(Case(f"{share:g} of the least cut-off, {kind}",
-               f"{share:g} times the least cut-off, termination {kind!r}",
-               run={"termination": kind}, edge="cutoff", share=share,
-               expected={"paper": VALUE} if share > 1.0 else VALUE, names="cutoff", not_asked=reason)
-          for kind, reason in (("absorbing", {}), ("none", ABSORBING)) for share in (0.999, 1.001, 30.0)),
-        *(Case(f"{kind}, cut-off {cutoff / 1e3:g} kHz",
-               f"a cut-off that leaves out the fastest modes alone, termination {kind!r}",
-               run={"termination": kind, "cutoff": cutoff, "duration": duration}, not_asked=OWN_MODES | reason)
+        *(Case(f"{x:g} of the least cut-off, {kind}", f"{x:g} times the least cut-off, termination {kind!r}",
+               run={"termination": kind}, edge="cutoff", share=x,
+               expected={"paper": VALUE} if x > 1.0 else VALUE, names="cutoff", excluded=reason)
+          for kind, reason in (("absorbing", {}), ("none", ABSORBING)) for x in (0.999, 1.001, 30.0)),
+        *(Case(f"{kind}, cut-off {cutoff / 1e3:g} kHz", f"{FASTEST} {kind!r}",
+               run={"termination": kind, "cutoff": cutoff, "duration": duration}, excluded=ALL_MODES | reason)
           for kind, cutoff, duration, reason in (("absorbing", 3e5, 20e-3, {}), ("elastic", 3e5, 20e-3, ABSORBING),
                                                  ("absorbing", 1e6, 12e-3, {}))),
-        Case("every mode, no element",
-             "a cut-off above all modes: the finite elements themselves, touching rigidly",
-             {"V": 1.0}, {"cutoff": 1e9, "duration": 4e-3},
-             expected={"exact": VALUE}, names="cutoff", not_asked=OWN_MODES),
-    ],
-    "record": [
-        Case("too many samples", "a record of more samples than may be", run={"record": True, "duration": 10.0},
-             edge="samples", share=1.001, expected=VALUE, names="sample_rate"),
-    ],
+        Case("every mode, no element", TOUCHING, {"V": 1.0}, {"cutoff": 1e9, "duration": 4e-3},
+             expected={"exact": VALUE}, names="cutoff", excluded=ALL_MODES)],
+    "record": [Case("too many samples", "a record of more samples than may be", edge="samples", share=1.001,
+                    run={"record": True, "duration": 10.0}, expected=VALUE, names="sample_rate")],
 }  # fmt: skip
 
 CASES = {case.name: replace(case, group=group) for group, cases in GROUPED.items() for case in cases}

@@ -1,113 +1,280 @@
-"""How a run under stress is judged: each check gives a number and the bound that it must not exceed.
-
-It gives (value, bound), or None where it does not apply. It passes where value <= bound; NaN never does.
-"""
+"""Runs under stress: what a case is for a method, its limits and refusals, and the checks of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fivcore import Transient
-from fivcore.contact.reduced import ReducedModel, reduced_model
-from fivcore.transient import published
-from fivcore.transient.normalised import Normalised, energy_at_hand
+from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, critical_mu, simulate
+from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore.contact.step_map import largest_stable_step, stable
+from fivcore.transient import exact, published
+from fivcore.transient.normalised import Normalised, State, slip_distance
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
-from studies.motion.normalised import SCALED
-from studies.stress.ask import Question
-from studies.stress.cases import POINT
-from studies.stress.runs import Evidence
+from studies.motion.run import SCALED
+from studies.stress.cases import CONTACT, DIVERGENCE, DURATION, POINT, VALUE, Case
 
-Array = NDArray[Any]
-Judged = tuple[float, float] | None
+Check = tuple[float, float]  # a number and the bound that it must not exceed; NaN never passes
 
-EPS = float(np.finfo(float).eps)
-# Rounding, in units of the largest force, and of a copy, the same motion times a number.
-ROUNDING, COPY = 1e-12, 1e-12
-SOLVED = 1e-9  # a relation that the published scheme solves for, relative to the terms in it
-# Energy unaccounted for: of "exact", what rounding leaves; of "fast", what landing within a step leaves, per
-# default step; of "paper", beyond what its own damping and the impacts take.
-BALANCE = {"exact": 1e-9, "fast": 0.05, "paper": 0.05}
-# The gap, in units of the compliance under the largest force and of what is closed in a step: "fast" meets P2
-# within a step, in which its element relaxes; of "paper" what the replay's first order leaves; "exact" rounds, the
-# positions of slow modes most. Without an element: what landings and impulses within steps leave of it.
-GAP, RIGID_GAP = {"fast": 0.25, "paper": 0.1, "exact": 1e-4}, 4.0
+ERRORS: dict[str, type[Exception]] = {VALUE: ValueError, CONTACT: ContactError, DIVERGENCE: DivergenceError}
+# Arguments that some edges limit; of the two numbers in V / F, V is moved.
+EDGES = {
+    "fitting step": "step",
+    "samples": "sample_rate",
+    "reach": "duration",
+    "least V/F": "V",
+    "largest V/F": "V",
+}
+# A value beyond any limit; the word before the limit in a refusal, and how near to the limit its number must be.
+FAR, WORDS, DIGITS = 1e80, ("at most", "at least", "above", "from", "to"), 5e-3
+# Limits that are allowed themselves, how many steps show it, and methods that refuse the argument altogether.
+ALLOWED, STEPS, WITHOUT = ("step", "least V/F", "largest V/F"), 10, {"cutoff": "paper", "reach": "exact"}
+# Records are of every step, of so many from the beginning; from this duration on the mean of N is checked, s.
+MOST_ROWS, LONG = 2_000_000, 1.0
+# Rounding, in units of the largest force or of a copied statistic, and in what the published scheme solves for.
+EPS, ROUNDING, SOLVED = float(np.finfo(float).eps), 1e-12, 1e-9
+# Relative energy-balance residual: of "exact", rounding; of "fast", landing within a step, per default step.
+BALANCE = {"exact": 1e-9, "fast": 0.05}
+# The gap of "exact", which is rounding, in units of the compliance under the largest force; instants for it.
+GAP, INSTANTS = 1e-4, 2000
 # Mean of N over so many blocks: standard errors that may lie between it and F, and what the head's momentum is.
-BLOCKS, ERRORS, MOMENTUM = 40, 5.0, 1e-6
-# Thread time per step, in units of that without friction: no state of the contact costs more than all modes do;
-# "exact" pays for its events.
-COST = {"fast": 3.0, "paper": 3.0, "exact": 10.0}
-
-# What the value of each check is, for a reader; `message` is of a refusal (`ask.not_stated`).
+BLOCKS, DEVIATIONS, MOMENTUM = 40, 5.0, 1e-6
+# Thread time per step over that without friction ("exact" pays for its events); least and most steps of "fast" for
+# it. It is measured again unless it is below ENOUGH, for one slow moment is the machine's.
+COST, ATTEMPTS, ENOUGH = {"fast": 3.0, "paper": 3.0, "exact": 10.0}, 4, 2.0
+COST_STEPS = (200_000, 10_000_000)
+# What the value of each check is, for a reader; `message` is of a refusal (`not_stated`).
 CHECKS = {
-    "finite": "numbers that are not finite",
-    "normal": "N below zero, in units of the largest",
+    "finite": "numbers that are not finite", "normal": "N below zero, in units of the largest",
     "cone": "|T| beyond mu N, in units of the largest N",
     "relaxation": "T off its relaxation towards the cone, in units of it",
     "separation": "force in separation, in units of the largest",
     "direction": "power of friction on slip, in units of the largest force and speed",
     "stick": "slip speed in stick, in units of V",
     "gap": "gap in contact or penetration, in units of the compliance under the largest force",
-    "energy": "energy unaccounted for, in units of what is exchanged",
-    "mean": "mean N less F where settled, in units of F",
-    "copy": "figures of a copy off the original, in units of them",
-    "record": "figures that recording changes",
-    "cost": "thread time per step, in units of that without friction",
-    "message": "what a refusal fails to state",
+    "energy": "relative energy-balance residual", "mean": "mean N less F where settled, in units of F",
+    "copy": "statistics of a copy off the original, in units of them",
+    "record": "statistics that recording changes",
+    "cost": "thread time per step, in units of that without friction", "message": "what a refusal fails to state",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunSpec:
+    """One call of `fivcore.simulate`."""
+
+    method: str
+    rig: Rig
+    start: Callable[..., Any] | None
+    arguments: Mapping[str, Any]  # V, theta, mu and F, and arguments of `simulate`: duration, ramp and others
+
+    def changed(self, **values: Any) -> RunSpec:
+        """The same run with other arguments, or with a value at an edge."""
+        arguments = {**self.arguments}
+        for name, value in values.items():
+            arguments[EDGES.get(name, name)] = value * arguments["F"] if name.endswith("V/F") else value
+        return replace(self, arguments=arguments)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene; raises where the numbers make none."""
+        return Scene(**{name: self.arguments[name] for name in POINT}, rig=self.rig)
+
+    @cached_property
+    def model(self) -> ReducedModel:
+        """The modes and the contact element that the method steps through."""
+        if self.method == "paper":
+            return full_model(self.rig, self.scene.drive_theta)
+        return reduced_model(self.rig, self.scene.drive_theta, **self.chosen("cutoff", "termination"))
+
+    @property
+    def step(self) -> float:
+        """The method's time step, s; of "exact" the grid of its statistics."""
+        default = {"paper": published.STEP, "exact": exact.STEP, "fast": self.model.default_step}
+        return float(self.arguments.get("step", default[self.method]))
+
+    @property
+    def initial(self) -> Any:
+        """Modal displacements, velocities and contact state; None for rest under the load."""
+        return self.start and self.start(self.scene, self.model.kept)
+
+    def chosen(self, *names: str) -> dict[str, Any]:
+        """Those of some arguments that are given."""
+        return {name: self.arguments[name] for name in names if name in self.arguments}
+
+    def simulate(self, **more: Any) -> Transient:
+        """Simulate it, with some arguments changed."""
+        options = {name: value for name, value in self.arguments.items() if name not in POINT}
+        return simulate(self.scene, method=self.method, **{"initial": self.initial, **options, **more})
+
+    def refusal(self, kind: type[Exception] = ValueError) -> str:
+        """The message with which the method refuses it; "" if it does not."""
+        try:
+            self.simulate()
+        except kind as refusal:
+            return str(refusal)
+        return ""
+
+
+def spec_of(case: Case, method: str) -> tuple[RunSpec, float]:
+    """The run of a case with a method, and the value at its edge; NaN where nothing had to change."""
+    arguments = {**POINT, "duration": DURATION, "ramp": 1e-3, **case.scene, **case.run}
+    spec = RunSpec(method, case.rig, case.start, arguments)
+    if case.slips_at:
+        # The clamp has then moved by V (t - ramp / 2), after the ramp.
+        distance = slip_distance(Normalised.of(spec.scene)) * arguments["F"]
+        spec = spec.changed(V=distance / (case.slips_at - 0.5 * arguments["ramp"]))
+    value = case.share * LIMITS[case.edge](spec) if case.edge else np.nan
+    value = np.nan if case.edge == "fitting step" and not value < published.STEP else value
+    assert np.isfinite(value) or case.edge in ("", "fitting step", "reach"), f"no limit of {case.edge} is known"
+    return spec if np.isnan(value) and case.edge != "reach" else spec.changed(**{case.edge: value}), value
+
+
+class RunData(NamedTuple):
+    """One run with its records and its cost."""
+
+    spec: RunSpec
+    run: Transient  # recorded at every step, from the beginning as far as MOST_ROWS go
+    summary: Mapping[str, Any]  # of the whole run, not recorded; of a long one, recorded coarsely
+    long: Transient | None  # of a run of LONG or more: all of it, recorded coarsely
+    original: Mapping[str, Any] | None  # of a case that is a copy of the operating point: the summary of that
+    cost: float  # thread time per step in units of what the same modes take without friction
+
+
+def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
+    """Simulate a run in all ways that its checks need; statistics start at once, so that short runs have them."""
+    duration, rate = spec.arguments["duration"], min(1.0 / spec.step, 1e9)
+    long = spec.simulate(record=True, sample_rate=MOST_ROWS / duration) if duration >= LONG else None
+    summary = long.summary if long else spec.simulate(settle=0.0).summary
+    run = spec.simulate(duration=min(duration, MOST_ROWS * spec.step), record=True, sample_rate=rate, settle=0.0)
+    original = spec.changed(**POINT).simulate(settle=0.0).summary if is_copy else None
+    return RunData(spec, run, summary, long, original, _cost(spec))
+
+
+def _cost(spec: RunSpec) -> float:
+    """Thread time per step, in units of what the same modes take without friction, where nothing happens."""
+    duration, fast = spec.arguments["duration"], spec.method == "fast"
+    if fast and "contact_motion" not in spec.arguments:
+        duration = float(np.clip(duration, COST_STEPS[0] * spec.step, COST_STEPS[1] * spec.step))
+    # The finer onset of "fast" is left out of both: how long it lasts is the scene's.
+    refines = fast and not spec.start and not spec.chosen("cutoff", "contact_motion")
+    if refines and spec.arguments.get("termination") != "none":
+        spec = spec.changed(cutoff=default_cutoff(spec.rig))
+    spec = spec.changed(**{"end_early": False} | spec.chosen("end_early"))
+    # Nothing happens in the quiet one, so a part of it tells as much.
+    quiet, part = replace(spec.changed(mu=0.0), start=None), 1.0 if fast else 0.25
+    runs = ((spec, duration), (spec, spec.step), (quiet, part * duration), (quiet, quiet.step))
+    least = [np.inf] * len(runs)
+    for _ in range(ATTEMPTS):
+        for k, (run, length) in enumerate(runs):
+            begin = time.thread_time()
+            run.simulate(duration=length)
+            least[k] = min(least[k], time.thread_time() - begin)
+        cost = (least[0] - least[1]) / max((least[2] - least[3]) / part, 1e-9)
+        if cost <= ENOUGH:
+            break
+    return float(cost)
+
+
+def stated(message: str, word: str) -> float:
+    """The number that follows a word in a message; NaN where none does."""
+    match = re.search(rf"\b{word} ([-+]?\d+\.?\d*(?:e[-+]?\d+)?)", message)
+    return float(match[1]) if match else np.nan
+
+
+def _largest_step(spec: RunSpec) -> float:
+    model, mu = spec.model, spec.arguments["mu"]
+    if spec.method == "paper":
+        return published.largest_step(model.stiffness, model.damping, published.BETA2)
+    limit = model.largest_step
+    return limit if stable(model, mu, limit) else largest_stable_step(model, mu, limit)
+
+
+# How far each method can be driven: computed from its own functions, or read from its refusal.
+LIMITS: dict[str, Callable[[RunSpec], float]] = {
+    "step": _largest_step,
+    "fitting step": lambda spec: _largest_step(spec) if spec.method == "paper" else np.nan,
+    "mu": lambda spec: critical_mu(spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")),
+    "least V/F": lambda spec: stated(spec.changed(V=1.0 / FAR).refusal(), "from"),
+    "largest V/F": lambda spec: stated(spec.changed(V=FAR).refusal(), "to"),
+    "reach": lambda spec: stated(spec.changed(duration=1e5).refusal(), "at most"),
+    "cutoff": lambda spec: stated(replace(spec.changed(cutoff=1.0), method="fast").refusal(), "above"),
+    "samples": lambda spec: stated(spec.changed(sample_rate=1e9).refusal(), "at most"),
 }
 
 
-def judged(evidence: Evidence) -> dict[str, tuple[float, float]]:
-    """Value and bound of every check that applies. The cost excludes denormal numbers and event storms."""
-    results = _contact_law(evidence) | {
-        "finite": (_not_finite(evidence), 0.0),
-        "gap": _gap(evidence) if evidence.states is None else _exact_gap(evidence),
-        "energy": _energy(evidence),
-        "mean": None if evidence.long is None else _mean(evidence.long, evidence.question.numbers["F"]),
-        "copy": None if evidence.original is None else (_off(evidence, evidence.original), COPY),
-        "record": (_changed(evidence), 0.0) if evidence.whole else None,
-        "cost": (evidence.cost, COST[evidence.question.method]),
-    }
-    return {name: each for name, each in results.items() if each is not None}
+def not_stated(case: Case, spec: RunSpec, value: float, expected: str) -> dict[str, tuple[float, float]]:
+    """How many things a refusal fails to state: the argument; its limit; and a limit stated must be allowed."""
+    message = spec.refusal(ERRORS[expected])
+    if not message:
+        raise AssertionError(f"{spec.method} does what it should refuse with {expected}")
+    wrong = float(bool(case.names) and case.names not in message)
+    # Without a value nothing was driven to a limit.
+    if not np.isnan(value) and spec.method != WITHOUT.get(case.edge) and expected != DIVERGENCE:
+        numbers = [stated(message, word) for word in WORDS]
+        near = [number for number in numbers if abs(number * case.share / value - 1.0) <= DIGITS]
+        if near and case.edge in ALLOWED:
+            allowed = spec.changed(**{case.edge: near[0]})
+            wrong += float(bool(allowed.changed(duration=STEPS * allowed.step).refusal()))
+        wrong += float(not near)
+    return {"message": (wrong, 0.0)}
 
 
-def _not_finite(evidence: Evidence) -> float:
-    run, summary = evidence.run, evidence.summary
+def evaluate(data: RunData) -> dict[str, Check]:
+    """Value and bound of every check that applies."""
+    spec, run, summary, method = data.spec, data.run, data.summary, data.spec.method
     series = (run.time, run.velocity_B, run.normal_force, run.tangential_force, run.slip_velocity)
-    # NaN in a summary stands for no value; but a balance there always is.
+    # NaN in a summary means no value; but a balance always has one.
     values = [np.asarray(value, dtype=float) for value in summary.values() if not isinstance(value, str)]
-    wrong = [~np.isfinite(each) for each in series] + [np.isinf(each) for each in values]
-    return float(sum(map(np.count_nonzero, wrong)) + np.isnan(summary["energy_residual"]))
+    wrong = [~np.isfinite(part) for part in series] + [np.isinf(part) for part in values]
+    count = float(sum(map(np.count_nonzero, wrong)) + np.isnan(summary["energy_residual"]))
+    checks = _contact_law(spec, run) | {"finite": (count, 0.0), "cost": (data.cost, COST[method])}
+    if method == "exact":
+        checks["gap"] = _gap(spec, run), GAP
+    if method != "paper":
+        steps = max(spec.step / spec.model.default_step, 1.0) if method == "fast" else 1.0
+        residual = max(float(part["energy_residual"]) for part in (run.summary, summary))
+        checks["energy"] = residual, steps * BALANCE[method]
+    if data.long is not None:
+        checks["mean"] = _mean(data.long, spec.arguments["F"])
+    elif spec.arguments["duration"] <= MOST_ROWS * spec.step:
+        same = [np.array_equal(run.summary[k], v, equal_nan=not isinstance(v, str)) for k, v in summary.items()]
+        checks["record"] = float(len(same) - sum(same)), 0.0
+    if data.original is not None:
+        checks["copy"] = max(_off(spec, k, summary[k], v) for k, v in data.original.items()), ROUNDING
+    return checks
 
 
-def _contact_law(evidence: Evidence) -> dict[str, Judged]:
-    """Signorini's and Coulomb's conditions at every step; "paper" relaxes towards the cone.
-
-    Without an element the step of a landing is left out: its mean velocity may differ in sign from the next.
-    """
-    question, run = evidence.question, evidence.run
+def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
+    """Signorini's and Coulomb's conditions at every step; "paper" relaxes towards the cone."""
     N, T, slip, state = run.normal_force, run.tangential_force, run.slip_velocity, run.state
-    mu, V, peak = question.scene.mu, abs(question.numbers["V"]), max(float(np.abs(N).max()), question.numbers["F"])
+    mu, V, step = spec.scene.mu, abs(spec.arguments["V"]), spec.step
+    peak = max(float(np.abs(N).max()), spec.arguments["F"])
     separated, landing = state == SEPARATION, np.zeros(len(state), dtype=bool)
-    if question.method == "fast" and not question.model.K.any():
+    if spec.method == "fast" and not spec.model.K.any():
+        # Without an element the step of a landing is left out: its mean velocity may differ in sign from the next.
         landing[1:] = separated[:-1]
     slips, sticks, bound = (state == SLIP) & ~landing, (state == STICK) & ~landing, ROUNDING
-    N_open, T_open = (np.abs(part[separated]).max(initial=0.0) for part in (N, T))
-    law: dict[str, Judged] = {
-        "normal": (float(max(0.0, -N.min())) / peak, ROUNDING),
-        "separation": (float(max(N_open, T_open)) / peak, 0.0),
-    }
-    if question.method == "paper":
+    law = {"normal": (float(max(0.0, -N.min())) / peak, ROUNDING)}
+    law["separation"] = float(max(np.abs(part[separated]).max(initial=0.0) for part in (N, T))) / peak, 0.0
+    if spec.method == "paper":
+        # T nears s mu N by 1 / (1 + r) a step, r = step / tau; the side s is that of the two which fits.
         places = np.flatnonzero(state[1:] == SLIP) + 1
-        side, wrong = _relaxation(T, N, mu, places, question.step)
+        r, before, after, cone = step / published.TAU, T[places - 1], T[places], mu * N[places]
+        up, down = (np.abs((1.0 + r) * after - before - r * s * mu * N[places]) for s in (1.0, -1.0))
+        size = np.abs(after) + np.abs(before) + cone
+        wrong = np.minimum(up, down) / np.where(size > 0.0, size, 1.0)
         law["relaxation"] = float(wrong.max(initial=0.0)), SOLVED
         # Once friction has the sign and the size of its law; before, it relaxes.
-        slips = places[(np.abs(T[places]) <= mu * N[places]) & (side * T[places] > 0.0)]
+        slips = places[(np.abs(after) <= cone) & (np.where(up <= down, after, -after) > 0.0)]
         # Its slip speed is read off displacements that grow with the drive.
-        bound += 64.0 * EPS * _moved(question, V * float(run.time[-1])) / (question.step * V)
+        bound += 64.0 * EPS * _moved(spec, V * float(run.time[-1])) / (step * V)
     else:
         law["cone"] = float(max(0.0, (np.abs(T) - mu * N).max())) / peak, ROUNDING
     most, power = peak * float(np.abs(slip).max(initial=0.0)), (T * slip)[slips]
@@ -116,119 +283,50 @@ def _contact_law(evidence: Evidence) -> dict[str, Judged]:
     return law
 
 
-def _relaxation(T: Array, N: Array, mu: float, slips: Array, step: float) -> tuple[Array, Array]:
-    """Towards which side T goes where "paper" slips, and how far it is off its law, relative.
-
-    T nears s mu N by 1 / (1 + r) a step, r = step / tau. The side s is the sign of what sticking would need, which
-    is not recorded: that of the two which fits.
-    """
-    r, before, T, N = step / published.TAU, T[slips - 1], T[slips], N[slips]
-    up, down = (np.abs((1.0 + r) * T - before - r * s * mu * N) for s in (1.0, -1.0))
-    size = np.abs(T) + np.abs(before) + mu * N
-    return np.where(up <= down, 1.0, -1.0), np.minimum(up, down) / np.where(size > 0.0, size, 1.0)
-
-
-def _moved(question: Question, driven: float) -> float:
+def _moved(spec: RunSpec, driven: float) -> float:
     """Displacement of the clamp or the tip, m: nothing in g_T is larger."""
-    model, initial = question.model, question.initial
-    moved = driven + question.numbers["F"] * float(np.sum(np.abs(model.tangential * model.rest)))
+    model, initial = spec.model, spec.initial
+    moved = driven + spec.arguments["F"] * float(np.sum(np.abs(model.tangential * model.rest)))
     if initial is not None:
         # The rigid mode's angular frequency is taken as the lowest of the others.
-        omega = np.sqrt(model.stiffness)
-        omega = np.where(omega > 0.0, omega, omega[omega > 0.0].min())
+        omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, np.inf))
+        omega = np.where(omega < np.inf, omega, omega.min())
         moved += float(np.abs(model.tangential) @ (np.abs(initial[0]) + np.abs(initial[1]) / omega))
-    return moved
+    return float(moved)
 
 
-def _gap(evidence: Evidence) -> Judged:
-    """By the forces alone (the replay), in units of what the compliance and the surfaces in a step give way."""
-    replay, question, run = evidence.replay, evidence.question, evidence.plain
-    if replay is None:
-        return None
-    peak, K = float(run.normal_force.max()) / question.numbers["F"], _usual(question).K
-    compliance = float(np.linalg.inv(K)[0, 0]) if K.any() else 0.0
-    unit, bound = question.step * replay.closing + compliance * peak, GAP[question.method]
-    if not compliance:
-        bound = RIGID_GAP
-        # An impulse moves the surfaces before the next one brings them back.
-        unit += question.step**2 * float(question.model.W[0, 0]) * peak if question.method == "fast" else 0.0
-    touching = run.state != SEPARATION
-    started = np.logical_or.accumulate(touching | (replay.gap >= 0.0))
-    wrong = np.where(touching, np.abs(replay.gap), np.maximum(-replay.gap, 0.0)) * started
-    return (float(wrong.max()) / unit if unit > 0.0 else 0.0), bound
-
-
-def _exact_gap(evidence: Evidence) -> Judged:
+def _gap(spec: RunSpec, run: Transient) -> float:
     """Error of "exact" by its states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N >= -u_N."""
-    run, question, at = evidence.run, evidence.question, evidence.instants
-    model, load = question.model, question.numbers["F"]
-    assert evidence.states is not None
-    opening, rate, gap = evidence.states
-    T, N = run.tangential_force / load, run.normal_force / load
+    model, load, first = spec.model, spec.arguments["F"], spec.initial
+    at, n = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int)), len(model.rest)
+    options = {"cutoff": None, **spec.chosen("cutoff", "ramp")}
+    options["initial"] = first and State(first[0] / load, first[1] / load, first[2])
+    q, v, u = np.split(exact.states_at(Normalised.of(spec.scene), run.time[at], **options), [n, 2 * n], axis=1)
+    opening, rate, gap = (q + model.rest) @ model.normal, v @ model.normal, q @ model.normal + u[:, 0]
+    T, N, sense = run.tangential_force / load, run.normal_force / load, float(np.sign(spec.arguments["V"]))
     across, tau = np.linalg.inv(model.K)[0], float(model.C[0, 0] / model.K[0, 0])
-    sense = float(np.sign(question.numbers["V"]))
-    carried = across[0] * N[at] + across[1] * sense * T[at] + opening + tau * rate
-    wrong = np.where((run.state != SEPARATION)[at], np.abs(carried), np.maximum(-gap, 0.0))
+    balance = across[0] * N[at] + across[1] * sense * T[at] + opening + tau * rate
+    wrong = np.where((run.state != SEPARATION)[at], np.abs(balance), np.maximum(-gap, 0.0))
     unit = float(across[0]) * float(N.max()) + tau * float(np.abs(rate).max())
-    return (float(wrong.max()) / unit if unit > 0.0 else 0.0), GAP["exact"]
+    return float(wrong.max()) / unit if unit > 0.0 else 0.0
 
 
-def _energy(evidence: Evidence) -> Judged:
-    """Judge the energy residual; that of "fast" is what landing and taking off within a step leaves.
-
-    Of "paper": its own damping and its impacts are not in its balance; the replay says what they take, and what is
-    left over counts.
-    """
-    question, run, replay = evidence.question, evidence.run, evidence.replay
-    residual, bound = float(run.summary["energy_residual"]), BALANCE[question.method]
-    if question.method != "paper":
-        bound *= max(question.step / question.model.default_step, 1.0) if question.method == "fast" else 1.0
-        return max(residual, float(evidence.summary["energy_residual"])), bound
-    if replay is None:
-        return None
-    load, step = question.numbers["F"], question.step
-    T, slip = run.tangential_force / load, run.slip_velocity / load
-    drive = question.numbers["V"] / load * np.minimum(run.time / max(question.ramp, 1e-300), 1.0)
-    work, friction = step * float(T @ drive), -step * float(T @ slip)
-    taken, given, lost = replay.added + replay.struck, work + replay.carried, friction + replay.damped
-    exchanged = abs(given) + abs(lost) + abs(given - lost - taken)
-    exchanged = max(exchanged, energy_at_hand(Normalised.of(question.scene), question.state))
-    return abs(residual - abs(taken) / exchanged), bound
-
-
-def _mean(run: Transient, F: float) -> Judged:
-    """Mean N against F where the motion has settled; the bound is the scatter of blocks."""
+def _mean(run: Transient, F: float) -> Check:
+    """Mean N against F where the motion has settled; the bound is the standard error over blocks."""
     first = run.summary["first_slip_time"]
     N = run.normal_force[run.time >= (0.0 if np.isnan(first) else first + 0.1)]
     blocks = np.array([block.mean() for block in np.array_split(N, BLOCKS)])
-    scatter = float(blocks.std(ddof=1)) / np.sqrt(BLOCKS) / F
-    return abs(run.summary["mean_normal_force"] / F - 1.0), ERRORS * scatter + MOMENTUM
+    error = float(blocks.std(ddof=1)) / np.sqrt(BLOCKS) / F
+    return abs(run.summary["mean_normal_force"] / F - 1.0), DEVIATIONS * error + MOMENTUM
 
 
-def _off(evidence: Evidence, originals: Mapping[str, Any]) -> float:
-    """How far a copy's figures are from those of the original, scaled."""
-    worst = 0.0
-    for name, original in originals.items():
-        own = evidence.summary[name]
-        if isinstance(original, str):
-            worst = max(worst, 0.0 if own == original else np.inf)
-            continue
-        scale = evidence.question.numbers["F"] / POINT["F"] if name in SCALED else 1.0
-        there, here = (np.atleast_1d(np.asarray(value, dtype=float)) for value in (original, own))
-        if there.shape != here.shape or not np.array_equal(np.isnan(there), np.isnan(here)):
-            return np.inf
-        size = np.where(np.abs(there) > 0.0, np.abs(scale * there), 1.0)
-        worst = max(worst, float(np.nanmax(np.abs(here - scale * there) / size, initial=0.0)))
-    return worst
-
-
-def _changed(evidence: Evidence) -> float:
-    """How many figures a record changes."""
-    pairs = [(evidence.run.summary[name], value) for name, value in evidence.summary.items()]
-    same = [a == b if isinstance(b, str) else np.array_equal(a, b, equal_nan=True) for a, b in pairs]
-    return float(len(same) - sum(same))
-
-
-def _usual(question: Question) -> ReducedModel:
-    """The question's model; of "paper", which keeps all modes, the one with the usual cut-off."""
-    return reduced_model(question.rig, question.theta) if question.method == "paper" else question.model
+def _off(spec: RunSpec, name: str, value: Any, original: Any) -> float:
+    """How far a statistic of a copy is from that of the original, scaled."""
+    if isinstance(original, str):
+        return 0.0 if value == original else np.inf
+    found, expected = (np.atleast_1d(np.asarray(part, dtype=float)) for part in (value, original))
+    expected = expected * (spec.arguments["F"] / POINT["F"] if name in SCALED else 1.0)
+    if expected.shape != found.shape or not np.array_equal(np.isnan(expected), np.isnan(found)):
+        return np.inf
+    size = np.where(np.abs(expected) > 0.0, np.abs(expected), 1.0)
+    return float(np.nanmax(np.abs(found - expected) / size, initial=0.0))

@@ -20,7 +20,7 @@ from tests.benchmarks import tables
 
 PARTS = (
     *("stability", "many", "transient", "kernel", "scaling", "sweeps"),
-    *("query", "studies", "maps", "damping", "ensembles"),
+    *("query", "studies", "maps", "damping", "ensembles", "rivals"),
 )
 
 

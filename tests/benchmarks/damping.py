@@ -8,36 +8,32 @@ from __future__ import annotations
 
 import tempfile
 
-import xarray as xr
-
 import studies
-from studies.registry import resolve
-from studies.results import FOLDER
-from studies.tables import Table as Findings
+from studies import claims, registry
+from tests import HOME
 from tests.benchmarks.tables import Column, Table
 
 STUDIES = ("fig7", "contact", "fig11", "table6", "stick_time")
 
 
-def beside_the_paper(name: str, found: xr.Dataset) -> dict[tuple[str, str], list[str]]:
-    """Rows of a study's table beside the paper: by figure and place the paper's value, that found, the section."""
-    tables = [part for part in resolve(name).findings(found) if isinstance(part, Findings)]
-    rows = [row for table in tables if table.heads[0] == "beside the paper" for row in table.rows]
-    return {(row[0], row[1]): [row[2], row[3], row[5]] for row in rows}
-
-
 def transients() -> Table:
-    """Every figure of the paper's transients by both answers."""
+    """Every claim on the paper's transients by both answers."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name in STUDIES:
-            published = beside_the_paper(name, studies.open(f"results/{FOLDER}/{name}/{name}.nc"))
-            model = beside_the_paper(name, studies.run(name, out=folder, numerical_damping="none"))
-            for (figure, place), (value, found, section) in published.items():
-                given = model.get((figure, place), ["", "-", ""])[1]
-                rows.append([f"`{name}`: {figure}", place, value, found, given, section])
+            listed = registry.load(name).claims
+            published, model = (
+                claims.beside(data, listed).set_index(["quantity", "at"])
+                for data in (
+                    studies.open(HOME / "results" / "reference" / name / f"{name}.nc"),
+                    studies.run(name, out=folder, numerical_damping="none"),
+                )
+            )
+            for (quantity, place), row in published.iterrows():
+                other = model["computed"].get((quantity, place), "-")
+                rows.append([f"`{name}`: {quantity}", place, row["paper"], row["computed"], other, row["section"]])
     heads = ("Figure", "at", "paper", "published scheme", "model", "section")
-    return Table([Column(each) for each in heads], rows)
+    return Table([Column(head) for head in heads], rows)
 
 
 TABLES = {"transients": transients}

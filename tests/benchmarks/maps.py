@@ -8,7 +8,7 @@ import tempfile
 import numpy as np
 
 from fivcore import Rig, sliding_modes
-from studies.maps import maps
+from studies.gallery import maps
 from sweeps import DONE
 from tests.benchmarks.tables import Column, Table
 from tests.helpers.boundaries import distances
@@ -19,11 +19,13 @@ PLANES = {"growth_rate": STABILITY, "unstable_modes": STABILITY, "regime": ("V=l
 HALVINGS = 3
 
 
-def mapped(quantity, folder, halvings):
+def mapped(quantity, folder, levels):
     """The map on the finest lattice, refined or on every point."""
-    plane = maps.plane_of(*PLANES[quantity], HALVINGS)
-    sweep = maps.sweep_of(plane, quantity, {}, halvings)
-    return sweep.plan(maps.file_of(plane, quantity, f"{folder}/{halvings}")).run()
+    x, y = PLANES[quantity]
+    if not levels:
+        x, y = (f"{side.rpartition(':')[0]}:{8 * 2**HALVINGS + 1}" for side in (x, y))
+    _, plan = maps.plan(x, y, [quantity], {}, levels, None, f"{folder}/{levels}")
+    return plan.run()
 
 
 def apart(one, other):

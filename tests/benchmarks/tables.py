@@ -133,12 +133,12 @@ def markdown(name: str, known: dict[str, Any]) -> str:
         cells = [
             (what, _rows(known[table])[row][1]) for table, rows in SUMMARY.items() for row, what in rows.items()
         ]
-        return _lines(["what", "time"], cells)
+        return lines(["what", "time"], cells)
     entry = known[name]
     heads = [f"{head}, {unit}" if unit and unit not in SCALES else head for head, unit, _ in entry["columns"]]
     versions = "".join(f", {package} {number}" for package, number in entry["versions"].items())
     where = f"{entry['machine']}{versions}; commit {entry['commit']}, {entry['date']}{entry.get('note', '')}."
-    return f"{_lines(heads, _rows(entry).values())}\n{where}\n"
+    return f"{lines(heads, _rows(entry).values())}\n{where}\n"
 
 
 def _rows(entry: dict[str, Any]) -> dict[str, list[str]]:
@@ -150,7 +150,7 @@ def _rows(entry: dict[str, Any]) -> dict[str, list[str]]:
     return found
 
 
-def _lines(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def lines(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table's lines."""
     return "".join(f"| {' | '.join(row)} |\n" for row in (heads, ["---" for _ in heads], *rows))
 

@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from fivcore import Scene, simulate, simulate_many
-from studies.motion.jobs import BATCH_MULTIPLE
+from studies.motion.scenes import BATCH_MULTIPLE
 from tests.benchmarks.tables import Column, Table
 
 COUNT = 2 * BATCH_MULTIPLE

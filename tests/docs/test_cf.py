@@ -8,19 +8,16 @@ import shutil
 from functools import cache
 
 import netCDF4
-import numpy as np
 import pytest
 import xarray as xr
 from compliance_checker.cf import util
 from compliance_checker.runner import CheckSuite
 
 from studies import registry
-from studies.maps import maps
-from studies.scatter.study import scattered
+from studies.gallery import maps
+from studies.request import Request
 from sweeps import Axis, Grid, Sweep, Variable
 from tests import HOME
-from tests.helpers import trials
-from tests.helpers.boundaries import refine
 
 RESULTS = HOME / "results" / "reference"
 KEPT = sorted(RESULTS.glob("*/*.nc"))
@@ -39,38 +36,38 @@ def suite():
 
 @pytest.fixture(scope="module")
 def fresh(tmp_path_factory):
-    """Files of every kind that are not among the results: with failures, maps, refined, with a time series."""
+    """Files of every kind that are not among the results: failures, maps, draws, rows, words, recorded series."""
     folder = tmp_path_factory.mktemp("cf")
-    trials.sweep().plan(folder / "failures.nc").run("sync")
-    for name, quantity, halvings, tolerance in (
-        ("refined", "growth_rate", 1, 0.1),
-        ("whole", "unstable_modes", 0, None),
+    for name, fix, halvings in (
+        ("growth_rate", {}, 1),
+        ("regime", {"max_duration": 0.5, "min_duration": 0.05}, 0),
     ):
-        plane = maps.plane_of("theta=-10:20:3", "mu=0:0.5:3", halvings)
-        refine(maps.sweep_of(plane, quantity, {}, halvings, tolerance), folder / f"{name}.nc", "sync")
+        x, y = ("theta=-10:20:3", "mu=0:0.5:3") if halvings else ("V=2e-3,5e-3", "mu=0.1,0.2")
+        _, plan = maps.plan(x, y, [name], fix, halvings, 0.1 if halvings else None, folder)
+        plan.run("sync")
+        plan.store.rename(folder / f"{name}.nc")
     # Axes that vary together, and nothing said of what anything is.
     zipped = Grid({"x": Axis([1.0, 2.0]), "y": Axis(["left", "right"])}, zipped=("x", "y"))
     bare = Sweep("bare", lambda points: {"z": points["x"]}, zipped, {"z": Variable()}, title="Bare")
     bare.plan(folder / "bare.nc").run("sync")
-    # Texts as an axis, one of which fails.
+    # Words as an axis, one of which fails.
     cases = Grid({"case": Axis(["fine", "µ = 0"], long_name="case"), "size": Axis([1.0, 2.0], "m")})
 
     def picky(points):
-        return {"z": points["size"], "error": [ValueError(c) if c == "µ = 0" else None for c in points["case"]]}
+        if "µ = 0" in points["case"]:
+            raise ValueError("µ must be above 0 — always")
+        return {"z": points["size"]}
 
-    Sweep("texts", picky, cases, {"z": Variable("m")}, title="Texts").plan(folder / "texts.nc").run("sync")
-    plane = maps.plane_of("V=2e-3,5e-3", "mu=0.1,0.2")
-    maps.sweep_of(plane, "regime", {"members": 1.0, "most": 0.03}).plan(folder / "regime.nc").run("sync")
-    given = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
-    recorded = registry.load("scenes").sweep(given, record=("velocity_B", "state"), sample_rate=1e3)
+    Sweep("words", picky, cases, {"z": Variable("m")}, title="Words").plan(folder / "words.nc").run("sync")
+    values = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
+    scenes, fig5 = registry.load("scenes"), registry.load("fig5")
+    recorded = scenes.sweep(values, record=("velocity_B", "state"), sample_rate=1e3)
     recorded.plan(folder / "recorded.nc").run("sync")
-    # Draws, and rows of a table with texts.
-    drawn = scattered(registry.load("fig5"), {}, {"mu": "normal:0.05:0.03", "theta": "normal:5:1"}, samples=4)
-    drawn.sweep({}).plan(folder / "drawn.nc").run("sync")
-    columns = {"numerical_damping": ["none", "published"], "V": [2e-3, 5e-3]}
-    del given["V"]
-    table = scattered(registry.load("scenes"), given, points=columns)
-    table.sweep(given).plan(folder / "table.nc").run("sync")
+    drawn = Request(values={"mu": "normal:0.05:0.03", "theta": "normal:5:1"}, samples=4)
+    fig5.sweep(drawn.values_of(fig5), **drawn.points_of(fig5)).plan(folder / "drawn.nc").run("sync")
+    del values["V"]
+    rows = {"numerical_damping": ["none", "published"], "V": [2e-3, 5e-3]}
+    scenes.sweep(values, rows=rows).plan(folder / "rows.nc").run("sync")
     return folder
 
 
@@ -101,9 +98,7 @@ def test_results_pass_the_checker(suite, path):
     assert findings(suite, path) == []
 
 
-@pytest.mark.parametrize(
-    "name", ["failures", "refined", "whole", "bare", "texts", "regime", "recorded", "drawn", "table"]
-)
+@pytest.mark.parametrize("name", ["growth_rate", "regime", "bare", "words", "recorded", "drawn", "rows"])
 def test_what_is_written_now_passes_the_checker(suite, fresh, name):
     assert findings(suite, fresh / f"{name}.nc") == []
 
@@ -151,17 +146,3 @@ def test_attributes_that_every_file_has_and_plain_xarray_opens_it_anywhere(fresh
             for name, variable in data.variables.items():
                 # Nothing is taken for a date.
                 assert variable.dtype.kind not in "mM", (path, name)
-
-
-def test_a_large_file_passes_too(suite, tmp_path, monkeypatch):
-    """One whose variables are copied from parts to the file block by block."""
-    monkeypatch.setattr("sweeps.storage.assemble.LARGE", 1000)
-
-    def series(points):
-        return {"y": points["x"][:, None] * np.arange(100.0)}
-
-    grid = Grid({"x": Axis(np.arange(20.0), "m", "place")})
-    coords = {"elapsed": Axis(np.arange(100.0), "s", "time since the start")}
-    variables = {"y": Variable("m", "series", ("elapsed",))}
-    Sweep("large", series, grid, variables, coords=coords, title="Large").plan(tmp_path / "large.nc").run("sync")
-    assert findings(suite, tmp_path / "large.nc") == []

@@ -16,12 +16,6 @@ from tests import HOME
 from tests.docs import readmes
 
 README = readmes.TEXTS["README.md"]
-# Modules and packages that still import each other in circles: issue M takes them apart.
-CIRCLES = {
-    "modules of studies": "query.columns registry scatter.findings scatter.study scatter.table",
-    "studies": "check claims cli config gallery maps motion plotting query registry report results runner scatter",
-    "studies.gallery": "fig11 stability table6",
-}
 
 
 @cache
@@ -89,7 +83,6 @@ def in_circles(graph: dict[str, set[str]]) -> set[str]:
 
 def test_a_circle_of_imports_would_be_seen():
     assert in_circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == {"b", "c"}
-    assert "studies.scatter.study" in module_imports("studies")["studies.registry"]
     assert child_imports("sweeps")["sweeps.plan"] >= {"sweeps.grid", "sweeps.storage"}
 
 
@@ -114,9 +107,7 @@ def test_imports_form_no_circle(package):
     for file in (HOME / package).rglob("__init__.py"):
         name = ".".join(file.parent.relative_to(HOME).parts)
         found[name] = in_circles(child_imports(name))
-    for name, each in found.items():
-        known = {f"{name.removeprefix('modules of ')}.{child}" for child in CIRCLES.get(name, "").split()}
-        assert not each - known, name
+    assert {name: circle for name, circle in found.items() if circle} == {}
 
 
 def test_no_test_imports_another():
@@ -126,12 +117,6 @@ def test_no_test_imports_another():
     assert not found
 
 
-@pytest.mark.parametrize(("package", "most"), [("fivcore", 21), ("sweeps", 15), ("studies", 15), ("tests", 15)])
-def test_no_folder_is_a_heap(package, most):
-    for folder in {file.parent for file in (HOME / package).rglob("*.py")}:
-        assert len([file for file in folder.glob("*.py") if file.name != "__init__.py"]) <= most, folder
-
-
 def test_studies_are_loaded_without_matplotlib():
     code = "import sys; from studies import registry; [registry.load(name) for name in registry.NAMES]; "
     code += "print('matplotlib' in sys.modules)"
@@ -139,12 +124,19 @@ def test_studies_are_loaded_without_matplotlib():
     assert done.stdout == "False\n"
 
 
-# The aims are 6000, 4300, 2900 and 14 500.
 @pytest.mark.parametrize(
-    ("folder", "lines"), [("fivcore", 7200), ("sweeps", 5000), ("tests/sweeps", 3520), ("tests", 25_310)]
+    ("folder", "suffixes", "lines"),
+    [
+        ("fivcore", (".py",), 7200),
+        ("sweeps", (".py",), 4510),
+        ("studies", (".py",), 11_500),
+        ("studies", (".js", ".css", ".j2"), 500),
+        ("tests/sweeps", (".py",), 3090),
+        ("tests", (".py",), 16_500),
+    ],
 )
-def test_code_stays_within_its_bounds(folder, lines):
-    files = list((HOME / folder).rglob("*.py"))
+def test_code_stays_within_its_bounds(folder, suffixes, lines):
+    files = [file for file in (HOME / folder).rglob("*") if file.suffix in suffixes]
     assert sum(file.read_text().count("\n") for file in files) <= lines
     assert folder != "sweeps" or len(files) <= 28
 
@@ -201,16 +193,6 @@ def test_ci_runs_exactly_the_readmes_test_command():
     script = (HOME / ".ci" / "run").read_text()
     assert "test command" in script
     assert "pytest" not in script
-
-
-def test_both_commands_stand_on_the_readmes_first_screen():
-    first = README.splitlines()[:24]
-    assert any(".venv/bin/fiv run fig5" in line for line in first)
-    assert any(".venv/bin/python -m pytest" in line for line in first)
-
-
-def test_the_first_readme_is_short():
-    assert len(README.encode()) <= 12_000
 
 
 def anchors(text: str) -> set[str]:

@@ -13,7 +13,7 @@ T^(2/3), too). A standard error given here is multiplied by t_K(2) / 2, so that 
 How long the motion is correlated is not known beforehand: sticks of 30 to 80 ms between bursts, and shares that
 wander for 0.1 s where bursts become rare. The time to load a stuck contact until it slips (`loading_time`) scales
 the former, `SETTLING` the latter: K is 0.8 (T / loading_time)^(2/3), at most T / SETTLING, and never below 6.
-`tests/fivcore/transient/test_uncertainty.py` shows how often the long-run value lies within 2 standard errors.
+`tests/fivcore/test_uncertainty.py` shows how often the long-run value lies within 2 standard errors.
 What lasts for more than a third of a run cannot be seen in it (at 0.6 mm/s the paper's rig changes for seconds
 between cycles with and without separation), nor what it has not met, like a long burst once in five seconds.
 """

@@ -1,0 +1,140 @@
+"""Tables and figure of run time against error: costs, errors, and the cheapest setting that is right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+import xarray as xr
+
+from studies.accuracy import errors, settings
+from studies.accuracy.settings import CONVERGED, DEFAULT, FAST, GIVEN, MODEL, PAPERS, PUBLISHED, SCHEME
+from studies.plotting import figures
+from studies.results import rig_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Groups of scenes, and whether they are of the paper's rig.
+GROUPS = {"paper's rig": True, "random rigs": False}
+MARKERS, MISMATCH = "*Pos^vDXd<>p", "error / tolerance, rms"
+_ALLOWED = ", ".join(f"{text} {100.0 * tolerance:g} %" for text, _, tolerance in errors.QUANTITIES.values())
+TERMS = f"""CPU s/s: CPU time per simulated second, mean over scenes. CPU s to SE: CPU time until every fraction of
+time has a standard error of {errors.STANDARD_ERROR:g}. Speed-up: over the published scheme, at common scenes.
+Error: over the tolerance, root mean square over statistics and scenes; SE: by standard errors alone. Fractions of
+time: largest error, percentage points. Right: off by at most {_ALLOWED} (fractions of time: percentage points) and
+{errors.ERRORS_ALLOWED:g} standard errors; first slip {100.0 * errors.FIRST_SLIP:g} %. {FAST} with {PUBLISHED} is
+compared with the published scheme ({", ".join(SCHEME)}); everything else, that scheme included, with the model as
+given ({", ".join(GIVEN)}). {settings.PAPER}, {MODEL} checks that reference."""
+
+
+def table(data: xr.Dataset) -> pd.DataFrame:
+    """Methods and settings whose cost is known, in the file's order.
+
+    `speed_up` is over the published scheme, the geometric mean over common scenes; `mismatch` and its standard
+    `error` are root mean squares, `fraction` is the largest error of a fraction of time; others are means.
+    """
+    names = {"cost": "cpu_per_second", "time": "time_to_standard_error", "step": "step", "modes": "modes"}
+    columns: dict[str, Any] = {column: data[name].mean("scene") for column, name in names.items()}
+    ratio = errors.at(data["cpu_per_second"], *SCHEME) / data["cpu_per_second"]
+    columns["speed_up"] = xr.ufuncs.exp(xr.ufuncs.log(ratio).mean("scene"))
+    fraction = abs(data["quantity_error"].sel(quantity=list(errors.FRACTIONS))).max("quantity")
+    for group, of_paper in GROUPS.items():
+        chosen = data["scene"].isin(list(PAPERS)) == of_paper
+        columns[f"mismatch {group}"] = errors.rms(data["mismatch"].where(chosen))
+        columns[f"error {group}"] = errors.rms(data["mismatch_standard_error"].where(chosen))
+        columns[f"fraction {group}"] = fraction.where(chosen).max("scene")
+        no, yes, _ = (((data["within"] == code) & chosen).sum("scene") for code in range(3))
+        columns |= {f"right {group}": yes, f"compared {group}": yes + no}
+    columns = {name: column.reset_coords(drop=True) for name, column in columns.items()}
+    frame = xr.Dataset(columns).to_dataframe(["method", "setting"])
+    return frame[frame["cost"].notna()].reset_index()
+
+
+def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
+    """The row of the cheapest that is right at every scene at which any is compared; empty if none is."""
+    right, compared = (frame[[f"{name} {group}" for group in GROUPS]].to_numpy() for name in ("right", "compared"))
+    most = compared.max(axis=0, initial=0)
+    everywhere = ((compared == most) & (right == most)).all(axis=1) & most.any()
+    return frame[everywhere].nsmallest(1, "cost")
+
+
+def summary(data: xr.Dataset) -> Iterator[Any]:
+    """The finding, costs, errors, scenes, and the terms."""
+    frame = table(data)
+    default = frame[(frame["method"] == FAST) & (frame["setting"] == DEFAULT)]
+    for text, rows in (("Default", default), ("Cheapest that is right at every scene", cheapest_right(frame))):
+        for _, row in rows.iterrows():
+            right, compared = (sum(row[f"{name} {group}"] for group in GROUPS) for name in ("right", "compared"))
+            speed = f"{row['speed_up']:.3g} times as fast as the published scheme"
+            yield f"{text}: {row['method']}, {row['setting']}, right at {right} of {compared} scenes, {speed}."
+    heads = {"cost": "CPU s/s", "time": "CPU s to SE", "speed_up": "speed-up", "step": "step µs"}
+    cost = frame.assign(step=1e6 * frame["step"])[
+        ["method", "setting", "step", "modes", "cost", "time", "speed_up"]
+    ]
+    yield "Cost", cost.rename(columns=heads)
+    for group in GROUPS:
+        right, compared = (frame[f"{name} {group}"].astype(str) for name in ("right", "compared"))
+        columns = {"error": frame[f"mismatch {group}"], "SE": frame[f"error {group}"]}
+        columns |= {"fractions of time": 100.0 * frame[f"fraction {group}"], "right at": right + "/" + compared}
+        yield f"Errors, {group}", frame[["method", "setting"]].assign(**columns)[frame[f"compared {group}"] > 0]
+    yield f"Scenes; rigs are drawn with seed {settings.SEED}", scenes(data)
+    yield TERMS
+
+
+def scenes(data: xr.Dataset) -> pd.DataFrame:
+    """Each scene, and the standard error of a fraction of time over one second of it."""
+    rows, heads = [], ["V mm/s", "P1 mm", "thick mm", "P2 mm", "contact mm", "θ °", "μ", "F N"]
+    for name in data["scene"].values.tolist():
+        scene = settings.scene_of(name, rig_of(data))
+        p1, p2, at = scene.rig.p1, scene.rig.p2, scene.rig.contact_position
+        lengths = [1e3 * length for length in (scene.V, p1.length, p1.thickness, p2.length, at)]
+        rows.append([*lengths, scene.theta, scene.mu, scene.F])
+    frame = pd.DataFrame(rows, data["scene"].to_index(), heads).reset_index()
+    return frame.assign(**{"SE of 1 s": data["one_second_error"].values})
+
+
+def figure(data: xr.Dataset) -> Figure:
+    """Error against cost of each group of scenes, error of every setting, and the time to a standard error."""
+    figure, panels = figures.mosaic("ab;cc;dd", 17.0, 22.0, height_ratios=(1.3, 1.7, 0.75))
+    panels["b"].sharey(panels["a"])
+    for letter, group in zip("ab", GROUPS, strict=True):
+        _draw_costs(panels[letter], table(data), group)
+    _draw_scenes(panels["c"], data["mismatch"], MISMATCH)
+    panels["c"].axvline(1.0, color="black", lw=0.8, ls=":")
+    timed = data["setting"].isin([DEFAULT, CONVERGED, PUBLISHED, MODEL])
+    _draw_scenes(panels["d"], data["time_to_standard_error"].where(timed), "CPU time / s")
+    until = f"CPU time to a standard error of {errors.STANDARD_ERROR:g} of the fractions of time"
+    figures.letter(panels.values(), (*GROUPS, "every setting at each scene", until))
+    figures.legend_below(figure, list(panels.values()), 3)
+    figure.suptitle("Run time against error")
+    return figure
+
+
+def _draw_costs(axes: Axes, frame: pd.DataFrame, group: str) -> None:
+    """Errors of a group of scenes against cost; what standard errors alone would give is shaded."""
+    frame = frame[frame[[f"mismatch {group}" for group in GROUPS]].gt(0.0).any(axis=1)]
+    kinds = frame["method"] + ": " + frame["setting"].map(lambda name: settings.SETTINGS[name].kind)
+    for marker, (kind, rows) in zip(MARKERS, frame.groupby(kinds, sort=False), strict=False):
+        rows, size = rows.sort_values("cost"), 10 if kind == "fast: default" else 4
+        axes.plot("cost", f"mismatch {group}", marker=marker, data=rows, ms=size, lw=1.0, label=kind)
+    for error in frame[kinds == "fast: default"][f"error {group}"].dropna():
+        axes.axhspan(0.0, error, color="grey", alpha=0.25, linewidth=0.0, label="standard errors alone")
+    axes.axhline(1.0, color="black", lw=0.8, ls=":")
+    if frame[f"mismatch {group}"].gt(0.0).any():
+        axes.set(xscale="log", yscale="log")
+    axes.set(xlabel="CPU time / simulated time", ylabel=MISMATCH)
+
+
+def _draw_scenes(axes: Axes, values: xr.DataArray, label: str) -> None:
+    """A row of points, one for each scene, for each method and setting that has a value."""
+    rows = values.where(values > 0.0).to_series().dropna().rename("value").reset_index()
+    rows["name"] = rows["method"] + ", " + rows["setting"]
+    for (group, of_paper), color in zip(GROUPS.items(), ("black", "tab:orange"), strict=True):
+        part = rows[rows["scene"].isin(list(PAPERS)) == of_paper]
+        axes.plot("value", "name", "o", data=part, color=color, ms=4, mfc="none", label=f"(c), (d): {group}")
+    axes.set(xscale="log", xlabel=label, ymargin=0.08)
+    axes.tick_params(axis="y", labelsize="small")
+    axes.invert_yaxis()

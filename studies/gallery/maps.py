@@ -1,0 +1,270 @@
+"""Maps: quantities over two parameters or along one; those of one function are a group, and that a study."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fivcore import Rig, Scene, checks, critical_mu, glued_frequencies
+from studies import labels, paper, spec, summary, uncertainty
+from studies.motion import ensemble, regimes, run
+from studies.motion.jobs import outcomes
+from studies.parameters import RIG, RUN, SCENE, Parameter, rig_numbers, suggest, unusual, warn_unusual
+from studies.plotting import figures, planes
+from studies.request import Request, assignment
+from studies.results import MAPS, configuration, results_folder, settings
+from studies.stability import first_growth, largest_growth
+from studies.study import Study
+from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined, refinement_report
+
+MU_MAX, LONGEST_NAME = 1.0, 60
+# A quantity passes from one class to another at these values.
+THRESHOLDS = {"growth_rate": 0.0, "probability_unstable": 0.5}
+# Points of the paper: its tests, and where it finds modes to become unstable.
+POINT = {name: parameter.default for name, parameter in (SCENE | RIG).items()}
+PAPER = [("*", "tests, paper", POINT | {"V": V}) for V in paper.SPEEDS]
+PAPER += [("D", "first unstable μ, paper", POINT | {"mu": mu}) for mu, _ in paper.ONSETS]
+GROWTH = {
+    "growth_rate": Variable("s-1", "growth rate of the least stable mode", (), "float32", digits=4),
+    "frequency": Variable("Hz", "frequency of the least stable mode", (), "float32", digits=5),
+    "unstable_modes": Variable("1", "number of unstable modes", (), "int8"),
+}
+ONSET = {"onset_mu": ("1", "lowest onset mu"), "onset_frequency": ("Hz", "frequency at the lowest onset")}
+GLUED = {f"glued_frequency_{k}": ("Hz", f"natural frequency {k}, glued") for k in range(1, 9)}
+MOTION = {n: replace(v, long_name=v.long_name.split(",")[0]) for n, v in ensemble.outputs().items() if not v.dims}
+PROBABILITY = {"probability_unstable": ("1", "probability of instability")}
+PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (_, text) in PROBABILITY.items()}
+
+
+def growth(rig: Rig, theta: Any, mu: Any) -> dict[str, Any]:
+    """The least stable mode of steady sliding, and the number of unstable ones."""
+    return dict(zip(GROWTH, map(np.atleast_1d, largest_growth(rig, theta, mu)), strict=True))
+
+
+def onset(rig: Rig, theta: Any) -> dict[str, Any]:
+    """The lowest onset of flutter; NaN without one."""
+    found = [first_growth(rig, angle, run.BAND, MU_MAX) for angle in np.ravel(theta).tolist()]
+    return dict(zip(ONSET, np.transpose(found), strict=True))
+
+
+def contact_limit(rig: Rig, theta: Any, **options: Any) -> dict[str, Any]:
+    """The friction from which on the contact force is not unique; NaN where it always is."""
+    found = [critical_mu(rig, angle, run.METHOD, **options) for angle in np.ravel(theta).tolist()]
+    return {"critical_mu": np.where(np.isfinite(found), found, np.nan)}
+
+
+def glued(rig: Rig, theta: Any) -> dict[str, Any]:
+    """Natural frequencies of the beams glued at the contact."""
+    found = [glued_frequencies(rig, angle, len(GLUED)) for angle in np.ravel(theta).tolist()]
+    return dict(zip(GLUED, np.transpose(found), strict=True))
+
+
+def motion(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, Any]:
+    """Statistics of the realisations of each scene."""
+    jobs = [ensemble.ensemble(scene, members, options) for scene in scenes]
+    return outcomes(jobs, lambda _, runs: {k: v for k, v in ensemble.statistics(runs).items() if k in MOTION})
+
+
+def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distributions: Any) -> dict[str, Any]:
+    """The fraction of uncertain rigs that are unstable; one sample of rigs serves all points."""
+    theta, mu = np.broadcast_arrays(np.atleast_1d(theta), np.atleast_1d(mu))
+    draws = uncertainty.draws(distributions or uncertainty.usual(rig_numbers(rig)), samples, seed)
+    drawn_mu, share = draws.pop("mu", None), np.empty(len(theta))
+    for angle in np.unique(theta):
+        rows = theta == angle
+        friction = mu[rows] if drawn_mu is None else drawn_mu[:, None]
+        share[rows] = uncertainty.unstable_share(rig, {"theta": angle} | draws, friction)
+    return dict(zip(PROBABILITY, (share, np.sqrt(share * (1.0 - share) / samples)), strict=True))
+
+
+def plan(
+    x: str, y: str | None = None, quantities: str | Sequence[str] = "growth_rate",
+    fix: Mapping[str, Any] | None = None, refine: int = 0, tolerance: float | None = None, out: Any = None, *,
+    samples: int | None = None, seed: int | None = None, strict: bool = False, **how: bool,
+) -> tuple[Study, Plan]:  # fmt: skip
+    """The study and the plan of a map, with its file in the results folder.
+
+    `x` and `y` are NAME=SPEC, `fix` has values of other parameters and distributions. With `refine` intervals are
+    halved so often where the first quantity changes, or where interpolation is off by `tolerance` of its range.
+    """
+    names = [name.strip() for name in quantities.split(",")] if isinstance(quantities, str) else list(quantities)
+    groups = dict.fromkeys(map(quantity_group, names))
+    if len(groups) > 1:
+        raise InputError(f"--quantity {','.join(names)}: {' and '.join(groups)} are groups; a map has one of them")
+    study, sides = STUDIES[next(iter(groups))], dict(assignment(side, "--x or --y") for side in (x, y) if side)
+    fixed = dict(fix or {}) | {k: v for k, v in (("samples", samples), ("seed", seed)) if v is not None}
+    for option, name in [*zip(("--x", "--y"), sides, strict=False), *(("--fix", name) for name in fixed)]:
+        if name not in study.parameters:
+            near = f"{suggest(name, study.parameters)}choose from {', '.join(study.parameters)}"
+            raise InputError(f"{option} {name}: {names[0]} does not depend on it; {near}")
+        if (y and len(sides) < 2) or (option == "--fix" and name in sides):
+            raise InputError(f"{option} {name}: it varies already; give it once")
+    check_counts({name: (spec.count(text) - 1) * 2**refine + 1 for name, text in sides.items()})
+    values = Request(study.name, fixed | sides).values_of(study)
+    default = {name: parameter.default for name, parameter in study.parameters.items()}
+    for name in fixed:
+        if np.size(values[name]) > 1 or (hasattr(values[name], "ppf") and "samples" not in default):
+            raise InputError(f"--fix {name}: it must have one value; what varies is --x or --y")
+    numbers = {name: np.ravel(value)[0] for name, value in (default | values).items() if name not in sides}
+    changed = [f"{n}{spec.typed(getattr(v, 'text', v))}" for n, v in sorted(numbers.items()) if v != default[n]]
+    if "samples" in numbers and not any(hasattr(value, "ppf") for value in values.values()):
+        values |= uncertainty.distributions(uncertainty.usual(numbers))
+    if refine:
+        values |= {n: spec.refined(text, n, refine, study.parameters[n].units) for n, text in sides.items()}
+    sweep, whole = study.sweep(values), np.dtype(study.outputs[names[0]].dtype).kind == "i"
+    plain = {name: value for name, value in values.items() if not hasattr(value, "ppf")}
+    # A file is written again where its title changes: then it has this request, which is drawn.
+    title, request = f"{', '.join(names)} over {', '.join(sides)}", {"x": next(iter(sides)), "quantities": names}
+    remark = warn_unusual(unusual(plain, plain), strict=strict)
+    sweep = replace(sweep, title=title, request={**sweep.request, **request}, remark=remark)
+    if tolerance is not None and (whole or not refine):
+        raise InputError(f"tolerance = {tolerance:g}: it is for numbers, with --refine N; leave it out")
+    if refine:
+        limit = checks.between("tolerance", 0.02 if tolerance is None else tolerance, 1e-12, 1e12, "of the range")
+        thresholds = tuple(value for name, value in THRESHOLDS.items() if name == names[0])
+        sweep = refined(sweep, Refinement(names[0], refine, None if whole else limit, thresholds))
+    parts = [names[0] if refine else study.name.removeprefix(f"{MAPS}_"), *sides]
+    file = re.sub(r"[^\w.+-]", "_", "-".join([*parts, *changed]))
+    file = file if len(file) <= LONGEST_NAME else "-".join([*parts, sha256(file.encode()).hexdigest()[:8]])
+    return study, sweep.plan(results_folder(out) / MAPS / f"{file}.nc", strict=strict, **how)
+
+
+def quantity_group(name: str) -> str:
+    """The group of a quantity; an `InputError` suggests the nearest."""
+    if name not in QUANTITIES:
+        raise InputError(f"--quantity {name}: {suggest(name, QUANTITIES)}it must be of {', '.join(QUANTITIES)}")
+    return QUANTITIES[name]
+
+
+def arranged(dataset: xr.Dataset) -> tuple[list[str], str, str | None]:
+    """The requested quantities, the parameter across, and that upwards."""
+    request, dims = configuration(dataset).get("request", {}), [str(dim) for dim in dataset["status"].dims]
+    x = request["x"] if request.get("x") in dims else dims[0]
+    names = [name for name in request.get("quantities", ()) if name in dataset]
+    return names or list(map(str, dataset.data_vars))[:1], x, next((dim for dim in dims if dim != x), None)
+
+
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """The range of each quantity, how it was computed, and the values along one parameter."""
+    names, x, y = arranged(dataset)
+    for name in names:
+        values, units = labels.readable(dataset[name]), labels.label(dataset[name], long=True)
+        found = " to ".join(dict.fromkeys(labels.number(float(end)) for end in (values.min(), values.max())))
+        if "flag_values" in values.attrs:
+            words, counts = np.unique(labels.words(values), return_counts=True)
+            shares = zip(words, 100.0 * counts / values.size, strict=True)
+            found = ", ".join(f"{word} {share:.3g} %" for word, share in shares)
+        elif name in THRESHOLDS:
+            found += f", above {THRESHOLDS[name]:g} at {100.0 * float((values > THRESHOLDS[name]).mean()):.3g} %"
+        yield f"{units}: {found}."
+    yield " ".join([f"{dataset['status'].size} points.", *refinement_report(dataset)])
+    if y is None:
+        yield "Values", summary.frame(dataset, [x, *names, *(f"{n}_se" for n in names if f"{n}_se" in dataset)])
+    if texts := configuration(dataset)["constants"].get("distributions"):
+        yield "Uncertain parameters", uncertainty.table(texts)
+
+
+def draw(dataset: xr.Dataset) -> Any:
+    """A panel for each quantity, over two parameters or along one."""
+    names, x, y = arranged(dataset)
+    figure, panels = figures.panels(len(names), 1, 16.0, 4.0 + (7.5 if y else 5.0) * len(names))
+    if "regime" in dataset:
+        other = planes.FAILED + (dataset["status"] != FAILED)
+        dataset = dataset.assign(kind=dataset["regime"].fillna(other).astype(int))
+    for axes, name in zip(panels, names, strict=True):
+        (_draw_plane if y else _draw_curve)(axes, dataset, name, x, str(y))
+    figures.legend_below(figure, panels, 3)
+    study = STUDIES[str(dataset.attrs["sweep"]).removeprefix(f"{MAPS}_")]
+    texts = configuration(dataset)["constants"].get("distributions", {})
+    fixed = [n for n, value in settings(dataset).items() if n in SCENE or value != study.parameters[n].default]
+    about = [labels.named(name, dataset[name]) for name in fixed if name not in texts]
+    about += [f"{len(texts)} uncertain parameters"] * bool(texts)
+    figure.suptitle(figures.fitted(f"{study.title}\n{', '.join(about)}".strip(), 16.0))
+    return figure
+
+
+def _draw_plane(axes: Any, dataset: xr.Dataset, name: str, x: str, y: str) -> None:
+    """A quantity over two parameters, its threshold between the cells, failed points, and the paper's."""
+    values = labels.readable(dataset[name].transpose(y, x)).astype(float)
+    left, low = (planes.edges(labels.readable(dataset[dim]).values.astype(float)) for dim in (x, y))
+    if name == "regime":
+        planes.regimes(axes, dataset["kind"], x, y)
+        for code in np.unique(dataset["kind"]):
+            axes.fill_between([], [], facecolor=planes.COLOURS[code], edgecolor="black", label=regimes.KINDS[code])
+    else:
+        if name == "growth_rate":
+            planes.cells(axes, 0.0 * values.where(values <= 0.0), x, y, cmap="Greys", vmin=-0.15, vmax=1.0)
+            axes.fill_between([], [], color="#ededed", label="stable")
+            values = values.where(values > 0.0)
+        bar = axes.figure.colorbar(planes.cells(axes, values, x, y), ax=axes)
+        bar.set_label(figures.fitted(labels.label(dataset[name], long=True), 7.0))
+        axes.set_title("" if values.notnull().any() else "no value", fontsize=9.0)
+        failed = np.ma.masked_not_equal(dataset["status"].transpose(y, x).values, FAILED)
+        if failed.count():
+            axes.pcolor(left, low, failed, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, label="failed")
+    if name in THRESHOLDS:
+        above = (dataset[name] > THRESHOLDS[name]).where(dataset[name].notnull()).transpose(y, x)
+        if 0.0 < float(above.mean()) < 1.0:
+            # Twice the values at both ends of each cell: the contour follows the sides of the cells.
+            sides = [np.repeat(ends, 2)[1:-1] for ends in (left, low)]
+            axes.contour(*sides, np.kron(above, np.ones((2, 2))), levels=[0.5], colors="black", linewidths=1.2)
+            axes.plot([], [], color="black", label=f"{labels.title(name)} {THRESHOLDS[name]:g}")
+    _mark_paper(axes, dataset, [x, y])
+
+
+def _draw_curve(axes: Any, dataset: xr.Dataset, name: str, x: str, _: str) -> None:
+    """A quantity along one parameter with its standard errors, its threshold, and the paper's values."""
+    xs, values = (labels.readable(dataset[key]).values.astype(float) for key in (x, name))
+    errors = labels.readable(dataset[f"{name}_se"]).values if f"{name}_se" in dataset else None
+    if "regime" in dataset:
+        planes.along(axes, xs, values, dataset["kind"].values, errors)
+    else:
+        axes.errorbar(xs, values, errors, color=figures.BLUE, marker="o", markersize=3.0)
+    if name == "regime":
+        axes.set_yticks(range(len(run.REGIMES)), run.REGIMES)
+    elif name in THRESHOLDS:
+        axes.axhline(THRESHOLDS[name], color=figures.GREY, linewidth=0.8)
+    planes.set_side(axes, "x", dataset[x])
+    axes.set_ylabel(figures.fitted(labels.label(dataset[name], long=True), 6.0))
+    _mark_paper(axes, dataset, [x])
+
+
+def _mark_paper(axes: Any, dataset: xr.Dataset, dims: list[str]) -> None:
+    """Mark the points of the paper's rig and tests in a plane, or their values along one parameter."""
+    fixed = settings(dataset)
+    for marker, label, point in PAPER:
+        papers = set(dims) <= set(point) and all(fixed.get(name, value) == value for name, value in point.items())
+        if papers and (marker == "*" or ("mu" in dims and "regime" not in dataset)):
+            place = tuple(labels.unit_of(dataset[dim])[1] * point[dim] for dim in dims)
+            if len(dims) == 2:
+                planes.marks(axes, [place], marker=marker, color="black", mfc="white", markersize=8.0, label=label)
+            elif dataset[dims[0]].min() <= point[dims[0]] <= dataset[dims[0]].max():
+                axes.axvline(*place, color=figures.ORANGE, linestyle=":" if marker == "*" else "--", label=label)
+
+
+RUNS = ensemble.members(1) | ensemble.until(0.3, 16.0)
+DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the random numbers")}
+MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
+LIMIT = {"critical_mu": ("1", "mu from which on the contact force is not unique")}
+DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
+# Group, title, parameters besides those of the rig and the scene, outputs, function, and the rest.
+GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
+    ("growth", "Least stable mode of steady sliding (modes below 10 kHz)", {}, GROWTH, growth, {}),
+    ("onset", "Lowest μ at which steady sliding flutters (modes below 10 kHz)", {}, ONSET, onset, {}),
+    ("contact_limit", "Uniqueness of the contact force", MODEL, LIMIT, contact_limit, {}),
+    ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, {}),
+    ("motion", "Motion", RUNS, MOTION, motion, {"check": ensemble.check, "normalised": True, "chaotic": True}),
+    ("probability", "Stability of uncertain rigs", DRAWN, PROBABILITY, probability, {"check": uncertainty.check}),
+)
+STUDIES = {
+    group: Study(f"{MAPS}_{group}", title, title, more, out, call, summary=summarise, figure=draw, **how)
+    for group, title, more, out, call, how in GROUPS
+}
+# Quantities with their groups.
+QUANTITIES = {name: group for group, study in STUDIES.items() for name in study.outputs}

@@ -1,1 +1,0 @@
-"""Kinds of vibration over speed and friction."""

@@ -1,0 +1,200 @@
+"""How likely steady sliding is unstable where the rig is uncertain, and which parameters dominate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from fivcore import Rig, checks
+from studies import labels, paper, summary, uncertainty
+from studies.claims import is_papers_rig, rig_text
+from studies.motion.run import BAND
+from studies.parameters import RIG, Parameter, rig_numbers
+from studies.plotting import figures, planes
+from studies.results import configuration, settings
+from studies.spec import evenly
+from studies.study import Study
+from studies.uncertainty import MOST_SAMPLES, MU_MAX, USUAL
+from sweeps import DONE, Axis, InputError, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Fractions of rigs in the table, contours in the figure, parameters in both; total index of a dominant parameter.
+RISKS = (0.01, 0.05, 0.5, 0.95, 0.99)
+CONTOURS: dict[float, Any] = {0.05: (0, (1.3, 1.3)), 0.5: "-", 0.95: (0, (6, 1.5))}
+LISTED, DOMINANT = 6, 0.05
+OUTPUTS = {
+    "probability_unstable": ("1", "probability of instability", "mu"),
+    "nominal_unstable": Variable("1", "nominal stability", ("mu",), "int8", flags={0: "stable", 1: "unstable"}),
+    "nominal_onset_mu": ("1", "lowest onset mu of the nominal rig"),
+    "nominal_onset_frequency": ("Hz", "frequency at the nominal rig's lowest onset"),
+    "onset_mu": Variable("1", "lowest onset mu of a rig", ("sample",), digits=6),
+    "onset_frequency": Variable("Hz", "frequency at a rig's lowest onset", ("sample",), digits=6),
+    "sobol_first": ("1", "first Sobol index of the lowest onset", "parameter"),
+    "sobol_total": ("1", "total Sobol index of the lowest onset", "parameter"),
+    "sobol_first_se": ("1", "standard error of the first Sobol index", "parameter"),
+    "sobol_total_se": ("1", "standard error of the total Sobol index", "parameter"),
+}
+
+
+def probabilities(
+    rig: Rig, theta: Any, mu: Any, samples: int, sobol_samples: int, seed: int, distributions: Mapping[str, str]
+) -> dict[str, Any]:
+    """The outputs at each inclination, of the same rigs; the indices of a certain parameter are 0."""
+    texts = distributions or uncertainty.usual(rig_numbers(rig))
+    draws, uncertain = uncertainty.draws(texts, samples, seed), uncertainty.distributions(texts)
+    places, rows = [list(USUAL).index(name) for name in uncertain], []
+    for angle in theta:
+        nominal, onsets = (uncertainty.onsets(rig, {"theta": angle, **numbers}) for numbers in ({}, draws))
+        indices, lowest = np.zeros((4, len(USUAL))), partial(_lowest, rig, angle)
+        indices[:, places] = uncertainty.sobol_indices(lowest, uncertain, sobol_samples, seed)
+        unstable = onsets.unstable(mu).mean(axis=0), nominal.unstable(mu)[0]
+        first = np.ravel(uncertainty.lowest(nominal, np.nan))
+        rows.append((*unstable, *first, *uncertainty.lowest(onsets, np.nan), *indices))
+    return dict(zip(OUTPUTS, map(np.array, zip(*rows, strict=True)), strict=True))
+
+
+def _lowest(rig: Rig, theta: float, numbers: Mapping[str, Any]) -> np.ndarray:
+    """The lowest onset of many rigs; MU_MAX where they have none."""
+    return uncertainty.lowest(uncertainty.onsets(rig, {"theta": theta, **numbers}), MU_MAX)[0]
+
+
+def check(mu: Any, samples: int, sobol_samples: int, seed: int, **others: Any) -> None:
+    """Refuse numbers out of range, and distributions of what is an axis."""
+    checks.friction(float(np.min(mu)))
+    uncertainty.check(samples, seed, **others)
+    checks.number("sobol_samples", sobol_samples, "a power of 2", lambda n: n in [1 << k for k in range(15)])
+    for name in others.get("distributions", ()):
+        if name not in USUAL:
+            raise InputError(f"--scatter {name}: it is an axis of study robust; leave it out, or use fiv map")
+
+
+def derive(dataset: xr.Dataset) -> xr.Dataset:
+    """Add Wilson's interval of the probability, and the draws as coordinates."""
+    share, count = dataset["probability_unstable"], dataset.sizes["sample"]
+    for end, values in zip(("low", "high"), uncertainty.wilson(share.values, count), strict=True):
+        text = f"{end} end of Wilson's 95 % interval of probability_unstable"
+        dataset[f"probability_{end}"] = (share.dims, values, {"units": "1", "long_name": text})
+    texts = configuration(dataset)["constants"].get("distributions") or uncertainty.usual(settings(dataset))
+    draws = uncertainty.draws(texts, count, settings(dataset)["seed"])
+    for name, distribution in uncertainty.distributions(texts).items():
+        about = {"units": RIG[name].units, "long_name": RIG[name].text, "distribution": distribution.text}
+        dataset = dataset.assign_coords({name: ("sample", draws[name], about | {"truncated": distribution.cut})})
+    return dataset
+
+
+def ranked(dataset: xr.Dataset) -> xr.Dataset:
+    """The computed inclination next to the paper's, its uncertain parameters by their total indices."""
+    at = dataset.isel(theta=dataset["status"].values == DONE).sel(theta=paper.THETA, method="nearest").load()
+    at = at.sel(parameter=[name for name in at["parameter"].values if at[name].ndim])
+    at = at.isel(parameter=np.argsort(-at["sobol_total"].values, kind="stable"))
+    return at.assign_coords(text=("parameter", [RIG[name].text for name in at["parameter"].values]))
+
+
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """Friction by the fraction of rigs that are unstable, dominant parameters, distributions."""
+    if not (dataset["status"] == DONE).any():
+        return
+    at, count = ranked(dataset), dataset.sizes["sample"]
+    where, nominal = f"at {labels.named('theta', at['theta'])}", float(at["nominal_onset_mu"])
+    onset = at["onset_mu"].fillna(np.inf).values
+    start = f"from mu = {nominal:.4f} on, {float(at['nominal_onset_frequency']):.0f} Hz"
+    below, never = 100.0 * np.mean(onset <= nominal), 100.0 * np.mean(np.isinf(onset))
+    yield (
+        f"The nominal rig flutters {'at no mu' if np.isnan(nominal) else start} {where}; of {count} uncertain "
+        f"rigs {below:.0f} % flutter below that, {never:.3g} % at no mu (modes below {BAND / 1e3:g} kHz). "
+        f"Dominant parameters: {', '.join(at['text'].values[at['sobol_total'].values >= DOMINANT]) or 'none'}."
+    )
+    ends = np.array([RISKS, *uncertainty.wilson(RISKS, count)])
+    rows = np.vstack([100.0 * ends[0], np.quantile(onset, ends, method="inverted_cdf")]).T
+    table = pd.DataFrame(rows, columns=["unstable rigs %", "from mu", "95 % interval: from", "to"])
+    yield f"Lowest onset of the rigs {where}", table.replace(np.inf, np.nan)
+    table = summary.frame(at.isel(parameter=slice(LISTED)), ["text", *list(OUTPUTS)[-4:]])
+    yield f"Sobol indices of the lowest onset {where}", table.rename(columns={"text": "parameter"})
+    yield "Uncertain parameters", uncertainty.table({name: at[name].distribution for name in at.parameter.values})
+
+
+def draw(dataset: xr.Dataset) -> Figure:
+    """Probability over inclination and friction; at the angle next to the paper's, what it depends on."""
+    at, whole = ranked(dataset), min(dataset.sizes["theta"], dataset.sizes["mu"]) > 1
+    layout = [["plane", "plane"]] * whole + [["along", "rigs"], ["bars", "bars"]]
+    figure, panels = figures.mosaic(layout, 17.0, 7.3 * len(layout), height_ratios=[1.4, 1.0, 0.9][-len(layout) :])
+    if whole:
+        _draw_plane(panels["plane"], dataset)
+    axes, mu, middle = panels["along"], at["mu"].values, at["probability_unstable"].values
+    axes.fill_between(mu, at["probability_low"], at["probability_high"], color="#b3d4e8", label="Wilson 95 %")
+    axes.plot(mu, middle, color=figures.BLUE, marker=".", label="fraction of rigs")
+    axes.axvline(float(at["nominal_onset_mu"]), color=figures.RED, linestyle="--", label="nominal onset")
+    steps = np.flatnonzero(np.diff(middle))
+    if len(steps):
+        axes.set_xlim(mu[max(steps[0] - 4, 0)], mu[min(steps[-1] + 5, len(mu) - 1)])
+    axes.set(xlabel="μ", ylabel=labels.label(at["probability_unstable"], long=True), ylim=(-0.03, 1.03))
+    # Rigs by their dominant parameters; a few outliers do not flatten the scale.
+    x, y = (at[name] for name in [*at["parameter"].values[:2].tolist(), "onset_mu"][:2])
+    low, high = at["onset_mu"].fillna(MU_MAX).quantile([0.01, 0.99]).values
+    look: dict[str, Any] = {"cmap": "cividis", "vmin": low, "vmax": high, "linewidths": 0.0}
+    dots = panels["rigs"].scatter(labels.readable(x), labels.readable(y), 7.0, at["onset_mu"], **look)
+    figure.colorbar(dots, ax=panels["rigs"]).set_label("lowest onset μ")
+    across, up = (figures.fitted(labels.label(array, long=True), 7.0) for array in (x, y))
+    panels["rigs"].set(xlabel=across, ylabel=up)
+    bars, axes = at.isel(parameter=slice(LISTED)), panels["bars"]
+    for shift, kind, colour in ((-0.19, "first", figures.GREY), (0.19, "total", figures.BLUE)):
+        rows, look = np.arange(bars.sizes["parameter"]), {"color": colour, "label": f"{kind} Sobol index"}
+        axes.barh(rows + shift, bars[f"sobol_{kind}"], 0.36, xerr=bars[f"sobol_{kind}_se"], **look)
+    axes.set_yticks(rows, bars["text"].values)
+    axes.set(xlabel="fraction of the variance of the lowest onset", xlim=(0.0, None), ylim=(len(rows) - 0.5, -0.5))
+    axes.legend(loc="lower right")
+    titles = ["probability of instability"] * whole + ["along μ", "lowest onsets", "dominant parameters"]
+    figures.letter(panels.values(), titles)
+    figures.legend_below(figure, list(panels.values())[:-2])
+    where = labels.named("theta", at["theta"]) + rig_text(dataset)
+    figure.suptitle(f"Steady sliding of {at.sizes['sample']} uncertain rigs, onsets at {where}")
+    return figure
+
+
+def _draw_plane(axes: Axes, dataset: xr.Dataset) -> None:
+    """Probability as lightness, its contours, and where the nominal rig becomes unstable."""
+    share = dataset["probability_unstable"].transpose("mu", "theta")
+    theta, mu = share["theta"].values, share["mu"].values
+    mesh = planes.cells(axes, share, "theta", "mu", vmin=0.0, vmax=1.0)
+    axes.figure.colorbar(mesh, ax=axes).set_label(labels.label(share, long=True))
+    for level, style in CONTOURS.items():
+        if (share > level).any() and (share < level).any():
+            axes.contour(theta, mu, share, levels=[level], colors="white", linestyles=[style], linewidths=1.3)
+            axes.plot([], [], color=figures.GREY, linestyle=style, label=f"probability {level:g}")
+    axes.plot(theta, dataset["nominal_onset_mu"], color=figures.RED, label="nominal rig", scaley=False)
+    if is_papers_rig(dataset):
+        look = {"marker": "D", "color": "black", "markerfacecolor": "white", "label": "first unstable μ, paper"}
+        planes.marks(axes, [(paper.THETA, onset) for onset, _ in paper.ONSETS], **look, zorder=4.0)
+
+
+STUDY = Study(
+    name="robust",
+    title="Uncertainty of the flutter onset: probability of instability and dominant parameters",
+    question="How likely is a rig like this to squeal, and which of its parameters must be known better?",
+    paper="The paper computes one rig, and what it measured differs from that; uncertainty is not in it.",
+    parameters={
+        "theta": Parameter(evenly(0.0, 20.0, 41), "degree", "inclination of P1"),
+        "mu": Parameter(evenly(0.0, 0.5, 101), "1", "coefficient of friction", inner=True),
+        "samples": Parameter(1024, "1", "number of uncertain rigs", common=True),
+        "sobol_samples": Parameter(512, "1", "base of the Sobol indices, a power of 2", common=True),
+        "seed": Parameter(0, "1", "seed of the random numbers", common=True),
+    },
+    outputs=OUTPUTS,
+    function=probabilities,
+    coords=lambda samples: {
+        "sample": Axis(np.arange(checks.count("samples", samples, MOST_SAMPLES)), "1", "number of the draw"),
+        "parameter": Axis(list(USUAL), long_name="uncertain parameter"),
+    },
+    check=check,
+    derive=derive,
+    summary=summarise,
+    figure=draw,
+)

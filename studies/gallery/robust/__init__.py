@@ -1,1 +1,0 @@
-"""Instability where the numbers of the rig scatter."""

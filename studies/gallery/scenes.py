@@ -1,0 +1,93 @@
+"""Any grid of scenes over V, theta, mu and F: the summary of the motion in time and, with --record, series."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fivcore import Scene, Transient, Until, checks
+from studies import paper, summary
+from studies.motion import ensemble, regimes, run, series
+from studies.motion.jobs import Job, outcomes
+from studies.plotting import general
+from studies.study import Parameter, Study
+from sweeps import Variable
+
+OUTPUTS: dict[str, Variable] = {
+    name: replace(variable, scale="load") if name in run.SCALED else variable
+    for name, variable in run.SUMMARY.items()
+} | {"simulated_time": Variable("s", "simulated time")}
+COLUMNS = ("V", "theta", "mu", "F", "regime", "stick_fraction", "separation_fraction", "velocity_rms")
+# Rows of the summary's table.
+MOST_ROWS = 40
+
+
+def motions(
+    scenes: Sequence[Scene],
+    duration: float | None,
+    standard_error: float,
+    min_duration: float,
+    max_duration: float,
+    record: Sequence[str],
+    times: Any,
+    **options: Any,
+) -> dict[str, Any]:
+    """Summary and recorded series of each scene."""
+
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        time = {"simulated_time": runs[0].summary["simulated_time"]}
+        return series.kept(runs[0], record) | run.summary_of(runs[0]) | time
+
+    until = duration or Until(standard_error, min_duration, max_duration)
+    recording = series.sampling(record, times)
+    return outcomes([[run.job(scene, until, options, **recording)] for scene in scenes], values)
+
+
+def check(duration: Any, settle: Any, **others: Any) -> None:
+    """Refuse what cannot be run."""
+    for name, value in (("duration", duration), ("settle", settle)):
+        if value is not None:
+            checks.between(name, np.min(value), 1e-6 if name == "duration" else 0.0, 1e6, "s, or auto")
+    ensemble.check(**others)
+
+
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """How many scenes move in which way, and the first of them."""
+    numbers = np.bincount(regimes.kinds(dataset).ravel(), minlength=len(regimes.KINDS))
+    counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
+    yield f"{numbers.sum()} scenes, {regimes.damping_text(dataset)}: {counts}."
+    points = dataset[[*COLUMNS, "status"]].stack(point=dataset["status"].dims, create_index=False)
+    table = summary.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
+    more = f" (the first {MOST_ROWS} of {points.sizes['point']})" if points.sizes["point"] > MOST_ROWS else ""
+    yield f"Scenes{more}", table
+
+
+STUDY = Study(
+    name="scenes",
+    title="Scenes: any grid over V, theta, mu and F",
+    question="How does the rig move at each speed, inclination, friction and load?",
+    paper="Table 2 and Sections 2, 3.5 and 3.6 cover single scenes, at 5, 10 and 15 degrees, and no grid.",
+    parameters={
+        "V": Parameter(np.array([1e-3, 2e-3, 4e-3, 8e-3]), "m s-1", "speed of the drive"),
+        "theta": Parameter(np.array([0.0, 5.0, 10.0, 15.0]), "degree", "inclination of P1"),
+        "mu": Parameter(np.array([0.1, paper.MU, 0.3]), "1", "coefficient of friction"),
+        "F": Parameter(np.array([0.5 * paper.LOAD, paper.LOAD]), "N", "load on A"),
+        "duration": Parameter(
+            None, "s", f"simulated time; auto: until statistics are known, or {series.DURATION:g} s if recorded",
+            common=True,
+        ),
+        "settle": Parameter(None, "s", "discarded transient; auto: until 0.1 s after the first slip", common=True),
+    }
+    | ensemble.until(0.3, 16.0),
+    outputs=OUTPUTS,
+    function=motions,
+    check=check,
+    summary=summarise,
+    figure=general.draw_regimes,
+    normalised=True,
+    chaotic=True,
+)  # fmt: skip

@@ -1,1 +1,0 @@
-"""Any grid of transients."""

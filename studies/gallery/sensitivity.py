@@ -1,0 +1,200 @@
+"""Which parameters of the rig move the flutter onsets of three pairs of modes, and how far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from fivcore import OnsetSensitivity, Rig, checks, flutter_onsets, onset_curves, onset_sensitivity
+from studies import labels, paper
+from studies.claims import rig_text
+from studies.motion.run import BAND
+from studies.motion.scenes import rig_of
+from studies.parameters import RIG, Parameter, rig_numbers
+from studies.plotting import figures, planes
+from studies.spec import evenly
+from studies.study import Study
+from studies.uncertainty import UNCERTAIN
+from sweeps import Axis, InputError, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Relative change of a parameter. Friction is a function of frequency, which tells onsets apart: further than SAME
+# from the predicted frequency an onset may be another, born where this one met a recovery.
+PAIRS, STEP, SAME = 3, 0.01, 0.01
+# Parameters that the summary names; largest elasticity of one that hardly matters; looks over theta.
+MATTER, SLIGHT = 3, 0.1
+COLOURS, MARKERS = (figures.BLUE, figures.RED, figures.GREEN, figures.ORANGE, figures.GREY), "os^Dv"
+# Onsets have derivatives by all that stability depends on but mu.
+NAMES = tuple(name for name in UNCERTAIN if name != "mu")
+OUTPUTS = {
+    "onset_mu": ("1", "coefficient of friction at the pair's flutter onset", "pair"),
+    "onset_frequency": ("Hz", "frequency at the pair's flutter onset", "pair"),
+    "elasticity_mu": ("1", "relative change of onset_mu for that of the parameter", "pair"),
+    "elasticity_frequency": ("1", "relative change of onset_frequency for that of the parameter", "pair"),
+    "change_mu": ("1", "change of onset_mu when the parameter is 1 % larger, solved again", "pair"),
+    "change_frequency": ("Hz", "change of onset_frequency when the parameter is 1 % larger, solved again", "pair"),
+    "fold": Variable("1", "whether the onset meets a recovery", ("pair",), "int8", flags={0: "no", 1: "yes"}),
+}
+
+
+def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_max: float) -> dict[str, Any]:
+    """The outputs at each point; NaN for a pair without an onset, so for all at theta <= 0."""
+    results = {name: np.full((len(theta), PAIRS), 0.0 if name == "fold" else np.nan) for name in OUTPUTS}
+    for row, (angle, name) in enumerate(zip(theta.tolist(), parameter.tolist(), strict=True)):
+        onsets, places = pairs_at(rig, angle, pairs_theta, mu_max)
+        mu, frequency = changed(rig, angle, name, onsets, mu_max)
+        elasticities = onsets.mu_elasticity[name], onsets.frequency_elasticity[name]
+        changes = mu - onsets.mu, frequency - onsets.frequency
+        values = onsets.mu, onsets.frequency, *elasticities, *changes, onsets.fold
+        for output, value in zip(OUTPUTS, values, strict=True):
+            results[output][row, places >= 0] = value[places[places >= 0]]
+    return results
+
+
+@lru_cache(maxsize=8)
+def pairs_at(rig: Rig, theta: float, start: float, mu_max: float) -> tuple[OnsetSensitivity, np.ndarray]:
+    """All onsets at `theta`, and the place of each pair among them, which `start` numbers; -1 for none."""
+    angles = np.unique([start, theta])
+    branches = onset_curves(rig, angles, BAND, mu_max).mu
+    first, last = branches[np.searchsorted(angles, [start, theta])]
+    onsets, places = onset_sensitivity(rig, theta, BAND, mu_max), np.full(PAIRS, -1)
+    for pair, branch in enumerate(np.argsort(first)[:PAIRS]):
+        # At the given angles the curves have the bits of `flutter_onsets`.
+        if np.isfinite(first[branch]) and last[branch] in onsets.mu:
+            places[pair] = np.flatnonzero(onsets.mu == last[branch])[0]
+    return onsets, places
+
+
+def changed(rig: Rig, theta: float, name: str, onsets: OnsetSensitivity, mu_max: float) -> tuple[Any, Any]:
+    """Friction and frequency of the onsets when a parameter is 1 % larger.
+
+    NaN where no onset is within SAME of the frequency that the derivative predicts, or where no such rig exists.
+    """
+    mu, frequency = np.full((2, len(onsets.mu)), np.nan)
+    with suppress(InputError):
+        # An onset may rise beyond the friction of interest.
+        after = flutter_onsets(*larger(rig, theta, name), BAND, 2.0 * mu_max)
+        predicted = onsets.frequency * (1.0 + STEP * np.nan_to_num(onsets.frequency_elasticity[name]))
+        away = np.abs(np.log(after.frequency[:, None] / predicted))
+        j, k = np.nonzero((away == away.min(0, initial=SAME)) & (away == away.min(1, initial=SAME, keepdims=True)))
+        mu[k], frequency[k] = after.mu[j], after.frequency[j]
+    return mu, frequency
+
+
+def larger(rig: Rig, theta: float, name: str) -> tuple[Rig, float]:
+    """The rig and the inclination with one parameter 1 % larger."""
+    numbers = rig_numbers(rig) | {"theta": theta}
+    numbers[name] *= 1.0 + STEP
+    return rig_of(numbers), numbers["theta"]
+
+
+def check(pairs_theta: float, mu_max: float) -> None:
+    """Refuse an inclination without pairs."""
+    checks.between("pairs_theta", pairs_theta, 1e-6, 89.999, "degrees")
+    checks.friction(mu_max)
+
+
+def ranked(dataset: xr.Dataset) -> xr.Dataset:
+    """The inclination nearest to where pairs are numbered; parameters by their largest elasticity of mu."""
+    at = dataset.sel(theta=float(dataset["pairs_theta"]), method="nearest").load()
+    ends = zip(*(at[name].max("parameter").values for name in ("onset_mu", "onset_frequency")), strict=True)
+    text = ["no onset" if np.isnan(mu) else f"{hertz:.0f} Hz, onset at μ = {mu:.4f}" for mu, hertz in ends]
+    largest = abs(at["elasticity_mu"]).max("pair").fillna(0.0)
+    return at.assign_coords(text=("pair", text)).isel(parameter=np.argsort(-largest.values, kind="stable"))
+
+
+def text_of(name: str) -> str:
+    """A parameter as a reader calls it: length of P1, contact position, θ."""
+    return RIG[name].text if name[:3] in ("p1_", "p2_") else labels.title(name)
+
+
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """Parameters that matter most and those that hardly matter; elasticities and changes of each pair."""
+    at = ranked(dataset)
+    size, where = abs(at["elasticity_mu"]), f"at {labels.named('theta', at['theta'])}"
+    at = at.isel(pair=np.flatnonzero(size.notnull().any("parameter")))
+    if not at.sizes["pair"]:
+        yield f"No onset has derivatives {where}."
+        return
+    names, most = [text_of(name) for name in at["parameter"].values], size.max("pair").fillna(0.0).values
+    ranges = zip(names, size.min("pair").values, most, strict=True)
+    matter = ", ".join([f"{name} ({low:.3g} to {high:.3g})" for name, low, high in ranges][:MATTER])
+    slight = ", ".join(name for name, high in zip(names, most, strict=True) if high < SLIGHT) or "no parameter"
+    yield f"Elasticities of the onsets' mu {where} are largest by {matter}; below {SLIGHT:g} by {slight}."
+    for pair in at["pair"].values:
+        one = at.sel(pair=pair)
+        columns = {"mu": one["elasticity_mu"], "mu, solved again": 100.0 * one["change_mu"] / one["onset_mu"]}
+        table = pd.DataFrame({"parameter": names} | columns | {"frequency": one["elasticity_frequency"]}).round(4)
+        yield f"{one['text'].item()} {where}: change in % for 1 % more of", table
+
+
+def draw(dataset: xr.Dataset) -> Figure:
+    """A row for each pair: elasticities by size with the change by 1 % more, and those of the first over theta."""
+    at = ranked(dataset)
+    strongest = [name for name in at["parameter"].values.tolist() if name != "theta"]
+    looks = dict(zip(strongest, zip(COLOURS, MARKERS, strict=True), strict=False))
+    looks |= {name: (figures.BLACK, ".") for name in at["parameter"].values if name == "theta"}
+    count = int(dataset["elasticity_mu"].notnull().any(["theta", "parameter"]).sum())
+    pairs, height = dataset["pair"].values[: max(count, 1)], 1.8 + max(0.36 * at.sizes["parameter"], 3.2)
+    figure, panels = figures.panels(len(pairs), 2, 17.5, 3.0 + len(pairs) * height, sharex="col")
+    for pair, bars, over in zip(pairs, panels[::2], panels[1::2], strict=True):
+        _draw_bars(bars, at.sel(pair=pair), looks)
+        over.axvline(float(at["theta"]), color=figures.GREY, linewidth=0.8, linestyle=":")
+        for name, (colour, marker) in looks.items():
+            curve = dataset["elasticity_mu"].sel(pair=pair, parameter=name)
+            look: dict[str, Any] = {"markersize": 3.5, "markevery": 6 if len(curve) > 18 else 1}
+            over.plot(curve["theta"], curve, color=colour, marker=marker, label=f"by {text_of(name)}", **look)
+        wide = bool(abs(dataset["elasticity_mu"].sel(pair=pair)).max() > 5.0)
+        over.set(ylabel="elasticity of μ", yscale="symlog" if wide else "linear")
+        over.yaxis.set_major_formatter("{x:g}")
+    panels[-2].set_xlabel(f"elasticity of the onset's μ at {labels.named('theta', at['theta'])}")
+    planes.set_side(panels[-1], "x", dataset["theta"])
+    figures.legend_below(figure, panels[::-1], 3)
+    figure.suptitle(f"Parameters that move the flutter onsets{rig_text(dataset)}")
+    return figure
+
+
+def _draw_bars(axes: Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]]) -> None:
+    """Elasticities, the largest at the top; circles where the onset is when the parameter is 1 % larger."""
+    one = one.isel(parameter=np.argsort(abs(one["elasticity_mu"]).fillna(0.0).values, kind="stable"))
+    values, names = one["elasticity_mu"].fillna(0.0).values, one["parameter"].values.tolist()
+    rows = range(len(names))
+    axes.set(title=one["text"].item(), yticks=rows, yticklabels=[text_of(name) for name in names])
+    axes.barh(rows, values, 0.7, color=[looks.get(name, ("#c8c8c8",))[0] for name in names])
+    for row, value in enumerate(values):
+        axes.text(0.0, row, f"  {value:+.2f}  ", ha="right" if value >= 0.0 else "left", va="center", fontsize=7.0)
+    look: dict[str, Any] = {"linestyle": "", "markersize": 4.0, "markerfacecolor": "white", "color": figures.BLACK}
+    axes.plot(100.0 * one["change_mu"] / one["onset_mu"], rows, "o", label="solved again with 1 % more", **look)
+    axes.locator_params(axis="x", nbins=5)
+    axes.use_sticky_edges = False
+    axes.margins(x=0.4, y=0.02)
+
+
+STUDY = Study(
+    name="sensitivity",
+    title="Sensitivity of the flutter onsets to the parameters of the rig",
+    question="Which parameters of the rig move the friction and the frequency of each flutter onset, and how far?",
+    paper="Section 3.4.2: at 5 degrees pairs of modes are first unstable at mu = 0.12 (2800 Hz), 0.16 (400 Hz) "
+    "and 0.23 (7700 Hz). Section 3.6: the geometry of the contact matters; only theta is varied.",
+    parameters={
+        "theta": Parameter(evenly(0.5, 20.0, 40), "degree", "inclination of P1"),
+        "parameter": Parameter(NAMES, "1", "parameter that is changed, the others kept; theta in degrees"),
+        "pairs_theta": Parameter(paper.THETA, "degree", "where onset_mu numbers the pairs", common=True),
+        "mu_max": Parameter(1.0, "1", "largest friction of interest", common=True),
+    },
+    outputs=OUTPUTS,
+    function=sensitivities,
+    coords={"pair": Axis(np.arange(1, PAIRS + 1), "1", "pair, ascending in onset_mu at pairs_theta")},
+    check=check,
+    summary=summarise,
+    figure=draw,
+)

@@ -1,1 +1,0 @@
-"""How the paper's three flutter onsets follow the numbers of the rig."""

@@ -1,1 +1,0 @@
-"""Growth rates over inclination and friction."""

@@ -1,0 +1,130 @@
+"""Power laws T ~ V^n of the sticks of realisations: means and exponents with bootstrap intervals.
+
+Sticks of one run are not independent of each other, realisations are: the bootstrap draws whole runs.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fivcore.transient.summary import LONG_SHARE
+from studies import paper
+
+# Kinds of sticks, by when they begin: before or after the motion has settled.
+KINDS = ("start_up", "sustained")
+# Over the paper's intermittent speeds; up to the end of intermittence; up to SLOW of it.
+LAWS = ("start_up", "sustained", "sustained_slow")
+SLOW = 1.0 / 3.0
+SAMPLES, COVERAGE, SEED = 2000, 0.95, 2010
+ENDS = {"": "", "_low": "lower end of the 95 % interval: ", "_high": "upper end of the 95 % interval: "}
+# Dimensions beyond mu and F, units and meaning of the derived variables; the first INTERVALS have an interval.
+DERIVED: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "mean_stick_time": (("kind", "V"), "s", "mean duration of the long sticks"),
+    "local_exponent": (
+        ("kind", "V"),
+        "1",
+        "exponent of the mean stick time over V, from a speed and its neighbours",
+    ),
+    "exponent": (("law",), "1", "exponent of the mean stick time over V"),
+    "start_up_ratio": ((), "1", "mean start-up stick at 2 mm/s over that at 1 mm/s"),
+    "sustained_share": (("V",), "1", "fraction of time after settling in the long sticks begun after it"),
+    "intermittence_end": ((), "m s-1", "speed above which sustained sticks fill less than a tenth of the time"),
+}
+INTERVALS = 4
+
+
+def with_laws(dataset: xr.Dataset) -> xr.Dataset:
+    """Add means over the realisations, exponents, and their intervals."""
+    fits = [[_fit(dataset.isel(mu=m, F=f)) for f in range(dataset.sizes["F"])] for m in range(dataset.sizes["mu"])]
+    derived = dict[str, Any]()
+    for place, (name, (dims, units, text)) in enumerate(DERIVED.items()):
+        whole = np.array([[fit[name] for fit in row] for row in fits])
+        for k, (suffix, end) in enumerate(ENDS.items() if place < INTERVALS else [("", "")]):
+            values = whole[:, :, k] if place < INTERVALS else whole
+            derived[name + suffix] = (("mu", "F", *dims), values, {"units": units, "long_name": end + text})
+    kinds, laws = (np.array(names, dtype=object) for names in (KINDS, LAWS))
+    derived["kind"] = ("kind", kinds, {"long_name": "begun before or after the motion settled"})
+    derived["law"] = ("law", laws, {"long_name": "which sticks, over which speeds"})
+    return dataset.assign_coords({name: derived.pop(name) for name in ("kind", "law")}).assign(derived)
+
+
+def _fit(at: xr.Dataset) -> dict[str, Any]:
+    """The derived variables of one mu and F."""
+    at = at.transpose("V", "member", ...)
+    V, both = at["V"].values, list[tuple[Any, Any]]()
+    for kind in KINDS:
+        total, count = (np.nan_to_num(at[f"{kind}_{what}"].values.astype(float)) for what in ("total", "count"))
+        both.append(bootstrap(total, count))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = at["sustained_total"].sum("member").values / at["observed_time"].sum("member").values
+    end = crossing(V, share, LONG_SHARE)
+    # Where no end is found, every speed at which sticks fill more than that counts.
+    lasting = (share > LONG_SHARE) & ~(end <= V)
+    speeds = [speed for speed, kind in paper.VIBRATION.items() if kind == "intermittent"]
+    papers = (min(speeds) * (1.0 - 1e-9) <= V) & (max(speeds) * (1.0 + 1e-9) >= V)
+    laws = (both[0], papers), (both[1], lasting), (both[1], lasting & (SLOW * end >= V))
+    return {
+        "mean_stick_time": np.stack([[mean, *interval(samples)] for mean, samples in both], axis=1),
+        "local_exponent": np.stack([local_exponents(V, *means) for means in both], axis=1),
+        "exponent": np.stack([exponent(V, mean, samples, chosen) for (mean, samples), chosen in laws], axis=1),
+        "start_up_ratio": ratio(V, *both[0], paper.STICK_RATIO_SPEEDS),
+        "sustained_share": share,
+        "intermittence_end": end,
+    }
+
+
+def bootstrap(time: Any, count: Any) -> tuple[Any, Any]:
+    """Mean stick time at each speed, and samples of it, from totals of runs, (speeds, runs)."""
+    speeds, members = time.shape
+    chosen = np.random.default_rng(SEED).integers(members, size=(SAMPLES, speeds, members))
+    row = np.arange(speeds)[None, :, None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        samples = time[row, chosen].sum(axis=2) / count[row, chosen].sum(axis=2)
+        return time.sum(axis=1) / count.sum(axis=1), samples
+
+
+def exponent(V: Any, mean: Any, samples: Any, chosen: Any) -> Any:
+    """Exponent of T ~ V^n over the chosen speeds and its interval, (3,); NaN for fewer than two."""
+    chosen = chosen & np.isfinite(mean)
+    if chosen.sum() < 2:
+        return np.full(3, np.nan)
+    x, y, drawn = (np.log(of) for of in (V[chosen], mean[chosen], samples[:, chosen]))
+    away = x - x.mean()
+    return np.append(y @ away / (away @ away), interval(drawn @ away / (away @ away)))
+
+
+def local_exponents(V: Any, mean: Any, samples: Any) -> Any:
+    """Exponent about each speed, from its neighbours, with the ends of its interval, (3, speeds)."""
+    index = np.arange(len(V))
+    near = [(np.abs(index - k) <= 1) & np.isfinite(mean[k]) for k in index]
+    return np.stack([exponent(V, mean, samples, chosen) for chosen in near], axis=1)
+
+
+def ratio(V: Any, mean: Any, samples: Any, speeds: tuple[float, float]) -> Any:
+    """Mean at one speed over that at another, and the ends of its interval, (3,); NaN if either is missing."""
+    at = [np.flatnonzero(np.isclose(V, speed, rtol=1e-9, atol=0.0)) for speed in speeds]
+    if not all(map(len, at)):
+        return np.full(3, np.nan)
+    a, b = (places[0] for places in at)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.append(mean[a] / mean[b], interval(samples[:, a] / samples[:, b]))
+
+
+def interval(samples: Any) -> Any:
+    """Bounds of the middle COVERAGE of samples without missing values, (2, ...) from (samples, ...)."""
+    none = np.all(np.isnan(samples), axis=0)
+    ends = np.nanquantile(np.where(none, 0.0, samples), [0.5 - 0.5 * COVERAGE, 0.5 + 0.5 * COVERAGE], axis=0)
+    return np.where(none, np.nan, ends)
+
+
+def crossing(V: Any, share: Any, level: float) -> float:
+    """Speed at which a share last falls below a level, linear in V between its neighbours; NaN without."""
+    V, share = V[np.isfinite(share)], share[np.isfinite(share)]
+    above = np.flatnonzero(share > level)
+    if not len(above) or above[-1] == len(V) - 1:
+        return float("nan")
+    k = int(above[-1])
+    return float(V[k] + (share[k] - level) / (share[k] - share[k + 1]) * (V[k + 1] - V[k]))

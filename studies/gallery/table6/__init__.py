@@ -1,1 +1,0 @@
-"""Table 6: the inclination."""

@@ -1,0 +1,85 @@
+"""How names, units and numbers are written for a reader: symbols, millimetres, words of flags."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+# Units of files, and how a reader has them: unit and factor.
+READABLE = {
+    "1": ("", 1.0),
+    "m s-1": ("mm/s", 1e3),
+    "m": ("mm", 1e3),
+    "Pa": ("GPa", 1e-9),
+    "kg m-3": ("kg/m³", 1.0),
+    "s-1": ("1/s", 1.0),
+    "degree": ("°", 1.0),
+}
+SYMBOLS = {"theta": "θ", "mu": "μ"}
+# What a variable of regimes has at a point without a value.
+MISSING = {2: "failed", 3: "skipped", 0: "pending"}
+
+
+def unit_of(array: xr.DataArray) -> tuple[str, float]:
+    """The unit in which a reader has an array, and the factor to it."""
+    units = str(array.attrs.get("units", "1"))
+    if units == "s" and str(array.name).removesuffix("_se").endswith("_time"):
+        return "ms", 1e3
+    return READABLE.get(units, (units, 1.0))
+
+
+def title(name: str, array: xr.DataArray | None = None) -> str:
+    """The name of a quantity for a reader: a symbol, or its name in words."""
+    if array is None:
+        return SYMBOLS.get(name, name.replace("_", " "))
+    # Files have plain letters.
+    text = str(array.attrs.get("long_name", name))
+    return SYMBOLS.get(name) or re.sub(r"\b(mu|theta)\b", lambda found: SYMBOLS[found[1]], text)
+
+
+def label(array: xr.DataArray, *, long: bool = False) -> str:
+    """The label of an axis or a colour bar: "θ / °", "velocity rms / (mm/s)"; or with the long name."""
+    name, (unit, _) = str(array.name), unit_of(array)
+    text = title(name, array) if long else title(name)
+    return f"{text} / ({unit})" if "/" in unit else f"{text} / {unit}" if unit else text
+
+
+def readable(array: xr.DataArray) -> xr.DataArray:
+    """An array in a reader's unit."""
+    factor = unit_of(array)[1]
+    return array if factor == 1.0 or array.dtype.kind not in "iuf" else array.astype(float) * factor
+
+
+def named(name: str, value: Any, units: str = "") -> str:
+    """A value of a parameter: "V = 2 mm/s"; a word as it is."""
+    if isinstance(value, xr.DataArray):
+        value, units = value.item(), units or str(value.attrs.get("units", "1"))
+    if isinstance(value, str):
+        return f"{title(name)} = {value}"
+    if value is None or np.isnan(value):
+        return f"{title(name)} = auto"
+    unit, factor = READABLE.get(units, (units, 1.0))
+    return f"{title(name)} = {number(factor * value)}{'' if unit in ('', '°') else ' '}{unit}"
+
+
+def number(value: Any) -> str:
+    """A number to four significant digits, a dash for NaN, a word as it is."""
+    if isinstance(value, (bool, np.bool_, str)):
+        return str(value)
+    if value is None or np.isnan(value):
+        return "-"
+    if isinstance(value, (int, np.integer)):
+        return str(value)
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
+def words(array: xr.DataArray) -> np.ndarray:
+    """The words of an array of flags; "-" where there is none."""
+    codes = np.asarray(array.attrs["flag_values"]).tolist()
+    texts = [text.replace("_", " ") for text in str(array.attrs["flag_meanings"]).split()]
+    meanings = dict(zip(codes, texts, strict=True))
+    found: np.ndarray = np.vectorize(lambda code: meanings.get(code, "-"), otypes=[object])(array.values)
+    return found

@@ -1,1 +1,0 @@
-"""One quantity over any two axes."""

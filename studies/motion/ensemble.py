@@ -1,0 +1,199 @@
+"""Ensembles: realisations of one scene that chaos makes independent, as long as its own time scale requires."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaincc
+
+from fivcore import Scene, Transient, Until, checks
+from fivcore.transient.normalised import Normalised, slip_distance
+from studies.motion import run as runs
+from studies.motion.jobs import Job
+from studies.parameters import RUN, Parameter
+from sweeps import Axis, Variable
+
+# A point's value is the largest of its realisations; of a frequency the middle one, for the mean of two spectral
+# peaks is neither; otherwise the mean.
+LARGEST = ("max_normal_force", "max_slip_speed")
+MIDDLE = ("dominant_frequency", "stuck_frequency")
+HOW = dict.fromkeys((f"{name}_se" for name in runs.ESTIMATED), "of the mean over realisations")
+HOW |= dict.fromkeys(LARGEST, "largest of the realisations") | dict.fromkeys(MIDDLE, "of the middle realisation")
+QUANTITIES = tuple(name for name in runs.SUMMARY if name != "regime")
+# Quantities whose standard deviation over realisations is stored too.
+SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
+MOST_MEMBERS = 1000
+# Realisations differ by the ramp of the drive: each is longer than the one before by this share of the first. Its
+# effect on averages is gone within milliseconds of the first separation, but no two runs then move alike.
+STRETCH = 0.013
+
+
+def until(min_duration: float, max_duration: float, numerical_damping: str = "none") -> dict[str, Parameter]:
+    """Parameters of runs that end when their fractions of time are known."""
+    error = Parameter(0.005, "1", "largest standard error of a fraction of time at which a run ends", common=True)
+    return {"standard_error": error} | _limits(min_duration, max_duration, numerical_damping)
+
+
+def loading_times(count: float, min_duration: float, max_duration: float, damping: str) -> dict[str, Parameter]:
+    """Parameters of runs that last so many static stick times."""
+    text = "least duration after settling, in static stick times t0 = mu F / (k_t V)"
+    return {"loading_times": Parameter(count, "1", text, common=True)} | _limits(
+        min_duration, max_duration, damping
+    )
+
+
+def _limits(min_duration: float, max_duration: float, numerical_damping: str) -> dict[str, Parameter]:
+    return {
+        "min_duration": Parameter(min_duration, "s", "least simulated time after settling", common=True),
+        "max_duration": Parameter(max_duration, "s", "longest simulated time", common=True),
+    } | RUN | {"numerical_damping": replace(RUN["numerical_damping"], default=numerical_damping)}  # fmt: skip
+
+
+def members(count: int) -> dict[str, Parameter]:
+    """The parameter for the number of realisations."""
+    return {
+        "members": Parameter(count, "1", "number of realisations; they differ by the drive's ramp", common=True)
+    }
+
+
+def check(V: Any, F: Any, ramp: Any, max_duration: Any, min_duration: Any, **others: Any) -> None:
+    """Refuse a ramp of zero, and durations that are out of range; what else `run.check` refuses."""
+    for value in np.ravel(ramp):
+        # Without a ramp all realisations would be one.
+        checks.between("ramp", value, 1e-9, 1e3, "s, for realisations differ by it")
+    checks.count("members", np.max(others.get("members", 1)), MOST_MEMBERS)
+    checks.between("max_duration", np.min(max_duration), 1e-3, 1e6, "s")
+    if "loading_times" in others:
+        checks.between("loading_times", np.min(others["loading_times"]), 0.0, 1e6, "static stick times")
+    Until(np.min(others.get("standard_error", 1.0)), np.max(min_duration), np.min(max_duration))
+    run = {name: others[name] for name in ("cutoff", "skip_long_sticks", "numerical_damping")}
+    runs.check(V, F, ramp, **run)
+
+
+def loading_time(scene: Scene) -> float:
+    """Static stick time t0 = mu F / (k_t V), s: the drive loads a stuck contact from rest until it slips."""
+    normalised = Normalised.of(scene)
+    return slip_distance(normalised) / normalised.speed_per_load
+
+
+def duration(scene: Scene, ramp: float, options: Mapping[str, Any]) -> float | Until:
+    """How long a scene runs: until its statistics are known, or for a time, s.
+
+    The time is that to the first slip, then until it has settled, then at least `min_duration` and at least
+    `loading_times` static stick times, during which a scene that sticks and slips does so as many times; at most
+    `max_duration`.
+    """
+    least, most = options["min_duration"], options["max_duration"]
+    if "loading_times" not in options:
+        return Until(options["standard_error"], least, most)
+    once = loading_time(scene)
+    settled = 0.5 * ramp + once + runs.SETTLING
+    return float(min(settled + max(least, options["loading_times"] * once), most))
+
+
+def realisation(scene: Scene, number: float, options: Mapping[str, Any]) -> Job:
+    """One run of a scene, by its number from 1 on."""
+    ramp = options["ramp"] * (1.0 + STRETCH * (number - 1.0))
+    run = {name: options[name] for name in RUN} | {"ramp": ramp}
+    return runs.job(scene, duration(scene, ramp, options), run)
+
+
+def ensemble(scene: Scene, members: int, options: Mapping[str, Any]) -> list[Job]:
+    """The first realisations of a scene."""
+    return [realisation(scene, number, options) for number in range(1, members + 1)]
+
+
+def summaries(results: Sequence[Transient]) -> dict[str, NDArray[Any]]:
+    """Every variable of `run.SUMMARY` of each realisation, (members,)."""
+    values = [runs.summary_of(run) for run in results]
+    return {name: np.array([each[name] for each in values]) for name in values[0]}
+
+
+def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
+    """The regime of most realisations, and how many are in each of `run.REGIMES`.
+
+    Of regimes with equally many it is the last one: a vibration goes before rest, and anything before "undecided".
+    """
+    counts = np.bincount(regimes, minlength=len(runs.REGIMES))
+    return len(counts) - 1 - int(np.argmax(counts[::-1])), counts
+
+
+def outputs() -> dict[str, Variable]:
+    """Variables of `statistics`; of normalised scenes."""
+
+    def of(name: str, how: str, digits: int) -> Variable:
+        variable = runs.SUMMARY[name]
+        scale = "load" if name in runs.SCALED else ""
+        text = f"{variable.long_name}, {how}"
+        return replace(variable, long_name=text, dtype="float32", digits=digits, scale=scale)
+
+    regime = runs.SUMMARY["regime"]
+    certainty = "probability that more than half of all realisations of the scene are in this regime"
+    return (
+        {
+            "regime": replace(regime, long_name="regime of most realisations"),
+            "regime_certainty": Variable("1", certainty, (), "float32", 6),
+            "regime_share": Variable("1", "fraction of the realisations in a regime", ("kind",), "float32", 6),
+            "member_regime": replace(regime, long_name="regime of each realisation", dims=("member",)),
+        }
+        | {name: of(name, HOW.get(name, "mean over realisations"), 5) for name in QUANTITIES}
+        | {f"{name}_std": of(name, "standard deviation over realisations", 4) for name in SPREAD}
+    )
+
+
+def coords(members: int) -> dict[str, Axis]:
+    """The regimes, and the realisations from 1 on."""
+    return {
+        "kind": Axis(np.array(runs.REGIMES), long_name="regime"),
+        "member": Axis(np.arange(1, members + 1), "1", "realisation (ensemble member)"),
+    }
+
+
+def statistics(results: Sequence[Transient]) -> dict[str, Any]:
+    """Values of `outputs` from the realisations of one scene.
+
+    A quantity is the mean, in LARGEST the largest, in MIDDLE the lower median of its finite values, NaN without
+    any; a standard error is that of the mean; a standard deviation is NaN for fewer than two.
+    """
+    found = summaries(results)
+    regimes = found["regime"]
+    regime, certainty = vote(regimes)
+    values: dict[str, Any] = {
+        "regime": regime,
+        "regime_certainty": certainty,
+        "regime_share": majority(regimes)[1] / len(regimes),
+        "member_regime": regimes,
+    }
+    for name in QUANTITIES:
+        finite = found[name][np.isfinite(found[name])]
+        how: Any = np.max if name in LARGEST else middle if name in MIDDLE else np.mean
+        how = of_mean if name.endswith("_se") else how
+        values[name] = float(how(finite)) if len(finite) else np.nan
+        if name in SPREAD:
+            values[f"{name}_std"] = finite.std(ddof=1) if len(finite) > 1 else np.nan
+    return values
+
+
+def vote(regimes: NDArray[Any]) -> tuple[int, float]:
+    """The regime of most realisations, and the probability that more than half of all would be in it.
+
+    The probability follows by Bayes with Jeffreys' prior: 0.985 for 4 of 4 realisations, 0.84 for 3, 0.5 for 2.
+    """
+    most, counts = majority(regimes)
+    inside = int(counts[most])
+    return most, float(betaincc(inside + 0.5, len(regimes) - inside + 0.5, 0.5))
+
+
+def of_mean(errors: NDArray[Any]) -> float:
+    """Standard error of the mean of realisations, from that of each."""
+    return float(np.sqrt(np.sum(errors**2)) / len(errors))
+
+
+def middle(values: NDArray[Any]) -> float:
+    """The lower median of the finite values: one of them, for half-way between two spectral peaks lies none."""
+    ordered = np.sort(values[np.isfinite(values)])
+    return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else float("nan")

@@ -1,0 +1,219 @@
+"""A section of the page: what it says of one result, as plain data."""
+
+from __future__ import annotations
+
+import re
+import traceback
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+
+import sweeps
+from studies import labels, registry, results, runner, summary
+from studies.motion.regimes import KINDS
+from studies.plotting import planes
+from studies.results import settings
+from studies.study import Study
+
+# A result with more rows, or more values, is thinned on the page.
+MOST_ROWS, MOST_VALUES = 12_500, 100_000
+# Digits of a computed value on the page; parameters keep all of theirs.
+DIGITS = 6
+# Variables that say whether a point was computed; files of libraries.
+STATE = ("status", "error")
+LIBRARY = "site-packages.(?!studies)|^<"
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A stored result.
+
+    Attributes
+    ----------
+    study : Study
+    dataset : xarray.Dataset
+    file : Path
+    state : str
+        "complete", "running" or "interrupted".
+    """
+
+    study: Study
+    dataset: xr.Dataset
+    file: Path
+    state: str
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether it is one of the repository's own outcomes."""
+        return results.is_reference(self.file)
+
+    @property
+    def name(self) -> str:
+        """A short name for menus."""
+        return self.file.stem
+
+    @property
+    def anchor(self) -> str:
+        """Its place in the page."""
+        return re.sub(r"\W+", "-", str(self.file.with_suffix(""))).strip("-")
+
+    @property
+    def title(self) -> str:
+        """The study's title; of a map, a study without axes, also its parameters."""
+        along = " and ".join(labels.title(str(dim)) for dim in self.dataset["status"].dims)
+        return self.study.title if self.study.dims else f"{self.study.title} over {along}"
+
+    @property
+    def stamp(self) -> str:
+        """When it was last computed, as its file says; "" of a run that is not complete."""
+        history = str(self.dataset.attrs.get("history", ""))
+        return history.rpartition("\n")[2].partition(" ")[0] if self.state == "complete" else ""
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Points, CPU time, date, program, file, and the command that computes it."""
+        codes = self.dataset["status"].values
+        words = sweeps.STATUS_FLAGS | sweeps.INTERPOLATED_FLAG
+        counts = {word: np.count_nonzero(codes == code) for code, word in words.items()}
+        return {
+            "points": ", ".join(f"{count} {word}" for word, count in counts.items() if count),
+            "CPU time": sweeps.duration(float(np.nansum(self.dataset["wall_time"].values))),
+            "computed": date(self.stamp) or self.state,
+            "by": str(self.dataset.attrs.get("source", "unknown")),
+            "file": str(self.file),
+            "again": results.command("run", self.study.name if self.is_reference else str(self.file)),
+        }
+
+
+def date(stamp: str) -> str:
+    """A time of a file's history for a reader: "24 Nov 2026, 00:29 UTC"."""
+    with suppress(ValueError):
+        when = datetime.fromisoformat(stamp)
+        return f"{when.day} {when:%b %Y, %H:%M} UTC"
+    return stamp
+
+
+def reason(problem: Exception) -> str:
+    """An exception in one line; of a programming error also its kind and place."""
+    text = " ".join(str(problem).split())
+    if isinstance(problem, (sweeps.InputError, sweeps.StoreError, FileNotFoundError)):
+        return text
+    frames = [f for f in traceback.extract_tb(problem.__traceback__) if not re.search(LIBRARY, f.filename)]
+    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(problem).__name__}: {text}{place}"
+
+
+def content(result: Result, tell: Tell) -> dict[str, Any]:
+    """Figures, summary and points of a result; what its study cannot make is an entry of `problems`, and told."""
+    study, dataset = result.study, result.dataset
+    made: dict[str, Any] = {"figures": [], "parts": [], "finding": "", "points": None, "problems": []}
+    made["facts"] = result.facts
+
+    def draw() -> None:
+        made["figures"] = [b64encode(image).decode() for image in runner.image(study, dataset, "png").values()]
+
+    def summarise() -> None:
+        for part in summary.parts(study, dataset):
+            made["parts"].append(part if isinstance(part, str) else (part[0], Markup(summary.html(part[1]))))
+        if study.summary is not None and study.is_usual(dataset):
+            made["finding"] = next((part for part in study.summary(dataset) if isinstance(part, str)), "")
+
+    def tabulate() -> None:
+        made["points"] = points(study, dataset)
+
+    for what, make in (("figure", draw), ("summary", summarise), ("table of points", tabulate)):
+        try:
+            make()
+        except Exception as problem:  # noqa: BLE001 - a study's own code can raise anything; the page says it
+            made["problems"].append(f"No {what}: {reason(problem)}")
+            tell(f"{result.file}: no {what}: {reason(problem)}")
+    return made
+
+
+def points(study: Study, dataset: xr.Dataset) -> dict[str, Any]:
+    """The points for the table and the map of the page.
+
+    Returns
+    -------
+    dict
+        `dims` and `shape` of the grid of rows, `size` in words; `columns` (`_column`); `plane`, two dimensions by
+        index or None; `command`, which lacks the parameters of a point, or ""; `colours` of words.
+    """
+    status = dataset["status"]
+    inner = [name for name, parameter in study.parameters.items() if parameter.inner and name in dataset.dims]
+    dims = [*map(str, status.dims), *inner]
+    variables = {str(name): v for name, v in dataset.data_vars.items() if name != "wall_time"}
+    if bool((status == sweeps.DONE).all()):
+        variables = {name: v for name, v in variables.items() if name not in STATE}
+    wider = Counter(v.dims for v in variables.values() if set(v.dims) > set(dims))
+    if wider and not any(set(v.dims) == set(dims) for name, v in variables.items() if name not in STATE):
+        # Results that have a further dimension only, such as modes, have a row for each of its entries.
+        dims += [str(dim) for dim in wider.most_common(1)[0][0] if dim not in dims]
+    chosen = [str(name) for name, coord in dataset.coords.items() if coord.dims and set(coord.dims) <= set(dims)]
+    chosen += [name for name, v in variables.items() if set(status.dims) <= set(v.dims) <= set(dims)]
+    strides = dict.fromkeys(dims, 1)
+    while True:
+        thin = dataset[chosen].isel({dim: slice(None, None, stride) for dim, stride in strides.items()})
+        shape = [thin.sizes.get(dim, 1) for dim in dims]
+        if np.prod(shape) <= MOST_ROWS and sum(thin[name].size for name in chosen) <= MOST_VALUES:
+            break
+        strides[dims[int(np.argmax(shape))]] += 1
+    thinned = [f"one in {stride} values of {labels.title(dim)}" for dim, stride in strides.items() if stride > 1]
+    size = f"{np.prod([dataset.sizes[dim] for dim in dims])} rows"
+    if thinned:
+        size = f"{np.prod(shape)} of {size} ({', '.join(thinned)}); the file has all"
+    columns = [_column(thin[name], dims, name in study.parameters) for name in chosen]
+    varied = [name for name in chosen if name in study.parameters and thin[name].dtype.kind in "iuf"]
+    wide = [d for d, dim in enumerate(dims) if shape[d] > 1 and dim in varied]
+    plane = sorted(sorted(wide, key=lambda d: -shape[d])[:2])
+    return {
+        "dims": dims,
+        "shape": shape,
+        "columns": columns,
+        "plane": plane if len(plane) == 2 else None,
+        "command": again(study, dataset),
+        "colours": dict(zip(KINDS, planes.COLOURS, strict=True)),
+        "size": size,
+    }
+
+
+def _column(array: xr.DataArray, dims: list[str], is_parameter: bool) -> dict[str, Any]:
+    """A variable or a coordinate, values in SI with the factor to a reader's unit; None where not finite."""
+    array = array.transpose(*(dim for dim in dims if dim in array.dims))
+    unit, factor = labels.unit_of(array)
+    if "flag_meanings" in array.attrs or array.dtype.kind not in "iufb":
+        words = labels.words(array) if "flag_meanings" in array.attrs else array.values
+        values: list[Any] = [*map(str, words.ravel())]
+    else:
+        exact = is_parameter or array.dtype.kind != "f"
+        numbers = array.values.ravel().tolist()
+        values = [(v if exact else float(f"{v:.{DIGITS}g}")) if np.isfinite(v) else None for v in numbers]
+    return {
+        "name": str(array.name),
+        "head": f"{labels.SYMBOLS.get(str(array.name), array.name)} {unit}".strip(),
+        "about": str(array.attrs.get("long_name", "")),
+        "factor": factor,
+        "dims": [dims.index(dim) for dim in map(str, array.dims)],
+        "parameter": is_parameter,
+        "values": values,
+    }
+
+
+def again(study: Study, dataset: xr.Dataset) -> str:
+    """The command that computes a point, without the parameters that vary; "" of a study without a name."""
+    if study.name not in registry.names() and not (study.name.startswith(results.MAPS) and study.parameters):
+        return ""
+    fixed = settings(dataset)
+    changed = {n: v for n, v in fixed.items() if n in study.parameters and v != study.parameters[n].default}
+    return f"{runner.rerun(study.name, changed, {})} --fresh"

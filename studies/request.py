@@ -1,0 +1,222 @@
+"""The request of a run: values of parameters as they are typed, in a TOML file, in a table, or in a result."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import sweeps
+from studies import spec
+from studies.parameters import USUAL, suggest
+from studies.results import configuration, expanded, settings
+from studies.units import convert
+from sweeps import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from studies.study import Study
+
+# Keys of a file with the types of their values; "set" and "scatter" are tables of parameters.
+KEYS: dict[str, tuple[tuple[type, ...], str]] = {
+    "set": ((dict,), "a table"),
+    "scatter": ((dict,), "a table of strings like 'normal:0.2:0.02'"),
+    "points": ((str, dict), "a file or a table"),
+    "record": ((list,), "a list of strings"),
+    "sample_rate": ((int, float), "a number"),
+    **dict.fromkeys(("study", "sampling", "scheduler"), ((str,), "a string")),
+    **dict.fromkeys(("samples", "seed", "workers"), ((int,), "a whole number")),
+}
+DRAWS = ("samples", "seed", "sampling")
+MOST_ROWS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Request:
+    """The request of a run: the study, and what the options of the command line say.
+
+    `values` has by parameter a SPEC, a distribution (`normal:0.2:0.02`), a word, a number, or a list of these;
+    `points` is a CSV file, or columns by name, whose rows are the points.
+    """
+
+    study: str = ""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    points: Any = None
+    record: tuple[str, ...] = ()
+    sample_rate: float | None = None
+    samples: int | None = None
+    seed: int | None = None
+    sampling: str | None = None
+    scheduler: str | None = None
+    workers: int | None = None
+
+    def over(self, other: Request) -> Request:
+        """The values of this request, and those of another where this one has none."""
+        ours = {name: value for name, value in vars(self).items() if value not in ("", (), None)}
+        if self.scheduler or self.workers:
+            ours |= {"scheduler": self.scheduler, "workers": self.workers}
+        return replace(other, **ours | {"values": {**other.values, **self.values}})
+
+    def values_of(self, study: Study) -> dict[str, Any]:
+        """The values of the study's parameters: numbers, arrays, words or distributions."""
+        how = {name: getattr(self, name) for name in DRAWS if name in study.parameters}
+        values = {**self.values, **{name: value for name, value in how.items() if value is not None}}
+        counts = {name: len(p.default) for name, p in study.parameters.items() if p.is_axis}
+        # More points than a plan can hold are refused before their values are made.
+        for name, value in values.items():
+            if isinstance(value, str) and not study.parameter(name).choices:
+                counts[name] = 1 if is_distribution(value) else spec.count(value)
+            elif np.ndim(value):
+                counts[name] = np.size(value)
+        sweeps.check_counts(counts or {"points": 1})
+        return {name: _read(study, name, value) for name, value in values.items()}
+
+    def points_of(self, study: Study) -> dict[str, Any]:
+        """Arguments of `Study.sweep` besides the values."""
+        table = None if self.points is None else rows(study, self.points)
+        how: dict[str, Any] = {"record": self.record, "sample_rate": self.sample_rate, "rows": table}
+        drawn = any(is_distribution(value) for value in self.values.values())
+        for name in DRAWS:
+            if (value := getattr(self, name)) is not None and name not in study.parameters:
+                if not drawn:
+                    raise InputError(f"--{name} {value}: it is for draws; give a distribution with --scatter")
+                how[name] = value
+        return how
+
+    def stored(self) -> dict[str, Any]:
+        """What a result's file says of the request besides its parameters."""
+        drawn = {name: getattr(v, "text", v) for name, v in self.values.items() if is_distribution(v)}
+        rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "sampling": self.sampling}
+        return {name: value for name, value in rest.items() if value}
+
+    def bears_unit(self, name: str) -> bool:
+        """Whether a value was typed with a unit."""
+        value = self.values.get(name)
+        return isinstance(value, str) and bool(re.search(r"[A-Zabcdf-zµ°%]", value.removeprefix("log:")))
+
+
+def is_distribution(value: Any) -> bool:
+    """Whether a value is a distribution, or the text of one."""
+    from studies.uncertainty import KINDS
+
+    return hasattr(value, "ppf") or (isinstance(value, str) and value.partition(":")[0].strip() in KINDS)
+
+
+def _read(study: Study, name: str, value: Any) -> Any:
+    """A value of a parameter, of which strings are words, SPECs or distributions."""
+    parameter = study.parameter(name)
+    if not isinstance(value, str):
+        return value
+    if parameter.choices:
+        return spec.listed(value, parameter.choices)
+    if value.strip() == "auto":
+        return None if parameter.default is None else "auto"
+    if is_distribution(value) or re.match(r"\s*(?!log:)[a-z]+:", value):
+        from studies.uncertainty import parse
+
+        return parse(value, name, parameter.units)
+    values = spec.parse(value, name, parameter.units)
+    if name == "V" and "scenes" in study.takes and not np.all(values):
+        raise InputError("V = 0: the drive must move; usual are {:g} to {:g} m/s".format(*USUAL["V"]))
+    return values
+
+
+def assignment(text: str, option: str = "--set") -> tuple[str, str]:
+    """The two sides of NAME=SPEC."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise InputError(f"{option} {text!r}: it must be NAME=VALUE, for example mu=0:0.5:101")
+    return name.strip(), value.strip()
+
+
+def read(file: str | Path) -> Request:
+    """The request of a TOML file; an `InputError` says what is wrong with it."""
+    try:
+        content = tomllib.loads(expanded(file).read_text("utf-8"))
+        for key, value in content.items():
+            if key not in KEYS:
+                raise InputError(f"{key}: no such key; {suggest(key, KEYS)}the keys are {', '.join(KEYS)}")
+            kinds, allowed = KEYS[key]
+            if not isinstance(value, kinds) or isinstance(value, bool):
+                raise InputError(f"{key} = {value!r}: it must be {allowed}")
+        values, scatter = content.pop("set", {}), content.pop("scatter", {})
+        if not all(isinstance(word, str) for word in (*scatter.values(), *content.get("record", ()))):
+            raise InputError("scatter and record: their entries must be strings")
+        for name in values.keys() & scatter.keys():
+            raise InputError(f"{name}: it is in set and in scatter; give one of the two")
+        return Request(**{**content, "values": values | scatter, "record": tuple(content.get("record", ()))})
+    except OSError as problem:
+        raise InputError(f"--config {file}: it cannot be read: {problem.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise InputError(f"--config {file}: it is not TOML: {problem}") from None
+    except InputError as problem:
+        raise InputError(f"--config {file}: {problem}") from None
+
+
+def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:
+    """The request that computes a result again."""
+    configured = configuration(dataset)
+    if "name" not in configured:
+        raise InputError(f"{whose}: it does not say what it was computed from; give the file of a result")
+    if (dataset["status"] == sweeps.INTERPOLATED).any():
+        raise InputError(f"{whose}: it is a refined map; compute it again with fiv map")
+    request, constants = configured.get("request", {}), configured["constants"]
+    scatter, record = request.get("scatter", {}), tuple(request.get("record", ()))
+    axes = {name: dataset[name].values for name in configured["axes"] if name not in (*scatter, "sample", "row")}
+    points = {name: value for name, value in axes.items() if dataset[name].dims == ("row",)} or None
+    values = {name: "auto" if value is None else value for name, value in settings(dataset).items()}
+    values |= {name: value for name, value in constants.items() if isinstance(value, list) and name != "record"}
+    values |= {name: value for name, value in axes.items() if name not in (points or ())} | scatter
+    how = {name: request[name] for name in ("seed", "sampling") if name in request}
+    if "sample" in dataset.dims:
+        how["samples"] = dataset.sizes["sample"]
+    rate = constants.get("sample_rate") if record and "sample_rate" not in values else None
+    return Request(configured["name"], values, points, record, rate, **how)
+
+
+def rows(study: Study, points: Any) -> dict[str, Any]:
+    """The columns of a CSV file, or columns by name, in the study's units; heads are NAME or NAME [UNIT]."""
+    import pandas as pd
+
+    where = "points" if isinstance(points, Mapping) else f"--points {points}"
+    try:
+        if isinstance(points, Mapping):
+            table = pd.DataFrame({name: np.atleast_1d(np.asarray(column)) for name, column in points.items()})
+            heads = [str(head) for head in table]
+        else:
+            # Without a header pandas renames no head and takes no column as an index.
+            text: dict[str, Any] = {"dtype": str, "keep_default_na": False, "encoding": "utf-8-sig"}
+            table = pd.read_csv(expanded(points), header=None, nrows=MOST_ROWS + 2, **text).fillna("")
+            heads, table = table.iloc[0].tolist(), table.iloc[1:]
+    except OSError as problem:
+        raise InputError(f"{where}: it cannot be read: {problem.strerror}") from None
+    except ValueError as problem:
+        raise InputError(
+            f"{where}: it is no table with commas and a head for each column: {str(problem).strip()}"
+        ) from None
+    if not 0 < len(table) <= MOST_ROWS:
+        raise InputError(f"{where}: it has {len(table)} rows; it must have from 1 to {MOST_ROWS}")
+    columns: dict[str, Any] = {}
+    for head, cells in zip(heads, table.to_numpy().T, strict=True):
+        name, _, unit = (part.strip() for part in head.rstrip("] \t").partition("["))
+        row, values = 0, []
+        try:
+            if len(heads) == 1 and (marks := [mark for mark in ";\t" if mark in head.strip()]):
+                raise InputError(f"its columns are separated by {marks[0]!r}; separate them by commas")
+            if name in columns:
+                raise InputError(f"column {name} occurs twice; leave one out")
+            own, words = study.parameter(name).units, study.parameters[name].choices
+            for cell in map(str, cells):
+                row += 1
+                number = 0.0 if words else convert(spec.finite(cell), unit or own, own, name)
+                values.append(cell.strip() if words else number)
+        except InputError as problem:
+            raise InputError(f"{where}: {f'row {row}, column {name}: ' if row else ''}{problem}") from None
+        columns[name] = values
+    return columns

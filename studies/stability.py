@@ -1,0 +1,144 @@
+"""Linear stability of steady sliding: growth rates, first onsets, least stable modes, unstable intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from fivcore import Rig, Scene, flutter_onsets, sliding_modes, unstable_windows
+from studies import summary
+from studies.labels import number
+from studies.motion.run import BAND
+from sweeps import Variable
+
+Array = NDArray[Any]
+
+# Variables of a scene's least stable mode.
+LEAST_STABLE = {
+    "mode_growth_rate": Variable("s-1", "growth rate of the least stable mode of steady sliding below 10 kHz"),
+    "mode_frequency": Variable("Hz", "frequency of the least stable mode of steady sliding below 10 kHz"),
+}
+# How an interval ends: its pair becomes stable, leaves the band or oscillates no more; or the range ends.
+ENDS = ("pair restabilises", "end of the range")
+# Variables of the intervals, window_NAME: field of `fivcore.UnstableWindows`, units and meaning.
+INTERVALS = {
+    "from": ("theta_from", "degree", "inclination from which a pair is unstable"),
+    "to": ("theta_to", "degree", "inclination up to which the pair is unstable"),
+    "frequency_from": ("frequency_from", "Hz", "frequency of the pair where the unstable interval begins"),
+    "frequency_to": ("frequency_to", "Hz", "frequency of the pair where the unstable interval ends"),
+    "open_from": ("open_from", "1", "what the unstable interval begins with"),
+    "open_to": ("open_to", "1", "what the unstable interval ends with"),
+    "peak_growth_rate": ("peak_growth_rate", "s-1", "largest growth rate of the pair in the unstable interval"),
+    "peak_theta": ("peak_theta", "degree", "inclination of the largest growth rate"),
+    "peak_frequency": ("peak_frequency", "Hz", "frequency of the pair at its largest growth rate"),
+}
+MIRRORED = {"from": "to", "to": "from"}
+
+
+def largest_growth(rig: Rig, theta: Any, mu: Any, fmax: float = BAND) -> tuple[Array, Array, Array]:
+    """Growth rate and frequency of the least stable mode, and the number of unstable modes, with V > 0.
+
+    theta and mu broadcast; only modes below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of
+    which one mode grows and one decays counts once.
+    """
+    modes = sliding_modes(rig, theta, mu, fmax)
+    growth = np.where(np.isnan(modes.growth_rate), -np.inf, modes.growth_rate)
+    if not growth.shape[-1]:
+        nothing = np.full(growth.shape[:-1], np.nan)
+        return nothing, nothing.copy(), np.zeros(growth.shape[:-1], dtype=int)
+    top = growth.argmax(axis=-1)[..., None]
+    rate, frequency = (np.take_along_axis(of, top, -1)[..., 0] for of in (modes.growth_rate, modes.frequency))
+    return rate, frequency, np.count_nonzero(modes.unstable, axis=-1)
+
+
+def first_growth(rig: Rig, theta: float, fmax: float, largest: float) -> tuple[float, float]:
+    """Lowest mu up to `largest` from which a pair below `fmax` is unstable, and its frequency, Hz; or NaN.
+
+    That is at a flutter onset, or at the top of the band, which an unstable pair enters.
+    """
+    found = flutter_onsets(rig, theta, fmax, largest)
+    onsets = zip(found.mu.tolist(), found.frequency.tolist(), strict=True)
+    return min((*onsets, *((mu, fmax) for mu in found.entry_mu.tolist())), default=(np.nan, np.nan))
+
+
+def least_stable(scene: Scene) -> tuple[float, float]:
+    """Growth rate (1/s) and frequency (Hz) of the least stable mode of steady sliding below 10 kHz."""
+    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu)
+    return float(growth), float(frequency)
+
+
+def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float = 1.0) -> xr.Dataset:
+    """Add the unstable intervals within the range of theta as `window_*`, ascending in frequency, then theta.
+
+    Where they cannot be computed the result has none, and the `comment` of `window_from` gives the reason.
+    """
+    theta, comment = dataset["theta"].values, ""
+    try:
+        values = unstable_intervals(rig, mu, V, float(theta.min()), float(theta.max()))
+    except ArithmeticError as problem:
+        values, comment = _none(), str(problem)
+    dataset = dataset.assign(
+        {
+            f"window_{name}": ("window", values[name], {"units": units, "long_name": text})
+            for name, (_, units, text) in INTERVALS.items()
+        }
+    )
+    if comment:
+        dataset["window_from"].attrs["comment"] = comment
+    return with_flags(dataset, ENDS, "window_open_from", "window_open_to")
+
+
+def unstable_intervals(rig: Rig, mu: float, V: float, low: float, high: float) -> dict[str, Array]:
+    """The variables of INTERVALS between two inclinations, degrees; a single inclination has none.
+
+    Only the sign of V matters: with V < 0 they are those of -theta. Intervals that cannot be told apart raise
+    `ArithmeticError`.
+    """
+    if low == high:
+        return _none()
+    found = unstable_windows(rig, mu, *((low, high) if V > 0.0 else (-high, -low)), BAND)
+    values = {name: np.asarray(getattr(found, field)) for name, (field, _, _) in INTERVALS.items()}
+    if V < 0.0:
+        # In the mirror an interval begins where it ended; 0 - theta, for -theta makes -0 of 0.
+        values = {name: values["_".join(MIRRORED.get(part, part) for part in name.split("_"))] for name in values}
+        values |= {name: 0.0 - values[name] for name in ("from", "to", "peak_theta")}
+    order = np.lexsort((values["from"], values["frequency_from"]))
+    return {name: value[order].astype(np.int8 if "open" in name else float) for name, value in values.items()}
+
+
+def _none() -> dict[str, Array]:
+    return {name: np.empty(0, np.int8 if "open" in name else float) for name in INTERVALS}
+
+
+def with_flags(dataset: xr.Dataset, words: tuple[str, ...], *names: str) -> xr.Dataset:
+    """Name the whole numbers of derived variables."""
+    for name in names:
+        attributes = dataset[name].attrs
+        attributes.pop("units", None)
+        attributes["flag_values"] = np.arange(len(words), dtype=np.int8)
+        attributes["flag_meanings"] = " ".join(word.replace(" ", "_") for word in words)
+    return dataset
+
+
+def intervals_summary(dataset: xr.Dataset, mu: float) -> Iterator[Any]:
+    """The unstable intervals as a table; a bound with < or > is an end of the range."""
+    theta, comment = dataset["theta"].values, dataset["window_from"].attrs.get("comment", "")
+    where = f"at mu = {mu:g}, theta from {theta.min():g} to {theta.max():g} degrees"
+    if len(theta) == 1:
+        yield "A single inclination has no unstable interval; give a range of theta."
+    elif comment:
+        yield f"Unstable intervals {where} could not be computed: {comment}."
+    elif not dataset.sizes["window"]:
+        yield f"No pair is unstable {where}."
+    else:
+        names = [f"window_{name}" for name in INTERVALS if "open" not in name]
+        table = summary.frame(dataset, names, along="window")
+        table.columns = ["from °", "to °", "from Hz", "to Hz", "largest growth 1/s", "at °", "at Hz"]
+        for head, mark in (("from °", "< "), ("to °", "> ")):
+            cut = dataset[f"window_open_{head[:-2]}"].values == ENDS.index("end of the range")
+            table[head] = np.where(cut, mark, "") + table[head].map(number).to_numpy(dtype=str)
+        yield f"Unstable intervals {where}, computed as roots", table

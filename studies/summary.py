@@ -1,0 +1,158 @@
+"""Summaries as data: sentences and captioned tables, as text for a terminal and as HTML for the page."""
+
+from __future__ import annotations
+
+import shutil
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from studies import claims, labels
+from studies.parameters import RIG, SCENE
+from studies.results import settings
+from sweeps import DONE, FAILED
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from studies.study import Study
+
+# Failed points that a summary lists.
+LISTED = 5
+# Columns of a table where the output is no terminal.
+WIDTH = 100
+
+
+def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] | None = None) -> pd.DataFrame:
+    """A table of some variables in a reader's units.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+    names : sequence of str
+        Variables and coordinates, one column each; heads are like "V mm/s", flags are words.
+    along : str or sequence of str, optional
+        Dimensions of the rows, by default those that the variables have.
+
+    Returns
+    -------
+    pandas.DataFrame
+    """
+    import pandas as pd
+    import xarray as xr
+
+    arrays = [dataset[name] for name in names]
+    dims = [along] if isinstance(along, str) else list(along or dict.fromkeys(d for a in arrays for d in a.dims))
+    columns = {}
+    for name, array in zip(names, xr.broadcast(*arrays), strict=True):
+        values = array.transpose(*dims) if set(array.dims) == set(dims) else array
+        if "flag_meanings" in array.attrs:
+            column: Any = labels.words(values)
+        else:
+            column = labels.readable(values).values
+        unit = labels.unit_of(array)[0]
+        columns[f"{labels.SYMBOLS.get(name, name)} {unit}".strip()] = np.ravel(column)
+    return pd.DataFrame(columns)
+
+
+def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
+    """The whole summary of a result: what is fixed, the study's own parts, the paper's claims, failed points."""
+    yield fixed_text(study, dataset)
+    if study.summary is not None and study.is_usual(dataset):
+        yield from study.summary(dataset)
+    else:
+        yield from general(dataset)
+    beside = claims.beside(dataset, study.claims)
+    if len(beside):
+        yield "Beside the paper", beside
+    yield from failures(dataset)
+
+
+def fixed_text(study: Study, dataset: xr.Dataset) -> str:
+    """The operating point, and what else is fixed at another value than the study's default."""
+    values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
+    defaults = {name: parameter.default for name, parameter in study.parameters.items()}
+    named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
+    text = [labels.named(name, values[name], str(dataset[name].attrs.get("units", "1"))) for name in named]
+    if set(RIG) <= set(values) and claims.is_papers_rig(dataset):
+        text.append("the paper's rig")
+    return f"At {', '.join(text)}." if text else f"{study.title}."
+
+
+def general(dataset: xr.Dataset) -> Iterator[Any]:
+    """Quantiles of every variable with one number a point, and how they go with the parameters that vary."""
+    import pandas as pd
+
+    dims = dataset["status"].dims
+    done = dataset["status"] == DONE
+    yield f"{int(done.sum())} of {done.size} points computed, along {', '.join(map(str, dims))}."
+    quantities = [
+        str(name)
+        for name, array in dataset.data_vars.items()
+        if array.dims == dims and array.dtype.kind == "f" and name != "wall_time" and not str(name).endswith("_se")
+    ]
+    rows = []
+    for name in quantities:
+        values = labels.readable(dataset[name].where(done)).values
+        finite = values[np.isfinite(values)]
+        low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)) if len(finite) else (np.nan,) * 3
+        rows.append((f"{name} {labels.unit_of(dataset[name])[0]}".strip(), len(finite), low, middle, high))
+    if rows:
+        yield "Quantiles", pd.DataFrame(rows, columns=["quantity", "points", "5 %", "median", "95 %"])
+    varied = [
+        str(n) for n, c in dataset.coords.items() if c.ndim and set(c.dims) <= set(dims) and c.dtype.kind == "f"
+    ]
+    points = dataset[[*quantities]].where(done).to_dataframe().reset_index()
+    if varied and quantities and len(points) >= 8:
+        ranks = points[[*varied, *quantities]].rank()
+        table = ranks.corr().loc[quantities, varied].dropna(how="all").round(3)
+        if len(table):
+            yield "Rank correlations (Spearman)", table.rename_axis("quantity").reset_index()
+
+
+def failures(dataset: xr.Dataset) -> Iterator[str]:
+    """Failed points with their reasons: one line where all failed alike, else the first ones."""
+    failed = np.argwhere((dataset["status"] == FAILED).values)
+    if not len(failed):
+        return
+    status = dataset["status"]
+    points = [dataset.isel(dict(zip(status.dims, place, strict=True))) for place in failed[:LISTED]]
+    if "error" in dataset:
+        reasons = set(dataset["error"].values[(status == FAILED).values])
+        if len(failed) > 1 and len(reasons) == 1:
+            yield f"{len(failed)} of {status.size} points failed: {reasons.pop()}"
+            return
+    for point in points:
+        where = ", ".join(labels.named(str(dim), point[dim]) for dim in status.dims)
+        yield f"failed: {where}: {point['error'].item() if 'error' in point else 'the file has no reason'}"
+    if len(failed) > LISTED:
+        yield f"and {len(failed) - LISTED} more failed"
+
+
+def text(parts: Iterable[Any], width: int | None = None) -> str:
+    """A summary as text no wider than the terminal."""
+    width = width or shutil.get_terminal_size((WIDTH, 24)).columns
+    blocks = list[str]()
+    for part in parts:
+        if isinstance(part, str):
+            blocks.append(textwrap.fill(part, width))
+        else:
+            caption, table = part
+            blocks.append(f"\n{textwrap.fill(caption, width - 1)}:\n{table_text(table, width)}\n")
+    return "\n".join(blocks).replace("\n\n\n", "\n\n").strip("\n")
+
+
+def table_text(table: pd.DataFrame, width: int) -> str:
+    """A table as aligned columns, in blocks that fit the width."""
+    if not len(table):
+        return "(none)"
+    shown = table.map(labels.number)
+    return str(shown.to_string(index=False, line_width=width, na_rep="-"))
+
+
+def html(table: pd.DataFrame) -> str:
+    """A table as HTML; texts are escaped."""
+    return str(table.map(labels.number).to_html(index=False, border=0, classes="data", na_rep="-"))

@@ -1,0 +1,229 @@
+"""Commands from end to end: what they print, what they leave behind, and their exit codes."""
+
+import json
+import os
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+import studies
+from studies import registry
+from studies.cli import execution, main
+from studies.gallery import fig5
+from tests import HOME
+
+FILES = ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
+OWN = ["results/squares/squares.nc", "results/squares/squares.png"]
+THREE = ("run", "fig5", "--set", "mu=0:0.5:3")
+
+
+def rows(done):
+    return json.loads(done.stdout)
+
+
+def test_run_prints_numbers_beside_the_papers_and_the_references(here, tmp_path):
+    (tmp_path / "results").mkdir()
+    shutil.copytree(HOME / "results" / "reference", "results/reference", ignore=shutil.ignore_patterns("*.png"))
+    done = here("query", "fig5", "--limit", "1")
+    assert "results/fig5 has no result; this is the reference" in done.stderr
+    done = here("run", "fig5", "--set", "mu=0:0.5:51")
+    assert done.returncode == 0
+    assert "0.1112" in done.stdout
+    assert "Beside the paper" in done.stdout
+    assert "beside the reference: no difference" in done.stderr  # beyond rounding, by another processor
+    assert str(tmp_path / FILES[1]) in done.stderr
+    assert "\x1b" not in done.stdout + done.stderr
+    done = here("run", "fig5", "--out", "results/reference", "-q")
+    assert (done.returncode, "runs only read the reference" in done.stderr) == (2, True)
+
+
+def test_bare_fiv_is_help_and_every_command_has_it(here):
+    bare = here()
+    assert (bare.returncode, bare.stderr) == (0, "")
+    assert "\n  status  " in bare.stdout
+    assert here("--version").stdout.startswith("fiv, version ")
+    for name in main.fiv.commands:
+        done = here(name, "--help")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert f"Usage: fiv {name}" in done.stdout
+        assert "--verbose" in done.stdout
+
+
+def test_list_shows_every_study_with_its_time_and_all_of_one(here):
+    done = here("list")
+    assert all(f"\n{name} " in f"\n{done.stdout}" for name in registry.NAMES)
+    assert done.stdout.splitlines()[1].startswith(" " * (len("sensitivity") + 2) + "Does")
+    assert "501 points, instantly" in done.stdout
+    assert "2304 points, about 8 min" in done.stdout
+    assert len(here("list", "-q").stdout.splitlines()) == len(registry.NAMES)
+    one = here("list", "fig5").stdout
+    assert "Paper: Section 3.4.2 and Fig. 5" in one
+    assert "p2_thickness" in one
+
+
+def test_plan_computes_and_writes_nothing_and_takes_the_references_time(here, folder, own, monkeypatch):
+    calls = []
+
+    def counted(rig, theta, mu):
+        calls.append(len(mu))
+        return fig5.modes(rig, theta, mu)
+
+    monkeypatch.setattr(fig5, "STUDY", replace(fig5.STUDY, function=counted))
+    done = here("plan", "fig5", "--set", "mu=0:0.5:101")
+    assert [f"{word:<15} 101" in done.stdout for word in ("points", "distinct", "to do")] == [True] * 3
+    assert "instantly, as the reference took; fiv plan --time measures" in done.stdout
+    assert not calls
+    assert "as the reference" not in here("plan", "fig5", "--time").stdout
+    assert calls
+    # Of the reference's 8.11 minutes a quarter of the points takes a quarter.
+    plan = replace(fig5.STUDY.sweep({"mu": np.linspace(0.0, 0.5, 576)}).plan(), seconds=float("nan"))
+    assert "about 2 min on one core, as the reference" in execution.estimated("stick_time", plan)[1]
+    assert "unknown" in here("plan", "own.py").stdout
+    assert not folder()
+
+
+def test_stored_points_are_not_computed_again_and_other_settings_are_refused(here, folder):
+    here("run", "fig5", "--set", "mu=0:0.5:11", "-q")
+    planned = here("plan", "fig5", "--set", "mu=0:0.5:21").stdout
+    assert "cached          11" in planned
+    # Of a part of the stored points the answer is that part, and the file keeps all.
+    part = here("run", "fig5", "--set", "mu=0.2,0.3")
+    assert "to do           0" in part.stderr
+    assert "points        11" in here("status", "fig5").stdout
+    done = here(*THREE, "--set", "theta=8", "-q")
+    assert done.returncode == 3
+    assert "theta = 5.0 there, 8.0 here; start over with fresh (--fresh), or choose another folder" in done.stderr
+    fresh = here(*THREE, "--set", "theta=8", "--fresh", "-q")
+    assert (fresh.returncode, fresh.stderr) == (0, "")
+    assert "θ = 8°" in fresh.stdout
+
+
+def test_a_study_of_ones_own_goes_through_every_command(here, own, folder):
+    done = here("run", "own.py", "-q")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "The largest square is 32." in done.stdout
+    assert folder() == OWN
+    assert "How large are squares?" in here("list", "own.py").stdout
+    assert "cached          6" in here("plan", "own.py").stdout
+    assert rows(here("status", "own.py", "--json"))["done"] == 6
+    found = rows(here("query", "own.py", "--where", "y > 10 and kind == 'plain'", "--format", "json"))
+    assert [(row["x"], row["y"]) for row in found] == [(3.0, 18.0), (4.0, 32.0)]
+    assert here("plot", "own.py", "--format", "svg").stdout == "results/squares/squares.svg\n"
+    assert here("plot", OWN[0], "--out", "there").stdout == "there/squares.png\n"
+    assert here("report", "own.py", "--file", "page.html").returncode == 0
+    # What a result says is never run: its own study is presented as any other.
+    with netCDF4.Dataset(OWN[0], "a") as data:
+        data.sweep = str(own)
+    registry._registered.clear()
+    assert here("plot", OWN[0]).returncode == 0
+
+
+def test_failed_points_are_listed_once_and_exit_1(here, own):
+    done = here("run", "own.py", "--set", "x=1,2,3")
+    assert done.returncode == 1
+    assert done.stdout.count("ValueError: two is too much") == 1
+    assert "2 of 6 points failed" in done.stdout
+    assert here("run", "own.py", "--set", "x=1,2,3", "-q").returncode == 1
+    all_failed = here("run", "own.py", "--set", "x=2", "--out", "two", "-q")
+    assert (all_failed.returncode, all_failed.stdout.count("two is too much")) == (1, 1)
+    fast = here("run", "own.py", "--set", "x=1,2,3", "--fail-fast", "--out", "fast", "-q")
+    assert (fast.returncode, fast.stderr.count("\n")) == (1, 1)
+    assert fast.stderr.startswith("fiv: stopped at the first failure: ")
+    (own.parent / "mended").touch()
+    assert here("run", "own.py", "--set", "x=1,2,3", "--retry-failed", "-q").returncode == 0
+
+
+def test_a_failed_point_of_a_predefined_study_comes_with_its_command(here, monkeypatch):
+    def picky(rig, theta, mu):
+        if np.any(mu == 0.25) and not os.path.exists("mended"):
+            raise ArithmeticError("not this one")
+        return fig5.modes(rig, theta, mu)
+
+    monkeypatch.setattr(fig5, "STUDY", replace(fig5.STUDY, function=picky))
+    done = here(*THREE, "-v")
+    assert done.returncode == 1
+    assert "in picky" in done.stderr
+    again = done.stderr.splitlines()[-1].partition("again with: fiv ")[2]
+    assert again.startswith("run fig5 --set mu=0.25 --scheduler sync --out again")
+    assert here(*again.split()).returncode == 1
+    Path("mended").touch()
+    assert here(*THREE, "-q").returncode == 1
+    assert here(*THREE, "-q", "--retry-failed").returncode == 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--set", "mu=0,0.1,0.2", "--set", "p1_length=60mm"),
+        ("--scatter", "p1_length=normal:50:0.1mm", "--set", "mu=0.1,0.2", "--samples", "4", "--seed", "3"),
+        ("--points", "points.csv"),
+        ("--config", "run.toml"),
+    ],
+)
+def test_a_result_is_made_again_bit_for_bit(here, options, tmp_path):
+    (tmp_path / "points.csv").write_text("p1_length [mm], mu\n50, 0.1\n60, 0.2\n")
+    (tmp_path / "run.toml").write_text('set = {theta = "8deg", mu = [0.1, 0.2]}\nscheduler = "sync"\n')
+    assert here("run", "fig5", *options, "-q").returncode == 0
+    assert here("run", FILES[0], "--out", "again", "-q").returncode == 0
+    one, other = (xr.open_dataset(f"{place}/fig5/fig5.nc") for place in ("results", "again"))
+    with one, other:
+        xr.testing.assert_identical(
+            one.drop_attrs().drop_vars("wall_time"), other.drop_attrs().drop_vars("wall_time")
+        )
+        names = ("axes", "constants", "request")
+        kept = [json.loads(data.attrs["configuration"]) for data in (one, other)]
+        assert [kept[0].get(name) for name in names] == [kept[1].get(name) for name in names]
+
+
+def test_options_win_over_a_file_and_a_draw_may_be_a_value(here, tmp_path):
+    (tmp_path / "run.toml").write_text('study = "fig5"\n[set]\nmu = "0:0.5:3"\ntheta = 8\n')
+    assert "grid            mu 1\n" in here("plan", "fig5", "--rig", "run.toml", "--set", "mu=0.1").stdout
+    assert "STUDY is table4" in here("plan", "table4", "--config", "run.toml").stderr
+    plans = [here("plan", "fig5", name, "theta=normal:5:1", "--samples", "4") for name in ("--set", "--scatter")]
+    assert plans[0].stdout == plans[1].stdout
+    assert "sample 4" in plans[0].stdout
+
+
+def test_status_without_a_name_is_a_table_of_the_folder(here, own, folder):
+    assert here("status").stdout == "results has no result; begin with: fiv run fig5\n"
+    here("run", "own.py", "-q")
+    here("run", "fig5", "--set", "mu=0.1,0.2", "-q")
+    os.makedirs("results/broken")
+    Path("results/broken/broken.nc").write_text("mine")
+    cells = [re.split(r"  +", line) for line in here("status").stdout.splitlines()]
+    assert cells[0] == ["name", "kind", "points", "state", "date"]
+    assert [row[:4] for row in cells[1:]] == [
+        ["broken", "study", "-", "unreadable"],
+        ["fig5", "study", "2", "complete"],
+        ["squares", "study", "6", "complete"],
+    ]
+    assert [row["name"] for row in rows(here("status", "--json"))] == ["broken", "fig5", "squares"]
+
+
+def test_an_installed_study_is_known_by_its_name(here, own, tmp_path, monkeypatch):
+    about = tmp_path / "site" / "owner-1.0.dist-info"
+    about.mkdir(parents=True)
+    shutil.copy(own, about.parent / "owner.py")
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: owner\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[fiv.studies]\nsquares = owner:STUDY\nfig5 = owner:STUDY\n")
+    monkeypatch.syspath_prepend(about.parent)
+    monkeypatch.setattr(registry, "installed", registry.installed.__wrapped__)
+    assert here("list").stdout.count("Squares") == 1  # a predefined study keeps its name
+    assert here("run", "squares", "-q").returncode == 0
+
+
+def test_series_are_recorded_and_made_again(here):
+    place = ["--set", "V=2mm/s", "--set", "theta=5", "--set", "mu=0.2", "--set", "F=9", "--set", "duration=50ms"]
+    done = here("run", "scenes", *place, "--record", "velocity_B", "--sample-rate", "20e3", "-q")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert os.path.isfile("results/scenes/scenes-series.png")
+    assert here("run", "results/scenes/scenes.nc", "--out", "again", "-q").returncode == 0
+    one, other = (studies.open("scenes", out=folder) for folder in ("results", "again"))
+    np.testing.assert_array_equal(one["velocity_B"], other["velocity_B"])
+    assert one.sizes["elapsed"] > 900

@@ -1,0 +1,216 @@
+"""Planes of regimes: realisations that agree, their statistics, and the comparison with linear stability."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import beta
+
+from fivcore import Rig, Scene, flutter_onsets
+from studies import registry
+from studies.gallery import regimes
+from studies.motion import ensemble, run
+from studies.motion import regimes as motion
+from studies.motion.jobs import run_all
+from studies.motion.run import REGIMES
+
+# Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
+SHORT = {"min_duration": 0.6, "max_duration": 0.85, "members": 2}
+OPTIONS = {"ramp": 1e-3, "cutoff": None, "skip_long_sticks": 1, "numerical_damping": "published"}
+OPTIONS |= {"standard_error": 0.01, "min_duration": 1.0, "max_duration": 8.0}
+VERDICTS = list(regimes.VERDICTS)
+STEADY, INTERMITTENT, PERIODIC, IRREGULAR = map(
+    REGIMES.index, ("steady sliding", "intermittent", "periodic", "irregular")
+)
+
+
+@pytest.mark.parametrize(
+    ("V", "mu", "regime"),
+    [
+        (1e-3, 0.2, "intermittent"),
+        (2e-3, 0.2, "irregular"),
+        (5e-3, 0.2, "irregular"),
+        (5e-4, 0.3, "intermittent"),
+        (5e-3, 0.05, "steady sliding"),
+    ],
+)
+def test_all_realisations_of_a_scene_far_from_a_border_are_in_its_regime(V, mu, regime):
+    """At mu = 0.2 sustained intermittence ends between 1.3 and 1.6 mm/s."""
+    found = ensemble.statistics(run_all(ensemble.ensemble(Scene(V, 5.0, mu, 9.0), 3, OPTIONS)))
+    assert REGIMES[found["regime"]] == regime
+    np.testing.assert_array_equal(found["member_regime"], found["regime"])
+    np.testing.assert_allclose(found["mean_normal_force"], 9.0, rtol=0.02)
+    if regime == "irregular":
+        assert found["stick_fraction_std"] < 0.05
+        assert 2.5e3 < found["dominant_frequency"] < 2.7e3
+
+
+@pytest.mark.parametrize("theta", [2.0, 5.0, 10.0])
+def test_the_motion_is_what_stability_of_all_simulated_modes_predicts(theta):
+    """Vibration sets in where the first simulated mode grows, which may be one above 10 kHz."""
+    onset = flutter_onsets(Rig(), theta, 10e3).mu[0]
+    for mu in onset * np.array([0.9, 0.95, 1.05, 1.2]):
+        scene = Scene(5e-3, theta, float(mu), 9.0)
+        found = regimes.linear_stability(scene, None, "published")
+        assert (found["growth_rate"] > 0.0) == (mu > onset)
+        assert (found["unstable_modes"] > 0) == (mu > onset)
+        (result,) = run_all(ensemble.ensemble(scene, 1, OPTIONS | {"min_duration": 2.0}))
+        assert (result.summary["regime"] == "steady sliding") == (found["model_growth_rate"] < 0.0)
+
+
+def test_next_to_the_onset_motion_and_stability_agree(computed):
+    """The first mode grows from mu = 0.1112 on, below 10 kHz; in the model that is simulated, too."""
+    values = {"V": [2e-3, 5e-3], "mu": [0.1, 0.11, 0.113, 0.15], "theta": [-5.0, 5.0]}
+    data = computed("regimes", **values, **SHORT | {"min_duration": 2.0, "members": 1})
+    np.testing.assert_array_equal(data["regime"].sel(theta=-5.0), STEADY)
+    grows = data["model_growth_rate"].sel(theta=5.0).squeeze("F").isel(V=0)
+    np.testing.assert_array_equal(grows > 0.0, [False, False, True, True])
+    np.testing.assert_allclose(data["model_growth_frequency"].sel(mu=0.113, theta=5.0), 2802.0, rtol=0.001)
+    assert np.all(data["verdict"] == VERDICTS.index("agree"))
+    onsets = flutter_onsets(Rig(), 5.0, 10e3, 0.15)
+    np.testing.assert_array_equal(data["onset_mu"], [np.nan, onsets.mu.min()])
+
+
+def test_vibration_by_modes_above_the_band_has_its_verdict(computed):
+    """With modes up to 375 kHz, undamped by the published scheme, one at 95.6 kHz grows first."""
+    values = {"V": 5e-3, "mu": 0.11, "cutoff": 375e3, "members": 1, "numerical_damping": "none"}
+    data = computed("regimes", **SHORT | values)
+    assert VERDICTS[int(data["verdict"].squeeze())] == "unstable above the band"
+    np.testing.assert_allclose(data["model_growth_frequency"], 95.6e3, rtol=0.01)
+
+
+def test_a_stable_scene_loses_its_slowest_mode_at_half_of_d1():
+    """Damping on the mass alone leaves the lowest modes -d1 / 2."""
+    found = regimes.linear_stability(Scene(5e-3, 5.0, 0.05, 9.0), None, "published")
+    np.testing.assert_allclose([found["growth_rate"], found["model_growth_rate"]], -0.5 * Rig().d1, rtol=1e-3)
+
+
+def test_equivalent_points_have_the_bits_of_one_scene_and_its_size(computed):
+    ratio = 10.0 ** (1.0 / 3.0)
+    values = {"V": 4e-3 * ratio ** np.arange(2), "mu": [0.05, 0.2], "F": 3.7 * ratio ** np.arange(2)}
+    data = computed("regimes", **SHORT | values).squeeze("theta")
+    left, right = data.isel(V=0, F=0), data.isel(V=1, F=1)
+    factor = right["F"].values / left["F"].values
+    for name, variable in regimes.OUTPUTS.items():
+        if variable.scale:
+            np.testing.assert_allclose(right[name], left[name] * factor, rtol=1e-4)
+        else:
+            np.testing.assert_array_equal(right[name], left[name])
+
+
+def test_statistics_of_an_ensemble_are_those_of_its_realisations():
+    scene = Scene(5e-3, 5.0, 0.2, 9.0)
+    runs = run_all(ensemble.ensemble(scene, 3, OPTIONS | {"min_duration": 0.1, "max_duration": 0.4}))
+    found, summaries = ensemble.statistics(runs), [run.summary_of(result) for result in runs]
+    how = dict.fromkeys(ensemble.LARGEST, np.max) | dict.fromkeys(ensemble.MIDDLE, np.median)
+    how |= {f"{name}_se": lambda errors: np.sqrt(np.sum(errors**2)) / len(errors) for name in run.ESTIMATED}
+    for name in ensemble.QUANTITIES:
+        values = np.array([each[name] for each in summaries], dtype=float)
+        values = values[np.isfinite(values)]
+        expected = how.get(name, np.mean)(values) if len(values) else np.nan
+        if name in ensemble.MIDDLE and len(values) == 2:
+            expected = values.min()
+        np.testing.assert_allclose(found[name], expected, rtol=1e-14, err_msg=name)
+    spread = np.std([each["velocity_rms"] for each in summaries], ddof=1)
+    np.testing.assert_allclose(found["velocity_rms_std"], spread, rtol=1e-12)
+    single = ensemble.statistics(runs[:1])
+    assert all(np.isnan(single[f"{name}_std"]) for name in ensemble.SPREAD)
+
+
+@pytest.mark.parametrize(
+    ("members", "regime"),
+    [
+        ([INTERMITTENT] * 4, INTERMITTENT),
+        ([INTERMITTENT, IRREGULAR, INTERMITTENT], INTERMITTENT),
+        ([INTERMITTENT, IRREGULAR], IRREGULAR),
+        ([IRREGULAR, STEADY, STEADY, IRREGULAR], IRREGULAR),
+        ([0, 0, STEADY, STEADY], STEADY),
+        ([0, 0, STEADY], 0),
+        ([INTERMITTENT, PERIODIC, IRREGULAR], IRREGULAR),
+    ],
+)
+def test_most_realisations_decide_and_of_equally_many_the_later_regime(members, regime):
+    for order in (members, members[::-1]):
+        assert ensemble.majority(np.array(order))[0] == regime
+
+
+@given(st.lists(st.integers(0, len(REGIMES) - 1), min_size=1, max_size=30))
+def test_certainty_is_the_posterior_that_more_than_half_are_in_the_regime(members):
+    regime, certainty = ensemble.vote(np.array(members))
+    inside = members.count(regime)
+    assert inside == max(members.count(k) for k in set(members))
+    np.testing.assert_allclose(certainty, beta(inside + 0.5, len(members) - inside + 0.5).sf(0.5), rtol=1e-9)
+    assert ensemble.vote(np.array([*members, regime]))[1] > certainty
+
+
+def row(**columns):
+    """A dataset of one row of points."""
+    count = max(map(np.size, columns.values()))
+    return xr.Dataset({name: ("V", np.broadcast_to(values, count)) for name, values in columns.items()})
+
+
+# Of a mode 2.5 s pass between the first slip and the last quarter of the run: it decides from 4 1/s on.
+@pytest.mark.parametrize(
+    ("regime", "growth", "model", "other", "verdict"),
+    [
+        (STEADY, -25.0, -25.0, {}, "agree"),
+        (STEADY, 0.0, 0.0, {}, "agree"),
+        (INTERMITTENT, 300.0, 300.0, {}, "agree"),
+        (PERIODIC, 0.5, 300.0, {}, "agree"),
+        (IRREGULAR, -25.0, -25.0, {}, "subcritical"),
+        (IRREGULAR, -25.0, np.nan, {}, "subcritical"),
+        (IRREGULAR, -25.0, -4.0, {}, "subcritical"),
+        (IRREGULAR, -25.0, -3.99, {}, "no verdict"),
+        (IRREGULAR, -25.0, -25.0, {"duration": 0.8}, "no verdict"),
+        (IRREGULAR, -25.0, 0.0, {}, "no verdict"),
+        (IRREGULAR, -25.0, 0.5, {}, "unstable above the band"),
+        (STEADY, 300.0, 300.0, {}, "quiet though unstable"),
+        (STEADY, 4.0, 300.0, {}, "quiet though unstable"),
+        (STEADY, 3.99, 300.0, {}, "no verdict"),
+        (REGIMES.index("undecided"), 300.0, 300.0, {}, "no verdict"),
+        (REGIMES.index("stuck"), 300.0, 300.0, {}, "no verdict"),
+        (np.nan, np.nan, np.nan, {"status": 2}, "failed"),
+        (np.nan, np.nan, np.nan, {"status": 0}, None),
+    ],
+)
+def test_verdicts(regime, growth, model, other, verdict):
+    point = {"status": 1, "duration": 4.0, "first_slip_time": 0.5} | other
+    (code,) = regimes.compare_linear(row(regime=[regime], growth_rate=growth, model_growth_rate=model, **point))
+    assert (np.isnan(code) and verdict is None) or VERDICTS[int(code)] == verdict
+
+
+def test_a_regime_is_uncertain_if_realisations_differ_and_too_few_are_in_it():
+    largest, certainty = zip((1.0, 0.9), (0.75, 0.84), (0.9, 0.95), (0.9, 0.96), (0.5, 0.94), strict=True)
+    shares = np.stack([largest, np.zeros(5)], 1)
+    data = row(regime_certainty=certainty).assign(regime_share=(("V", "kind"), shares))
+    assert regimes.uncertain(data).tolist() == [False, True, False, False, True]
+
+
+def test_a_point_is_in_a_regime_failed_or_pending():
+    data = row(
+        status=[1] * 6 + [2, 2, 0, 1], regime=[*range(6), 4, np.nan, np.nan, np.nan], dominant_frequency=1e3
+    )
+    names = [*REGIMES, "failed", "failed", "pending", "pending"]
+    assert [motion.kind(data.isel(V=k)) for k in range(10)] == names
+    assert motion.is_of(motion.kinds(data), "stuck", "failed").tolist() == [
+        n in ("stuck", "failed") for n in names
+    ]
+    frequency = motion.dominant_frequency(data.isel(V=slice(6)))
+    np.testing.assert_array_equal(frequency, [np.nan] * 3 + [1e3] * 3)
+
+
+def test_a_file_explains_itself_and_grows(tmp_path):
+    study = registry.load("regimes")
+    for mu in ([0.1, 0.2], [0.1, 0.2, 0.3]):
+        values = SHORT | {"V": [2e-3, 5e-3], "mu": mu, "max_duration": 0.65}
+        data = study.sweep(values).plan(tmp_path / "regimes.nc").run("sync")
+    assert int((data["status"] == 1).sum()) == 6
+    with xr.open_dataset(tmp_path / "regimes.nc") as plain:
+        assert plain["regime"].dims == ("V", "mu", "theta", "F")
+        assert plain["member_regime"].dims == ("V", "mu", "theta", "F", "member")
+        assert float(plain["head_mass"]) == Rig().head_mass
+        np.testing.assert_array_equal(plain["regime_share"].sum("kind"), 1.0)
+        for name, words in (("regime", REGIMES), ("verdict", VERDICTS)):
+            assert plain[name].attrs["flag_meanings"].split() == [word.replace(" ", "_") for word in words]
+            assert plain[name].encoding["dtype"] == np.int8

@@ -1,0 +1,234 @@
+"""The report page: what it shows, what it refuses, and how it behaves in the system's Chromium."""
+
+import json
+import re
+import shlex
+import shutil
+from collections import defaultdict
+from html import unescape
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from studies import registry, runner
+from studies.report import page, section
+from studies.request import Request, assignment
+from studies.study import Parameter, Study
+from sweeps import InputError, open_results
+
+MARKUP = "<b id=injected>loud</b></script>"
+FLAGS = ("headless", "no-sandbox", "disable-gpu", "disable-background-networking", "disable-dev-shm-usage")
+
+
+def loudness(V, mu, F):
+    errors = [ValueError(f"too loud: {MARKUP}") if each else None for each in (V > 5e-3) & (mu > 0.4)]
+    return {"loudness": V * mu * F, "error": errors}
+
+
+def summarise(dataset):
+    yield f"It is {MARKUP}."
+    yield f"Words {MARKUP}", pd.DataFrame({MARKUP: [MARKUP, "4"]})
+    raise KeyError("a typo")
+
+
+AXES = {"V": Parameter(np.geomspace(1e-3, 1e-2, 4), "m s-1", f"speed {MARKUP}")}
+AXES |= {"mu": Parameter(np.linspace(0.0, 0.5, 6)), "F": Parameter(9.0, "N")}
+OUTPUTS = {"loudness": ("m s-1", "loudness")}
+OWN = Study("own", f"Own {MARKUP}", "", AXES, OUTPUTS, loudness, summary=summarise, figure=lambda _: 1 / 0)
+
+
+def planned(study, file=None, **values):
+    return study.sweep(Request(values=values).values_of(study)).plan(file)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def folder(tmp_path_factory):
+    """A user's study, a plane of fig5, a file that is no result, and a reference of fig5 and of another study."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("report"))
+        patch.delenv("FIV_RESULTS", raising=False)
+        patch.setattr(registry, "_registered", {"own": OWN})
+        folder, fig5 = Path.cwd() / "mine", registry.load("fig5")
+        planned(OWN, folder / "own" / "own.nc").run("sync")
+        planned(fig5, folder / "fig5" / "fig5.nc", mu="0:0.5:11", theta="3:12:4", p1_length="60mm").run("sync")
+        theirs = folder / "reference" / "fig5" / "fig5.nc"
+        planned(fig5, theirs, mu="0:0.5:11").run("sync")
+        for file in (folder / "reference" / "fig6" / "fig6.nc", folder / "bad" / "bad.nc"):
+            file.parent.mkdir()
+            shutil.copy(theirs, file)
+        file.write_text("nonsense")
+        yield folder
+
+
+def read(file):
+    """A page, its texts by the tag before them, and its points by result."""
+    whole, texts = file.read_text("utf-8"), defaultdict(list)
+    for tag, text in re.findall(r"<(/?\w+)[^>]*>([^<]+)", whole):
+        texts[tag] += [unescape(text).strip()] if text.strip() else []
+    embedded = re.findall(r'application/json" id="[^"]*?(\w+)-points">(.*?)</script>', whole, re.DOTALL)
+    return whole, texts, {name: json.loads(text) for name, text in embedded}
+
+
+def column(data, result, name):
+    return next(each["values"] for each in data[result]["columns"] if each["name"] == name)
+
+
+@pytest.fixture(scope="module")
+def written(folder, tmp_path_factory):
+    """The page of the whole folder, and the lines that its command prints."""
+    told = []
+    file = page.write((), folder, tmp_path_factory.mktemp("page") / "report.html", told.append)
+    return *read(file), told
+
+
+def test_own_results_come_first_and_findings_are_the_references(written):
+    _, texts, _, told = written
+    assert texts["a"][:4] == ["fig5", "own", "What the project found", "fig6"]
+    assert texts["h2"][-2:] == ["Your results", "The project's results"]
+    assert any(re.match(r": Steady sliding flutters from mu = 0\.111\d on", text) for text in texts["/a"])
+    assert told.count("1 of 2 studies are the reference's: fig6") == 1
+    assert re.fullmatch(r"Newest result: \d{1,2} [A-Z][a-z]{2} \d{4}, \d\d:\d\d UTC", texts["p"][1])
+
+
+def test_what_fails_is_printed_and_on_the_page(written):
+    _, texts, _, told = written
+    for what in (
+        "o figure: ZeroDivisionError: ",
+        "o summary: KeyError: 'a typo' (test_page.py",
+        "bad.nc: it is dam",
+    ):
+        assert [sum(what in line for line in lines) for lines in (told, texts["p"])] == [1, 1]
+    assert f"It is {MARKUP}." in texts["p"]  # what came before the error stays
+
+
+def test_texts_of_files_and_studies_are_no_markup(written):
+    whole, texts, data, _ = written
+    assert "<b id" not in whole
+    for each in (*(texts[tag] for tag in ("h3", "h5", "th", "td")), column(data, "own", "error")):
+        assert any(MARKUP in text for text in each)
+
+
+def test_points_have_the_values_of_the_file(written, folder):
+    _, _, data, _ = written
+    with open_results(folder / "own" / "own.nc") as dataset:
+        wanted, failed = dataset["loudness"].values, int((dataset["status"] == 2).sum())
+        speeds = dataset["V"].values.tolist()
+    values = np.array(column(data, "own", "loudness"), dtype=float).reshape(wanted.shape)
+    np.testing.assert_allclose(values, wanted, rtol=1e-5, equal_nan=True)
+    assert np.isnan(values).sum() == failed == column(data, "own", "status").count("failed") > 0
+    assert column(data, "own", "V") == speeds
+    assert data["own"]["command"] == ""  # no command finds a user's study by its name
+
+
+@pytest.mark.parametrize(("rows", "others"), [(13_000, 1), (30, 500), (3, 2)])
+def test_large_results_are_thinned_and_say_so(rows, others):
+    axes = {"x": Parameter(np.arange(rows) + 0.5), "y": Parameter(np.arange(others) + 0.5)}
+    study = Study("large", "Large", "", axes, {"z": ("1", "sum")}, lambda x, y: {"z": x + y})
+    found = section.points(study, planned(study).run("sync"))
+    kept, total = np.prod(found["shape"]), rows * others
+    assert 0.4 * min(total, section.MOST_ROWS) < kept <= section.MOST_ROWS
+    kept_text = f"{total} rows" if kept == total else f"{kept} of {total} rows (one in 2 values of"
+    assert found["size"].startswith(kept_text)
+
+
+def test_a_map_has_no_sentence_of_the_paper_and_equal_results_give_equal_pages(tmp_path, monkeypatch):
+    axes = {"mu": Parameter(0.2), "theta": Parameter(5.0, "degree")}
+    outputs = {"z": ("1", "")}
+    study = Study("map_z", "Sum", "?", axes, outputs, lambda mu, theta: {"z": mu + theta}, paper="Table 6")
+    monkeypatch.setitem(registry._registered, "map_z", study)
+    monkeypatch.setattr(runner, "image", lambda *_: {"": b"a figure"})
+    planned(study, tmp_path / "map_z" / "map_z.nc", mu="0:1:3", theta="0:1:3").run("sync")
+    first, second = (read(page.write(("map_z",), tmp_path, tmp_path / name, pytest.fail)) for name in "ab")
+    assert first == second
+    assert "Sum over μ and θ" in first[1]["h3"]
+    assert "Table 6" not in first[0]
+
+
+def test_refusals(folder, tmp_path):
+    (tmp_path / "bad").mkdir()
+    for out, what in ((tmp_path / "nodir", "does not exist"), (tmp_path, "has no result")):
+        with pytest.raises(InputError, match=f"{out.name}: the folder {what}; begin with: fiv run fig5 --out"):
+            page.write((), out, None, pytest.fail)
+    assert [each.name for each in tmp_path.iterdir()] == ["bad"]
+    for target, told in (("fig55", "no result 'fig55'"), (str(folder / "bad" / "bad.nc"), "it is damaged")):
+        with pytest.raises(InputError, match=told):
+            page.write((target,), folder, None, [].append)
+
+
+@pytest.fixture
+def driver(tmp_path):
+    """A headless Chromium of the system with a new profile, which saves into `tmp_path`."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed; it is in fiv[test]")
+    chromium, own = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+    if not (chromium and own):
+        pytest.skip("Chromium or its driver is missing; try: apt-get install chromium chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for flag in (*FLAGS, f"user-data-dir={tmp_path / 'profile'}"):
+        options.add_argument(f"--{flag}")
+    options.add_experimental_option("prefs", {"download.default_directory": str(tmp_path)})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    with webdriver.Chrome(options, webdriver.ChromeService(executable_path=own)) as driver:
+        yield driver
+
+
+@pytest.mark.browser
+def test_in_a_browser(driver, folder, tmp_path):
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    def texts(css):
+        script = "return [...document.querySelectorAll(arguments[0])].map((each) => each.textContent)"
+        return driver.execute_script(script, css)
+
+    def wait(condition):
+        return WebDriverWait(driver, 10.0, 0.05).until(lambda _: condition())
+
+    file = page.write((), folder, tmp_path / "report.html", lambda line: None)
+    driver.get(file.as_uri())
+    # A click on the map gives the values of a point, and the command that computes it.
+    own = "section[id$=mine-fig5-fig5]"
+    canvas = driver.find_element("css selector", f"{own} canvas")
+    driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
+    right, up = (int(0.45 * canvas.size[side]) for side in ("width", "height"))
+    ActionChains(driver).move_to_element_with_offset(canvas, right, -up).click().perform()
+    cell = dict(zip(texts(f"{own} .cell dt"), texts(f"{own} .cell dd"), strict=True))
+    assert (cell["μ"], cell["θ °"]) == ("0.5", "12")
+    words = shlex.split(texts(f"{own} .cell code")[0])
+    values = dict(assignment(after) for word, after in pairwise(words) if word == "--set")
+    assert (words[:3], values) == (["fiv", "run", "fig5"], {"p1_length": "0.06", "mu": "0.5", "theta": "12"})
+    again = planned(registry.load("fig5"), **values).run("sync").sel(mode=int(cell["mode"])).squeeze()
+    assert float(cell["growth_rate 1/s"]) == pytest.approx(float(again["growth_rate"]), rel=1e-5)
+    # A table sorts, searches and is saved.
+    table = "section[id$=mine-own-own] .points"
+    driver.find_element("css selector", f"{table} summary").click()
+    wait(lambda: texts(f"{table} td"))
+    driver.find_element("css selector", f"{table} th:nth-child(3)").click()
+
+    def ascending():
+        cells = texts(f"{table} td:nth-child(3)")
+        numbers = [float(text) for text in cells if text != "–"]
+        return cells if numbers and numbers == sorted(numbers) else None
+
+    cells = wait(ascending)
+    driver.find_element("css selector", f"{table} input[type=search]").send_keys("failed")
+    assert wait(lambda: set(texts(f"{table} td:nth-child(4)")) == {"failed"})
+    driver.find_element("css selector", f"{table} .buttons-csv").click()
+    saved = pd.read_csv(wait(lambda: next(tmp_path.glob("own.csv"), None)))
+    assert [*saved] == texts(f"{table} thead th")
+    assert saved["loudness mm/s"].isna().all()
+    assert len(saved) == cells.count("–")
+    for pixels in (1200, 375):
+        size = {"width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": pixels < 500}
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        assert driver.execute_script("return document.documentElement.scrollWidth") <= pixels
+    assert not driver.find_elements("css selector", "#injected")
+    assert driver.get_log("browser") == []
+    events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
+    asked = [
+        event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"
+    ]
+    assert {url for url in asked if url.startswith(("http", "file"))} == {file.as_uri()}

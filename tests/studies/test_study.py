@@ -1,0 +1,238 @@
+"""The declaration of a study: what its function gets, what a request may be, and what is refused."""
+
+import numpy as np
+import pytest
+
+import studies
+from fivcore import Beam, Rig, flutter_onsets, sliding_modes
+from studies import claims, paper, registry, results, runner, summary
+from studies.gallery import fig5
+from studies.request import Request
+from studies.study import Parameter, Study
+from sweeps import InputError, StoreError
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch, undrawn):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("FIV_RESULTS", raising=False)
+
+
+def study_of(function, outputs=None, **options):
+    parameters = {"x": Parameter(np.array([1.0, 2.0, 3.0]), "m", "place"), "gain": Parameter(2.0, "1", "gain")}
+    parameters |= options.pop("parameters", {})
+    return Study("own", "Own", "Why?", parameters, outputs or {"y": ("m", "height")}, function, **options)
+
+
+def run(study, **values):
+    return study.sweep(values).plan().run("sync")
+
+
+def test_a_function_gets_one_value_of_what_is_fixed_and_an_array_of_what_varies():
+    seen = []
+
+    def function(x, gain):
+        seen.append((np.shape(x), np.shape(gain)))
+        return {"y": np.broadcast_to(gain * x, np.broadcast_shapes(np.shape(x), np.shape(gain)))}
+
+    study = study_of(function)
+    np.testing.assert_array_equal(run(study)["y"], [2.0, 4.0, 6.0])
+    assert seen.pop() == ((3,), ())
+    data = run(study, gain=[1.0, 10.0], x=2.0)
+    assert data["y"].dims == ("x", "gain")
+    assert data["y"].values.tolist() == [[2.0, 20.0]]
+    assert (float(run(study)["gain"]), run(study)["gain"].attrs["units"]) == (2.0, "1")
+
+
+def test_points_of_one_call_share_a_common_parameter_and_the_rig():
+    seen = []
+
+    def function(rig, x, order):
+        seen.append((rig.head_mass, order))
+        return {"y": rig.head_mass * x + order}
+
+    study = study_of(function, parameters={"order": Parameter(1, "1", "order", common=True)})
+    data = run(study, head_mass=[1.0, 2.0], order=[3, 4])
+    assert sorted(set(seen)) == [(1.0, 3), (1.0, 4), (2.0, 3), (2.0, 4)]
+    expected = data["head_mass"] * data["x"] + data["order"]
+    np.testing.assert_array_equal(data["y"].transpose(*expected.dims), expected)
+
+
+def test_scenes_are_built_and_only_the_guilty_group_fails():
+    def function(scenes, head_mass):
+        if head_mass == 2.0:
+            raise ValueError("two is not allowed")
+        return {"y": [scene.V * scene.rig.head_mass for scene in scenes]}
+
+    study = Study(
+        "own", "Own", "Why?", {"V": Parameter(np.array([1e-3, 2e-3]), "m s-1", "V")}, {"y": ("1", "y")}, function
+    )
+    data = run(study, head_mass=[1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(data["status"].sel(head_mass=2.0), 2)
+    assert "two is not allowed" in str(data["error"].sel(head_mass=2.0).values[0])
+    np.testing.assert_allclose(data["y"].sel(head_mass=3.0), [3e-3, 6e-3])
+    with pytest.raises(InputError, match="theta = 95"):
+        study.sweep({"theta": 95.0})
+
+
+def test_a_short_output_is_padded_and_an_inner_range_is_a_dimension():
+    study = study_of(
+        lambda x, level: {"y": np.stack([x * v for v in level[:2]], axis=1)},
+        {"y": ("m", "height", "level")},
+        parameters={"level": Parameter(np.array([1.0, 2.0, 3.0]), "1", "level", inner=True)},
+    )
+    data = run(study)
+    assert data["y"].dims == ("x", "level")
+    assert np.isnan(data["y"].sel(level=3.0)).all()
+    assert data["y"].sel(level=2.0).values.tolist() == [2.0, 4.0, 6.0]
+
+
+def test_summary_figure_and_derived_values_are_of_the_usual_dimensions_only():
+    study = study_of(
+        lambda x, gain: {"y": gain * x},
+        derive=lambda data: data.assign(twice=2.0 * data["y"]),
+        summary=lambda data: iter([f"The largest is {float(data['y'].max()):g}."]),
+    )
+    assert "The largest is 6." in summary.text(summary.parts(study, run(study)))
+    data = run(study, gain=[1.0, 2.0, 3.0])
+    assert "twice" not in data
+    text = summary.text(summary.parts(study, data))
+    assert "Quantiles" in text
+    assert set(runner.draw(study, data)) == {""}
+
+
+def test_auto_is_no_number():
+    def function(x, limit):
+        return {"y": x if limit is None else np.minimum(x, limit)}
+
+    study = study_of(function, parameters={"limit": Parameter(None, "m", "limit")})
+    assert np.isnan(run(study)["limit"])
+    assert run(study, limit=2.0)["y"].values.tolist() == [1.0, 2.0, 2.0]
+    assert run(study, limit="auto")["y"].values.tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(InputError, match="gain = 'auto'"):
+        study.sweep({"gain": "auto"})
+
+
+def test_a_bug_in_a_figure_is_a_bug(tmp_path):
+    """It was once reported as a damaged result."""
+
+    def figure(data):
+        return {"red": 1}["rad"]
+
+    study = study_of(lambda x, gain: {"y": gain * x}, figure=figure)
+    with pytest.raises(KeyError, match="rad"):
+        runner.draw(study, run(study))
+
+
+def test_a_warning_names_the_line_of_the_caller():
+    with pytest.warns(UserWarning, match="p1_length = 50 m is unusual") as caught:
+        studies.run("fig5", mu=0.1, p1_length=50.0)
+    assert caught[0].filename == __file__
+
+
+def test_fig5_has_ten_modes_and_the_papers_onsets():
+    data = studies.run("fig5")
+    np.testing.assert_allclose(data["onset_mu"], [0.11123, 0.15298, 0.22365], atol=1e-5)
+    np.testing.assert_allclose(data["onset_frequency"], [2802.0, 398.0, 7705.0], atol=0.5)
+    point, modes = data.sel(mu=paper.MU, method="nearest"), sliding_modes(Rig(), 5.0, paper.MU)
+    np.testing.assert_allclose(point["frequency"], modes.frequency[:10], rtol=1e-12)
+    np.testing.assert_allclose(point["growth_rate"], modes.growth_rate[:10], rtol=1e-9)
+    # Every onset lies where the number of unstable modes rises on the grid.
+    unstable = (data["growth_rate"] > 0.0).sum("mode").values
+    rises = data["mu"].values[1:][np.diff(unstable) > 0]
+    assert np.all((rises - data["onset_mu"].values >= 0.0) & (rises - data["onset_mu"].values <= 1e-3))
+    table = claims.beside(data, fig5.CLAIMS)
+    assert table["computed"].tolist()[1::2] == ["2802", "397.8", "7705"]
+    assert table["deviation"].tolist()[1::2] == ["+0.1 %", "-0.5 %", "+0.1 %"]
+    assert len(claims.beside(data.isel(onset=slice(1)), fig5.CLAIMS)) == 2
+
+
+def test_another_rig_is_set_number_by_number():
+    values = {"p1_length": 0.06, "p2_thickness": 0.004, "p2_elements": 40, "d1": 20.0, "theta": 8.0}
+    data = studies.run("fig5", mu=[0.1, 0.3], **values)
+    rig = Rig(Beam(0.06, 0.01, 0.0015, 185e9, 7900.0, 30), Beam(0.15, 0.015, 0.004, 185e9, 7900.0, 40), d1=20.0)
+    np.testing.assert_array_equal(data["frequency"], sliding_modes(rig, 8.0, [0.1, 0.3]).frequency[:, :10])
+    assert results.rig_of(data) == rig
+    assert not len(claims.beside(data, fig5.CLAIMS))
+
+
+def test_any_parameter_may_vary():
+    data = studies.run("fig5", mu=[0.1, 0.2], theta=[5.0, 8.0], head_mass=[2.0, 3.0])
+    assert data["frequency"].dims == ("mu", "theta", "head_mass", "mode")
+    expected = sliding_modes(Rig(head_mass=3.0), 8.0, [0.1, 0.2]).frequency[:, :10]
+    np.testing.assert_allclose(data["frequency"].sel(theta=8.0, head_mass=3.0), expected, rtol=1e-12)
+
+
+def test_a_result_is_computed_again_from_its_file(tmp_path):
+    from studies import request
+
+    first = studies.run("scenes", V="2mm/s", theta=5.0, mu="0.1:0.2:2", F=9.0, duration=0.05, out="one")
+    made = request.of_result(studies.open("one/scenes/scenes.nc"))
+    plan = runner.plan(made.study, made, "one")
+    assert plan.todo == 0
+    assert isinstance(made, Request)
+    again = runner.plan(made.study, made, "two").run("sync")
+    np.testing.assert_array_equal(again["velocity_rms"], first["velocity_rms"])
+
+
+def test_onsets_without_any_instability():
+    data = studies.run("fig5", theta=-5.0, mu=[0.0, 0.1, 0.2])
+    assert data.sizes["onset"] == 0
+    assert "is stable" in summary.text(summary.parts(registry.load("fig5"), data))
+    with pytest.raises(StoreError, match=r"theta = -5.0 there, 5.0 here"):
+        studies.run("fig5", mu=0.0)
+    assert studies.run("fig5", fresh=True, mu=0.0).sizes["onset"] == 0
+    assert flutter_onsets(Rig(), -5.0).mu.size == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("fig55", {}, "STUDY = 'fig55': no study has this name; did you mean fig5"),
+        ("fig5", {"mo": 0.2}, "mo: study fig5 has no such parameter; did you mean mu"),
+        ("fig5", {"mu_static": 0.2}, "friction has one constant mu"),
+        ("fig5", {"mu": -0.1}, "mu = -0.1: it must be a number from 0 to"),
+        ("fig5", {"mu": [0.1, float("nan")]}, "mu = nan: it must be finite"),
+        ("fig5", {"mu": "much"}, "mu = 'much'"),
+        ("fig5", {"theta": 95.0}, "theta = 95.0: it must be a single angle between -90 and 90"),
+        ("fig5", {"contact_position": 0.2}, "contact_position = 0.2: it must be above 0 and at most"),
+        ("fig5", {"mu": []}, r"mu = \[\]: it must be a number or a list of numbers"),
+        ("fig5", {"mu": np.zeros((2, 2))}, "mu = array"),
+        ("fig5", {"p1_elements": 1.5}, "p1_elements = 1.5: it must be a whole number"),
+        ("fig5", {"record": ["velocity_B"]}, "study fig5 records no series"),
+        ("scenes", {"record": ["velocity"]}, "did you mean velocity_B"),
+        ("scenes", {"numerical_damping": "newmark"}, "it must be one of published, none"),
+        ("scenes", {"ramp": 0.0}, "ramp = 0"),
+        ("scenes", {"V": 0.0}, "V = 0"),
+        ("fig7", {"duration": [0.1, 0.2]}, "duration: it decides the size"),
+        ("table4", {"mode": 0}, "mode = 0: it must be a whole number from 1 to"),
+        (5, {}, "STUDY = 5"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_written(name, values, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        studies.run(name, **values)
+    assert not list(tmp_path.iterdir())
+
+
+def test_opening_takes_paths_and_checks_whose_the_file_is(tmp_path):
+    studies.run("table4")
+    file = tmp_path / "results" / "table4" / "table4.nc"
+    assert studies.open(file).sizes == studies.open("table4").sizes
+    other = tmp_path / "results" / "fig5" / "fig5.nc"
+    other.parent.mkdir()
+    other.write_bytes(file.read_bytes())
+    with pytest.raises(ValueError, match="it holds the results of table4, not of fig5"):
+        studies.open("fig5")
+    with pytest.raises(FileNotFoundError, match="no result 'fig6' in results, which has"):
+        studies.open("fig6")
+
+
+def test_results_go_where_the_environment_says_and_a_home_folder_is_understood(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("FIV_RESULTS", "~/mine")
+    studies.run("table4")
+    assert (tmp_path / "mine" / "table4" / "table4.nc").is_file()
+    # A folder that is merely called like the reference is none.
+    studies.run("table4", out=tmp_path / "reference")
+    assert (tmp_path / "reference" / "table4" / "table4.nc").is_file()
