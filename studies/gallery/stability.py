@@ -58,7 +58,7 @@ def plane(rig: Rig, theta: np.ndarray, mu: np.ndarray) -> dict[str, np.ndarray]:
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add branches of onsets and recoveries over theta, unstable intervals at the paper's friction, and the bound.
 
-    Where branches or intervals cannot be told apart there are none, and a `comment` gives the reason.
+    Where branches or intervals cannot be separated there are none, and a `comment` gives the reason.
     """
     theta, mu, comment = dataset["theta"].values, dataset["mu"].values, ""
     curves = OnsetCurves((), (), theta, *np.empty((4, len(theta), 0)))

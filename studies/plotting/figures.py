@@ -25,7 +25,7 @@ Array = NDArray[Any]
 
 # From this ratio of its ends on a logarithmic axis has ticks at powers of ten only.
 MANY_DECADES = 200.0
-# Okabe and Ito's palette; told apart in grey by lightness and by the markers used with it.
+# Okabe and Ito's palette; distinct in grey by lightness and by the markers used with it.
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 

@@ -111,7 +111,7 @@ class Evaluator:
     def _compare(self, left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Any:
         if isinstance(sign, (ast.In, ast.NotIn)):
             if not isinstance(right, (ast.Tuple, ast.List)) or not right.elts:
-                raise self._wrong(right, "after in stands a list, like (0.1, 0.2), or (0.1,) for one value")
+                raise self._wrong(right, "in needs a list, like (0.1, 0.2), or (0.1,) for one value")
             equal, join = (ast.Eq(), np.logical_or) if isinstance(sign, ast.In) else (ast.NotEq(), np.logical_and)
             return reduce(join, [self._compare(left, equal, part) for part in right.elts])
         # Beside a Python float, single precision is compared in single precision.

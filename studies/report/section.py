@@ -115,7 +115,7 @@ def reason(problem: Exception) -> str:
 
 
 def content(result: Result, tell: Tell) -> dict[str, Any]:
-    """Figures, summary and points of a result; what its study cannot make is an entry of `problems`, and told."""
+    """Figures, summary and points of a result; what its study cannot make is an entry of `problems`."""
     study, dataset = result.study, result.dataset
     made: dict[str, Any] = {"figures": [], "parts": [], "finding": "", "points": None, "problems": []}
     made["facts"] = result.facts

@@ -1,6 +1,6 @@
 """Tables of the READMEs that the project computes: `python -m tests.docs.generated` writes them.
 
-A table stands between `<!-- benchmarks: PART.TABLE -->` or `<!-- claims -->` and `<!-- end -->`.
+A table stands between `<!-- benchmarks: PART.TABLE -->`, `<!-- claims -->` or `<!-- accuracy -->` and `<!-- end -->`.
 """
 
 import re
@@ -9,11 +9,12 @@ import pandas as pd
 import xarray as xr
 
 from studies import claims, registry
+from studies.accuracy import presentation
 from tests import HOME
 from tests.benchmarks import tables
 from tests.docs import readmes
 
-CLAIMS = re.compile(r"(<!-- claims -->\n).*?(<!-- end -->)", re.DOTALL)
+COMPUTED = re.compile(r"(<!-- (claims|accuracy) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def claims_table() -> str:
@@ -27,9 +28,25 @@ def claims_table() -> str:
     return tables.lines(heads, table.astype(str).values.tolist())
 
 
+def accuracy_table() -> str:
+    """Cost and errors of every method and setting in the reference, as Markdown."""
+    with xr.open_dataset(HOME / "results" / "reference" / "accuracy" / "accuracy.nc") as data:
+        table = presentation.table(data)
+    frame = table[["method", "setting", "cost", "time", "speed_up"]].copy()
+    for group in presentation.GROUPS:
+        frame[f"{group}: error"] = table[f"mismatch {group}"]
+        frame[f"{group}: right at"] = [
+            f"{r}/{c}" for r, c in table[[f"right {group}", f"compared {group}"]].values
+        ]
+    heads = {"cost": "CPU s per s", "time": "CPU s to a standard error of 0.005", "speed_up": "speed-up"}
+    cells = frame.rename(columns=heads).map(lambda cell: f"{cell:.3g}" if isinstance(cell, float) else cell)
+    return tables.lines(list(cells.columns), cells.replace({"nan": "-", "0/0": "-"}).astype(str).values.tolist())
+
+
 def rendered(text: str) -> str:
     """A README with the tables of today."""
-    text = CLAIMS.sub(lambda found: found[1] + claims_table() + found[2], text)
+    made = {"claims": claims_table, "accuracy": accuracy_table}
+    text = COMPUTED.sub(lambda found: found[1] + made[found[2]]() + found[3], text)
     return tables.rendered(text, tables.load())
 
 
