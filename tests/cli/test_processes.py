@@ -99,7 +99,7 @@ def on_terminal(folder, answer, *arguments):
     return running.wait(timeout=120), text.decode()
 
 
-@pytest.mark.parametrize(("answer", "code"), [(b"n\n", 130), (b"y\n", 0)])
+@pytest.mark.parametrize(("answer", "code"), [(b"n\n", 130), pytest.param(b"y\n", 0, marks=pytest.mark.slow)])
 def test_an_unusual_value_asks_on_a_terminal(tmp_path, answer, code):
     run = ("run", "fig5", "--set", "p1_length=50", "--set", "mu=0.1,0.2")
     ended, text = on_terminal(tmp_path, answer, *run)

@@ -1,6 +1,7 @@
 """Tables of the READMEs that the project computes: `python -m tests.docs.generated` writes them.
 
-A table stands between `<!-- benchmarks: PART.TABLE -->`, `<!-- claims -->` or `<!-- accuracy -->` and `<!-- end -->`.
+A table stands between `<!-- benchmarks: PART.TABLE -->`, `<!-- claims -->` or `<!-- accuracy -->` and
+`<!-- end -->`.
 """
 
 import re

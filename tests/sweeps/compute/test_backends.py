@@ -173,7 +173,7 @@ def test_the_first_interrupt_finishes_and_keeps_what_has_begun(path, tmp_path, s
 
 
 @ctrl_c
-@pytest.mark.parametrize("where", ["threads", "sync", "inside"])
+@pytest.mark.parametrize("where", ["threads", pytest.param("sync", marks=pytest.mark.slow), "inside"])
 def test_the_second_interrupt_stops_at_once_and_late_batches_are_not_written(path, where, request):
     scheduler = request.getfixturevalue(where) if where == "inside" else where
     begun, store = [], Store(path)
@@ -194,7 +194,7 @@ def test_the_second_interrupt_stops_at_once_and_late_batches_are_not_written(pat
 
 
 @ctrl_c
-@pytest.mark.parametrize("twice", [False, True])
+@pytest.mark.parametrize("twice", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_an_interrupt_of_a_terminal_reaches_processes_as_well(path, tmp_path, twice):
     log, store = tmp_path / "log", Store(path)
     process = start(store=path, log=log, points=40, pause=30.0 if twice else 0.1, scheduler="processes")

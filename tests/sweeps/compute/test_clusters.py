@@ -41,7 +41,7 @@ def children():
 # Processes of this machine.
 
 
-@pytest.mark.parametrize("size", [1, 4])
+@pytest.mark.parametrize("size", [pytest.param(1, marks=pytest.mark.slow), 4])
 def test_a_point_that_kills_its_worker_fails_alone_and_costs_its_batch(path, monkeypatch, size):
     monkeypatch.setattr(batches, "BATCH_BYTES", size * 48.0)
     before = children()
@@ -80,6 +80,7 @@ def test_a_killed_worker_costs_its_batch_and_strangers_do_not_reach_the_cluster(
     assert children() == before
 
 
+@pytest.mark.slow
 def test_a_script_without_a_main_guard_gets_advice(tmp_path):
     script, code = tmp_path / "script.py", "from tests.helpers.processes.sweep_programs import make\n"
     script.write_text(f"{code}make().plan().run('processes', 1)\n")
@@ -199,6 +200,7 @@ def test_workers_that_lack_the_engine_and_a_scheduler_that_goes_away(path, elsew
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_pieces")
 def test_workers_may_leave_and_join_and_finished_batches_outlive_the_last(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "NO_WORKER_TIMEOUT", 0.5)
