@@ -20,7 +20,7 @@ from sweeps import open_results
 
 
 def entry(study: Study, folder: Path) -> dict[str, Any]:
-    """What `fiv list` prints of a study; the time is that of the reference's computations, on one core."""
+    """Compute the entry of a study in `fiv list`; the time is that of the reference on one core."""
     plan = study.sweep({}).plan()
     index = plan.manifest.representative
     with open_results(folder / study.name / f"{study.name}.nc") as dataset:

@@ -90,7 +90,7 @@ class Request:
         return how
 
     def stored(self) -> dict[str, Any]:
-        """What a result's file says of the request besides its parameters."""
+        """The parts of the request that a result's file stores besides its parameters."""
         drawn = {name: getattr(v, "text", v) for name, v in self.values.items() if is_distribution(v)}
         rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "sampling": self.sampling}
         return {name: value for name, value in rest.items() if value}

@@ -76,7 +76,7 @@ def key(points: Mapping[str, Any], *, fixed: Mapping[str, float], others: Sequen
 
 
 def factors(points: Mapping[str, Any], *, fixed: Mapping[str, float]) -> dict[str, NDArray[Any]]:
-    """What multiplies outputs of a normalised scene: `load`, and `along` with the sense of x besides."""
+    """Factors of the outputs of normalised scenes: `load`, and `along`, which has the sign of V too."""
     numbers = _complete(points, fixed)
     return {"load": numbers["F"], "along": numbers["F"] * np.sign(numbers["V"])}
 

@@ -133,7 +133,7 @@ def _grouped(keys: pd.DataFrame, columns: pd.DataFrame) -> pd.DataFrame:
 
 
 class _Result:
-    """What a result has names for, and along what."""
+    """Columns of a result, their units and dimensions."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self.dataset = dataset.assign_coords({d: range(n) for d, n in dataset.sizes.items() if d not in dataset})
@@ -153,7 +153,7 @@ class _Result:
         return tree
 
     def hint(self, name: str) -> str:
-        """What a name that is no column may mean: a similar column, or one whose description has it."""
+        """Suggest columns with a similar name, or with the name in their description."""
         arrays: Any = {**self.dataset.coords, **self.dataset.data_vars}
         if any(name in str(array.attrs.get("flag_meanings")).split() for array in arrays.values()):
             return f"to compare with the word, write {name!r} in quotes"

@@ -65,7 +65,7 @@ def names_in(*trees: ast.expr) -> list[str]:
 
 
 def kind(value: Any) -> str:
-    """What a column or a single value holds: NUMBER, TEXT or TRUTH."""
+    """Return the kind of a column or a value: NUMBER, TEXT or TRUTH."""
     dtype = value.dtype if isinstance(value, pd.Series) else np.asarray(value).dtype
     return {"b": TRUTH, "O": TEXT, "U": TEXT}.get(dtype.kind, NUMBER)
 
@@ -130,7 +130,7 @@ class Evaluator:
         return _OPERATORS[type(sign)](a, b) & pd.notna(a) & pd.notna(b)
 
     def _meant(self, value: Any, node: ast.expr, column: Any) -> Any:
-        """What one value means beside a column: one of its words, or the nearest value of an axis."""
+        """Replace a value by the word of a column, or by the nearest value of an axis."""
         if isinstance(value, str) and hasattr(column, "cat"):
             words, spaced = [*column.cat.categories], value.replace("_", " ")
             if same := [word for word in words if word.replace("_", " ") == spaced]:

@@ -18,7 +18,7 @@ from fivcore.contact.reduced import DAMPING, default_cutoff, full_model, reduced
 from fivcore.rig import P1, P2
 from fivcore.transient.published import STEP, TAU, contact_closing
 from fivcore.transient.steady import steady_sliding
-from tests.helpers.rigs import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import assert_same_run
 
 CUTOFF = 75e3

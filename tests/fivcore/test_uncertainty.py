@@ -12,7 +12,7 @@ from fivcore.transient.normalised import Normalised, slip_distance
 from fivcore.transient.record import SAMPLE
 from fivcore.transient.uncertainty.blocks import BLOCK, ROOM, Blocks, Largest
 from fivcore.transient.uncertainty.errors import FEWEST, cosines_for, errors_of_means
-from tests.helpers.rigs import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import assert_same_summary
 from tests.known import SLIP_DISTANCE
 

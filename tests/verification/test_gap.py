@@ -17,7 +17,7 @@ from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.transient.normalised import Normalised, energy_at_hand
 from fivcore.transient.published import BETA2, STEP
-from tests.helpers.rigs import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.known import COARSE
 
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, flutter_onsets, onset_curves, onset_sensitivity, sliding_modes, sliding_sensitivity
+from studies.accuracy.rigs import drawn_scene
 from tests.helpers import extended_onsets as extended
-from tests.helpers.rigs import drawn_scene, workshop_rig
+from tests.helpers.rigs import workshop_rig
 
 BARE = {"d1": 0.0, "d2": 0.0}
 DAMPINGS = [{}, *(pytest.param(each, marks=pytest.mark.slow) for each in (BARE, {"d1": 500.0, "d2": 2e-6}))]
