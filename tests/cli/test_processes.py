@@ -106,8 +106,8 @@ def test_an_unusual_value_asks_on_a_terminal(tmp_path, answer, code):
     assert ended == code
     assert text.index("p1_length = 50 m is unusual") < text.index("Go ahead?")
     assert (tmp_path / "results").exists() == (code == 0)
-    if code:
-        assert on_terminal(tmp_path, b"", *run, "--yes")[0] == 0
+    if code == 0:
+        assert on_terminal(tmp_path, b"", *run, "--fresh", "--yes")[0] == 0
 
 
 def test_a_bar_shows_counts_time_and_the_batch(monkeypatch, capsys):
@@ -151,6 +151,7 @@ def test_a_shell_completes_commands_options_and_studies(tmp_path):
         assert (done.stdout, done.stderr) == (f"plain,{found}\n", "")
 
 
+@pytest.mark.slow
 def test_check_passes_and_leaves_nothing_behind(tmp_path):
     done = fiv(tmp_path, "check")
     assert done.returncode == 0, done.stdout

@@ -22,6 +22,8 @@ from tests import HOME
 RESULTS = HOME / "results" / "reference"
 KEPT = sorted(RESULTS.glob("*/*.nc"))
 VERSION = "1.11"
+# Between them every kind of variable and dimension; the others are checked among the slow tests.
+VARIED = ("fig5", "contact", "regimes", "robust", "accuracy", "stress")
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +95,10 @@ def test_there_are_results_of_every_study():
     assert {path.stem for path in KEPT} == set(registry.NAMES)
 
 
-@pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.slow] * (path.stem not in VARIED), id=path.stem) for path in KEPT],
+)
 def test_results_pass_the_checker(suite, path):
     assert findings(suite, path) == []
 

@@ -177,7 +177,7 @@ def test_the_reference_is_drawn_without_overlap(name):
 
 @pytest.mark.parametrize(
     "requests",
-    [pytest.param(range(3), id="three"), pytest.param(range(3, 20), id="seventeen", marks=pytest.mark.slow)],
+    [pytest.param(range(2), id="two"), pytest.param(range(2, 20), id="eighteen", marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_figures_hold_on_twenty_drawn_requests(name, requests):

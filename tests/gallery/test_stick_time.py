@@ -73,7 +73,7 @@ def test_sticks_are_told_apart_by_whether_the_motion_had_settled():
 
 @pytest.fixture(scope="module")
 def small(computed):
-    values = {"V": [0.5e-3, 1e-3, 2e-3], "member": np.arange(1, 7), "mu": 0.2, "F": [9.0, 18.0]}
+    values = {"V": [0.5e-3, 1e-3, 2e-3], "member": np.arange(1, 7), "mu": 0.2, "F": [9.0, 18.0], "cutoff": 300e3}
     return computed("stick_time", min_duration=0.5, **values)
 
 

@@ -40,7 +40,7 @@ def test_only_islands_that_no_computed_point_has_met_are_missed(seed, width, cla
         assert not np.any((wrong[1:] | wrong[:-1])[change])
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.booleans())
 def test_neither_order_nor_interruption_changes_the_choice(seed, order, whole):
     truth = noise(seed, 2.0, 17) if whole else bumps(np.random.default_rng(seed))[:33, :33]
@@ -54,7 +54,9 @@ def test_neither_order_nor_interruption_changes_the_choice(seed, order, whole):
     assert lattice.choose(truth, computed, 3, rule).levels == choice.levels
 
 
-@pytest.mark.parametrize("kind", ROUGH)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=pytest.mark.slow) if k in ("bumps", "rough") else k for k in ROUGH]
+)
 def test_control_points_estimate_the_share_of_wrong_points(kind):
     outcomes = []
     for seed in range(8):

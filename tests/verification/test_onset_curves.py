@@ -225,6 +225,7 @@ def test_no_growing_mode_is_outside_the_windows_and_no_window_without_one(seeds)
     assert checked > 0
 
 
+@pytest.mark.slow
 def test_windows_do_not_depend_on_the_range_but_where_it_cuts_them():
     """Also where the range ends with a window."""
     whole = found(Rig(), 0.2, 10e3)
@@ -248,6 +249,7 @@ def test_windows_shrink_to_nothing_at_the_lowest_onset(papers):
         assert len(unstable_windows(Rig(), mu * (1.0 - share), low, high).theta_from) == 0
 
 
+@pytest.mark.slow
 def test_a_window_ends_where_a_pair_ceases_to_oscillate():
     """At mu = 0.6 two of the paper's pairs become divergences and come back."""
     windows = unstable_windows(Rig(), 0.6, 5.0, 30.0)
