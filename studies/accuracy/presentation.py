@@ -125,6 +125,8 @@ def _draw_costs(axes: Axes, frame: pd.DataFrame, group: str) -> None:
     axes.axhline(1.0, color="black", lw=0.8, ls=":")
     if frame[f"mismatch {group}"].gt(0.0).any():
         axes.set(xscale="log", yscale="log")
+    else:
+        axes.set_xticks([])
     axes.set(xlabel="CPU time / simulated time", ylabel=MISMATCH)
 
 

@@ -154,12 +154,13 @@ def one_two_five(*sides: Axis) -> None:
 
     Ticks that were chosen by hand stay.
     """
-    from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
+    from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
 
     for side in sides:
         if side.get_scale() == "log" and not isinstance(side.get_major_locator(), FixedLocator):
             low, high = side.get_view_interval()
-            side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+            subs = (1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)
+            side.set_major_locator(LogLocator(subs=subs) if high > 2.0 * low else MaxNLocator(4))
             side.set_major_formatter("{x:g}")
             side.set_minor_formatter(NullFormatter())
 
