@@ -190,7 +190,8 @@ def unusual(values: Mapping[str, Any], requested: Any) -> list[str]:
     lines = []
     for name, value in values.items():
         kind = name.removeprefix("p1_").removeprefix("p2_")
-        if name not in requested or kind not in USUAL or not isinstance(value, (int, float, np.ndarray)):
+        known = name in requested and kind in USUAL and name in SCENE | RIG
+        if not known or np.asarray(value).dtype.kind not in "iuf":
             continue
         low, high, unit = USUAL[kind]
         # A range may begin near zero.

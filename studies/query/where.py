@@ -25,7 +25,7 @@ from sweeps import InputError
 
 BRIEF = 60
 NUMBER, TEXT, TRUTH = "a number", "a text", "true or false"
-GRAMMAR = "it may have names, numbers, 'texts', nan, == != < <= > >= in, and, or, not, + - * / // % ** and ()"
+GRAMMAR = "it may have names, SI numbers, 'texts', nan, == != < <= > >= in, and, or, not, + - * / // % ** and ()"
 _OPERATORS: dict[type, Callable[..., Any]] = {
     **{ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power},
     **{ast.FloorDiv: np.floor_divide, ast.Mod: np.mod, ast.USub: np.negative, ast.UAdd: np.positive},

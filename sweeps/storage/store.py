@@ -114,7 +114,8 @@ class Store:
                 what = "a folder" if path.is_dir() else "not a regular file"
                 raise StoreError(f"{path} is {what}; the results of {name} need a file there")
             if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-                what = "cannot be written to" if folder.exists() else "is a link to nothing"
+                what = "cannot be written to" if folder.is_dir() else "is a file, not a folder"
+                what = what if folder.exists() else "is a link to nothing"
                 raise StoreError(f"{folder} {what}; {OTHER}")
         except OSError as problem:
             raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.stats import beta
 
 from fivcore import Rig, Scene, flutter_onsets
+from fivcore.transient.summary import regime_of
 from studies import registry
 from studies.gallery import regimes
 from studies.motion import ensemble, run
@@ -198,6 +199,35 @@ def test_a_point_is_in_a_regime_failed_or_pending():
     ]
     frequency = motion.dominant_frequency(data.isel(V=slice(6)))
     np.testing.assert_array_equal(frequency, [np.nan] * 3 + [1e3] * 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "others", "words"),
+    [
+        ("drive", 1.3, {"slipped": False}, ("undecided", "stuck", "stuck")),
+        ("slip_share", 0.999, {"steadiness": 0.0}, ("irregular", "irregular", "steady sliding")),
+        ("steadiness", 0.01, {"slip_share": 1.0}, ("steady sliding", "irregular", "irregular")),
+        ("stick_share", 0.1, {"last_stick": 0.7}, ("irregular", "irregular", "intermittent")),
+        ("last_stick", 2.0 / 3.0, {"stick_share": 0.2}, ("irregular", "irregular", "intermittent")),
+        ("coherence", 0.9, {}, ("irregular", "irregular", "periodic")),
+    ],
+)
+def test_below_at_and_above_each_limit_a_point_of_a_result_is_in_its_regime(name, limit, others, words):
+    usual = {"slipped": True, "drive": 50.0, "slip_share": 0.5, "steadiness": 1.0}
+    usual |= {"stick_share": 0.0, "last_stick": 0.0, "coherence": 0.3} | others
+    found = [regime_of(**usual | {name: value}) for value in (0.999 * limit, limit, 1.001 * limit)]
+    data = row(status=1, regime=[REGIMES.index(word) for word in found])
+    assert tuple(motion.kind(data.isel(V=k)) for k in range(3)) == words
+    expected = [word in ("intermittent", "periodic", "irregular") for word in words]
+    assert motion.is_of(motion.kinds(data), *motion.VIBRATING).tolist() == expected
+    assert motion.is_of(motion.kinds(data), motion.STEADY).tolist() == [w == "steady sliding" for w in words]
+
+
+@pytest.mark.parametrize(("coords", "word"), [
+    ({"numerical_damping": "published"}, "with"), ({"numerical_damping": "none"}, "without"), ({}, "without"),
+])  # fmt: skip
+def test_a_result_is_with_the_published_damping_only_if_it_says_so(coords, word):
+    assert motion.damping_text(xr.Dataset(coords=coords)).startswith(f"{word} the published")
 
 
 def test_a_file_explains_itself_and_grows(tmp_path):

@@ -59,7 +59,7 @@ def test_rows(where, keep):
 
 REFUSED = {
     "a = 1": "invalid syntax",
-    "a ==": "invalid syntax; it may have names, numbers",
+    "a ==": "invalid syntax; it may have names, SI numbers",
     "": "a list can only stand after in, like mu in (0.1, 0.2)",
     "a == 1 & b == 1": "write and; it may have",
     "open('x')": "nothing can be called",
