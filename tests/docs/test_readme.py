@@ -72,43 +72,51 @@ def test_the_api_in_ten_lines(here):
     assert names["motion"].time[-1] == pytest.approx(0.5, rel=1e-4)
 
 
-@pytest.mark.usefixtures("forgetful")
-def test_a_study_of_ones_own_in_every_command(tmp_path, here):
-    """Each line as it is printed, in the order of its README; all are one computation."""
+@pytest.fixture
+def fiv(forgetful, here):
+    """Output of a line with the command, run as another process would."""
 
-    def fiv(line):
-        registry._registered.clear()  # as another process would
+    def run(line):
+        registry._registered.clear()
         done = here(*shlex.split(line)[1:])
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    script = tmp_path / "head_mass.py"
-    script.write_text(STUDY)
-    *lines, python = OWN.split("\n")
-    listed, planned, report, state, rows, drawn, page = map(fiv, lines)
+    return run
+
+
+def test_a_study_of_ones_own_in_every_command(tmp_path, fiv):
+    """Each line as it is printed, in the order of its README; all are one computation."""
+    (tmp_path / "head_mass.py").write_text(STUDY)
+    listed, planned, report, state, rows, drawn, page = map(fiv, OWN.split("\n")[:-1])
     assert "Does a heavier head calm the rig?" in listed
     assert "V 3 x head_mass 3" in planned
     assert "The rig vibrates least with" in report
     assert "complete" in state
     assert len(rows.splitlines()) == 4
-    folder = tmp_path / "results" / "head_mass"
     assert drawn.strip() == "results/head_mass/head_mass.svg"
-    assert written(folder) == ["head_mass.nc", "head_mass.png", "head_mass.svg"]
+    assert written(tmp_path / "results" / "head_mass") == ["head_mass.nc", "head_mass.png", "head_mass.svg"]
     assert "Does a heavier head calm the rig?" in (tmp_path / page.strip()).read_text()
-    # The script finds what the command has computed ...
-    computed = (folder / "head_mass.nc").read_bytes()
-    assert python == "python head_mass.py"
+    # Its name finds its results; its file is not run for them, and its figure is the general one.
+    assert fiv("fiv query head_mass --where 'V == 5e-3'") == rows
+    fiv("fiv plot head_mass")
+
+
+@pytest.mark.slow
+def test_a_study_of_ones_own_as_a_script(tmp_path, fiv):
+    """It finds what the command has computed, and the command what it has, with other values."""
+    script, result = tmp_path / "head_mass.py", tmp_path / "results" / "head_mass" / "head_mass.nc"
+    script.write_text(STUDY)
+    assert OWN.endswith("\npython head_mass.py")
+    fiv("fiv run head_mass.py")
+    computed = result.read_bytes()
     assert "The rig vibrates least with" in run(sys.executable, script.name)
-    assert (folder / "head_mass.nc").read_bytes() == computed
-    # ... and the command what the script has, with other values, as a comment of the script says.
+    assert result.read_bytes() == computed
+    # A comment of the script says how to give other values.
     remark = re.search(r"# (studies\.run\(STUDY, .*\)) for another", STUDY)
     script.write_text(STUDY.replace("studies.run(STUDY)", remark[1]))
     assert "at duration = 1 s" in run(sys.executable, script.name).lower()
     assert "to do           0" in fiv("fiv plan head_mass.py --set duration=1.0 --out longer")
-    # Its name finds its results; its file is not run for them, and its figure is the general one.
-    assert fiv("fiv query head_mass --where 'V == 5e-3'") == rows
-    registry._registered.clear()
-    assert here("plot", "head_mass").returncode == 0
 
 
 @pytest.mark.parametrize(

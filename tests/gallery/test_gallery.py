@@ -168,6 +168,7 @@ def check_layout(figure):
         assert whole.x0 <= box.x0 < box.x1 <= whole.x1, names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_the_reference_is_drawn_without_overlap(name):
     with xr.open_dataset(KEPT / name / f"{name}.nc") as data:

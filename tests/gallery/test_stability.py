@@ -71,7 +71,7 @@ def test_branches_are_kept_to_their_ends(plane):
 
 
 def test_pairs_that_recover_or_diverge_are_counted(computed):
-    data = computed("stability", theta=evenly(0.0, 20.0, 11), mu=evenly(0.0, 0.6, 13), p1_length=0.08)
+    data = computed("stability", theta=evenly(0.0, 20.0, 5), mu=evenly(0.0, 0.6, 4), p1_length=0.08)
     assert np.nanmax(data["pair_recovery_mu"]) <= 0.6
     # At theta = 24 and mu = 0.8 a pair of the paper's rig diverges.
     data = computed("stability", theta=[20.0, 24.0, 28.0], mu=[0.7, 0.8, 0.9])

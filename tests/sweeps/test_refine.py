@@ -55,7 +55,7 @@ def test_neither_order_nor_interruption_changes_the_choice(seed, order, whole):
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=pytest.mark.slow) if k in ("bumps", "rough") else k for k in ROUGH]
+    "kind", [pytest.param(k, marks=pytest.mark.slow) if k not in ("smooth", "kinks") else k for k in ROUGH]
 )
 def test_control_points_estimate_the_share_of_wrong_points(kind):
     outcomes = []

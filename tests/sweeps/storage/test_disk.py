@@ -22,7 +22,7 @@ FULL, HDF = OSError(errno.ENOSPC, "No space left on device"), RuntimeError("NetC
 pytestmark = pytest.mark.usefixtures("small_pieces")
 
 
-@pytest.mark.parametrize("old", [0, 2])
+@pytest.mark.parametrize("old", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_killed_before_any_step_on_the_disk_a_run_computes_the_missing_points_only(tmp_path, old):
     """In particular between writing the file and removing the parts; of a new file, and of one that grows."""
     path, log = tmp_path / "store" / "powers.nc", tmp_path / "log"
