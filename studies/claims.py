@@ -31,7 +31,7 @@ class Claim:
         Of the result.
     at : mapping
         Values of parameters, or indices along a dimension that has no values; a pair means all values of an axis
-        between its ends, both excluded. Of theta, mu and F what is not named is the paper's operating point.
+        between its ends, both excluded. Without theta, mu or F: those of the paper's operating point.
     value : float or str
         In the variable's units; the word of a variable with flags.
     section : str
@@ -109,7 +109,7 @@ def answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
 
 
 def _row(claim: Claim, found: xr.DataArray) -> tuple[Any, ...]:
-    # Of what the claim does not name only what is not the paper's.
+    # Parameters that the claim leaves out are listed only where they differ from the paper's.
     others = [
         name for name in POINT if name in found.coords and name not in claim.at and found[name] != POINT[name]
     ]

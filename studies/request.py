@@ -109,7 +109,7 @@ def is_distribution(value: Any) -> bool:
 
 
 def _read(study: Study, name: str, value: Any) -> Any:
-    """A value of a parameter, of which strings are words, SPECs or distributions."""
+    """A value of a parameter; a string is a word, a SPEC or a distribution."""
     parameter = study.parameter(name)
     if not isinstance(value, str):
         return value

@@ -49,7 +49,7 @@ def run(study: str, fail_fast: bool, yes: bool, **points: Any) -> None:
     fiv run other/fig5/fig5.nc                           the same as that result
 
     Points that the results folder holds are not computed again. Ctrl-C finishes the points under way and stores
-    them; the same command goes on from there.
+    them; the same command then computes the missing points.
     """  # noqa: D301 - the backspace tells click to keep the lines
     announce_compiling()
     one, planned, request, lines = _planned(study, points, True)

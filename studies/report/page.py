@@ -76,7 +76,7 @@ def everything(folder: Path) -> list[str]:
 
 
 def opened(names: Sequence[str], out: str | Path | None, tell: Tell) -> tuple[list[Result], list[str]]:
-    """The results, and for each file that is none a line with the reason, which is told too."""
+    """The results, and for each file that is not one a line with the reason, which `tell` gets as well."""
     contents, broken = list[Result](), list[str]()
     for name in names:
         file = results.results_file(name, out)

@@ -186,7 +186,7 @@ class _Run:
             yield
         except (OSError, RuntimeError) as problem:
             kept = self.plan.cached or store.part_names()
-            done = "what was finished is kept, and the same run goes on" if kept else "nothing was finished"
+            done = "finished points are kept; the same run continues" if kept else "nothing was finished"
             raise StoreError(f"{store.file} could not be written: {errors.reason(problem)}; {done}") from problem
 
     def _passes(self, scheduler: Any, workers: int | None) -> None:

@@ -52,7 +52,7 @@ class BatchSizes:
 
 
 class Queue:
-    """The points to compute, of which `left` are not taken: in the grid's order, or sorted by `order_by`."""
+    """The points to compute, `left` of them not yet taken: in the grid's order, or sorted by `order_by`."""
 
     def __init__(self, grid: Grid, due: NDArray[np.bool_], order_by: Sequence[str] = ()) -> None:
         self._due = due.copy()

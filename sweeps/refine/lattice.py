@@ -12,7 +12,7 @@ thresholds, or having no finite value. Each level computes, until results reques
 - of a fixed sparse pattern, the control points.
 
 Guarantee. In the end two neighbours of the finest lattice that are shown in different classes are both computed.
-So every change of class that is shown is true, and each that is met is followed wherever it leads. What can be
+So every change of class that is shown is true, and each that is met is followed to its ends. What can be
 missed are islands: points connected along the lattice, none of them computed, within what is shown as one class.
 
 Estimate. The other rules choose points where errors are likely. Control points that they do not choose are a

@@ -1,4 +1,4 @@
-"""Refinement of a sweep: its grid is a lattice, of which only the points are computed that decide the others.
+"""Refinement of a sweep: on a lattice, only those points are computed that decide the others.
 
 A run of `refined(sweep, refinement)` computes, pass by pass, the points that the results so far request
 (`sweeps.refine.lattice`), and nothing twice. In the file the other points are interpolated and marked so in the

@@ -129,7 +129,7 @@ def _check_same(place: Path, attributes: Mapping[str, Any], fingerprint: dict[st
 
 
 def open_results(path: str | Path) -> xr.Dataset:
-    """Open a sweep's netCDF file, or the finished points of a run that goes on or was interrupted.
+    """Open a sweep's netCDF file, or the finished points of a running or interrupted one.
 
     A file of moderate size is read into memory; of a larger one, large variables are read when they are used. Of
     an unfinished run these are Dask arrays over its parts. A FileNotFoundError or ValueError if there is no such

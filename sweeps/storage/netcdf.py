@@ -28,7 +28,7 @@ CHUNK_BYTES, MOST_CHUNK_BYTES = 1 << 18, 1 << 22
 
 
 def described(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
-    """Add global attributes and derived variables; the history goes on from `before`."""
+    """Add global attributes and derived variables; the history continues `before`."""
     own, environments = {"source": "", **manifest.attributes}, json.loads(data.attrs["environments"])
     made = "; ".join(", ".join(map(" ".join, each.items())) for each in environments if each)
     by = "; ".join(filter(None, [own["source"], made, own.pop("remark", "")]))

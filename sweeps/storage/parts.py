@@ -223,7 +223,7 @@ class Manifest:
         """The manifest of an unfinished run; None if there is none."""
         if not store.manifest.exists():
             return None
-        told = list[str]()
+        reasons = list[str]()
         for path in (store.manifest, store.manifest.with_suffix(".copy")):
             try:
                 file = Packed(path)
@@ -231,12 +231,12 @@ class Manifest:
                     return cls._of(file)
             except UNREADABLE as problem:
                 if isinstance(problem, OSError) and not isinstance(problem, FileNotFoundError):
-                    told.append(f"{path} cannot be read: {reason(problem)}")
+                    reasons.append(f"{path} cannot be read: {reason(problem)}")
             else:
                 other = f"{store.parts} is of another version of sweeps"
                 raise StoreError(f"{other}; finish the run with that version, or {FRESH}")
         lost = f"so the parts of {store.file.name} cannot be used"
-        raise StoreError([*told, f"{store.manifest} and its copy are damaged, {lost}; {ANEW}"][0])
+        raise StoreError([*reasons, f"{store.manifest} and its copy are damaged, {lost}; {ANEW}"][0])
 
     @classmethod
     def _of(cls, file: Packed) -> "Manifest":

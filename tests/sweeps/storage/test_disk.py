@@ -15,7 +15,7 @@ from sweeps.storage.store import Store, replacing
 from tests.helpers import faults
 from tests.helpers.processes.sweep_programs import check, end, finished_points, make, start, wait_for
 
-KEPT = r"could not be written: [^;]*; (what was finished is kept, and the same run goes on|all points are kept)"
+KEPT = r"could not be written: [^;]*; (finished points are kept; the same run continues|all points are kept)"
 NOTHING = r"could not be written: [^;]*; nothing was finished$"
 FULL, HDF = OSError(errno.ENOSPC, "No space left on device"), RuntimeError("NetCDF: HDF error")
 
