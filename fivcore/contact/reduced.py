@@ -109,6 +109,12 @@ class ReducedModel(ReadOnlyArrays):
         softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
         return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
 
+    def dissipation(self, impulse: Impulse) -> Array:
+        """What the dashpot loses from the mean rates of the gaps over a step, (2, 2), N s/m."""
+        # The mean rate of a gap over an impulse is less than that of the element within it, by what impulses miss.
+        rates = np.linalg.solve(impulse.stiffness, self.K) if self.K.any() else np.eye(2)
+        return np.asarray(rates.T @ self.C @ rates)
+
     def critical_mu(self, step: float | None, mu: float = np.inf) -> float:
         """Smallest friction without a unique contact force, in steps of `fast`; None: by the law itself.
 

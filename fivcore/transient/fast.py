@@ -236,7 +236,7 @@ class FastRun:
             if now >= ramp_ends and self._fine is not None:
                 threshold = self._share * self.scene.mu
             if motion is None and self.options.skip and now * self.step >= self._ramp:
-                self._tables = skip_tables(solver, every)
+                self._tables = skip_tables(solver.model, solver.step, every)
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)

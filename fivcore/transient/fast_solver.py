@@ -35,10 +35,7 @@ class Solver:
         gaps, lower = model.shapes, np.tril_indices(2)
         self.impulse = impulse = model.impulse(step)
         self.maps = maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step)
-        # The mean rate of a gap over an impulse is less than that of the element within it, by what impulses miss.
-        element = bool(model.K.any())
-        rates = np.linalg.solve(impulse.stiffness, model.K) if element else np.eye(2)
-        self.dissipation = np.asarray(rates.T @ model.C @ rates)
+        element, self.dissipation = bool(model.K.any()), model.dissipation(impulse)
         # Of the unit load impulses see what they see of a contact force.
         gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
         self.at_rest = float(impulse.defect[0, 0]) - gap_N, gap_T - float(impulse.defect[1, 0])

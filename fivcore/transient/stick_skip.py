@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
+from fivcore.contact.law import regime_maps
+from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, kernel, reordered_call
 from fivcore.transient import fast_scene as at
-from fivcore.transient.fast_solver import Solver
 from fivcore.transient.statistics import STICK
 
 # Largest error of the eigenvectors, and smallest |z|, by which outputs of the step before are divided.
@@ -57,7 +58,7 @@ X, Y, INITIAL, OTHER, WEIGHTS, STARTS, SLOPES, RESULT, VECTORS = range(9)
 
 @dataclass(frozen=True, eq=False)
 class SkipTables:
-    """Tables of a skip for one solver and one interval between samples."""
+    """Tables of a skip for one model, step and interval between samples."""
 
     # Number c of eigenvalues, one of each conjugate pair, and m of places for modes; both with empty places.
     count: int
@@ -68,19 +69,22 @@ class SkipTables:
 
 @lru_cache(maxsize=64)
 @one_blas_thread()
-def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
+def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTables | None:
     """Tables of a skip, samples being `sample_every` steps apart; None where stick has no decaying eigenvectors.
 
-    Without an element there are none either: forces alone do not tell stick and its end apart.
+    They are the same whatever mu, V and F. Without an element there are none: forces alone do not tell stick and
+    its end apart.
     """
-    model, step = solver.model, solver.step
     if not model.K.any():
         return None
-    stick, gaps, size = step_map(model, solver.impulse, step), model.shapes, len(model.rest)
+    impulse = model.impulse(step)
+    stick, gaps, size = step_map(model, impulse, step), model.shapes, len(model.rest)
+    dissipation = model.dissipation(impulse)
+    separation = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, 0.0, step).separation
     try:
         z, vectors, into, error = eigenvectors(stick)
         still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
-        dashpot = np.linalg.cholesky(solver.dissipation).T if solver.dissipation.any() else np.zeros((2, 2))
+        dashpot = np.linalg.cholesky(dissipation).T if dissipation.any() else np.zeros((2, 2))
     except np.linalg.LinAlgError:
         return None
     if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
@@ -88,7 +92,7 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     # One of each conjugate pair, counted twice.
     kept = z.imag >= 0.0
     z, vectors, into = z[kept], vectors[:, kept] * np.where(z.imag[kept] > 0.0, 2.0, 1.0), into[kept]
-    count, mobility = len(z), solver.impulse.mobility
+    count, mobility = len(z), impulse.mobility
     # Inputs of the contact law with the modes at rest for (p, u, 1, V), and what a unit of V adds in a step.
     inputs = np.zeros((4, COLUMNS))
     inputs[0, 0] = inputs[1, 1] = 1.0
@@ -109,7 +113,7 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     net = force.copy()
     net[0, count + 2] -= 1.0
     B = model.point_b @ (x[size:] + 0.5 * step * gaps.T @ net)
-    outputs = np.stack([N, B, T, seen[0] - solver.maps.separation[0] @ earlier])
+    outputs = np.stack([N, B, T, seen[0] - separation[0] @ earlier])
     # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
     rates = np.sqrt(step) * np.vstack([
         np.sqrt(model.damping)[:, None] * (x[size:] + 0.5 * step * gaps.T @ net),
@@ -122,14 +126,14 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
     outputs = outputs[:, :count]
     sums = force[:, :count] / (1.0 - z)
     # Empty places among the eigenvalues, and among the modes as the blocks have them.
-    empty = -count % EIGHT
+    empty, places = -count % EIGHT, -(-size // EIGHT) * EIGHT
 
     def rows_of(values: Any) -> Array:
         wide = np.pad(values, ((0, 0), (0, empty)))
         return np.hstack([wide.real, -wide.imag])
 
     def over_modes(rows: Any) -> Array:
-        wide = np.zeros((len(rows), 2, solver.size))
+        wide = np.zeros((len(rows), 2, places))
         wide[:, :, :size] = rows.reshape(len(rows), 2, size)
         return wide.reshape(len(rows), -1)
 
@@ -159,8 +163,8 @@ def skip_tables(solver: Solver, sample_every: int) -> SkipTables | None:
         over_modes(line.T).T,  # (2 m, COLUMNS)
         over_modes(np.kron(np.eye(2), gaps)),  # (OUTPUTS, 2 m)
     )
-    parts = [np.array([count + empty, 2.0 * solver.size]), *(each.ravel() for each in matrices)]
-    return SkipTables(count + empty, solver.size, np.concatenate(parts))
+    parts = [np.array([count + empty, 2.0 * places]), *(each.ravel() for each in matrices)]
+    return SkipTables(count + empty, places, np.concatenate(parts))
 
 
 def workspace_for(tables: list[SkipTables]) -> Array:

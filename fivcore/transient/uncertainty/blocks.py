@@ -111,7 +111,9 @@ def _gather(t: Array, samples: Array, part: Array, blocks: Array) -> int:
             # The first sample of the next block completes a block.
             if part[COUNT] > 0.0:
                 block, time = blocks[done], t[i] - part[START]
-                block[:] = part[:COUNT]
+                # Slices would compile the text of their shape error.
+                for k in range(COUNT):
+                    block[k] = part[k]
                 for k in range(4):
                     block[STICK + k] = (samples[i, 3 + k] - part[STICK + k]) / time
                 block[VELOCITY] /= BLOCK
@@ -120,7 +122,8 @@ def _gather(t: Array, samples: Array, part: Array, blocks: Array) -> int:
                     block[LEAST], block[MOST] = -np.inf, np.inf
                 done += 1
             part[START] = t[i]
-            part[STICK : STICK + 4] = samples[i, 3:]
+            for k in range(4):
+                part[STICK + k] = samples[i, 3 + k]
             part[VELOCITY], part[SQUARE], part[LEAST], part[MOST], part[COUNT] = 0.0, 0.0, np.inf, -np.inf, 0.0
         end = min(i + BLOCK - int(part[COUNT]), len(t))
         part[COUNT] += end - i
