@@ -162,7 +162,7 @@ def propagator(stiffness: Array, damping: Array, step: float) -> Array:
     # cosh and sinh / root of the step, with the damping inside the exponents so that nothing overflows.
     up, down = np.exp((root - half) * step), np.exp((-root - half) * step)
     cosine = (0.5 * (up + down)).real
-    small = np.abs(root) * step < 1e-4
+    small = np.abs(root * step) < 1e-4
     safe = np.where(small, 1.0, root)
     series = step * np.exp(-half * step) * (1.0 + (root * step) ** 2 / 6.0)
     sine = np.where(small, series, (up - down) / (2.0 * safe)).real

@@ -44,6 +44,17 @@ def test_the_elements_damping_is_a_share_of_the_critical_one(rig):
     assert damping == pytest.approx(2.0 * DAMPING * model.contact_frequency)
 
 
+@given(st.floats(-6.0, 0.5), st.floats(0.0, 2.0), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_free_motion_backwards_undoes_free_motion(exponent, damping, free):
+    """Of a mode with phase 10^exponent and `damping` in a step."""
+    stiffness = np.array([0.0 if free else (10.0**exponent / 1e-6) ** 2])
+    there, back = (propagator(stiffness, np.array([damping / 1e-6]), step)[:, 0] for step in (1e-6, -1e-6))
+    # Velocities in units of the step.
+    there, back = (flow.reshape(2, 2) * [[1.0, 1e6], [1e-6, 1.0]] for flow in (there, back))
+    assert back @ there == pytest.approx(np.eye(2), abs=1e-11)
+
+
 # Impulses.
 def sawtooth(omega, damping, step):
     """Of a unit force in impulses: deflection and mean velocity at one, and deflection midway to the next."""
