@@ -7,8 +7,7 @@ from fivcore.errors import ContactError, DivergenceError, InputError, UnsolvedEr
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.stability.glued import glued_frequencies, tune_head_mass
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
-from fivcore.stability.many import ManyFlutterOnsets, flutter_onsets_many
-from fivcore.stability.onsets import FlutterOnsets, flutter_onsets
+from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
 from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.transient.driver import Transient

@@ -15,14 +15,14 @@ from fivcore import checks
 from fivcore.errors import InputError
 
 # Units and meaning of the numbers that make a rig, and of those of each beam.
-RIG_NUMBERS = {
+RIG_PARAMETERS = {
     "contact_position": ("m", "distance of the contact from P2's clamp"),
     "head_mass": ("kg", "mass at A"),
     "d1": ("s-1", "Rayleigh damping on the mass"),
     "d2": ("s", "Rayleigh damping on the stiffness"),
     "point_b": ("1", "where the velocity of P1 is read, as a share of its length from C"),
 }
-BEAM_NUMBERS = {
+BEAM_PARAMETERS = {
     "length": ("m", "length"),
     "width": ("m", "width"),
     "thickness": ("m", "thickness"),
@@ -162,14 +162,18 @@ class Rig:
         # Whole beams come before their numbers.
         for name in sorted(numbers, key=len):
             value, (beam, _, field) = numbers[name], name.partition("_")
-            if name in RIG_NUMBERS:
+            if name in RIG_PARAMETERS:
                 own[name] = value
             elif name in PAPER:
                 beams[name] = value if isinstance(value, Beam) else _changed(name, beams[name], value)
-            elif beam in PAPER and field in BEAM_NUMBERS:
+            elif beam in PAPER and field in BEAM_PARAMETERS:
                 beams[beam] = _changed(beam, beams[beam], {field: value})
             else:
-                names = [*RIG_NUMBERS, *(f"{beam}_{field}" for beam in PAPER for field in BEAM_NUMBERS), *PAPER]
+                names = [
+                    *RIG_PARAMETERS,
+                    *(f"{beam}_{field}" for beam in PAPER for field in BEAM_PARAMETERS),
+                    *PAPER,
+                ]
                 near = difflib.get_close_matches(name, names, 1)
                 hint = f"did you mean {near[0]}? " if near else ""
                 raise InputError(f"{name}: a rig has no such number; {hint}it has {', '.join(names)}")
@@ -181,17 +185,17 @@ class Rig:
     def _repr_html_(self) -> str:
         beams = (
             (name, *(f"{getattr(beam, name):g}" for beam in (self.p1, self.p2)), unit)
-            for name, (unit, _) in BEAM_NUMBERS.items()
+            for name, (unit, _) in BEAM_PARAMETERS.items()
         )
-        own = ((name, f"{getattr(self, name):g}", "", unit) for name, (unit, _) in RIG_NUMBERS.items())
+        own = ((name, f"{getattr(self, name):g}", "", unit) for name, (unit, _) in RIG_PARAMETERS.items())
         return html_table("Rig", ("", "p1", "p2", "unit"), (*beams, *own))
 
 
 def _changed(name: str, beam: Beam, changes: Any) -> Beam:
     """A beam with some other numbers; a message names them as numbers of the rig."""
-    if not isinstance(changes, Mapping) or not set(changes) <= set(BEAM_NUMBERS):
+    if not isinstance(changes, Mapping) or not set(changes) <= set(BEAM_PARAMETERS):
         raise InputError(
-            f"{name} = {checks.short(changes)}: it must be a Beam, or some of {', '.join(BEAM_NUMBERS)}"
+            f"{name} = {checks.short(changes)}: it must be a Beam, or some of {', '.join(BEAM_PARAMETERS)}"
         )
     try:
         return replace(beam, **changes)

@@ -15,11 +15,9 @@ from functools import lru_cache
 import numpy as np
 
 from fivcore.beams.elements import axial, bending
-from fivcore.beams.modes import cantilever_modes, one_blas_thread
+from fivcore.beams.modes import EPS, cantilever_modes, one_blas_thread
 from fivcore.jit import Array, kernel
 from fivcore.rig import Beam
-
-EPS = 2.220446049250313e-16
 
 
 @lru_cache(maxsize=16)

@@ -21,7 +21,7 @@ from fivcore import checks
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
-from fivcore.stability.onsets import onset_crossings
+from fivcore.stability.many import crossings, rig_table
 from fivcore.stability.sliding import sliding_modes
 
 
@@ -232,8 +232,9 @@ Ending = Callable[[list[Point], list[Point], float], Pairs]
 def _onsets(rig: Rig, fmax: float, mu_max: float, theta: float, *, exact: bool = False) -> Sample:
     """Onsets and recoveries up to the limits if `exact`, else beyond, to bracket where branches pass them."""
     band, most = (fmax, mu_max) if exact else (1.1 * fmax, 2.0 * mu_max)
-    crossings, points = onset_crossings(rig, theta, band, most), list[Point]()
-    for mu, frequency, rises in sorted((each for each in crossings if each[1] <= band), key=lambda each: each[1]):
+    found, points = crossings(rig_table({"theta": theta}, rig), band, most, rig)[0], list[Point]()
+    for _, mu, frequency, change in found[:, found[2] <= band].T[np.argsort(found[2, found[2] <= band])].tolist():
+        rises = change > 0.0
         # This close to a fold they are one zero and its rounding.
         if points and points[-1].rises != rises and frequency - points[-1].frequency < 1e-8 * frequency:
             points.pop()

@@ -14,17 +14,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from fivcore.beams.modes import contact_modes
+from fivcore.beams.modes import EPS, contact_modes
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.rig import Rig
 
-# In units of the band's lambda: eigenvalues reported are at most the first, roots are counted within the second.
-MOST_REPORTED = 4.0
-RADIUS = 6.0
+# In units of the band's lambda: roots are counted within this; eigenvalues reported are at most MOST_REPORTED.
+RADIUS, MOST_REPORTED = 6.0, 5.0
 # Where a guess goes that finds no root: far beyond any band.
 OUTSIDE = 1e12
-EPS = 2.220446049250313e-16
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
-from fivcore.stability.many import NUMBERS, flutter_onsets_many, rig_table
-from fivcore.stability.onsets import flutter_onsets
+from fivcore.stability.many import PARAMETERS, flutter_onsets, flutter_onsets_many, rig_table
 
 # Relative step; smallest size of a parameter that it is taken of, as a share of what would matter to the rig.
 STEP, LEAST = 2e-5, 1e-3
@@ -80,30 +79,30 @@ def onset_sensitivity(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float 
     """
     onsets = flutter_onsets(rig, theta, fmax, mu_max)
     values, omega = rig_table({"theta": theta}, rig)[0], 2.0 * np.pi * fmax
-    least = np.zeros(len(NUMBERS))
-    least[[NUMBERS.index(name) for name in ("head_mass", "d1", "d2")]] = rig.p1.mass, omega, 1.0 / omega
+    least = np.zeros(len(PARAMETERS))
+    least[[PARAMETERS.index(name) for name in ("head_mass", "d1", "d2")]] = rig.p1.mass, omega, 1.0 / omega
     # mu and theta have singular points where P1 is upright and where it lies.
     sizes = np.append(min(abs(theta), 90.0 - abs(theta)), np.abs(values[1:]))
     steps = STEP * np.maximum(sizes, LEAST * least)
     # Row 0 is the rig itself; the others change one parameter each, within its range.
-    rows = np.tile(values, (1 + 4 * len(NUMBERS), 1))
-    stencils = np.array([_stencil(*each, rig) for each in zip(NUMBERS, values, steps, strict=True)])
+    rows = np.tile(values, (1 + 4 * len(PARAMETERS), 1))
+    stencils = np.array([_stencil(*each, rig) for each in zip(PARAMETERS, values, steps, strict=True)])
     for k, ((places, *_), step) in enumerate(zip(stencils, steps, strict=True)):
         rows[1 + 4 * k : 5 + 4 * k, k] += step * places
     # A little more than the limits, so that no onset is beyond them in a changed rig.
     wider = min(1.01 * fmax, 1e9), min(1.01 * mu_max, 1e6)
-    changed = flutter_onsets_many(dict(zip(NUMBERS, rows.T, strict=True)), *wider, rig)
+    changed = flutter_onsets_many(dict(zip(PARAMETERS, rows.T, strict=True)), *wider, rig)
     index = _matched(onsets.frequency, changed.frequency)
-    none, gradients = np.any(index[1:].reshape(len(NUMBERS), 4, -1) < 0, axis=1), []
+    none, gradients = np.any(index[1:].reshape(len(PARAMETERS), 4, -1) < 0, axis=1), []
     for table in (changed.mu, changed.frequency):
         found = np.take_along_axis(np.pad(table, ((0, 0), (0, 1)), constant_values=np.nan), index, axis=1)
-        moved = (found[1:] - found[0]).reshape(len(NUMBERS), 4, -1)
+        moved = (found[1:] - found[0]).reshape(len(PARAMETERS), 4, -1)
         slopes, coarse = np.einsum("poi,pin->opn", stencils[:, 1:], moved)
         none |= ~(np.abs(coarse - slopes) <= BENT * np.abs(slopes) + ROUNDING * found[0])
         gradients.append(slopes / steps[:, None])
-    by_mu, by_frequency = (dict(zip(NUMBERS, np.where(none, np.nan, each), strict=True)) for each in gradients)
+    by_mu, by_frequency = (dict(zip(PARAMETERS, np.where(none, np.nan, each), strict=True)) for each in gradients)
     of_mu, of_frequency = (
-        {name: value * gradient[name] / own for name, value in zip(NUMBERS, values.tolist(), strict=True)}
+        {name: value * gradient[name] / own for name, value in zip(PARAMETERS, values.tolist(), strict=True)}
         for gradient, own in ((by_mu, onsets.mu), (by_frequency, onsets.frequency))
     )
     return OnsetSensitivity(

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import checks
-from fivcore.beams.modes import contact_modes, rig_bases
+from fivcore.beams.modes import EPS, contact_modes, rig_bases
 from fivcore.errors import InputError
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig
-from fivcore.stability.secular import EPS, MOST_REPORTED, damp, sliding_problem, sliding_roots
+from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,8 @@ class SlidingModes(ReadOnlyArrays):
     theta, mu : ndarray, (...)
         Degrees and 1.
     fmax : float
-        The band, Hz: modes above it are not listed, nor, unless damping is heavy, those that grow or decay at more
-        than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that depend
-        on mesh and basis.
+        The band, Hz: modes above it are not listed, nor those with |phi| above twice its angular frequency. Above
+        20 kHz the undamped model has growing pairs that depend on mesh and basis.
     rig : Rig
     """
 
@@ -132,7 +131,8 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
         row *= problem.unit
     phi = np.empty_like(values)
     damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
-    phi[phi.imag > 2.0 * np.pi * band] = complex(np.nan, np.nan)
+    omega = 2.0 * np.pi * band
+    phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)
     missing = np.isnan(phi)
     values[missing], hidden[missing] = complex(np.nan, np.nan), False
     order = np.lexsort((phi.real, phi.imag), axis=-1)[:, : np.count_nonzero(~missing, axis=1).max(initial=0)]
