@@ -198,8 +198,12 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
         found[:, 0] += start
         return found.T, divergence
 
-    with ThreadPoolExecutor(workers) as pool:
-        solutions = list(pool.map(search, range(0, len(table), BATCH)))
+    starts = range(0, len(table), BATCH)
+    if min(workers, len(starts)) > 1:
+        with ThreadPoolExecutor(workers) as pool:
+            solutions = list(pool.map(search, starts))
+    else:
+        solutions = list(map(search, starts))
     found = np.concatenate([np.empty((4, 0)), *(part for part, _ in solutions)], axis=1)
     found = found[:, np.lexsort(found[1::-1])] * [[1.0], [1.0], [fmax], [1.0]]
     return found, np.concatenate([np.empty(0), *(part for _, part in solutions)])
