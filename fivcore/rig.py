@@ -14,7 +14,7 @@ from typing import Any
 from fivcore import checks
 from fivcore.errors import InputError
 
-# Units and meaning of the numbers that make a rig, and of those of each beam.
+# Units and meaning of the parameters of a rig, and of those of each beam.
 RIG_PARAMETERS = {
     "contact_position": ("m", "distance of the contact from P2's clamp"),
     "head_mass": ("kg", "mass at A"),
@@ -107,7 +107,7 @@ class Rig:
     contact_position : float
         Distance of the contact point D from P2's clamp, m; default: 80 mm (section 3.2 of the paper).
     head_mass : float
-        Concentrated mass M_A at A, kg. The default makes the first glued mode 16 Hz with the contact at
+        Concentrated mass M_A at A, kg. The default makes the first tied mode 16 Hz with the contact at
         85 mm, where alone the paper's Table 4 is found again; `tune_head_mass` computes it.
     d1, d2 : float
         Rayleigh damping C = d1 M + d2 K, in 1/s and s (Table 3).
@@ -140,7 +140,7 @@ class Rig:
 
     @classmethod
     def of(cls, **numbers: Any) -> Rig:
-        """The paper's rig but for some numbers.
+        """The paper's rig but for some parameters.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class Rig:
         """
         beams: dict[str, Any] = dict(PAPER)
         own: dict[str, Any] = {}
-        # Whole beams come before their numbers.
+        # Whole beams come before their parameters.
         for name in sorted(numbers, key=len):
             value, (beam, _, field) = numbers[name], name.partition("_")
             if name in RIG_PARAMETERS:
@@ -192,7 +192,7 @@ class Rig:
 
 
 def _changed(name: str, beam: Beam, changes: Any) -> Beam:
-    """A beam with some other numbers; a message names them as numbers of the rig."""
+    """A beam with some other parameters; a message names them as parameters of the rig."""
     if not isinstance(changes, Mapping) or not set(changes) <= set(BEAM_PARAMETERS):
         raise InputError(
             f"{name} = {checks.short(changes)}: it must be a Beam, or some of {', '.join(BEAM_PARAMETERS)}"

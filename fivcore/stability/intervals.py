@@ -37,7 +37,7 @@ class OnsetCurve(ReadOnlyArrays):
     ----------
     theta, mu, frequency : ndarray, (n,)
         Degrees, ascending; 1; Hz.
-    rises : bool
+    destabilising : bool
         True for onsets, False for recoveries.
     ends : tuple of str
         Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
@@ -49,7 +49,7 @@ class OnsetCurve(ReadOnlyArrays):
     theta: Array
     mu: Array
     frequency: Array
-    rises: bool
+    destabilising: bool
     ends: tuple[str, str]
     lowest: tuple[float, float, float]
 
@@ -145,9 +145,13 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
         for part in parts:
             lowest = min(part, key=lambda point: point.level)
             at, mu, frequency = np.array([point[:3] for point in part]).T.copy()
-            curves.append(OnsetCurve(at, mu, frequency, part[0].rises, (part[0].end, part[-1].end), lowest[:3]))
+            curves.append(
+                OnsetCurve(at, mu, frequency, part[0].destabilising, (part[0].end, part[-1].end), lowest[:3])
+            )
     curves.sort(key=lambda curve: curve.lowest[2])
-    onsets, recoveries = (tuple(curve for curve in curves if curve.rises is kind) for kind in (True, False))
+    onsets, recoveries = (
+        tuple(curve for curve in curves if curve.destabilising is kind) for kind in (True, False)
+    )
     return OnsetCurves(onsets, recoveries, angles, *_table(angles, onsets), *_table(angles, recoveries))
 
 
@@ -218,7 +222,7 @@ class Point(NamedTuple):
     frequency: float
     place: complex
     # False for a recovery; only points of one kind are linked.
-    rises: bool = True
+    destabilising: bool = True
     # Beyond the limits of interest, where a branch ends for a reason of no interest.
     outside: bool = False
     # Why a branch ends here.
@@ -238,14 +242,14 @@ def _onsets(rig: Rig, fmax: float, mu_max: float, angles: list[float], *, exact:
         [list[Point]() for _ in angles],
     )
     for place, row, mu, change in sorted(found[[2, 0, 1, 3]].T[found[2] <= band].tolist()):
-        points, rises = samples[int(row)], change > 0.0
+        points, destabilising = samples[int(row)], change > 0.0
         # This close to a fold they are one zero and its rounding.
-        if points and points[-1].rises != rises and place - points[-1].frequency < 1e-8 * place:
+        if points and points[-1].destabilising != destabilising and place - points[-1].frequency < 1e-8 * place:
             points.pop()
             continue
         # A distance of 1 is a tenth of the frequency or a factor of e in friction.
         at = complex(10.0 * np.log(place), np.log(mu))
-        points.append(Point(angles[int(row)], mu, place, at, rises, mu > mu_max or place > fmax))
+        points.append(Point(angles[int(row)], mu, place, at, destabilising, mu > mu_max or place > fmax))
     return samples
 
 
@@ -324,14 +328,20 @@ def _link(sampler: Sampler, left: Any, right: Any, least: float, folds: bool) ->
 
 def _nearest(p: Point, points: Points) -> Points:
     """The nearest to p of the points of its kind, or none."""
-    return sorted((q for q in points if q.rises == p.rises), key=lambda q: abs(q.place - p.place))[:1]
+    return sorted((q for q in points if q.destabilising == p.destabilising), key=lambda q: abs(q.place - p.place))[
+        :1
+    ]
 
 
 def _end(p: Point, points: Points, linked: set[Point], theta: float, folds: bool) -> Point:
     """The end at `theta` of the branch of p: a fold, where it meets the nearest point of the other kind, or p."""
     if not folds:
         return p._replace(theta=theta)
-    others = [q._replace(rises=p.rises) for q in points if q.rises != p.rises and q not in linked]
+    others = [
+        q._replace(destabilising=p.destabilising)
+        for q in points
+        if q.destabilising != p.destabilising and q not in linked
+    ]
     for q in _nearest(p, others):
         mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
         return p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
@@ -342,7 +352,7 @@ def _locate(sampler: Sampler, near: Points, theta: float) -> Point:
     """The point at `theta` of the branch that passes through some neighbours, ascending in theta."""
     place = np.interp(theta, [point.theta for point in near], [point.place for point in near])
     same_angle = [point for point in near if point.theta == theta]
-    points = same_angle or [point for point in sampler([theta])[0] if point.rises == near[0].rises]
+    points = same_angle or [point for point in sampler([theta])[0] if point.destabilising == near[0].destabilising]
     if not points:
         raise UnsolvedError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
     return min(points, key=lambda point: abs(point.place - place))

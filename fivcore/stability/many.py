@@ -145,12 +145,12 @@ def flutter_onsets_many(
     Parameters
     ----------
     numbers : mapping of str to float or array_like, (n,)
-        theta in degrees, and what differs from `rig`: contact_position, head_mass, d1, d2, and the numbers of a
+        theta in degrees, and what differs from `rig`: contact_position, head_mass, d1, d2, and the parameters of a
         beam after p1_ or p2_, such as p1_length.
     fmax, mu_max : float
         Band, Hz; largest friction of interest.
     rig : Rig
-        Whose elements and numbers all rigs have, but for the numbers that are named.
+        All rigs have its mesh, and its parameters where `numbers` names none.
     threads : int
         On which no result depends.
 
@@ -219,7 +219,7 @@ def _padded(values: Array, rows: int) -> Array:
 
 
 def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
-    """Checked numbers of rigs, (n, PARAMETERS), those that are not named from `rig`."""
+    """Checked parameters of rigs, (n, PARAMETERS), those that are not named from `rig`."""
     checks.instance("numbers", numbers, Mapping)
     for name in numbers:
         checks.choice("a name in numbers", name, PARAMETERS)
@@ -246,7 +246,7 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
 
 
 def _check(row: int, values: list[Any], rig: Rig) -> None:
-    """Raise what `Beam`, `Rig` and `flutter_onsets` would raise for the numbers of a row."""
+    """Raise what `Beam`, `Rig` and `flutter_onsets` would raise for the parameters of a row."""
     part = "p1"
     try:
         upper, part = replace(rig.p1, **dict(zip(BEAM, values[5:10], strict=True))), "p2"
