@@ -5,17 +5,11 @@ Nothing here knows of sweeps, files or figures. Units are SI; only theta is in d
 
 from fivcore.errors import ContactError, DivergenceError, InputError, UnsolvedError
 from fivcore.rig import Beam, Rig, Scene
-from fivcore.stability.glued import glued_frequencies, tune_head_mass
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
-from fivcore.stability.many import ManyFlutterOnsets, flutter_onsets_many
-from fivcore.stability.onsets import FlutterOnsets, flutter_onsets
-from fivcore.stability.sensitivity import (
-    OnsetSensitivity,
-    SlidingSensitivity,
-    onset_sensitivity,
-    sliding_sensitivity,
-)
+from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
+from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
+from fivcore.stability.tied import glued_frequencies, tune_head_mass
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
 from fivcore.transient.simulate import critical_mu, simulate, simulate_many
@@ -23,8 +17,8 @@ from fivcore.transient.until import Until
 
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "ManyFlutterOnsets",
-    "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "SlidingSensitivity",
-    "State", "Transient", "UnsolvedError", "UnstableWindows", "Until", "critical_mu", "flutter_onsets",
-    "flutter_onsets_many", "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity",
-    "simulate", "simulate_many", "sliding_modes", "sliding_sensitivity", "tune_head_mass", "unstable_windows",
+    "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "State", "Transient",
+    "UnsolvedError", "UnstableWindows", "Until", "critical_mu", "flutter_onsets", "flutter_onsets_many",
+    "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "simulate", "simulate_many",
+    "sliding_modes", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

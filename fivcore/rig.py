@@ -14,15 +14,15 @@ from typing import Any
 from fivcore import checks
 from fivcore.errors import InputError
 
-# Units and meaning of the numbers that make a rig, and of those of each beam.
-RIG_NUMBERS = {
+# Units and meaning of the parameters of a rig, and of those of each beam.
+RIG_PARAMETERS = {
     "contact_position": ("m", "distance of the contact from P2's clamp"),
     "head_mass": ("kg", "mass at A"),
     "d1": ("s-1", "Rayleigh damping on the mass"),
     "d2": ("s", "Rayleigh damping on the stiffness"),
     "point_b": ("1", "where the velocity of P1 is read, as a share of its length from C"),
 }
-BEAM_NUMBERS = {
+BEAM_PARAMETERS = {
     "length": ("m", "length"),
     "width": ("m", "width"),
     "thickness": ("m", "thickness"),
@@ -107,7 +107,7 @@ class Rig:
     contact_position : float
         Distance of the contact point D from P2's clamp, m; default: 80 mm (section 3.2 of the paper).
     head_mass : float
-        Concentrated mass M_A at A, kg. The default makes the first glued mode 16 Hz with the contact at
+        Concentrated mass M_A at A, kg. The default makes the first tied mode 16 Hz with the contact at
         85 mm, where alone the paper's Table 4 is found again; `tune_head_mass` computes it.
     d1, d2 : float
         Rayleigh damping C = d1 M + d2 K, in 1/s and s (Table 3).
@@ -140,7 +140,7 @@ class Rig:
 
     @classmethod
     def of(cls, **numbers: Any) -> Rig:
-        """The paper's rig but for some numbers.
+        """The paper's rig but for some parameters.
 
         Parameters
         ----------
@@ -159,17 +159,21 @@ class Rig:
         """
         beams: dict[str, Any] = dict(PAPER)
         own: dict[str, Any] = {}
-        # Whole beams come before their numbers.
+        # Whole beams come before their parameters.
         for name in sorted(numbers, key=len):
             value, (beam, _, field) = numbers[name], name.partition("_")
-            if name in RIG_NUMBERS:
+            if name in RIG_PARAMETERS:
                 own[name] = value
             elif name in PAPER:
                 beams[name] = value if isinstance(value, Beam) else _changed(name, beams[name], value)
-            elif beam in PAPER and field in BEAM_NUMBERS:
+            elif beam in PAPER and field in BEAM_PARAMETERS:
                 beams[beam] = _changed(beam, beams[beam], {field: value})
             else:
-                names = [*RIG_NUMBERS, *(f"{beam}_{field}" for beam in PAPER for field in BEAM_NUMBERS), *PAPER]
+                names = [
+                    *RIG_PARAMETERS,
+                    *(f"{beam}_{field}" for beam in PAPER for field in BEAM_PARAMETERS),
+                    *PAPER,
+                ]
                 near = difflib.get_close_matches(name, names, 1)
                 hint = f"did you mean {near[0]}? " if near else ""
                 raise InputError(f"{name}: a rig has no such number; {hint}it has {', '.join(names)}")
@@ -181,17 +185,17 @@ class Rig:
     def _repr_html_(self) -> str:
         beams = (
             (name, *(f"{getattr(beam, name):g}" for beam in (self.p1, self.p2)), unit)
-            for name, (unit, _) in BEAM_NUMBERS.items()
+            for name, (unit, _) in BEAM_PARAMETERS.items()
         )
-        own = ((name, f"{getattr(self, name):g}", "", unit) for name, (unit, _) in RIG_NUMBERS.items())
+        own = ((name, f"{getattr(self, name):g}", "", unit) for name, (unit, _) in RIG_PARAMETERS.items())
         return html_table("Rig", ("", "p1", "p2", "unit"), (*beams, *own))
 
 
 def _changed(name: str, beam: Beam, changes: Any) -> Beam:
-    """A beam with some other numbers; a message names them as numbers of the rig."""
-    if not isinstance(changes, Mapping) or not set(changes) <= set(BEAM_NUMBERS):
+    """A beam with some other parameters; a message names them as parameters of the rig."""
+    if not isinstance(changes, Mapping) or not set(changes) <= set(BEAM_PARAMETERS):
         raise InputError(
-            f"{name} = {checks.short(changes)}: it must be a Beam, or some of {', '.join(BEAM_NUMBERS)}"
+            f"{name} = {checks.short(changes)}: it must be a Beam, or some of {', '.join(BEAM_PARAMETERS)}"
         )
     try:
         return replace(beam, **changes)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fivcore import Rig
-from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS
+from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS
 from studies import paper
 from sweeps import Axis, InputError
 
@@ -107,9 +107,9 @@ def suggest(name: str, names: Any) -> str:
 
 def rig_numbers(rig: Rig) -> dict[str, Any]:
     """The numbers of a rig by the names of its parameters."""
-    numbers = {name: getattr(rig, name) for name in RIG_NUMBERS}
+    numbers = {name: getattr(rig, name) for name in RIG_PARAMETERS}
     for beam in ("p1", "p2"):
-        numbers |= {f"{beam}_{name}": getattr(getattr(rig, beam), name) for name in BEAM_NUMBERS}
+        numbers |= {f"{beam}_{name}": getattr(getattr(rig, beam), name) for name in BEAM_PARAMETERS}
     return numbers
 
 
@@ -117,7 +117,7 @@ def _rig_parameters() -> dict[str, Parameter]:
     parameters = {}
     for name, value in rig_numbers(Rig()).items():
         beam, _, field = name.partition("_") if name[:3] in ("p1_", "p2_") else ("", "", name)
-        units, text = (BEAM_NUMBERS if beam else RIG_NUMBERS)[field]
+        units, text = (BEAM_PARAMETERS if beam else RIG_PARAMETERS)[field]
         text = f"{text} of {beam.upper()}" if beam else text
         parameters[name] = Parameter(value if field == "elements" else float(value), units, text, common=True)
     return parameters

@@ -1,1 +1,1 @@
-"""The two separate beams: finite elements (`elements`), `modes` and their free motion."""
+"""The two separate beams: finite `elements`, `modes` with free motion, modes of `similar` rigs by scaling."""

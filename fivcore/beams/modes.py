@@ -23,6 +23,7 @@ from fivcore.errors import InputError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Beam, Rig
 
+EPS = 2.220446049250313e-16
 _blas = ThreadpoolController()
 _blas_lock = threading.RLock()
 

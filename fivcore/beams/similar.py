@@ -1,4 +1,4 @@
-"""Modes at the contact of rigs whose beams differ in every number but their elements, without eigenproblems.
+"""Modes at the contact of rigs that differ in all parameters but the mesh, without eigenproblems.
 
 Cantilevers with the same number of elements are similar: a mode's squared frequency goes with E / (rho L^2) if it
 is axial and with E t^2 / (rho L^4) if it bends, its mass-normalised displacement with m^-1/2. P1's support moves
@@ -15,11 +15,9 @@ from functools import lru_cache
 import numpy as np
 
 from fivcore.beams.elements import axial, bending
-from fivcore.beams.modes import cantilever_modes, one_blas_thread
+from fivcore.beams.modes import EPS, cantilever_modes, one_blas_thread
 from fivcore.jit import Array, kernel
 from fivcore.rig import Beam
-
-EPS = 2.220446049250313e-16
 
 
 @lru_cache(maxsize=16)

@@ -1,13 +1,14 @@
 """Flutter over an interval of inclinations: curves of onsets, and windows in which a pair of modes is unstable.
 
-Points of neighbouring samples, all flutter onsets or growing modes at an angle, are linked where each has one
-clear counterpart. Otherwise the interval is halved, until a point is said to end in it. Roots and extremes along a
-branch are bracketed (Brent, Algorithms for Minimization without Derivatives, 1973).
+Points of neighbouring samples, all flutter onsets or growing modes at an angle of a fine grid, are linked where
+each is the nearest to the other. Where a point has no counterpart the interval is halved until its branch ends
+there. Roots and extremes along a branch are bracketed (Brent, Algorithms for
+Minimization without Derivatives, 1973).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, groupby, pairwise
@@ -21,8 +22,11 @@ from fivcore import checks
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
-from fivcore.stability.onsets import onset_crossings
+from fivcore.stability.many import crossings, rig_table
 from fivcore.stability.sliding import sliding_modes
+
+# Largest distance of linked points; see `Point.place`.
+REACH = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,7 @@ class OnsetCurve(ReadOnlyArrays):
     ----------
     theta, mu, frequency : ndarray, (n,)
         Degrees, ascending; 1; Hz.
-    rises : bool
+    destabilising : bool
         True for onsets, False for recoveries.
     ends : tuple of str
         Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
@@ -45,7 +49,7 @@ class OnsetCurve(ReadOnlyArrays):
     theta: Array
     mu: Array
     frequency: Array
-    rises: bool
+    destabilising: bool
     ends: tuple[str, str]
     lowest: tuple[float, float, float]
 
@@ -105,20 +109,20 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     ----------
     rig : Rig
     theta : array_like, (k,)
-        Degrees, ascending. Where they are more than half a degree apart, onsets are sampled between them too.
+        Degrees, ascending. Where they are more than 0.2 degrees apart, onsets are sampled between them too.
     fmax, mu_max : float
         Band, Hz; largest friction of interest.
 
     Returns
     -------
     OnsetCurves
-        Values at the given angles are those of `flutter_onsets`. A branch with both ends between two samples is
-        not seen, nor one that turns back and forth there.
+        Values at the given angles are those of `flutter_onsets`. A branch narrower than 0.2 degrees can be missed,
+        and two folds that close to each other.
 
     Raises
     ------
     ValueError, ArithmeticError
-        For an argument out of range; if onsets cannot be isolated at an angle, or told apart between two.
+        For an argument out of range; if onsets cannot be isolated at an angle, or separated between two.
     """
     checks.instance("rig", rig, Rig)
     angles = checks.array("theta", theta, checks.theta_degrees)
@@ -141,9 +145,13 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
         for part in parts:
             lowest = min(part, key=lambda point: point.level)
             at, mu, frequency = np.array([point[:3] for point in part]).T.copy()
-            curves.append(OnsetCurve(at, mu, frequency, part[0].rises, (part[0].end, part[-1].end), lowest[:3]))
+            curves.append(
+                OnsetCurve(at, mu, frequency, part[0].destabilising, (part[0].end, part[-1].end), lowest[:3])
+            )
     curves.sort(key=lambda curve: curve.lowest[2])
-    onsets, recoveries = (tuple(curve for curve in curves if curve.rises is kind) for kind in (True, False))
+    onsets, recoveries = (
+        tuple(curve for curve in curves if curve.destabilising is kind) for kind in (True, False)
+    )
     return OnsetCurves(onsets, recoveries, angles, *_table(angles, onsets), *_table(angles, recoveries))
 
 
@@ -164,13 +172,13 @@ def unstable_windows(
     Returns
     -------
     UnstableWindows
-        Ends to 1e-11 degrees. No mode that grows at one of the samples, half a degree apart, is missed; between
-        two of them a window is seen if its branch of onsets is below four times `mu` at one.
+        Ends to 1e-11 degrees. A window narrower than 0.2 degrees can be missed if its branch of onsets is above
+        four times `mu` at both samples beside it, one narrower than 0.5 degrees if it has no such branch.
 
     Raises
     ------
     ValueError, ArithmeticError
-        For an argument out of range; if onsets cannot be told apart.
+        For an argument out of range; if onsets cannot be separated.
     """
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
@@ -182,15 +190,14 @@ def unstable_windows(
     angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
     # Onsets well above the friction belong to branches that may dip to it between two samples.
     onsets = partial(_onsets, rig, band, 4.0 * friction)
-    stops = set(_dense(angles))
+    stops = set(_dense(angles, 0.5))
     for branch in _branches(onsets, angles) if friction > 0.0 else []:
         for p, q in pairwise(branch):
             if (p.level > friction) != (q.level > friction):
                 theta = _root(onsets, p, q, lambda at: at.level - friction).theta
                 stops |= {theta - 1e-8, theta + 1e-8}
-    samples = [growing(theta) for theta in sorted(stops) if first <= theta <= last]
-    windows = []
-    for modes in _follow(growing, samples, 1e-11, _window_ends):
+    inside, windows = [theta for theta in sorted(stops) if first <= theta <= last], []
+    for modes in _follow(growing, inside, growing(inside), 1e-11, False):
         k = int(np.argmax([mode.level for mode in modes]))
         best = _extreme(growing, modes[max(k - 1, 0) : k + 2], 1.0)
         peak = max(modes[0], modes[-1], best, key=lambda mode: mode.level)
@@ -215,76 +222,72 @@ class Point(NamedTuple):
     frequency: float
     place: complex
     # False for a recovery; only points of one kind are linked.
-    rises: bool = True
-    # Beyond the limits of interest, where a branch may end for no known reason.
+    destabilising: bool = True
+    # Beyond the limits of interest, where a branch ends for a reason of no interest.
     outside: bool = False
     # Why a branch ends here.
     end: str = "range"
 
 
+Points = list[Point]
 Pairs = list[tuple[Point, Point]]
-Sample = tuple[float, list[Point]]
-Sampler = Callable[[float], Sample]
-# Pairs of points without a counterpart, on the left and on the right, with the ends of their branches at an angle.
-Ending = Callable[[list[Point], list[Point], float], Pairs]
+Sampler = Callable[[list[float]], list[Points]]
 
 
-def _onsets(rig: Rig, fmax: float, mu_max: float, theta: float, *, exact: bool = False) -> Sample:
-    """Onsets and recoveries up to the limits if `exact`, else beyond, to bracket where branches pass them."""
+def _onsets(rig: Rig, fmax: float, mu_max: float, angles: list[float], *, exact: bool = False) -> list[Points]:
+    """Onsets and recoveries at angles up to the limits if `exact`, else beyond, to bracket where branches pass."""
     band, most = (fmax, mu_max) if exact else (1.1 * fmax, 2.0 * mu_max)
-    crossings, points = onset_crossings(rig, theta, band, most), list[Point]()
-    for mu, frequency, rises in sorted((each for each in crossings if each[1] <= band), key=lambda each: each[1]):
+    found, samples = (
+        crossings(rig_table({"theta": angles}, rig), band, most, rig)[0],
+        [list[Point]() for _ in angles],
+    )
+    for place, row, mu, change in sorted(found[[2, 0, 1, 3]].T[found[2] <= band].tolist()):
+        points, destabilising = samples[int(row)], change > 0.0
         # This close to a fold they are one zero and its rounding.
-        if points and points[-1].rises != rises and frequency - points[-1].frequency < 1e-8 * frequency:
+        if points and points[-1].destabilising != destabilising and place - points[-1].frequency < 1e-8 * place:
             points.pop()
             continue
         # A distance of 1 is a tenth of the frequency or a factor of e in friction.
-        place = complex(10.0 * np.log(frequency), np.log(mu))
-        points.append(Point(theta, mu, frequency, place, rises, mu > mu_max or frequency > fmax))
-    return theta, points
+        at = complex(10.0 * np.log(place), np.log(mu))
+        points.append(Point(angles[int(row)], mu, place, at, destabilising, mu > mu_max or place > fmax))
+    return samples
 
 
-def _branches(sample: partial[Sample], theta: Array) -> list[list[Point]]:
+def _growing(rig: Rig, mu: float, fmax: float, angles: list[float]) -> list[Points]:
+    """Modes that grow while they oscillate, at angles."""
+    samples = []
+    for theta in angles:
+        modes = sliding_modes(rig, theta, mu, fmax)
+        fit = modes.unstable & (modes.frequency > 0.0)
+        both = zip(modes.growth_rate[fit].tolist(), modes.frequency[fit].tolist(), strict=True)
+        samples.append([Point(theta, *each, np.log(complex(each[0], 2.0 * np.pi * each[1]))) for each in both])
+    return samples
+
+
+def _branches(sample: partial[list[Points]], theta: Array) -> list[Points]:
     """Every branch at ascending angles, with its folds and the extremes of its friction."""
-    samples = [sample(angle, exact=True) for angle in _dense(theta)]
-    if len(samples) == 1:
-        return [[point] for point in samples[0][1]]
-    branches = []
-    for branch in _follow(sample, samples, 1e-9, _folds):
-        # The slope at an end of the range tells whether there is an extreme before the next point.
-        beside = [
-            _locate(sample, pair, 0.999 * end.theta + 0.001 * (pair[0].theta + pair[1].theta - end.theta))
-            for pair, end in ((branch[:2], branch[0]), (branch[-2:], branch[-1]))
-            if end.end == "range" and not end.outside
-        ]
-        points = sorted([*branch, *beside])
-        extremes = {
-            _extreme(sample, (p, at, q), 1.0 if at.level > p.level else -1.0)
-            for p, at, q in zip(points, points[1:], points[2:], strict=False)
-            if (at.level > p.level) == (at.level > q.level)
-        }
-        branches.append(sorted(extremes | set(branch)))
+    angles = _dense(theta, 0.2)
+    samples, branches = sample(angles, exact=True), []
+    if len(angles) == 1:
+        return [[point] for point in samples[0]]
+    for branch in _follow(sample, angles, samples, 1e-9, True):
+        # An extreme may also be in the first interval or in the last.
+        near = [branch[:2], branch[-2:], *(branch[k : k + 3] for k in range(len(branch) - 2))]
+        extremes = {_extreme(sample, part, sign) for part in near for sign in (-1.0, 1.0) if _bends(part, sign)}
+        branches.append(sorted(extremes.union(branch)))
     return branches
 
 
-def _folds(before: list[Point], after: list[Point], theta: float) -> Pairs:
-    """Pairs of an onset or a recovery and the fold in which the two meet."""
-    pairs: Pairs = []
-    for ended in (before, after):
-        for p in (point for point in ended if not point.outside):
-            kinds = [[point for point in ended if (point.rises == p.rises) is same] for same in (True, False)]
-            q = _counterpart(p, *kinds)
-            if q is None:
-                raise UnsolvedError(f"theta = {theta:.9g}: onsets near it cannot be told apart; leave it out")
-            mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
-            fold = p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
-            pairs.append((p, fold) if ended is before else (fold, p))
-    return pairs
+def _bends(part: Points, sign: float) -> bool:
+    """Whether two points are an end of the range, or the middle one of three is the largest or the least."""
+    if len(part) == 2:
+        return not any(point.outside or point.end == "fold" for point in part)
+    return sign * part[1].level > max(sign * part[0].level, sign * part[2].level)
 
 
-def _dense(theta: Array) -> list[float]:
-    """The given angles and others between them, at most half a degree apart."""
-    parts = [np.linspace(a, b, int(np.ceil(2.0 * (b - a))) + 1)[:-1] for a, b in pairwise(theta)]
+def _dense(theta: Array, step: float) -> list[float]:
+    """The given angles and others between them, at most a step apart."""
+    parts = [np.linspace(a, b, int(np.ceil((b - a) / step)) + 1)[:-1] for a, b in pairwise(theta)]
     return [float(angle) for angle in np.concatenate([*parts, theta[-1:]])]
 
 
@@ -297,72 +300,59 @@ def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> Array:
     return table
 
 
-def _growing(rig: Rig, mu: float, fmax: float, theta: float) -> Sample:
-    """Modes that grow while they oscillate."""
-    modes = sliding_modes(rig, theta, mu, fmax)
-    both = zip(modes.growth_rate.tolist(), modes.frequency.tolist(), strict=True)
-    return theta, [
-        Point(theta, rate, frequency, complex(np.log(complex(rate, 2.0 * np.pi * frequency))))
-        for rate, frequency in both
-        if rate > 0.0 and frequency > 0.0
-    ]
-
-
-def _window_ends(before: list[Point], after: list[Point], theta: float) -> Pairs:
-    """Pairs of a growing mode and the end of its window."""
-    ended = [(mode, mode._replace(theta=theta)) for mode in before]
-    return ended + [(mode._replace(theta=theta), mode) for mode in after]
-
-
-def _follow(sampler: Sampler, samples: list[Sample], shortest: float, ending: Ending) -> list[list[Point]]:
-    """Branches through ascending samples, each ascending in theta, from intervals down to `shortest` degrees."""
-    branches: dict[Point, list[Point]] = {}
-    for left, right in pairwise(samples):
-        for first, second in _link(sampler, left, right, shortest, ending):
+def _follow(
+    sampler: Sampler, angles: list[float], samples: list[Points], least: float, folds: bool
+) -> list[Points]:
+    """Branches through samples at ascending angles; ends are between angles at most `least` degrees apart."""
+    branches: dict[Point, Points] = {}
+    for left, right in pairwise(zip(angles, samples, strict=True)):
+        for first, second in _link(sampler, left, right, least, folds):
             branches[second] = [*branches.pop(first, [first]), second]
     return list(branches.values())
 
 
-def _link(sampler: Sampler, left: Sample, right: Sample, shortest: float, ending: Ending) -> Pairs:
-    """Pairs of neighbours on each branch between two samples."""
-    pairs, clear = _counterparts(left[1], right[1])
-    linked = set(chain.from_iterable(pairs))
-    before, after = ([point for point in points if point not in linked] for _, points in (left, right))
-    middle = 0.5 * (left[0] + right[0])
-    if right[0] - left[0] <= shortest or (clear and all(point.outside for point in before + after)):
-        return pairs + ending(before, after, middle)
-    between = sampler(middle)
-    return _link(sampler, left, between, shortest, ending) + _link(sampler, between, right, shortest, ending)
+def _link(sampler: Sampler, left: Any, right: Any, least: float, folds: bool) -> Pairs:
+    """Pairs of neighbours on each branch between two samples, which are an angle and its points."""
+    pairs = [(p, q) for p in left[1] for q in _nearest(p, right[1]) if _nearest(q, left[1])[0] is p]
+    pairs = [(p, q) for p, q in pairs if abs(q.place - p.place) <= REACH]
+    linked, middle = set(chain.from_iterable(pairs)), 0.5 * (left[0] + right[0])
+    before, after = ([p for p in points if p not in linked and not p.outside] for _, points in (left, right))
+    if not before and not after:
+        return pairs
+    if right[0] - left[0] > least:
+        between = middle, sampler([middle])[0]
+        return [*_link(sampler, left, between, least, folds), *_link(sampler, between, right, least, folds)]
+    ends = [(p, _end(p, left[1], linked, middle, folds)) for p in before]
+    return pairs + ends + [(_end(p, right[1], linked, middle, folds), p) for p in after]
 
 
-def _counterparts(left: list[Point], right: list[Point]) -> tuple[Pairs, bool]:
-    """Pairs of mutually nearest points, and whether all are clear: no rival is nearer than twice as far."""
-    pairs, all_clear = [], True
-    for p in left:
-        q = _counterpart(p, *([point for point in points if point.rises == p.rises] for points in (left, right)))
-        if q is None:
-            continue
-        rivals = [point.place for point in left + right if point is not p and point is not q]
-        rival = min((min(abs(place - p.place), abs(place - q.place)) for place in rivals), default=np.inf)
-        distance = abs(p.place - q.place)
-        clear = distance <= 0.5 * rival
-        if distance <= 0.3 and (clear or not (p.outside and q.outside)):
-            pairs.append((p, q))
-            all_clear = all_clear and clear
-    return pairs, all_clear
+def _nearest(p: Point, points: Points) -> Points:
+    """The nearest to p of the points of its kind, or none."""
+    return sorted((q for q in points if q.destabilising == p.destabilising), key=lambda q: abs(q.place - p.place))[
+        :1
+    ]
 
 
-def _counterpart(p: Point, own: list[Point], others: list[Point]) -> Point | None:
-    """The nearest to p of others, if p is the nearest to it of its own."""
-    q = min(others, key=lambda point: abs(point.place - p.place), default=None)
-    return q if q and min(own, key=lambda point: abs(point.place - q.place)) is p else None
+def _end(p: Point, points: Points, linked: set[Point], theta: float, folds: bool) -> Point:
+    """The end at `theta` of the branch of p: a fold, where it meets the nearest point of the other kind, or p."""
+    if not folds:
+        return p._replace(theta=theta)
+    others = [
+        q._replace(destabilising=p.destabilising)
+        for q in points
+        if q.destabilising != p.destabilising and q not in linked
+    ]
+    for q in _nearest(p, others):
+        mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
+        return p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
+    raise UnsolvedError(f"theta = {theta:.9g}: onsets near it cannot be separated; leave it out")
 
 
-def _locate(sampler: Sampler, near: Sequence[Point], theta: float) -> Point:
+def _locate(sampler: Sampler, near: Points, theta: float) -> Point:
     """The point at `theta` of the branch that passes through some neighbours, ascending in theta."""
     place = np.interp(theta, [point.theta for point in near], [point.place for point in near])
     same_angle = [point for point in near if point.theta == theta]
-    points = same_angle or [point for point in sampler(theta)[1] if point.rises == near[0].rises]
+    points = same_angle or [point for point in sampler([theta])[0] if point.destabilising == near[0].destabilising]
     if not points:
         raise UnsolvedError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
     return min(points, key=lambda point: abs(point.place - place))
@@ -374,7 +364,7 @@ def _root(sampler: Sampler, p: Point, q: Point, function: Callable[[Point], floa
     return _locate(sampler, [p, q], theta)
 
 
-def _extreme(sampler: Sampler, near: Sequence[Point], sign: float) -> Point:
+def _extreme(sampler: Sampler, near: Points, sign: float) -> Point:
     """Where the level is largest (`sign` = 1) or least (-1) between the first and the last of neighbours."""
     best, ends = max(near, key=lambda point: sign * point.level), (near[0].theta, near[-1].theta)
     if ends[1] - ends[0] < 1e-6:

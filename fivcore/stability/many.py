@@ -1,31 +1,38 @@
-"""Flutter onsets of many rigs that differ in every number but their elements: a fraction of a millisecond each.
+"""Flutter onsets of one rig, or of many that differ in all parameters but the mesh: below a millisecond each.
 
-Modes come from `fivcore.beams.similar`, brackets from the search of `fivcore.stability.onsets`. Its time goes with
+Modes come from `fivcore.beams.similar`, roots from the search of `fivcore.stability.onsets`. Its time goes with
 the number of poles, and most of them lie far beyond the band. NODES poles replace those: with s = 1 / p, each term
 1 / (p - lambda) = s / (1 - lambda s), and 1 / (1 - lambda s) is interpolated at the Chebyshev nodes of
 0 < s < 1 / FAR, in units of the band's lambda. The pole of this function lies 49 half-widths of the interval from
-its middle where |lambda| = 1, and 13.5 at lambda = -MOST_REPORTED: the error is some 98^-NODES or 27^-NODES of a
-term, less than rounding (Trefethen, Approximation Theory and Approximation Practice, 2013, theorem 8.2).
+its middle where |lambda| = 1, and 13.5 at lambda = -4, where |phi| = 2: the error is some 98^-NODES or 27^-NODES
+of a term, less than rounding (Trefethen, Approximation Theory and Approximation Practice, 2013, theorem 8.2).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize.elementwise import find_root
 
 from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, ReadOnlyArrays, kernel
-from fivcore.rig import BEAM_NUMBERS, RIG_NUMBERS, Rig
-from fivcore.stability.onsets import MOST_INTERVALS, axis_point, entries, isolate, onset_friction, onset_function
-from fivcore.stability.secular import MOST_REPORTED
+from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig
+from fivcore.stability.onsets import (
+    ARC,
+    MOST_INTERVALS,
+    TOP,
+    axis_point,
+    isolate,
+    onset_friction,
+    onset_function,
+    onset_root,
+)
 
 FAR, NODES = 25.0, 12
 # Chebyshev nodes of (-1, 1), and their barycentric weights.
@@ -33,10 +40,33 @@ ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
 POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
 BATCH = 256
-# Numbers of a beam, and those of a rig and theta: the columns of `rig_table`.
-BEAM, OWN = tuple(BEAM_NUMBERS)[:5], tuple(RIG_NUMBERS)[:4]
-NUMBERS = ("theta", *OWN, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM))
+# Parameters of a beam, and of a rig with theta: the columns of `rig_table`.
+BEAM, OWN = tuple(BEAM_PARAMETERS)[:5], tuple(RIG_PARAMETERS)[:4]
+PARAMETERS = ("theta", *OWN, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM))
 _PAPERS = Rig()
+
+
+@dataclass(frozen=True, eq=False)
+class FlutterOnsets(ReadOnlyArrays):
+    """Where growth rates pass through zero as mu rises, ascending in mu; arrays are read-only.
+
+    A divergence has none of them: whether sliding is stable at a friction, `sliding_modes` tells.
+
+    Attributes
+    ----------
+    mu, frequency, recovery_mu, recovery_frequency : ndarray, (n,) or (m,)
+        Friction and frequency (Hz) at which a growth rate rises through zero (destabilisation), and at which it
+        falls back (restabilisation).
+    entry_mu : ndarray, (k,)
+        Friction at which a pair enters the band through its top while it grows, at no more than 1.7 times the
+        band's angular frequency.
+    """
+
+    mu: Array
+    frequency: Array
+    recovery_mu: Array
+    recovery_frequency: Array
+    entry_mu: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +78,13 @@ class ManyFlutterOnsets(ReadOnlyArrays):
     mu, frequency, recovery_mu, recovery_frequency, entry_mu : ndarray, (n, any)
         As for `FlutterOnsets`.
     divergence_mu : ndarray, (n,)
-        Friction above which a motion grows without oscillation, at no more than twice the band's angular frequency
-        unless damping is heavy; NaN if that is above mu_max. It enters from beyond the band: no eigenvalue passes
-        zero, where P1's rigid mode has a pole that friction does not change.
+        Least friction at which a motion grows without oscillation, at no more than twice the band's angular
+        frequency; NaN if that is above mu_max. A flutter pair ceases to oscillate there, or a real eigenvalue
+        enters from beyond the band: none passes zero, where P1's rigid mode has a pole that friction does not
+        change.
+    change_mu, change : ndarray, (n, any)
+        Friction at which the number of growing eigenvalues in the band changes, and by how much: by 2 for a
+        pair, by 1 for a real one.
     mu_max : float
     """
 
@@ -60,38 +94,63 @@ class ManyFlutterOnsets(ReadOnlyArrays):
     recovery_frequency: Array
     entry_mu: Array
     divergence_mu: Array
+    change_mu: Array
+    change: Array
     mu_max: float
 
     def unstable(self, mu: Any) -> NDArray[np.bool_]:
-        """(n, m): whether a motion grows at friction mu, (m,) for all rigs or each rig's own, (n, m).
+        """(n, m): whether a motion grows in the band at friction mu, (m,) for all rigs or each rig's own, (n, m).
 
-        A mu that is not from 0 to mu_max is a `ValueError`.
-        A pair of modes counts from its onset or entry to its recovery in the band, even where it grows beyond it.
+        It does where `sliding_modes` has an unstable mode. A mu that is not from 0 to mu_max is a `ValueError`.
         """
         limits = 0.0, self.mu_max, "a coefficient of friction up to mu_max"
         friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits))
         friction = np.atleast_2d(friction)
-        pairs = np.zeros(np.broadcast_shapes((len(self.mu), 1), friction.shape), dtype=np.int16)
-        for sign, table in ((1, self.mu), (1, self.entry_mu), (-1, self.recovery_mu)):
-            for each in table.T:
-                pairs += sign * (each[:, None] < friction)
-        return (pairs > 0) | (self.divergence_mu[:, None] < friction)
+        growing = np.zeros(np.broadcast_shapes((len(self.mu), 1), friction.shape))
+        for at, change in zip(self.change_mu.T, self.change.T, strict=True):
+            growing += np.where(at[:, None] < friction, change[:, None], 0.0)
+        return growing > 0.0
+
+
+def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
+    """All flutter onsets and recoveries of steady sliding (V > 0) in a band, refined to rounding.
+
+    Two onsets less than 1e-13 of the band apart are not reported.
+
+    Parameters
+    ----------
+    rig : Rig
+    theta, fmax, mu_max : float
+        Degrees; band, Hz; largest friction of interest.
+
+    Returns
+    -------
+    FlutterOnsets
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        For an argument out of range; if the onsets cannot be isolated.
+    """
+    checks.instance("rig", rig, Rig)
+    found = flutter_onsets_many({"theta": checks.theta_degrees(theta)}, fmax, mu_max, rig)
+    return FlutterOnsets(*(getattr(found, each.name)[0].copy() for each in fields(FlutterOnsets)))
 
 
 def flutter_onsets_many(
     numbers: Mapping[str, Any], fmax: float = 10e3, mu_max: float = 1.0, rig: Rig = _PAPERS, threads: int = 1
 ) -> ManyFlutterOnsets:
-    """All flutter onsets and recoveries of many rigs: those of `flutter_onsets` but for rounding.
+    """All flutter onsets and recoveries of many rigs: those of `flutter_onsets`, bit for bit.
 
     Parameters
     ----------
     numbers : mapping of str to float or array_like, (n,)
-        theta in degrees, and what differs from `rig`: contact_position, head_mass, d1, d2, and the numbers of a
+        theta in degrees, and what differs from `rig`: contact_position, head_mass, d1, d2, and the parameters of a
         beam after p1_ or p2_, such as p1_length.
     fmax, mu_max : float
         Band, Hz; largest friction of interest.
     rig : Rig
-        Whose elements and numbers all rigs have, but for the numbers that are named.
+        All rigs have its mesh, and its parameters where `numbers` names none.
     threads : int
         On which no result depends.
 
@@ -106,28 +165,48 @@ def flutter_onsets_many(
     """
     checks.instance("rig", rig, Rig)
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    workers, table = checks.count("threads", threads, 1024), rig_table(numbers, rig)
+    table = rig_table(numbers, rig)
+    found, divergence = crossings(table, band, most, rig, threads)
+    place, change = found[2:]
+    on_axis, up = place <= band, change > 0.0
+    at_top = ~on_axis & (place <= TOP * band) & up
+    onset, recovery = (_padded(found[:3, on_axis & kind], len(table)) for kind in (up, ~up))
+    entry, changes = _padded(found[:2, at_top], len(table)), _padded(found[[0, 1, 3]], len(table))
+    return ManyFlutterOnsets(
+        onset[0], onset[1], recovery[0], recovery[1], entry[0], divergence, changes[0], changes[1], most
+    )
+
+
+def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int = 1) -> tuple[Array, Array]:
+    """All crossings of rows of `rig_table`, (4, k), and divergence_mu of each row; arguments are not checked.
+
+    Row, ascending, friction, ascending in each, place, and change of the number of growing eigenvalues. The place
+    is the frequency in Hz, or beyond fmax on the rest of the path of `onsets`.
+    """
+    workers = checks.count("threads", threads, 1024)
     beams = [unit_cantilever(beam.elements) for beam in (rig.p1, rig.p2)]
 
     def search(start: int) -> tuple[Array, Array]:
-        crossings, divergence, failed = _crossings(table[start : start + BATCH], 2.0 * np.pi * band, most, *beams)
+        rows = table[start : start + BATCH]
+        found, divergence, failed = _search_rows(rows, 2.0 * np.pi * fmax, mu_max, *beams)
         if failed >= 0:
+            where = f"row {start + failed}, theta = {rows[failed, 0]:g},"
             raise UnsolvedError(
-                f"flutter_onsets_many: no friction up to mu_max = {most:g} can be told apart in row "
-                f"{start + failed} below fmax = {band:g} Hz; choose a smaller band"
+                f"flutter onsets: no friction up to mu_max = {mu_max:g} can be told apart in {where} "
+                f"below fmax = {fmax:g} Hz; choose a smaller band"
             )
-        crossings[0] += start
-        return crossings, divergence
+        found[:, 0] += start
+        return found.T, divergence
 
-    with ThreadPoolExecutor(workers) as pool:
-        solutions = list(pool.map(search, range(0, len(table), BATCH)))
-    crossings = np.concatenate([np.empty((4, 0)), *(part for part, _ in solutions)], axis=1)
-    crossings = crossings[:, np.lexsort(crossings[1::-1])] * [[1.0], [1.0], [band], [1.0]]
-    on_axis, rises = crossings[2] <= band, crossings[3] > 0.0
-    chosen = on_axis & rises, on_axis & ~rises, entries(crossings[0], ~on_axis, rises)
-    tables = [part for each in chosen for part in _padded(crossings[:3, each], len(table))]
-    divergence = np.concatenate([np.empty(0), *(part for _, part in solutions)])
-    return ManyFlutterOnsets(tables[0], tables[1], tables[2], tables[3], tables[4], divergence, most)
+    starts = range(0, len(table), BATCH)
+    if min(workers, len(starts)) > 1:
+        with ThreadPoolExecutor(workers) as pool:
+            solutions = list(pool.map(search, starts))
+    else:
+        solutions = list(map(search, starts))
+    found = np.concatenate([np.empty((4, 0)), *(part for part, _ in solutions)], axis=1)
+    found = found[:, np.lexsort(found[1::-1])] * [[1.0], [1.0], [fmax], [1.0]]
+    return found, np.concatenate([np.empty(0), *(part for _, part in solutions)])
 
 
 def _padded(values: Array, rows: int) -> Array:
@@ -140,14 +219,14 @@ def _padded(values: Array, rows: int) -> Array:
 
 
 def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
-    """Checked numbers of rigs, (n, NUMBERS), those that are not named from `rig`."""
+    """Checked parameters of rigs, (n, PARAMETERS), those that are not named from `rig`."""
     checks.instance("numbers", numbers, Mapping)
     for name in numbers:
-        checks.choice("a name in numbers", name, NUMBERS)
+        checks.choice("a name in numbers", name, PARAMETERS)
     if "theta" not in numbers:
         raise InputError("numbers: theta is missing")
     given = {}
-    for name in NUMBERS:
+    for name in PARAMETERS:
         beam, _, field = name.partition("_")
         own = getattr(getattr(rig, beam), field) if field in BEAM else getattr(rig, name, None)
         value = numbers.get(name, own)
@@ -167,7 +246,7 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
 
 
 def _check(row: int, values: list[Any], rig: Rig) -> None:
-    """Raise what `Beam`, `Rig` and `flutter_onsets` would raise for the numbers of a row."""
+    """Raise what `Beam`, `Rig` and `flutter_onsets` would raise for the parameters of a row."""
     part = "p1"
     try:
         upper, part = replace(rig.p1, **dict(zip(BEAM, values[5:10], strict=True))), "p2"
@@ -178,66 +257,44 @@ def _check(row: int, values: list[Any], rig: Rig) -> None:
         raise InputError(f"{part} of row {row}: {error}") from None
 
 
-def _crossings(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
-    """Crossings (4, k): row, mu, frequency over the band's, rise; divergences; a row that failed, or -1."""
-    systems, sizes, brackets, divergence, failed = _isolate_rows(table, unit, mu_max, upper, lower)
-    row, low, high, _ = np.ascontiguousarray(brackets.T)
-    index, damping = np.arange(len(brackets)), table[:, 3:5] * [1.0 / unit, unit]
-
-    def evaluated(omega: Array, k: Any) -> Array:
-        return _evaluate(omega, brackets[k.astype(int)], systems, sizes, damping)
-
-    solution = find_root(lambda *at: evaluated(*at)[0], (low, high), args=(index,), tolerances={"xrtol": 1e-14})
-    if failed < 0 and not np.all(solution.success):
-        failed = int(row[np.argmin(solution.success)])
-    mu, rise = evaluated(solution.x, index)[1], evaluated(high, index)[0]
-    return np.stack([row, mu, solution.x, rise])[:, (mu > 0.0) & (mu <= mu_max)], divergence, failed
-
-
 @kernel
-def _evaluate(omega: Array, brackets: Array, systems: Array, sizes: Any, damping: Array) -> Array:
-    """W and the friction, (2, k), at omega in as many brackets."""
-    result = np.empty((2, len(omega)))
-    for j in range(len(omega)):
-        k, n = int(brackets[j, 0]), int(brackets[j, 3])
-        p, a, b = systems[k, 0, : sizes[k]], systems[k, 1, : sizes[k]], systems[k, 2, : sizes[k]]
-        result[0, j] = onset_function(omega[j], n, p, a, b, damping[k, 0], damping[k, 1])
-        result[1, j] = onset_friction(omega[j], n, p, a, b, damping[k, 0], damping[k, 1])
-    return result
-
-
-@kernel
-def _isolate_rows(
-    table: Array, unit: float, mu_max: float, upper: Any, lower: Any
-) -> tuple[Array, Any, Array, Array, int]:
-    """Systems (n, 3, poles), sizes, brackets (row, low, high, pole), divergences; a row that failed, or -1."""
-    rows = len(table)
-    systems = np.empty((rows, 3, upper[0].shape[1] + lower[0].shape[1] + 1 + NODES))
-    sizes, divergence = np.zeros(rows, dtype=np.int64), np.full(rows, np.nan)
-    roots, brackets = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3))
-    for k in range(rows):
+def _search_rows(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
+    """Crossings (k, 4): row, mu, place on the path, change; divergence_mu of the rows; one that failed, or -1."""
+    poles = upper[0].shape[1] + lower[0].shape[1] + 1 + NODES
+    divergence, system = np.full(len(table), np.nan), np.empty((3, poles))
+    found, brackets, count = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3)), 0
+    for k in range(len(table)):
         d1, d2 = table[k, 3] / unit, table[k, 4] * unit
         x, y = axis_point(1.0, d1, d2)
         # The band's largest lambda, more than 1 with heavy damping.
-        limit = max(1.0, np.hypot(x, y))
-        sizes[k] = contact_poles(table[k], unit, limit, upper, lower, systems[k])
-        p, a, b = systems[k, 0, : sizes[k]], systems[k, 1, : sizes[k]], systems[k, 2, : sizes[k]]
+        size = contact_poles(table[k], unit, max(1.0, np.hypot(x, y)), upper, lower, system)
+        p, a, b = system[0, :size], system[1, :size], system[2, :size]
         if not np.any(b):
             continue
-        # Above this friction f < 0 at -edge, and f is +infinity at -0: a real eigenvalue lies between them.
-        edge, h_nn, h_nt = MOST_REPORTED * limit, 0.0, 0.0
-        for i in range(len(p)):
-            h_nn += a[i] / (p[i] + edge)
-            h_nt += b[i] / (p[i] + edge)
-        if 0.0 < -h_nn / h_nt <= mu_max:
-            divergence[k] = -h_nn / h_nt
-        count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
+        number, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
         if judged == MOST_INTERVALS:
-            return systems, sizes, roots, divergence, k
-        new = np.full((count, 4), float(k))
-        new[:, 1:] = brackets[:count]
-        roots = np.concatenate((roots, new))
-    return systems, sizes, roots, divergence, -1
+            return found[:count], divergence, k
+        for i in range(number + 1):
+            # At phi = 2 a real eigenvalue enters, or leaves where mu(lambda) rises outwards.
+            omega, n = ARC, 0
+            change = -1.0 if onset_function(ARC, 0, p, a, b, d1, d2) > 0.0 else 1.0
+            if i < number:
+                low, high, n = brackets[i, 0], brackets[i, 1], int(brackets[i, 2])
+                omega = onset_root(low, high, n, p, a, b, d1, d2)
+                # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
+                change = 2.0 if onset_function(high, n, p, a, b, d1, d2) > 0.0 else -2.0
+            mu = onset_friction(omega, n, p, a, b, d1, d2)
+            if not 0.0 < mu <= mu_max:
+                continue
+            # On the real axis a pair that ceases to oscillate leaves the upper half.
+            if change == 1.0 or (omega > ARC and change < 0.0):
+                divergence[k] = min(mu, divergence[k]) if divergence[k] > 0.0 else mu
+            if omega <= ARC:
+                if count == len(found):
+                    found = np.concatenate((found, np.empty((count + 64, 4))))
+                found[count] = np.array([k, mu, omega, change])
+                count += 1
+    return found[:count], divergence, -1
 
 
 @kernel

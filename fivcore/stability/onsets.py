@@ -1,135 +1,46 @@
-"""Flutter onsets: the friction at which steady sliding loses its stability, by isolated roots.
+"""Search for flutter onsets: the friction at which steady sliding loses its stability, by isolated roots.
 
 On the imaginary axis, phi = i omega, the undamped eigenvalue is lambda = x - i y and mu = -A / B with A = h_NN,
 B = h_NT there. mu is real, at an onset, where W = A_i B_r - A_r B_i = 0 with A = A_r - i y A_i, B = B_r - i y B_i;
 without damping, y = 0, two real eigenvalues meet there. A and B are multiplied by (p_n - lambda) of the nearest
 pole, which changes no zero. No pair of zeros is missed: an interval is left only when a bound on |W''| shows that
-W keeps its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max]. The same holds along the
-top of the band, where growing pairs enter and leave it: omega > 1 stands for phi = omega - 1 + i there. Kernels
-take omega in units of 2 pi fmax, p in units of its square, d1 and d2 to match.
+W keeps its sign in it or is monotone, or when mu is shown to stay outside (0, mu_max].
+
+The same holds on the closed path around the growing modes of the band: up the imaginary axis to phi = i, along the
+top of the band to |phi| = 2, on that circle to phi = 2 and along the real axis to 0. Zeros of W on the first three
+parts are all places where a pair of modes enters or leaves, so they count the growing pairs at any friction. Zeros
+on the real axis, the extremes of mu(lambda) there, are where a pair ceases to oscillate or begins to. Kernels take
+phi in units of 2 pi fmax, p in units of its square, d1 and d2 to match; omega is the length of the path.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import brentq
 
-from fivcore import checks
-from fivcore.beams.modes import contact_modes
-from fivcore.errors import UnsolvedError
+from fivcore.beams.modes import EPS
 from fivcore.jit import Array, kernel
-from fivcore.rig import Rig
 from fivcore.stability.secular import nearest_pole
 
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
 MOST_INTERVALS = 100_000
-# Where the path ends: |phi| = 2 at the top of the band, which is where `sliding_modes` ends.
-END = 1.0 + 3.0**0.5
-
-
-@dataclass(frozen=True, eq=False)
-class FlutterOnsets:
-    """Where growth rates pass through zero as mu rises, ascending in mu.
-
-    A divergence has none of them: whether sliding is stable at a friction, only `sliding_modes` tells.
-
-    Attributes
-    ----------
-    mu, frequency, recovery_mu, recovery_frequency : ndarray, (n,) or (m,)
-        Friction and frequency (Hz) at which a growth rate rises through zero, or falls back through it.
-    entry_mu : ndarray, (k,)
-        Friction at which a pair enters the band through its top already growing, at no more than 1.7 times the
-        band's angular frequency; not where one that left the band growing may be coming back.
-    """
-
-    mu: Array
-    frequency: Array
-    recovery_mu: Array
-    recovery_frequency: Array
-    entry_mu: Array
-
-
-def flutter_onsets(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
-    """All flutter onsets and recoveries of steady sliding (V > 0) in a band, refined to rounding (Brent).
-
-    Two onsets less than 1e-13 of the band apart are not reported.
-
-    Parameters
-    ----------
-    rig : Rig
-    theta, fmax, mu_max : float
-        Degrees; band, Hz; largest friction of interest.
-
-    Returns
-    -------
-    FlutterOnsets
-
-    Raises
-    ------
-    ValueError, ArithmeticError
-        For an argument out of range; if the onsets cannot be isolated.
-    """
-    checks.instance("rig", rig, Rig)
-    angle = checks.theta_degrees(theta)
-    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    mu, place, sign = np.array(onset_crossings(rig, angle, band, most)).reshape(-1, 3).T
-    on_axis, rises = place <= band, sign == 1.0
-    onset, recovery, entry = on_axis & rises, on_axis & ~rises, entries(np.zeros(len(mu)), ~on_axis, rises)
-    return FlutterOnsets(mu[onset], place[onset], mu[recovery], place[recovery], mu[entry])
-
-
-def entries(row: Array, at_top: NDArray[np.bool_], rises: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which crossings, ascending in mu in each row, are entries of a pair that did not leave the band before."""
-    entry, beyond = at_top & rises, dict.fromkeys(row, 0)
-    for k in np.flatnonzero(at_top):
-        entry[k] &= beyond[row[k]] == 0
-        beyond[row[k]] += 0 if entry[k] else -1 if rises[k] else 1
-    return entry
-
-
-def onset_crossings(rig: Rig, theta: float, fmax: float, mu_max: float) -> list[tuple[float, float, bool]]:
-    """Friction, place and whether a pair begins to grow in the band, of each crossing, ascending in friction.
-
-    The place is the frequency in Hz, or t fmax > fmax at the top of the band; arguments are not checked.
-    """
-    stiffness, normal, tangential = contact_modes(rig, theta)
-    unit = 2.0 * np.pi * fmax
-    seen = normal != 0.0
-    p = stiffness[seen] / unit**2
-    a, b = normal[seen] ** 2 / unit**2, normal[seen] * tangential[seen] / unit**2
-    d1, d2 = rig.d1 / unit, rig.d2 * unit
-    if not np.any(b):
-        return []
-    brackets = np.empty((MOST_INTERVALS, 3))
-    count, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
-    if judged == MOST_INTERVALS:
-        raise UnsolvedError(
-            f"flutter_onsets: no friction up to mu_max = {mu_max:g} can be told apart at theta = {theta:g} "
-            f"below fmax = {fmax:g} Hz; choose a smaller band"
-        )
-    crossings = []
-    for low, high, pole in brackets[:count]:
-        system = (int(pole), p, a, b, d1, d2)
-        omega = brentq(onset_function, low, high, args=system, xtol=1e-300, rtol=1e-14)
-        mu = onset_friction(omega, *system)
-        if 0.0 < mu <= mu_max:
-            # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
-            crossings.append((mu, omega * fmax, bool(onset_function(high, *system) > 0.0)))
-    return sorted(crossings)
+# Where the path reaches |phi| = 2, which is where `sliding_modes` ends, phi = 2, and 0.
+TOP, ARC = 1.0 + 3.0**0.5, 1.0 + 3.0**0.5 + np.pi / 3.0
+LAST = ARC + 2.0
 
 
 @kernel
 def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
     """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) = x - i y on the path."""
-    if omega > 1.0:
-        s, square = omega - 1.0, 1.0 + (omega - 1.0) ** 2
-        scale = 1.0 / ((1.0 + d2 * s) ** 2 + d2 * d2)
-        return (1.0 - s * (s + d1) - d2 * square * (s + d1)) * scale, (2.0 * s + d1 + d2 * square) * scale
-    scale = 1.0 / (1.0 + (d2 * omega) ** 2)
-    return omega * omega * (1.0 - d1 * d2) * scale, omega * (d1 + d2 * omega * omega) * scale
+    s, c = 0.0, omega
+    if omega > ARC:
+        s, c = LAST - omega, 0.0
+    elif omega > TOP:
+        s, c = 2.0 * np.cos(np.pi / 6.0 - 0.5 * (omega - TOP)), 2.0 * np.sin(np.pi / 6.0 - 0.5 * (omega - TOP))
+    elif omega > 1.0:
+        s, c = omega - 1.0, 1.0
+    scale = 1.0 / ((1.0 + d2 * s) ** 2 + (d2 * c) ** 2)
+    x = (c * c - s * (s + d1)) * (1.0 + d2 * s) - (2.0 * s + d1) * d2 * c * c
+    return x * scale, c * (2.0 * s + d1 + d2 * (s * s + c * c)) * scale
 
 
 @kernel
@@ -177,10 +88,10 @@ def _judge(
     middle, width = 0.5 * (low + high), high - low
     half = 0.5 * width
     x, y = axis_point(middle, d1, d2)
-    # Bounds on the first and second derivative of lambda = n / q with respect to omega, which is at least |phi|.
-    q = np.hypot(1.0, d2 * min(low, 1.0))
-    l1 = (2.0 * high + d1 + high * (high + d1) * d2 / q) / q
-    l2 = (2.0 + 2.0 * d2 * l1) / q
+    # Bounds on the first and second derivative of lambda = n / q with respect to omega; |phi| is at most `size`.
+    size, q = (LAST - low, 1.0) if low >= ARC else (min(high, 2.0), np.hypot(1.0, d2 * min(low, 1.0)))
+    l1 = (2.0 * size + d1 + size * (size + d1) * d2 / q) / q
+    l2 = (2.0 + 2.0 * d2 * l1) / q + (0.5 * l1 if TOP <= low < ARC else 0.0)
     # Sums over |p_n - p_i| u^k (|a_i| + i |b_i|), where 1 / u is the least |p_i - lambda|.
     s2, s3, s4 = 0j, 0j, 0j
     for i in range(len(p)):
@@ -220,8 +131,8 @@ def _judge(
 def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
     """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged."""
     found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
-    while low < END and judged < MOST_INTERVALS:
-        high = min(low + width, 1.0 if low < 1.0 else END)
+    while low < LAST and judged < MOST_INTERVALS:
+        high = min(low + width, 1.0 if low < 1.0 else TOP if low < TOP else ARC if low < ARC else LAST)
         n = nearest_pole(axis_point(0.5 * (low + high), d1, d2)[0], p)
         verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)
         judged += 1
@@ -236,3 +147,29 @@ def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, b
                 found += 1
         low, width = high, 2.0 * width
     return found, judged
+
+
+@kernel
+def onset_root(low: float, high: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float) -> float:
+    """Zero of W between low and high, to rounding (Chandrupatla, Adv. Eng. Software 28, 1997, 145-149)."""
+    x0, x1, f0, f1 = low, high, onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
+    share, best = 0.5, low
+    for _ in range(200):
+        x = x0 + share * (x1 - x0)
+        f = onset_function(x, n, p, a, b, d1, d2)
+        # x2 is the end that the new point replaces, x1 the one beyond the zero.
+        x2, f2 = x0, f0
+        if (f > 0.0) != (f0 > 0.0):
+            x2, f2, x1, f1 = x1, f1, x0, f0
+        x0, f0 = x, f
+        best = x0 if abs(f0) < abs(f1) else x1
+        least = 2.0 * EPS * best / abs(x1 - x0)
+        if least > 0.5 or f == 0.0:
+            break
+        # Inverse quadratic interpolation where it is monotone, else bisection.
+        xi, slope = (x0 - x1) / (x2 - x1), (f0 - f1) / (f2 - f1)
+        share = 0.5
+        if slope * slope < xi and (1.0 - slope) ** 2 < 1.0 - xi:
+            share = f0 / (f1 - f0) * f2 / (f1 - f2) + (x2 - x0) / (x1 - x0) * f0 / (f2 - f0) * f1 / (f2 - f1)
+        share = min(1.0 - least, max(least, share))
+    return best

@@ -14,17 +14,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from fivcore.beams.modes import contact_modes
+from fivcore.beams.modes import EPS, contact_modes
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.rig import Rig
 
-# In units of the band's lambda: eigenvalues reported are at most the first, roots are counted within the second.
-MOST_REPORTED = 4.0
-RADIUS = 6.0
+# In units of the band's lambda: roots are counted within this; eigenvalues reported are at most MOST_REPORTED.
+RADIUS, MOST_REPORTED = 6.0, 5.0
 # Where a guess goes that finds no root: far beyond any band.
 OUTSIDE = 1e12
-EPS = 2.220446049250313e-16
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +38,8 @@ class SlidingProblem:
     tail: Array
     # Where the search for roots starts: from the roots without friction.
     guesses: Complex
-    # Eigenvalues that the contact does not feel, (k,).
-    hidden: Array
+    # Eigenvalues of uncoupled modes, with a node at the contact, (k,).
+    uncoupled: Array
 
 
 @lru_cache(maxsize=128)
@@ -53,13 +51,13 @@ def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
     unit = omega * max(omega, np.hypot(omega, rig.d1) / np.hypot(1.0, rig.d2 * omega))
     order = np.argsort(stiffness, kind="stable")
     p, residues = stiffness[order] / unit, (normal * np.stack([normal, tangential]))[:, order] / unit
-    # A mode the contact does not see keeps its eigenvalue: its root is nearer to the pole than rounding.
+    # A mode with a node at the contact keeps its eigenvalue: its root is nearer to the pole than rounding.
     static = np.sum(residues[0, p > 0.0] / p[p > 0.0])
-    seen = np.abs(residues).max(axis=0) > 1e-17 * static * p
-    hidden, p, residues = p[~seen], p[seen], residues[:, seen]
-    # Of two modes with one frequency, one combination leaves the gap closed and is hidden.
+    coupled = np.abs(residues).max(axis=0) > 1e-17 * static * p
+    uncoupled, p, residues = p[~coupled], p[coupled], residues[:, coupled]
+    # Of two modes with one frequency, one combination leaves the gap closed and is uncoupled.
     single = np.diff(p, prepend=-np.inf) > 4.0 * EPS * p
-    hidden = np.append(hidden, p[~single])
+    uncoupled = np.append(uncoupled, p[~single])
     p, residues = p[single], np.add.reduceat(residues, np.nonzero(single)[0], axis=1)
     # Poles are kept up to five times the band's frequency, so that the power series of the others gains a factor
     # of 25 a term in the band and of 4 at RADIUS; and one beyond the band, so that every root lies between two.
@@ -77,7 +75,7 @@ def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
     if np.any(tail):
         # One more for what friction may bring in from outside, above all along the negative real axis.
         guesses = np.append(guesses, RADIUS * (-1.0 + 0.1j))
-    return SlidingProblem(unit, p, residues, tail, guesses, np.sort(hidden[hidden <= RADIUS]))
+    return SlidingProblem(unit, p, residues, tail, guesses, np.sort(uncoupled[uncoupled <= RADIUS]))
 
 
 def sliding_roots(problem: SlidingProblem, mu: float) -> Complex:

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import checks
-from fivcore.beams.modes import contact_modes, rig_bases
+from fivcore.beams.modes import EPS, contact_modes, rig_bases
 from fivcore.errors import InputError
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig
-from fivcore.stability.secular import EPS, MOST_REPORTED, damp, sliding_problem, sliding_roots
+from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +33,12 @@ class SlidingModes(ReadOnlyArrays):
     eigenvalue : ndarray, (..., modes)
         The undamped eigenvalue lambda, rad2/s2.
     uncoupled : ndarray of bool, (..., modes)
-        Whether the contact does not feel the mode, so that it is there at any mu.
+        Whether the mode has a node at the contact, so that friction does not change it.
     theta, mu : ndarray, (...)
         Degrees and 1.
     fmax : float
-        The band, Hz: modes above it are not listed, nor, unless damping is heavy, those that grow or decay at more
-        than about 1.7 times its angular frequency. Above 20 kHz the undamped model has growing pairs that depend
-        on mesh and basis.
+        The band, Hz: modes above it are not listed, nor those with |phi| above twice its angular frequency. Above
+        20 kHz the undamped model has growing pairs that depend on mesh and basis.
     rig : Rig
     """
 
@@ -121,26 +120,27 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     problems = {angle: sliding_problem(rig, angle, band) for angle in np.unique(angles).tolist()}
     points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))
     solved = [(problems[angle], sliding_roots(problems[angle], friction)) for angle, friction in points]
-    places = max((len(roots) + len(problem.hidden) for problem, roots in solved), default=0)
+    places = max((len(roots) + len(problem.uncoupled) for problem, roots in solved), default=0)
     values = np.full((len(solved), places), complex(np.nan, np.nan))
-    hidden = np.zeros(values.shape, dtype=bool)
-    for row, uncoupled, (problem, roots) in zip(values, hidden, solved, strict=True):
-        count = len(roots) + len(problem.hidden)
-        row[: len(roots)], row[len(roots) : count] = roots, problem.hidden
-        uncoupled[len(roots) : count] = True
+    uncoupled = np.zeros(values.shape, dtype=bool)
+    for row, without, (problem, roots) in zip(values, uncoupled, solved, strict=True):
+        count = len(roots) + len(problem.uncoupled)
+        row[: len(roots)], row[len(roots) : count] = roots, problem.uncoupled
+        without[len(roots) : count] = True
         row[np.abs(row) > MOST_REPORTED] = complex(np.nan, np.nan)
         row *= problem.unit
     phi = np.empty_like(values)
     damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
-    phi[phi.imag > 2.0 * np.pi * band] = complex(np.nan, np.nan)
+    omega = 2.0 * np.pi * band
+    phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)
     missing = np.isnan(phi)
-    values[missing], hidden[missing] = complex(np.nan, np.nan), False
+    values[missing], uncoupled[missing] = complex(np.nan, np.nan), False
     order = np.lexsort((phi.real, phi.imag), axis=-1)[:, : np.count_nonzero(~missing, axis=1).max(initial=0)]
-    phi, values, hidden = (
+    phi, values, uncoupled = (
         np.take_along_axis(each, order, axis=1).reshape(*angles.shape, order.shape[1])
-        for each in (phi, values, hidden)
+        for each in (phi, values, uncoupled)
     )
-    return SlidingModes(phi.imag / (2.0 * np.pi), phi.real.copy(), values, hidden, angles, frictions, band, rig)
+    return SlidingModes(phi.imag / (2.0 * np.pi), phi.real.copy(), values, uncoupled, angles, frictions, band, rig)
 
 
 def node_positions(rig: Rig, theta: float) -> Array:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # Relative change of a parameter. Friction is a function of frequency, which tells onsets apart: further than SAME
 # from the predicted frequency an onset may be another, born where this one met a recovery.
 PAIRS, STEP, SAME = 3, 0.01, 0.01
-# Parameters that the summary names; largest elasticity of one that hardly matters; looks over theta.
+# Parameters that the summary names; largest sensitivity of one that hardly matters; looks over theta.
 MATTER, SLIGHT = 3, 0.1
 COLOURS, MARKERS = (figures.BLUE, figures.RED, figures.GREEN, figures.ORANGE, figures.GREY), "os^Dv"
 # Onsets have derivatives by all that stability depends on but mu.
@@ -52,9 +52,9 @@ def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_m
     for row, (angle, name) in enumerate(zip(theta.tolist(), parameter.tolist(), strict=True)):
         onsets, places = pairs_at(rig, angle, pairs_theta, mu_max)
         mu, frequency = changed(rig, angle, name, onsets, mu_max)
-        elasticities = onsets.mu_elasticity[name], onsets.frequency_elasticity[name]
+        normalised = onsets.mu_normalised[name], onsets.frequency_normalised[name]
         changes = mu - onsets.mu, frequency - onsets.frequency
-        values = onsets.mu, onsets.frequency, *elasticities, *changes, onsets.fold
+        values = onsets.mu, onsets.frequency, *normalised, *changes, onsets.fold
         for output, value in zip(OUTPUTS, values, strict=True):
             results[output][row, places >= 0] = value[places[places >= 0]]
     return results
@@ -83,7 +83,7 @@ def changed(rig: Rig, theta: float, name: str, onsets: OnsetSensitivity, mu_max:
     with suppress(InputError):
         # An onset may rise beyond the friction of interest.
         after = flutter_onsets(*larger(rig, theta, name), BAND, 2.0 * mu_max)
-        predicted = onsets.frequency * (1.0 + STEP * np.nan_to_num(onsets.frequency_elasticity[name]))
+        predicted = onsets.frequency * (1.0 + STEP * np.nan_to_num(onsets.frequency_normalised[name]))
         away = np.abs(np.log(after.frequency[:, None] / predicted))
         j, k = np.nonzero((away == away.min(0, initial=SAME)) & (away == away.min(1, initial=SAME, keepdims=True)))
         mu[k], frequency[k] = after.mu[j], after.frequency[j]
@@ -104,7 +104,7 @@ def check(pairs_theta: float, mu_max: float) -> None:
 
 
 def ranked(dataset: xr.Dataset) -> xr.Dataset:
-    """The inclination nearest to where pairs are numbered; parameters by their largest elasticity of mu."""
+    """The inclination nearest to where pairs are numbered; parameters by their largest sensitivity of mu."""
     at = dataset.sel(theta=float(dataset["pairs_theta"]), method="nearest").load()
     ends = zip(*(at[name].max("parameter").values for name in ("onset_mu", "onset_frequency")), strict=True)
     text = ["no onset" if np.isnan(mu) else f"{hertz:.0f} Hz, onset at μ = {mu:.4f}" for mu, hertz in ends]
@@ -118,7 +118,7 @@ def text_of(name: str) -> str:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Parameters that matter most and those that hardly matter; elasticities and changes of each pair."""
+    """Parameters that matter most and those that hardly matter; sensitivities and changes of each pair."""
     at = ranked(dataset)
     size, where = abs(at["elasticity_mu"]), f"at {labels.named('theta', at['theta'])}"
     at = at.isel(pair=np.flatnonzero(size.notnull().any("parameter")))
@@ -129,7 +129,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     ranges = zip(names, size.min("pair").values, most, strict=True)
     matter = ", ".join([f"{name} ({low:.3g} to {high:.3g})" for name, low, high in ranges][:MATTER])
     slight = ", ".join(name for name, high in zip(names, most, strict=True) if high < SLIGHT) or "no parameter"
-    yield f"Elasticities of the onsets' mu {where} are largest by {matter}; below {SLIGHT:g} by {slight}."
+    yield f"Sensitivities of the onsets' mu {where} are largest by {matter}; below {SLIGHT:g} by {slight}."
     for pair in at["pair"].values:
         one = at.sel(pair=pair)
         columns = {"mu": one["elasticity_mu"], "mu, solved again": 100.0 * one["change_mu"] / one["onset_mu"]}
@@ -138,7 +138,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """A row for each pair: elasticities by size with the change by 1 % more, and those of the first over theta."""
+    """A row for each pair: sensitivities by size with the change by 1 % more, and the first over theta."""
     at = ranked(dataset)
     strongest = [name for name in at["parameter"].values.tolist() if name != "theta"]
     looks = dict(zip(strongest, zip(COLOURS, MARKERS, strict=True), strict=False))
@@ -154,9 +154,9 @@ def draw(dataset: xr.Dataset) -> Figure:
             look: dict[str, Any] = {"markersize": 3.5, "markevery": 6 if len(curve) > 18 else 1}
             over.plot(curve["theta"], curve, color=colour, marker=marker, label=f"by {text_of(name)}", **look)
         wide = bool(abs(dataset["elasticity_mu"].sel(pair=pair)).max() > 5.0)
-        over.set(ylabel="elasticity of μ", yscale="symlog" if wide else "linear")
+        over.set(ylabel="normalised sensitivity of μ", yscale="symlog" if wide else "linear")
         over.yaxis.set_major_formatter("{x:g}")
-    panels[-2].set_xlabel(f"elasticity of the onset's μ at {labels.named('theta', at['theta'])}")
+    panels[-2].set_xlabel(f"normalised sensitivity of the onset's μ at {labels.named('theta', at['theta'])}")
     planes.set_side(panels[-1], "x", dataset["theta"])
     figures.legend_below(figure, panels[::-1], 3)
     figure.suptitle(f"Parameters that move the flutter onsets{rig_text(dataset)}")
@@ -164,7 +164,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def _draw_bars(axes: Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]]) -> None:
-    """Elasticities, the largest at the top; circles where the onset is when the parameter is 1 % larger."""
+    """Sensitivities, the largest at the top; circles where the onset is when the parameter is 1 % larger."""
     one = one.isel(parameter=np.argsort(abs(one["elasticity_mu"]).fillna(0.0).values, kind="stable"))
     values, names = one["elasticity_mu"].fillna(0.0).values, one["parameter"].values.tolist()
     rows = range(len(names))

@@ -64,6 +64,7 @@ def costs() -> Table:
     rows = [
         ["flutter onsets, new rig: both bases built", new_rig, 20e-3],
         ["flutter onsets, new theta: P2's basis kept", new_theta, 5e-3],
+        ["flutter onsets with all derivatives", median(lambda: onset_sensitivity(rig, 5.0), 21), 40e-3],
         ["sliding modes, first mu at a new theta", first, None],
         ["sliding modes, one further mu", one, 0.3e-3],
         ["sliding modes, each mu of an array", many, 0.1e-3],
@@ -73,21 +74,6 @@ def costs() -> Table:
         ["fiv --help", start_up, 0.2],
     ]
     return Table([Column("what"), Column("median", "s"), Column("at most", "s")], rows)
-
-
-def derivatives() -> Table:
-    """Seconds of the onsets with all derivatives over those of the onsets alone."""
-    rig = Rig()
-    onset_sensitivity(rig, 5.0)
-
-    def ratio(repeat: int, prepare) -> float:
-        """Median over pairs, one after the other, so that both meet the same machine."""
-        runs = (lambda: flutter_onsets(rig, 5.0)), (lambda: onset_sensitivity(rig, 5.0))
-        pairs = [[median(run, 1, prepare) for run in runs] for _ in range(repeat)]
-        return statistics.median(whole / alone for alone, whole in pairs)
-
-    rows = [["bases kept", ratio(201, lambda: None), 3.0], ["new rig", ratio(51, forget), 3.0]]
-    return Table([Column("onsets with derivatives over onsets alone"), Column("median"), Column("at most")], rows)
 
 
 def errors() -> Table:
@@ -104,4 +90,4 @@ def errors() -> Table:
     return Table([Column(head), Column("largest", form=".1e")], rows)
 
 
-TABLES = {"costs": costs, "derivatives": derivatives, "errors": errors}
+TABLES = {"costs": costs, "errors": errors}

@@ -62,8 +62,8 @@ def test_pairs_are_branches_of_onsets_numbered_where_requested(whole, computed):
     assert computed(theta=[5.0], parameter=["theta"], pairs_theta=15.0, mu_max=0.2)["onset_mu"].isnull().all()
 
 
-def test_elasticities_obey_units_on_any_rig_and_a_wrong_one_shows(whole, computed):
-    """Units of mass, length and time, and wider beams under a heavier head, each demand a sum of elasticities."""
+def test_sensitivities_obey_units_on_any_rig_and_a_wrong_one_shows(whole, computed):
+    """Units of mass, length and time, and wider beams under a heavier head, each demand a sum of sensitivities."""
 
     def residual(data):
         largest = 0.0

@@ -1,8 +1,8 @@
-"""Onsets and eigenvalues of steady sliding, and their slopes, in extended precision from the numbers of a rig.
+"""Flutter onsets, and their normalised sensitivities, in extended precision from the parameters of a rig.
 
 The receptances of the gap by elimination of one element after the other (block-tridiagonal), without any modes;
-many rigs that differ in their numbers are solved together, (k,). Roots are Newton's, slopes central differences of
-fourth order.
+many rigs that differ in their parameters are solved together, (k,). Roots are Newton's, slopes central differences
+of fourth order.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ BESIDE, SETTLED = 1e-8, 1e-11
 
 
 def numbers(rig: Rig, theta: float) -> dict[str, float]:
-    """What a rig is made of but its meshes, by the names of the sensitivities."""
+    """Parameters of a rig but its meshes, by the names of the sensitivities."""
     parts = "length", "width", "thickness", "young_modulus", "density"
     found = {f"{p}_{name}": getattr(getattr(rig, p), name) for p in ("p1", "p2") for name in parts}
     return found | {"theta": theta} | {n: getattr(rig, n) for n in ("contact_position", "head_mass", "d1", "d2")}
@@ -108,27 +108,12 @@ def onset_roots(rig: Rig, given: Numbers, omega: np.ndarray, mu: np.ndarray) -> 
     raise ArithmeticError("an onset was not found again")
 
 
-def damped_roots(rig: Rig, given: Numbers, value: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """Eigenvalues lambda and phi near the ones given, (2, k)."""
-    for _ in range(8):
-        (a, b), (a_beside, b_beside) = (receptances(given, rig, each) for each in (value, value * (1 + BESIDE)))
-        step = (a + given["mu"] * b) * BESIDE * value / (a_beside - a + given["mu"] * (b_beside - b))
-        value = value - step
-        if np.abs(step / value).max() < SETTLED:
-            half = (given["d1"] + given["d2"] * value) / 2
-            root = np.sqrt(half**2 - value)
-            return np.stack(
-                [value, np.where(np.abs(root - half - phi) < np.abs(root + half + phi), root, -root) - half]
-            )
-    raise ArithmeticError("an eigenvalue was not found again")
-
-
-def elasticities(
+def normalised(
     values: dict[str, float], solved: Callable[..., np.ndarray], start: list[np.ndarray], step: float = 5e-5
 ) -> dict[str, np.ndarray]:
     """p / q dq / dp, (quantity, k), of what `solved` finds near `start`, by name of p where p is not zero."""
     names = [name for name, value in values.items() if value != 0.0]
-    found = np.zeros((len(start), len(names), 1, len(start[0])), dtype=np.clongdouble)
+    found = np.zeros((len(start), len(names), 1, len(start[0])), dtype=np.longdouble)
     # Beside a pole of F Newton's iteration needs a better start, which slopes from smaller steps give.
     for size in (0.01 * step, step):
         shifts = size * np.array([-2, -1, 1, 2], dtype=np.longdouble)[:, None]
@@ -138,10 +123,8 @@ def elasticities(
         for k, name in enumerate(names):
             moved[name][k] *= 1 + shifts
         near = [each * (1 + shifts * slope) for each, slope in zip(start, found, strict=True)]
-        near = [each if np.iscomplexobj(own) else each.real for each, own in zip(near, start, strict=True)]
         given = {name: each.ravel() for name, each in moved.items()}
         roots = solved(given, *(each.ravel() for each in near)).reshape(len(start), len(names), 4, -1)
         slope, middle = (np.einsum("qnsk,s->qnk", roots, np.array(each)) for each in (SLOPE, MIDDLE))
         found = (slope / (size * middle))[:, :, None]
-    found = found if any(np.iscomplexobj(each) for each in start) else found.real
     return {name: found[:, k, 0] for k, name in enumerate(names)}

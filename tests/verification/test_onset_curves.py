@@ -89,8 +89,8 @@ def test_curves_are_all_onsets_and_recoveries_whatever_the_angles(rig, fmax, las
         assert np.all(np.diff(curve.theta) > 0.0)
         for k in range(1, len(curve.theta) - 1, max(len(curve.theta) // 6, 1)):
             found = flutter_onsets(rig, curve.theta[k], fmax, 1.1)
-            mu = found.mu if curve.rises else found.recovery_mu
-            frequency = found.frequency if curve.rises else found.recovery_frequency
+            mu = found.mu if curve.destabilising else found.recovery_mu
+            frequency = found.frequency if curve.destabilising else found.recovery_frequency
             near = np.argmin(np.abs(frequency / curve.frequency[k] - 1.0) + np.abs(mu / curve.mu[k] - 1.0))
             assert (mu[near], frequency[near]) == pytest.approx((curve.mu[k], curve.frequency[k]), rel=1e-8)
         assert curve.ends == other.ends
@@ -129,7 +129,7 @@ def test_onset_and_recovery_meet_in_a_fold(seed):
         for k, end in zip((0, -1), curve.ends, strict=True):
             if end == "fold":
                 place = (curve.theta[k], curve.mu[k], curve.frequency[k])
-                ends.setdefault(round(place[0], 7), []).append((curve.rises, k, place))
+                ends.setdefault(round(place[0], 7), []).append((curve.destabilising, k, place))
     assert ends
     for theta, (one, other) in ends.items():
         assert (one[0], one[1]) == (not other[0], other[1])

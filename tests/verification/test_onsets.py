@@ -12,7 +12,7 @@ from fivcore.beams.modes import contact_modes
 from fivcore.beams.similar import unit_cantilever
 from fivcore.rig import P1, P2
 from fivcore.stability import many
-from fivcore.stability.onsets import MOST_INTERVALS, isolate, onset_crossings, onset_friction, onset_function
+from fivcore.stability.onsets import MOST_INTERVALS, TOP, isolate, onset_friction, onset_root
 from tests import known
 from tests.helpers import extended_onsets as extended
 from tests.helpers import reference
@@ -72,9 +72,9 @@ def test_no_onset_is_missed(block):
         mu = np.sort(rng.uniform(0.0, 0.9, 60))
         up = (found.mu < mu[:, None]).sum(axis=1) - (found.recovery_mu < mu[:, None]).sum(axis=1)
         # Growing pairs come and go through the top of the band as well.
-        crossings = np.array(onset_crossings(rig, theta, fmax, 0.9)).reshape(-1, 3)
-        at_top = crossings[crossings[:, 1] > fmax]
-        up = up + ((at_top[:, 0] < mu[:, None]) * (2 * at_top[:, 2].astype(int) - 1)).sum(axis=1)
+        crossings = many.crossings(many.rig_table({"theta": theta}, rig), fmax, 0.9, rig)[0].T
+        at_top = crossings[(crossings[:, 2] > fmax) & (crossings[:, 2] <= TOP * fmax)]
+        up = up + ((at_top[:, 1] < mu[:, None]) * np.sign(at_top[:, 3]).astype(int)).sum(axis=1)
         entered += len(found.entry_mu)
         # A divergence that comes from beyond the band is not a flutter: from there on nothing is compared.
         wider = sliding_modes(rig, theta, mu, 1.3 * fmax)
@@ -138,7 +138,7 @@ def test_two_degrees_of_freedom_coalesce_where_the_closed_form_says():
     poles_of, rest = (np.append(values, stiff) / scale, a / scale, b / scale), (0.0, 0.0)
     assert isolate(*poles_of, *rest, 5.0, brackets)[0] == 1
     system = (int(brackets[0, 2]), *poles_of, *rest)
-    omega = brentq(onset_function, brackets[0, 0], brackets[0, 1], args=system, xtol=1e-15)
+    omega = onset_root(brackets[0, 0], brackets[0, 1], *system)
     assert onset_friction(omega, *system) == pytest.approx(known.CRITICAL, rel=1e-10)
     assert scale * omega**2 == pytest.approx(0.5 * (known.K11 + known.K22), rel=1e-10)
 
@@ -218,17 +218,52 @@ def test_onsets_where_every_number_is_scattered():
             assert_allclose([omega, mu], extended.onset_roots(rig, given, omega, mu), rtol=1e-11)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_rigs_are_unstable_where_a_mode_grows_and_diverge_where_a_real_eigenvalue_does(seed):
-    """At random rigs like the paper's, without exception."""
-    numbers, mu, seen = scattered(25, seed), np.linspace(0.0, 1.0, 41), 0
-    found = flutter_onsets_many(numbers)
-    unstable = found.unstable(mu)
-    for row, edge in enumerate(found.divergence_mu):
-        rig, theta = rig_of(numbers, row), numbers["theta"][row]
-        assert_array_equal(unstable[row], np.any(sliding_modes(rig, theta, mu).unstable, axis=-1))
-        if np.isfinite(edge):
-            modes = sliding_modes(rig, theta, edge * np.array([1.0 - 1e-9, 1.0 + 1e-9]))
-            assert_array_equal(np.sum(modes.unstable & (modes.frequency == 0.0), axis=-1) % 2, [0, 1])
-            seen += 1
-    assert seen > 2
+def counted(found, mu):
+    """Growing eigenvalues of each rig at its own friction, by the changes of their number."""
+    return np.sum(np.where(found.change_mu < mu[:, None], found.change, 0.0), axis=1)
+
+
+POINTS = [100, pytest.param(2000, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("fmax", [3e3, 10e3, 20e3])
+@pytest.mark.parametrize("count", POINTS)
+def test_rigs_have_the_growing_modes_that_sliding_has(count, fmax):
+    """Also those that enter the band while they grow, and those that do not oscillate."""
+    numbers, mu = scattered(count, count, 0.3), np.random.default_rng(count).uniform(0.0, 1.0, count)
+    found = flutter_onsets_many(numbers, fmax)
+    unstable, expected, real = found.unstable(mu[:, None])[:, 0], np.empty(count), np.empty(count, dtype=bool)
+    for row in range(count):
+        modes = sliding_modes(rig_of(numbers, row), float(numbers["theta"][row]), mu[row], fmax)
+        expected[row] = np.sum(np.where(modes.frequency > 0.0, 2, 1)[modes.unstable])
+        real[row] = np.any(modes.unstable & (modes.frequency == 0.0))
+    assert_array_equal(counted(found, mu), expected)
+    assert_array_equal(unstable, expected > 0)
+    assert np.all(found.divergence_mu[real] < mu[real])
+    assert 0.1 < unstable.mean() < 0.9
+    assert np.any(real)
+
+
+def test_a_recovery_does_not_make_up_for_an_onset_above_the_band():
+    p1, p2 = (
+        {"length": 0.110017, "width": 0.010387, "thickness": 0.001502},
+        {"length": 0.268144, "thickness": 0.006949},
+    )
+    rig = made(p1, p2, contact_position=0.23781, head_mass=2.101062)
+    modes, found = sliding_modes(rig, 9.959824, 0.3, 3e3), flutter_onsets_many({"theta": 9.959824}, 3e3, rig=rig)
+    [k] = np.flatnonzero(modes.unstable)
+    assert (modes.growth_rate[k], modes.frequency[k]) == pytest.approx((7516, 1458), rel=1e-3)
+    assert_array_equal(found.unstable(0.3), [[True]])
+
+
+def test_a_pair_that_ceases_to_oscillate_diverges_from_there():
+    p1, p2 = (
+        {"length": 0.039278, "width": 0.009141, "thickness": 0.003387},
+        {"length": 0.135449, "thickness": 0.006656},
+    )
+    rig, theta = made(p1, p2, contact_position=0.122203, head_mass=4.316263), 30.557901
+    found = flutter_onsets_many({"theta": theta}, rig=rig)
+    edge = found.divergence_mu[0]
+    modes = sliding_modes(rig, theta, np.array([edge * (1.0 - 1e-6), edge * (1.0 + 1e-6), 0.92]))
+    assert_array_equal(np.sum(modes.unstable & (modes.frequency == 0.0), axis=-1), [0, 2, 2])
+    assert_array_equal(found.unstable([0.9, 0.92]), [[True, True]])

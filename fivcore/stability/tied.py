@@ -1,4 +1,4 @@
-"""Natural frequencies with both beams glued at the contact point (section 3.3 and Table 4 of the paper)."""
+"""Natural frequencies with both beams tied at the contact point (section 3.3 and Table 4 of the paper)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fivcore.beams.modes import contact_modes, rig_bases
 from fivcore.jit import Array, kernel
 from fivcore.rig import Rig
 
-HEAVIEST = 1e9  # kg, the largest head mass that tuning gives
+HEAVIEST = 1e9  # kg, the largest concentrated mass that tuning gives
 
 
 def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
@@ -49,15 +49,15 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 
 
 def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
-    """Head mass that makes `frequency` the first natural frequency of the glued rig, kg.
+    """Head mass that makes `frequency` the first natural frequency of the tied rig, kg.
 
-    The rig's own plays no part. A mass M added at A resonates where omega^2 M h = 1, h the glued receptance there.
+    The rig's own plays no part. A mass M added at A resonates where omega^2 M h = 1, h the tied receptance there.
 
     Parameters
     ----------
     rig : Rig
     theta, frequency : float
-        Degrees; Hz, below the first glued frequency without a head mass, above that with a head of HEAVIEST.
+        Degrees; Hz, below the first tied frequency without a concentrated mass, above that with HEAVIEST.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     target = checks.number(
         "frequency",
         frequency,
-        f"above {lowest:.6g} Hz, with a head of {HEAVIEST:g} kg, and below {highest:.6g} Hz, without one",
+        f"above {lowest:.6g} Hz, with a head mass of {HEAVIEST:g} kg, and below {highest:.6g} Hz, without one",
         lambda x: lowest < x < highest,
     )
     square, mass = (2.0 * np.pi * target) ** 2, 0.0
@@ -88,7 +88,7 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
 
 @kernel
 def _eigenvalue(k: int, low: float, high: float, stiffness: Array, normal: Array, tangential: Array) -> float:
-    """The smallest square with more than k glued eigenvalues below it, bisected to rounding."""
+    """The smallest square with more than k tied eigenvalues below it, bisected to rounding."""
     middle = 0.5 * (low + high)
     while low < middle < high:
         # Those of the separate beams less those that the contact raises.
