@@ -12,7 +12,7 @@ cosine transform y_j = sqrt(2 / n) sum_i x_i cos(pi j (i + 1/2) / n), whose freq
 which is the equal-weighted cosine (EWC) estimator of the long-run variance with K degrees of freedom. Where the
 spectrum is flat up to K / (2 T), the y_j are independent and normal, and the error of the mean over its standard
 error has Student's distribution with K degrees of freedom (U. K. Mueller, J. Econometrics 141, 2007; recommended
-by Lazarus, Lewis, Stock and Watson, J. Business and Economic Statistics 36, 2018, whose K also grows with T^(2/3)).
+by Lazarus, Lewis, Stock and Watson, J. Business and Economic Statistics 36, 2018, whose K grows with T^(2/3)).
 A standard error given here is multiplied by t_K(2) / 2, so that 2 of them always hold 95.4 %.
 
 How long the motion is correlated is not known beforehand: sticks of 30 to 80 ms between bursts, and shares that
@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, irfft
 from scipy.special import ndtr, stdtrit
 
-from fivcore.jit import Array, kernel
+from fivcore.jit import Array, Complex, kernel
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SERIES, SETTLING
 
@@ -110,25 +111,30 @@ def _taper(samples: Array, hop: int, means: Array, taper: Array, windows: Array)
             windows[k, i] = (samples[k * hop + i] - means[k]) * taper[i]
 
 
+@lru_cache(16)
+def _workspace(length: int, rows: int, thread: int) -> tuple[Array, Complex]:
+    """Memory of a thread for windows of some length and their transforms; taken anew it costs as much as these."""
+    return np.zeros((rows, length)), np.empty((rows, length // 2 + 1), dtype=complex)
+
+
 class Power:
     """Sum of the power of windows about their means, tapered and zero-padded to `length`, `rows` at once."""
 
     def __init__(self, length: int, rows: int) -> None:
-        self.sum, self._padded = np.zeros(length // 2 + 1), np.zeros((rows, length))
-        self._spectra = np.empty((rows, length // 2 + 1), dtype=complex)
+        self.sum, self._shape = np.zeros(length // 2 + 1), (length, rows)
 
     def add(self, samples: Array, hop: int, taper: Array) -> None:
         """Add all windows of the taper's length that begin `hop` after each other."""
-        samples, length, rows = np.ascontiguousarray(samples), len(taper), len(self._padded)
+        samples, length, rows = np.ascontiguousarray(samples), len(taper), self._shape[1]
+        padded, spectra = _workspace(*self._shape, get_ident())
         count = (len(samples) - length) // hop + 1
         means = np.ndarray((count, length), buffer=samples, strides=(8 * hop, 8)).mean(axis=1)
-        self._padded[:, length:] = 0.0
+        padded[:, length:] = 0.0
         for first in range(0, count, rows):
-            windows = self._padded[: min(rows, count - first)]
+            windows = padded[: min(rows, count - first)]
             _taper(samples[first * hop :], hop, means[first:], taper, windows)
-            # Memory that is taken anew each time would cost as much as the transform.
-            spectra = np.fft.rfft(windows, axis=1, out=self._spectra[: len(windows)]).view(float)
-            squares = np.einsum("kn,kn->n", spectra, spectra)
+            parts = np.fft.rfft(windows, axis=1, out=spectra[: len(windows)]).view(float)
+            squares = np.einsum("kn,kn->n", parts, parts)
             self.sum += squares[::2] + squares[1::2]
 
 
@@ -213,19 +219,20 @@ class Largest:
     """
 
     def __init__(self) -> None:
-        self._seen, self._due, self._limit, self._every = 0, FIRST, 0.0, 1
+        self._seen, self._due, self._every, self._limit, self._kept = 0, FIRST, 1, 0.0, 0
         self._values, self._numbers = [np.empty(0)], [np.empty(0, dtype=np.int64)]
         self._thinned, self._filled = [np.empty(0)], (0.0, 0)
 
     def add(self, magnitudes: Array) -> None:
         """Take the next magnitudes, (n,)."""
         while len(magnitudes):
-            part, magnitudes = np.split(magnitudes, [self._due - self._seen])
+            count = self._due - self._seen
+            part, magnitudes = magnitudes[:count], magnitudes[count:]
             self._thinned.append(part[-self._seen % self._every :: self._every].copy())
             found = np.flatnonzero(part > self._limit)
             self._values.append(part[found])
             self._numbers.append(found + self._seen)
-            self._seen += len(part)
+            self._seen, self._kept = self._seen + len(part), self._kept + len(found)
             if self._seen == self._due:
                 self._due += min(self._seen, NEXT)
                 self._drop()
@@ -236,12 +243,11 @@ class Largest:
         while len(thinned) > 4 * ROOM:
             thinned, self._every = thinned[::2], 2 * self._every
         self._thinned = [thinned]
-        values = self._joined()[0]
-        if len(values) > max(ROOM, 2 * PART * self._seen):
-            least = len(values) - max(ROOM // 8, int(PART * self._seen))
-            self._limit = float(np.partition(values, least)[least])
+        if self._kept > max(ROOM, 2 * PART * self._seen):
+            least = self._kept - max(ROOM // 8, int(PART * self._seen))
+            self._limit = float(np.partition(self._joined()[0], least)[least])
             values, numbers = self._above(self._limit)
-            self._values, self._numbers = [values], [numbers]
+            self._values, self._numbers, self._kept = [values], [numbers], len(values)
 
     def repeat(self, magnitude: float, count: int) -> None:
         """Take one magnitude `count` times, after all others."""
@@ -266,10 +272,8 @@ class Largest:
         kept, others = self._joined()[0], np.concatenate(self._thinned)
         others = others[others <= self._limit]
         each = (self._seen - len(kept)) / max(len(others), 1)
-        values, weights = (
-            np.r_[kept, others, magnitude],
-            np.repeat([1.0, each, count], [len(kept), len(others), 1]),
-        )
+        values = np.r_[kept, others, magnitude]
+        weights = np.repeat([1.0, each, count], [len(kept), len(others), 1])
         order = np.argsort(-values)
         place = (1.0 - share) * (self._seen + count - 1)
         # The magnitudes of two places, counted from the largest one on.
@@ -328,7 +332,7 @@ class Observer:
     def __init__(self, rate: float) -> None:
         self.rate = rate
         # Times and velocities whose spectra have not been taken; number of all samples since the start of the run.
-        self._buffer, self._seen = np.empty((2, 2 * LONG_BLOCK)), 0
+        self._buffer, self._columns, self._seen = np.empty((2, 2 * LONG_BLOCK)), np.empty((2, 0)), 0
         self._reset(0.0)
 
     def _reset(self, settled_from: float) -> None:
@@ -356,7 +360,9 @@ class Observer:
             self._buffer = np.concatenate([self._buffer, np.empty((2, end))], axis=1)
         self._buffer[0, self._waiting : end] = t
         means, velocity = np.empty((len(t) // BLOCK + 1, 4)), self._buffer[1, self._waiting : end]
-        speed, force = np.empty((2, len(t)))
+        if len(t) > self._columns.shape[1]:
+            self._columns = np.empty((2, len(t)))
+        speed, force = self._columns[:, : len(t)]
         self._means.append(means[: _gather(samples, velocity, speed, force, self._open, means)])
         self._waiting = end
         self.speeds.add(speed)
