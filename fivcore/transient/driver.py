@@ -1,8 +1,8 @@
 """The loop over segments that all methods share, and the result of a run.
 
 A method has `advance(runs)`, which takes each run to the end of its next segment and leaves samples, rows and long
-sticks in `run.segments`. The driver hands them to the observers (`Record`, `Monitor`) and makes the summary at the
-end. Observers never change a run.
+sticks in `run.segments`. The driver hands them to a `Record` and an `Observer`, which never change a run, and
+makes the summary at the end.
 """
 
 from __future__ import annotations
@@ -19,12 +19,10 @@ from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast import FastRun
 from fivcore.transient.normalised import Normalised
+from fivcore.transient.observe import Observer, Record
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
-from fivcore.transient.record import Record
-from fivcore.transient.spectra import BLOCK, Monitor
 from fivcore.transient.summary import summarise
-from fivcore.transient.uncertainty.blocks import Blocks
 from fivcore.transient.until import Watch
 
 # Runs under way at once: their segments and records are in memory together.
@@ -78,10 +76,10 @@ class Job:
 
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
         self._scene, self.run = scene, METHODS[options.method](normalised, options)
-        self._monitor = Monitor(self.run.rate)
+        self._observer = Observer(self.run.rate)
         self._series = Record(normalised, options.record, options.sample_times)
-        # Samples that were filled in.
-        self._blocks, self._sticks, self._further = Blocks(), np.empty((0, 2)), 0
+        # Long sticks that have ended; number of the samples that were filled in.
+        self._sticks, self._further = np.empty((0, 2)), 0
         self._watch = None if options.until is None else Watch(self.run, options.until)
         model, speed = self.run.model, normalised.speed_per_load
         self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
@@ -89,21 +87,17 @@ class Job:
 
     def observe(self) -> None:
         """Hand the new segments to the observers; raise `DivergenceError` if the motion has blown up."""
-        run, monitor = self.run, self._monitor
+        run, observer = self.run, self._observer
         for segment in run.segments:
             self._series.add(segment.rows)
             self._sticks = np.concatenate([self._sticks, segment.sticks])
-            velocity, slip_rate, force = segment.samples[:, :3].T
-            settled_from = float(run.record["settled_from"][0])
-            monitor.add(segment.t, velocity, force, slip_rate, settled_from)
-            self._blocks.add(segment.t, segment.samples, settled_from)
-            if monitor.waiting >= BLOCK:
-                monitor.process(*self._long_sticks())
+            observer.add(segment.t, segment.samples, float(run.record["settled_from"][0]))
+            observer.process(*self._long_sticks())
             if segment.further:
                 self._further = segment.further
-                monitor.repeat(segment.t[-1], velocity[-1], force[-1], slip_rate[-1], segment.further)
+                observer.repeat(segment.t[-1], segment.samples[-1], segment.further)
         if self._watch is not None:
-            self._watch.look(self._blocks, self._further > 0)
+            self._watch.look(observer, self._further > 0)
         # The bound of the energy is a thousand times what has been put in.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
         if not run.calm(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
@@ -122,8 +116,8 @@ class Job:
 
     def result(self) -> Transient:
         """The motion, in the scene's own units."""
-        self._monitor.close(self._long_sticks()[0])
-        summary = summarise(self.run, self._monitor, self._blocks, self._sticks, self._further)
+        self._observer.close(self._long_sticks()[0])
+        summary = summarise(self.run, self._observer, self._sticks, self._further)
         if self._watch is not None:
             summary["standard_error_reached"] = self._watch.known
         return Transient(self._scene, summary, **self._series.whole())

@@ -27,8 +27,20 @@ from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.moving_contact import ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
-from fivcore.transient.record import SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
-from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
+from fivcore.transient.statistics import (
+    FIELDS,
+    SAMPLE,
+    SAMPLED_COUNTERS,
+    SEPARATION,
+    SETTLED,
+    SETTLING,
+    SLIP,
+    STICK,
+    Segment,
+    begin,
+    count_in,
+    room_for_sticks,
+)
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
 

@@ -336,8 +336,8 @@ def advance(
 
     `scenes` (m,) are records of `fast_scene.SCENE`, `numbers` (m, any) is a view of them, `group` (1,) a workspace
     of `fast_scene.GROUP` and `lanes` (any, LANES) a view of that. A scene says where its own part begins of
-    `modes`, blocks in a row; of `samples` and `rows`, as in `record.Segment`; of `sticks` (any, 2), begin and end;
-    and of the `tables` of `stick_skip.skip`, whose workspace is `work`.
+    `modes`, blocks in a row; of `samples` and `rows`, as in `statistics.Segment`; of `sticks` (any, 2), begin and
+    end; and of the `tables` of `stick_skip.skip`, whose workspace is `work`.
     """
     x, turn = group[0], np.empty(at.LANES, dtype=np.int64)
     count, waiting = 0, 0

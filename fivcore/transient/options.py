@@ -16,7 +16,7 @@ from fivcore.jit import Array
 from fivcore.rig import Scene
 from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.record import SERIES
+from fivcore.transient.statistics import SERIES
 from fivcore.transient.until import Until
 
 BOUNDS = {

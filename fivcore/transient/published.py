@@ -243,7 +243,7 @@ def advance(
     `scenes` (1,) is the record, `modes` holds k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the
     shape at B, `f` the constant modal force, `slide` (2, n) the changes of the gap shapes in a step, empty where
     the contact point stays; `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free,
-    each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.record.Segment`.
+    each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.statistics.Segment`.
     """
     scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes

@@ -1,17 +1,18 @@
-"""Counters of a run: first events, time in each contact state, forces, long sticks, energies.
+"""What the methods hand to the observers: counters of a run, and segments of samples, rows and long sticks.
 
-They are fields of each method's own record. Kernels call `count_step` in every step and `enter` where the contact
-state changes, and never read a counter for anything that decides the motion. Times are in seconds since the drive
-started, weights are durations.
+Counters are fields of each method's own record. Kernels call `count_step` in every step and `enter` where the
+contact state changes, and never read a counter for anything that decides the motion. Times are in seconds since
+the drive started, weights are durations.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from fivcore.jit import contracted, inlined
+from fivcore.jit import Array, contracted, inlined
 
 # Contact states, as in a record's `state`; statistics start SETTLING after the first slip, s.
 SEPARATION, STICK, SLIP = 0, 1, 2
@@ -20,7 +21,7 @@ SETTLING = 0.1
 # and of the last long one, start of the statistics, its delay after the first slip (NaN: the start is given), and
 # the shortest long stick (NaN: a fifth of the time to the first slip).
 EVENTS = ("first_slip", "first_separation", "stick_start", "last_stick", "settled_from", "settling", "least_stick")
-# After settling: integral and maximum of N, maximum of |slip rate|, changes of state, time in each state ...
+# After settling: integral and maximum of N, maximum of |slip rate|, contact transitions, time in each state ...
 SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_time", "slip_time")
 # ... and from the start, the energy balance.
 ENERGIES = ("work", "damped", "friction", "termination", "impact")
@@ -29,6 +30,38 @@ COUNTED = (*(name for name in SETTLED if name != "switches"), *(name for name in
 FIELDS = [(name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)]
 # Begin of the list of long sticks, their number, and the number that it has room for.
 FIELDS += [(name, "i8") for name in ("sticks_at", "sticks", "stick_room")]
+# Columns of a sample: velocity of B, slip rate, N, and these counters after that step.
+SAMPLED_COUNTERS = ("stick_time", "separation_time", "sum_N", "switches")
+SAMPLE = 3 + len(SAMPLED_COUNTERS)
+# Series and their columns in the rows, whose first column is the time.
+SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
+
+
+@dataclass
+class Segment:
+    """Results of a segment, normalised (F = 1).
+
+    `samples` (n, SAMPLE) were taken at the times `t` (n,), followed by `further` samples like the last; `sticks`
+    (k, 2) are start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time, velocity of B, N,
+    T, slip rate and contact state.
+    """
+
+    t: Array
+    samples: Array
+    sticks: Array = field(default_factory=lambda: np.empty((0, 2)))
+    rows: Array = field(default_factory=lambda: np.empty((0, 6)))
+    further: int = 0
+
+
+def count_in(first: int, last: int, every: int) -> int:
+    """Number of multiples of `every` from step `first` up to step `last`, excluded; none if `every` is zero."""
+    return max(-(-last // every) - (-(-first // every)), 0) if every else 0
+
+
+def room_for_sticks(start: float, end: float, least: float, step: float) -> int:
+    """Largest number of long sticks that end between two times, s; `least` is NaN before the first slip."""
+    # Until the first slip there are none, and after it the least is a fifth of the time since the start.
+    return int((end - start) / max(0.2 * start if np.isnan(least) else least, step)) + 2
 
 
 @inlined

@@ -10,8 +10,7 @@ import numpy as np
 from fivcore.contact.reduced import INTERVAL
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.record import SAMPLE, Segment, count_in, room_for_sticks
-from fivcore.transient.statistics import SETTLING, begin
+from fivcore.transient.statistics import SAMPLE, SETTLING, Segment, begin, count_in, room_for_sticks
 
 
 class SteppedRun:

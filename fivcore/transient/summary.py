@@ -8,13 +8,11 @@ import numpy as np
 
 from fivcore.jit import Array
 from fivcore.transient.normalised import displacement, energy_at_hand, slip_distance
-from fivcore.transient.spectra import Monitor
+from fivcore.transient.observe import Observer, degrees_of_freedom, standard_errors
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
-from fivcore.transient.uncertainty.blocks import Blocks
-from fivcore.transient.uncertainty.errors import cosines_for, standard_errors
 
 
-def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further: int) -> dict[str, object]:
+def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
     `sticks` (k, 2) are the long sticks that have ended, `further` the number of samples that were filled in. A
@@ -30,7 +28,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     - `velocity_rms`: of the velocity of B about its mean, m/s.
     - `mean_normal_force`, `max_normal_force`, `normal_force_999`: N; the last is the 99.9 % quantile.
     - `max_slip_speed`, `slip_speed_999`: m/s, of the surfaces' relative tangential speed, in contact or not.
-    - `switches_per_second`: changes of contact state.
+    - `switches_per_second`: contact transitions.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
     - `stick_times`, `stick_starts`: s, duration and start of the sticks of at least `min_stick` begun after first
       slip and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
@@ -40,7 +38,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
       is larger, over a thousandth of what the load stores at rest, P2's kinetic energy at V and what an initial
       state has beyond rest (`energy_at_hand`). Of "paper" it has its own damping and its impacts, booked nowhere.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
-    - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`uncertainty.errors`). In
+    - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
       long-run value. NaN where statistics last for less than 16 times the time in which the drive loads a stuck
       contact until it slips; for `mean_stick_time` with fewer than 12 sticks.
@@ -54,11 +52,11 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     share = {state: counted[f"{state}_time"] / total for state in states}
     open_stick = float(np.fmax(duration - counted["stick_start"], 0.0))
     censored = int(open_stick >= counted["least_stick"])
-    rms, spread = monitor.rms, blocks.spread(0.75 * duration)
+    rms, spread = observer.rms, observer.spread(0.75 * duration)
     quiet = not rms > 1e-9 * scene.speed_per_load
-    dominant = float("nan") if quiet else monitor.moving.peak()
-    period = monitor.rate / dominant
-    coherence = monitor.correlation.near(20.0 * period, 0.5 * period)
+    dominant = float("nan") if quiet else observer.moving.peak()
+    period = observer.rate / dominant
+    coherence = observer.correlation.near(20.0 * period, 0.5 * period)
     long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)))
     driven = float(displacement(np.array(duration), scene.speed_per_load, run.options.ramp))
@@ -75,9 +73,10 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     if regime == "steady sliding":
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = coherence = float("nan")
-    lengths, known = sticks[:, 1] - sticks[:, 0], cosines_for(duration - start, distance / scene.speed_per_load)
+    lengths = sticks[:, 1] - sticks[:, 0]
+    degrees = degrees_of_freedom(duration - start, distance / scene.speed_per_load)
     decided = not (regime in ("undecided", "stuck", "steady sliding") or further)
-    errors = standard_errors(blocks, known if decided else 0, monitor, lengths)
+    errors = standard_errors(observer, degrees if decided else 0, lengths)
     if further or regime in ("stuck", "steady sliding"):
         errors |= {f"{state}_fraction": 0.0 for state in states}
     released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
@@ -86,14 +85,14 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,
-        "stuck_frequency": float("nan") if quiet else monitor.stuck.peak(),
+        "stuck_frequency": float("nan") if quiet else observer.stuck.peak(),
         "coherence": coherence,
         "velocity_rms": F * rms,
         "mean_normal_force": F * (counted["sum_N"] / total),
         "max_normal_force": F * counted["max_N"],
-        "normal_force_999": F * min(monitor.forces.quantile(0.999), counted["max_N"]),
+        "normal_force_999": F * observer.forces.quantile(0.999),
         "max_slip_speed": F * counted["max_slip"],
-        "slip_speed_999": F * min(monitor.speeds.quantile(0.999), counted["max_slip"]),
+        "slip_speed_999": F * observer.speeds.quantile(0.999),
         "switches_per_second": counted["switches"] / total,
         "first_slip_time": counted["first_slip"],
         "first_separation_time": counted["first_separation"],

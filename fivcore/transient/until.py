@@ -10,10 +10,9 @@ import numpy as np
 from fivcore import checks
 from fivcore.transient.fast_scene import MAX_SKIP
 from fivcore.transient.normalised import slip_distance
+from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means
 from fivcore.transient.steady import NEAR
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
-from fivcore.transient.uncertainty.blocks import Blocks
-from fivcore.transient.uncertainty.errors import LOADING_TIMES, cosines_for, errors_of_means
 
 # Each check is later than the last by this factor of the time since settling.
 LATER = 1.25
@@ -24,9 +23,9 @@ class Until:
     """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
 
     The run is checked after times that grow by a quarter, and ends where at two checks in a row no share has a
-    larger standard error (`uncertainty.errors`): one that is too small by chance does not end it. Statistics last
-    for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady sliding is
-    proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
+    larger standard error (`observe.standard_errors`): one that is too small by chance does not end it. Statistics
+    last for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady
+    sliding is proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
 
     Parameters
     ----------
@@ -71,26 +70,26 @@ class Watch:
             time *= LATER
         run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)
 
-    def look(self, blocks: Blocks, filled: bool) -> None:
+    def look(self, observer: Observer, filled: bool) -> None:
         """Where the run pauses, end it or let it go on."""
         run = self._run
         if run.time < (run.pause - 0.5) * run.step:
             return
-        before, self.known = self.known, filled or self._is_known(blocks)
+        before, self.known = self.known, filled or self._is_known(observer)
         moves = not np.isnan(run.record["first_slip"][0])
         if self.known and (before or not moves):
             run.steps = run.pause
         elif run.pause < run.steps:
             self._plan()
 
-    def _is_known(self, blocks: Blocks) -> bool:
+    def _is_known(self, observer: Observer) -> bool:
         run = self._run
         if np.isnan(run.record["first_slip"][0]):
             return bool(run.time >= self._stuck)
         observed = run.time - float(run.record["settled_from"][0])
-        errors = errors_of_means(blocks.shares(), cosines_for(observed, self._loading_time))
+        errors = errors_of_means(observer.shares(), degrees_of_freedom(observed, self._loading_time))
         if errors.any():
             return bool(np.all(errors <= self._until.standard_error))
         # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.
-        spread = blocks.spread(0.75 * run.time) / run.scene.speed_per_load
+        spread = observer.spread(0.75 * run.time) / run.scene.speed_per_load
         return bool(spread < (NEAR if run.may_settle else STEADY_SPREAD))

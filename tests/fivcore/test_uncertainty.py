@@ -9,9 +9,8 @@ from scipy.signal import lfilter
 from fivcore import Beam, Rig, Scene, Until, simulate, simulate_many
 from fivcore.transient import driver
 from fivcore.transient.normalised import Normalised, slip_distance
-from fivcore.transient.record import SAMPLE
-from fivcore.transient.uncertainty.blocks import BLOCK, ROOM, Blocks, Largest
-from fivcore.transient.uncertainty.errors import FEWEST, cosines_for, errors_of_means
+from fivcore.transient.observe import BLOCK, FEWEST, Largest, Observer, degrees_of_freedom, errors_of_means
+from fivcore.transient.statistics import SAMPLE
 from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import assert_same_summary
 from tests.known import SLIP_DISTANCE
@@ -80,48 +79,68 @@ def test_the_long_run_value_lies_within_two_standard_errors(duration, names):
 
 
 @pytest.mark.parametrize(("memory", "count"), [(0.0, 400), (0.9, 2000)])
-@pytest.mark.parametrize("cosines", [FEWEST, 24])
-def test_an_error_of_a_mean_holds_as_often_as_it_says(memory, count, cosines):
+@pytest.mark.parametrize("degrees", [FEWEST, 24])
+def test_an_error_of_a_mean_holds_as_often_as_it_says(memory, count, degrees):
     noise = np.random.default_rng(1).standard_normal((count + 200, 4000))
     values = lfilter([1.0], [1.0, -memory], noise, axis=0)[200:]
-    within = np.abs(values.mean(axis=0)) <= 2.0 * errors_of_means(values, cosines)
+    within = np.abs(values.mean(axis=0)) <= 2.0 * errors_of_means(values, degrees)
     assert np.mean(within) == pytest.approx(0.954, abs=0.012)
 
 
 def test_what_never_changes_has_no_error_and_too_few_values_have_none():
     assert errors_of_means(np.full((100, 2), 0.7), FEWEST).tolist() == [0.0, 0.0]
     assert np.isnan(errors_of_means(np.arange(2.0 * FEWEST - 1.0)[:, None], FEWEST)).all()
-    assert cosines_for(1.59, 0.1) == 0
-    assert cosines_for(1.61, 0.1) == FEWEST < cosines_for(60.0, 0.1) < cosines_for(60.0, 0.0)
+    assert degrees_of_freedom(1.59, 0.1) == 0
+    assert degrees_of_freedom(1.61, 0.1) == FEWEST < degrees_of_freedom(60.0, 0.1) < degrees_of_freedom(60.0, 0.0)
 
 
 def test_the_largest_samples_are_all_there_however_they_come():
     """Also where they become larger and rarer all the time, and where room for them has to grow."""
     rng = np.random.default_rng(2)
-    samples = rng.standard_exponential(60 * ROOM * 10) * rng.integers(0, 2, 60 * ROOM * 10)
+    samples = rng.standard_exponential(2_400_000) * rng.integers(0, 2, 2_400_000)
     blocks = len(samples) // BLOCK
     whole, pieces = Largest(), Largest()
     whole.add(samples)
     for piece in np.array_split(samples, 97):
-        pieces.add(-piece)
+        pieces.add(piece)
     level = np.quantile(samples, 0.999)
     expected = (samples[: blocks * BLOCK].reshape(blocks, BLOCK) > level).mean(axis=1)
     for each in (whole, pieces):
         assert np.array_equal(each.above(level, blocks)[:, 0], expected)
+        assert each.quantile(0.999) == pytest.approx(level, rel=1e-12)
+
+
+def test_quantiles_below_what_is_kept_come_from_every_so_many():
+    """Where the largest came early, and where one value was filled in, also below all that is kept."""
+    rng = np.random.default_rng(4)
+    samples = rng.exponential(size=400_000) * np.repeat([1.0, 1e-3], [4_000, 396_000])
+    largest = Largest()
+    for piece in np.array_split(samples, 7):
+        largest.add(piece)
+    assert np.isnan(largest.above(largest.quantile(0.5), 9)).all()
+    for share in (0.2, 0.5, 0.9, 0.98):
+        assert largest.quantile(share) == pytest.approx(np.quantile(samples, share), rel=0.06)
+    for value in (0.1, 1e-3, 0.0):
+        largest.repeat(value, 1_600_000)
+        filled = np.append(samples, np.full(1_600_000, value))
+        for share, error in ((0.1, 0.06), (0.5, 0.06), (0.9, 0.06), (0.9995, 0.2), (0.9999, 1e-12)):
+            assert largest.quantile(share) == pytest.approx(np.quantile(filled, share), rel=error)
 
 
 def test_blocks_are_means_between_samples_and_begin_anew_when_settled():
     rng, count, first = np.random.default_rng(3), 10 * BLOCK + 7, BLOCK // 2
     t, samples = np.arange(count) * 2e-5, np.cumsum(rng.random((count, SAMPLE)), axis=0)
-    blocks, cut = Blocks(), Blocks()
-    blocks.add(t, samples, t[first])
+    whole, cut = Observer(50e3), Observer(50e3)
+    whole.add(t, samples, t[first])
     for piece in np.array_split(np.arange(count), 23):
         cut.add(t[piece], samples[piece], 0.0 if piece[-1] < first else t[first])
-    assert np.array_equal(blocks.values, cut.values)
-    settled = samples[first:]
-    assert blocks.values[:, 1:5] == pytest.approx(np.diff(settled[::BLOCK, 3:], axis=0) / (BLOCK * 2e-5))
-    velocity = settled[: len(blocks.values) * BLOCK, 0].reshape(-1, BLOCK)
-    assert blocks.values[:, 5:7] == pytest.approx(np.stack([velocity.mean(axis=1), (velocity**2).mean(axis=1)], 1))
+    blocks, settled = whole.blocks, samples[first:]
+    assert np.array_equal(blocks, cut.blocks)
+    assert blocks[:, 1:5] == pytest.approx(np.diff(settled[::BLOCK, 3:], axis=0) / (BLOCK * 2e-5))
+    velocity = settled[: len(blocks) * BLOCK, 0].reshape(-1, BLOCK)
+    assert blocks[:, 5:7] == pytest.approx(np.stack([velocity.mean(axis=1), velocity.var(axis=1)], 1))
+    assert whole.rms == pytest.approx(settled[:, 0].std(), rel=1e-12) == cut.rms
+    assert whole.spread(0.0) == np.inf
 
 
 # By every method, in skipped sticks and with a contact point that moves.
@@ -135,13 +154,14 @@ COUNTED += [
 @pytest.mark.parametrize(("method", "V", "duration", "given"), COUNTED)
 def test_blocks_hold_what_the_counters_do(method, V, duration, given, monkeypatch):
     kept = []
-    monkeypatch.setattr(driver, "Blocks", lambda: kept.append(Blocks()) or kept[-1])
+    monkeypatch.setattr(driver, "Observer", lambda rate: kept.append(Observer(rate)) or kept[-1])
     summary = simulate(Scene(V, 5.0, 0.2, 9.0), duration, method, **given).summary
-    (blocks,) = kept
-    part = 2.0 / len(blocks.values)
-    assert blocks.shares().mean(axis=0) == pytest.approx([summary[name] for name in SHARES], abs=part)
-    assert 9.0 * blocks.values[:, 3].mean() == pytest.approx(summary["mean_normal_force"], rel=10.0 * part)
-    assert blocks.values[:, 4].mean() == pytest.approx(summary["switches_per_second"], rel=10.0 * part)
+    (observer,) = kept
+    blocks = observer.blocks
+    part = 2.0 / len(blocks)
+    assert observer.shares().mean(axis=0) == pytest.approx([summary[name] for name in SHARES], abs=part)
+    assert 9.0 * blocks[:, 3].mean() == pytest.approx(summary["mean_normal_force"], rel=10.0 * part)
+    assert blocks[:, 4].mean() == pytest.approx(summary["switches_per_second"], rel=10.0 * part)
 
 
 def test_what_is_constant_by_nature_is_known_and_what_is_too_short_is_not():

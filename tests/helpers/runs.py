@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fivcore.transient.record import SERIES as RECORDED
+from fivcore.transient.statistics import SERIES as RECORDED
 
 SERIES = ("time", *RECORDED)
 

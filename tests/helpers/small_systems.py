@@ -16,8 +16,7 @@ from fivcore.transient.fast_scene import lanes_for
 from fivcore.transient.fast_solver import Solver, put, take
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
-from fivcore.transient.record import SAMPLE, count_in
-from fivcore.transient.statistics import ENERGIES, SEPARATION, SLIP, begin
+from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, SLIP, begin, count_in
 
 # Columns of a record: time, normal and tangential force, slip velocity and contact state.
 TIME, N_OF, T_OF, SPEED_OF, STATE_OF = 0, 2, 3, 4, 5

@@ -1,1 +1,0 @@
-"""How well a run knows its statistics: sums over blocks of samples, and standard errors."""
