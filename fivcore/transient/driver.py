@@ -141,7 +141,7 @@ def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient |
     results: list[Any] = [None] * len(requests)
     waiting, jobs = list(range(len(requests))), dict[int, Job]()
     # These may raise while they advance: each is advanced by itself, so that the others go on.
-    alone = any(options.method != "fast" or options.contact_motion for _, _, options in requests)
+    alone = any(options.method != "fast" for _, _, options in requests)
     while waiting or jobs:
         if jobs and not alone:
             FastRun.advance([job.run for job in jobs.values()])

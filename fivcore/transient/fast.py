@@ -24,7 +24,6 @@ from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
-from fivcore.transient.moving_contact import ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.record import SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
@@ -68,10 +67,7 @@ class FastRun:
         # A ramp shorter than a step is none.
         self._ramp = options.ramp if options.ramp >= self.step else 0.0
         self._ramp_ends = int(self._ramp / self.step)
-        self._motion = (
-            ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
-        )
-        finer = options.cutoff is None and options.initial is None and self._motion is None and model.K.any()
+        finer = options.cutoff is None and options.initial is None and model.K.any()
         self._fine = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
@@ -79,7 +75,7 @@ class FastRun:
         rate = options.sampling_rate
         self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
         self.rate = 1.0 / (self._sample_every * self.step)
-        self.may_settle = options.end_early and self._motion is None and bool(model.K.any())
+        self.may_settle = options.end_early and bool(model.K.any())
         self._length = SHORT_SEGMENT
         # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
         self._onset_ends, self._opened = 0, False
@@ -147,7 +143,6 @@ class FastRun:
         record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
         settled = float(record["settled_from"][0])
         record["settle"] = int(np.ceil(settled / solver.step - 0.5)) if settled < np.inf else 0
-        record["moving"] = self._motion is not None
 
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
@@ -213,7 +208,7 @@ class FastRun:
 
     def _plan(self) -> None:
         """Decide where the next segment ends and what ends it before."""
-        record, solver, motion = self.record, self._solver, self._motion
+        record, solver = self.record, self._solver
         finer = onset.FINER if self._onset_ends else 1
         every, rows = self._sample_every * finer, self._row_every * finer
         now, threshold, self._tables = int(record["now"][0]), np.inf, None
@@ -226,16 +221,11 @@ class FastRun:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
             if now >= self._until:
                 last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
-                if motion is not None:
-                    last = min(now + motion.segment_steps(self.step), self.steps)
                 self._until = min(last, ramp_ends) if now < ramp_ends else last
-                if motion is not None:
-                    self._follow(motion, now, self._until)
-                    record, solver = self.record, self._solver
             last = self._until
             if now >= ramp_ends and self._fine is not None:
                 threshold = self._share * self.scene.mu
-            if motion is None and self.options.skip and now * self.step >= self._ramp:
+            if self.options.skip and now * self.step >= self._ramp:
                 self._tables = skip_tables(solver.model, solver.step, every)
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
@@ -389,29 +379,6 @@ class FastRun:
             t = np.array([(begin * every + 0.5) * step])
             yield Segment(t, np.array([sample]), further=count - 1)
 
-    # A contact point that moves.
-
-    def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
-        """Take the contact point along with P2 through steps `first` to `last`."""
-        begin, end = (motion.position((i + 0.5) * self.step) for i in (first, last))
-        q, v, u = self._row(at.Q) + self.model.rest, self._row(at.V), self._element
-        model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
-        normal = (after.normal - model.normal) / (last - first)
-        tangential = (after.tangential - model.tangential) / (last - first)
-        # The modes that are not kept do work too when their shapes change under the contact force: the element's
-        # energy at the same u changes by that.
-        softer = self._solver.impulse.stiffness
-        self.record["work"] += self._ramp_work(model.rest - self.model.rest)
-        self._use(Solver(model, self.scene.mu, self.step))
-        self.record["work"] += 0.5 * float(u @ (self._solver.impulse.stiffness - softer) @ u)
-        put(self.blocks, at.SLIDE_N, normal)
-        put(self.blocks, at.SLIDE_T, tangential)
-        self._place(q - model.rest, v)
-        record = self.record
-        record["u_N"], record["u_T"] = u
-        record["rest_slide_N"], record["rest_slide_T"] = normal @ model.rest, tangential @ model.rest
-        record["moving_rate"] = (normal @ (q - model.rest) + record["rest_slide_N"]) / self.step
-
     # Energy.
 
     @property
@@ -429,11 +396,7 @@ class FastRun:
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
         model, K = self.model, self._solver.impulse.stiffness
-        energy = 0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u
-        if self._motion is not None:
-            # The equilibrium moves with the contact point.
-            energy += model.normal @ model.rest - 0.5 * model.stiffness @ model.rest**2
-        return float(energy)
+        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u)
 
     def released_energy(self) -> float:
         """Decrease of the stored energy since the start, normalised."""

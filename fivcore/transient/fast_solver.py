@@ -85,5 +85,5 @@ def take(blocks: Array, row: int, count: int) -> Array:
     return blocks[:, row].ravel()[:count].copy()
 
 
-# The solver of a contact point that stays, built once: such steps do not change it, whatever V and F.
+# Built once, whatever V and F.
 frozen_solver = lru_cache(maxsize=64)(Solver)

@@ -1,6 +1,6 @@
 """The normalised scene, the initial state, and the motion of P2's clamp.
 
-A frozen scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
+A scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
 F = 1, with V / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
 """
 

@@ -14,7 +14,6 @@ from fivcore.contact.reduced import TERMINATIONS
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Scene
-from fivcore.transient.moving_contact import ContactMotion
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.record import SERIES
 from fivcore.transient.until import Until
@@ -42,7 +41,6 @@ class Options:
     ramp: float = 1e-3
     settle: float | None = None
     initial: State | None = None
-    contact_motion: int = 0
     cutoff: float | None = None
     termination: str = "absorbing"
     step: float | None = None
@@ -75,23 +73,17 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     allowed = "0 or a time from 1e-9 to 1000 s"
     ramp = checks.number("ramp", options["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
     options |= law_options(**{name: options[name] for name in signature(law_options).parameters})
-    allowed = "0, -1 (towards P2's clamp) or 1 (away)"
-    motion = int(checks.number("contact_motion", options["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
     record = _names(options["record"])
     for name in ("end_early", "leap"):
         checks.instance(name, options[name], bool)
     if record and times is None and duration * rate > 1e8:
         raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     checks.between("V / F", normalised.speed_per_load, 1e-12, 1e8, "m/s per N")
-    options |= {"ramp": ramp, "contact_motion": motion, "record": record, "skip": options.pop("leap")}
+    options |= {"ramp": ramp, "record": record, "skip": options.pop("leap")}
     if options["initial"] is not None:
         options["initial"] = _state(options["initial"], scene, normalised)
     if times is not None:
         options["sample_times"] = _times(times, record, duration)
-    if motion:
-        ContactMotion(normalised, ramp, motion).check(duration)
-        if options["method"] == "exact":
-            raise InputError(f"contact_motion = {motion}: for method 'exact' it must be 0")
     if options["method"] == "paper" and options["cutoff"] is not None:
         raise InputError(f"cutoff = {options['cutoff']:g}: the published scheme keeps all modes; leave it out")
     return Options(**options)

@@ -24,10 +24,9 @@ import numpy as np
 from fivcore.contact.law import ratio
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
-from fivcore.errors import ContactError, SceneValueError, not_unique
+from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array, inlined, kernel
 from fivcore.rig import Rig
-from fivcore.transient.moving_contact import ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
@@ -85,11 +84,8 @@ class PaperRun(SteppedRun):
         critical = critical_friction(model, dt, b)
         if scene.mu >= critical:
             raise not_unique(scene.mu, critical)
-        direction, ramp, speed = options.contact_motion, options.ramp, scene.speed_per_load
-        self._motion = ContactMotion(scene, ramp, direction) if direction else None
-        length = self._motion.segment_steps(dt) if self._motion else round(SEGMENT / dt)
-        super().__init__(scene, options, dt, length, SCENE)
-        self._slide = np.zeros((2, 0))
+        ramp, speed = options.ramp, scene.speed_per_load
+        super().__init__(scene, options, dt, round(SEGMENT / dt), SCENE)
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
         record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / TAU, scene.mu
@@ -133,23 +129,10 @@ class PaperRun(SteppedRun):
         self.record["gap_N"], self.record["gap_T"] = model.normal @ free, model.tangential @ free
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
-        if self._motion is not None:
-            # The contact point is taken along with P2.
-            places = [self._motion.position((i + 1) * self.step) for i in (first, last)]
-            model, after = (moved_model(self.model, self.scene, place) for place in places)
-            critical = critical_friction(model, self.step, self._b)
-            if self.scene.mu >= critical:
-                text = f"{not_unique(self.scene.mu, critical)}, with the contact {places[0]:.6g} m from P2's clamp"
-                raise ContactError(text)
-            self.model, self._slide = model, (after.shapes - model.shapes) / (last - first)
-            W = contact_closing(model, self.step, self._b)
-            self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
         model, before = self.model, self._q.copy()
-        # The kernel moves the gap shapes along with the contact point.
-        shapes = (model.normal.copy(), model.tangential.copy())
-        modes = (model.stiffness, model.damping, self._inverse, *shapes, model.point_b)
+        modes = (model.stiffness, model.damping, self._inverse, *model.shapes, model.point_b)
         state = (self._q, self._vs, self._a, np.empty_like(self._q))
-        advance(self.record, last, modes, self._f, self._slide, *state, samples, rows, sticks)
+        advance(self.record, last, modes, self._f, *state, samples, rows, sticks)
         # The accelerating clamp works on the inertia of P2; its work on the contact is counted in the kernel.
         self.record["work"] += np.sum((self._f - self._load) * (self._q - before))
         if last == self._cut:
@@ -162,8 +145,6 @@ class PaperRun(SteppedRun):
         self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
         self._f = self._load
-        if self._motion is not None:
-            self.model = moved_model(self.model, self.scene, self._motion.position((step + 1) * self.step))
         self._predict()
 
     def stored_energy(self) -> float:
@@ -235,15 +216,14 @@ def published_contact(
 
 @kernel
 def advance(
-    scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any,
-    rows: Any, sticks: Any,
+    scenes: Any, last: int, modes: Any, f: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any, rows: Any,
+    sticks: Any,
 ) -> None:  # fmt: skip
     """Take the steps up to `last` of one scene; the record and the state change in place.
 
     `scenes` (1,) is the record, `modes` holds k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the
-    shape at B, `f` the constant modal force, `slide` (2, n) the changes of the gap shapes in a step, empty where
-    the contact point stays; `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free,
-    each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.record.Segment`.
+    shape at B, `f` the constant modal force; `q`, `vs` and `a` are q, v* and a* of the present step, `free`
+    workspace for q_free, each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.record.Segment`.
     """
     scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes
@@ -298,14 +278,5 @@ def advance(
             predicted = (f[j] - k[j] * x - c[j] * star) * inverse[j]
             q[j], vs[j], a[j] = x, star, predicted
             free[j] = x + dt * (star + b * dt * predicted) + 0.5 * dt * dt * predicted
-        across, along = 0.0, 0.0
-        for j in range(slide.shape[1]):
-            normal[j] += slide[0, j]
-            tangential[j] += slide[1, j]
-            across += slide[0, j] * q[j]
-            along += slide[1, j] * q[j]
-        scene.work -= N * across
         scene.gap_N, scene.gap_T = _gaps(normal, tangential, free)
-        # A change of g_T by the change of its shape is no slip.
-        scene.last_gT += along
         scene.now = now + 1

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from inspect import signature
 from typing import Any
+from warnings import warn
 
 from fivcore import checks
 from fivcore.contact.ablation import Modify, modified
 from fivcore.contact.reduced import full_model, reduced_model
-from fivcore.errors import InputError, SceneError
+from fivcore.errors import FIXED, FixedContactWarning, InputError, SceneError, fixed_contact
 from fivcore.rig import Rig, Scene
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
@@ -28,7 +29,6 @@ def simulate(
     ramp: float = 1e-3,
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
-    contact_motion: int = 0,
     cutoff: float | None = None,
     termination: str = "absorbing",
     step: float | None = None,
@@ -57,14 +57,11 @@ def simulate(
         0.5. Default: "published" for "paper", "none" for the others.
     ramp : float
         Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
-        a step as none; the path of a moving contact point and the drive that decides on "undecided" include it.
+        a step as none; the drive that decides on "undecided" includes it.
     settle : float, optional
         Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
         Displacements and velocities of all modes, contact state. Default: at rest under the load, T = 0, stuck.
-    contact_motion : {0, -1, 1}
-        0: frozen contact point. -1, 1: P2 slides under C, and the point of P2 below C moves towards P2's clamp or
-        away from it (`fivcore.transient.moving_contact`).
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 117 kHz for the paper's rig
         (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
@@ -83,10 +80,10 @@ def simulate(
         Ascending times of the series instead, s: linear between two steps of the method, with the state of the
         step before; the first and the last step stand for what lies beyond.
     end_early : bool
-        For "fast" with a frozen contact point: fill in the rest of the run where steady sliding is proved to last
+        For "fast": fill in the rest of the run where steady sliding is proved to last
         (`transient.steady`), which changes figures by some 1e-9 of their size.
     leap : bool
-        For "fast" with a frozen contact point: skip the quiet part of long sticks, known in closed form
+        For "fast": skip the quiet part of long sticks, known in closed form
         (`transient.stick_skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
         enters its maximum every 20 microseconds.
     modify : callable, optional
@@ -103,14 +100,22 @@ def simulate(
     ValueError
         For a bad argument, naming it, its value and what is allowed.
     ContactError
-        Where the contact force is not unique; before the first step unless the contact point moves.
+        Where the contact force is not unique; before the first step.
     DivergenceError
         Where the motion leaves the range of numbers.
+
+    Warns
+    -----
+    FixedContactWarning
+        Where V times the duration exceeds 2 % of P2's length, along which the contact point does not move.
     """
     arguments = dict(locals())
     (result,) = simulate_many([arguments.pop("scene")], **arguments)
     if isinstance(result, Exception):
         raise result
+    moved = abs(scene.V) * result.summary["simulated_time"] / scene.rig.p2.length
+    if moved > FIXED:
+        warn(fixed_contact(moved), FixedContactWarning, stacklevel=2)
     return result
 
 

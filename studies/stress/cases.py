@@ -162,7 +162,6 @@ CRITICAL = "times the coefficient of friction at which the contact force stops b
 LARGEST = "the largest coefficient of friction that a scene takes, where nothing couples the directions"
 SAME, SCALED = "the same motion", "at the operating point's V / F"
 TOUCHING = "a cut-off above all modes: the finite elements themselves, touching rigidly"
-REACH = "a contact point moving {:g} times as long as it takes to reach {} from nearby, at 1 m/s"
 FASTEST = "a cut-off that leaves out the fastest modes alone, termination"
 
 GROUPED: dict[str, list[Case]] = {
@@ -260,11 +259,6 @@ GROUPED: dict[str, list[Case]] = {
         Case("10 s, every step", "10 s of sliding in which all vibration dies, every step taken",
              {"theta": -5.0}, {"duration": 10.0, "end_early": False}, excluded=ENDS_EARLY),
         Case("100 s, stuck", "100 s at a drive that never slips", {"V": 1e-9}, {"duration": 100.0})],
-    "moving contact": [
-        Case(f"to {end}, {share:g} of the way", REACH.format(share, end), {"V": 1.0}, {"contact_motion": motion},
-             Rig(contact_position=position), "reach", share, expected=dict.fromkeys(methods, VALUE), names=names)
-        for motion, end, position in ((-1, "P2's clamp", 0.012), (1, "P2's free end", 0.14))
-        for share, methods, names in ((0.999, ("exact",), "contact_motion"), (1.001, METHODS, "duration"))],
     "termination": [
         *(Case(f"termination {kind}", f"the termination {kind!r}", run={"termination": kind},
                expected={"exact": VALUE}, names="termination", excluded=ALL_MODES)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, critical_mu, simulate
+from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, critical_mu, simulate_many
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import exact, published
@@ -27,14 +27,13 @@ ERRORS: dict[str, type[Exception]] = {VALUE: ValueError, CONTACT: ContactError, 
 EDGES = {
     "fitting step": "step",
     "samples": "sample_rate",
-    "reach": "duration",
     "least V/F": "V",
     "largest V/F": "V",
 }
 # A value beyond any limit; the word before the limit in a refusal, and how near to the limit its number must be.
 FAR, WORDS, DIGITS = 1e80, ("at most", "at least", "above", "from", "to"), 5e-3
 # Limits that are allowed themselves, how many steps show it, and methods that refuse the argument altogether.
-ALLOWED, STEPS, WITHOUT = ("step", "least V/F", "largest V/F"), 10, {"cutoff": "paper", "reach": "exact"}
+ALLOWED, STEPS, WITHOUT = ("step", "least V/F", "largest V/F"), 10, {"cutoff": "paper"}
 # Records are of every step, of so many from the beginning; from this duration on the mean of N is checked, s.
 MOST_ROWS, LONG = 2_000_000, 1.0
 # Rounding, in units of the largest force or of a copied statistic, and in what the published scheme solves for.
@@ -111,7 +110,11 @@ class RunSpec:
     def simulate(self, **more: Any) -> Transient:
         """Simulate it, with some arguments changed."""
         options = {name: value for name, value in self.arguments.items() if name not in POINT}
-        return simulate(self.scene, method=self.method, **{"initial": self.initial, **options, **more})
+        options = {"method": self.method, "initial": self.initial, **options, **more}
+        (result,) = simulate_many([self.scene], **options)
+        if isinstance(result, Exception):
+            raise result
+        return result
 
     def refusal(self, kind: type[Exception] = ValueError) -> str:
         """The message with which the method refuses it; "" if it does not."""
@@ -132,8 +135,8 @@ def spec_of(case: Case, method: str) -> tuple[RunSpec, float]:
         spec = spec.changed(V=distance / (case.slips_at - 0.5 * arguments["ramp"]))
     value = case.share * LIMITS[case.edge](spec) if case.edge else np.nan
     value = np.nan if case.edge == "fitting step" and not value < published.STEP else value
-    assert np.isfinite(value) or case.edge in ("", "fitting step", "reach"), f"no limit of {case.edge} is known"
-    return spec if np.isnan(value) and case.edge != "reach" else spec.changed(**{case.edge: value}), value
+    assert np.isfinite(value) or case.edge in ("", "fitting step"), f"no limit of {case.edge} is known"
+    return spec if np.isnan(value) else spec.changed(**{case.edge: value}), value
 
 
 class RunData(NamedTuple):
@@ -160,10 +163,10 @@ def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
 def _cost(spec: RunSpec) -> float:
     """Thread time per step, in units of what the same modes take without friction, where nothing happens."""
     duration, fast = spec.arguments["duration"], spec.method == "fast"
-    if fast and "contact_motion" not in spec.arguments:
+    if fast:
         duration = float(np.clip(duration, COST_STEPS[0] * spec.step, COST_STEPS[1] * spec.step))
     # The finer onset of "fast" is left out of both: how long it lasts is the scene's.
-    refines = fast and not spec.start and not spec.chosen("cutoff", "contact_motion")
+    refines = fast and not spec.start and not spec.chosen("cutoff")
     if refines and spec.arguments.get("termination") != "none":
         spec = spec.changed(cutoff=default_cutoff(spec.rig))
     spec = spec.changed(**{"end_early": False} | spec.chosen("end_early"))
@@ -203,7 +206,6 @@ LIMITS: dict[str, Callable[[RunSpec], float]] = {
     "mu": lambda spec: critical_mu(spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")),
     "least V/F": lambda spec: stated(spec.changed(V=1.0 / FAR).refusal(), "from"),
     "largest V/F": lambda spec: stated(spec.changed(V=FAR).refusal(), "to"),
-    "reach": lambda spec: stated(spec.changed(duration=1e5).refusal(), "at most"),
     "cutoff": lambda spec: stated(replace(spec.changed(cutoff=1.0), method="fast").refusal(), "above"),
     "samples": lambda spec: stated(spec.changed(sample_rate=1e9).refusal(), "at most"),
 }

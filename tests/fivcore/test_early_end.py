@@ -45,7 +45,6 @@ NEVER_ENDED = [
     (STABLE, {"termination": "none"}),
     (replace(STABLE, rig=Rig(d1=0.0, d2=0.0)), {}),
     (Scene(1e-9, 5.0, 0.2, 9.0), {}),
-    (Scene(2e-3, -5.0, 0.2, 9.0, Rig(d1=200.0)), {"contact_motion": 1}),
 ]
 
 
@@ -80,8 +79,8 @@ def test_a_scene_that_settles_has_the_figures_and_the_record_of_the_full_run(sce
 
 
 @pytest.mark.parametrize(("scene", "given"), NEVER_ENDED)
-def test_a_scene_that_vibrates_or_may_and_a_contact_that_moves_take_every_step(scene, given):
-    full, free = both(scene, 0.3 if "contact_motion" in given else 1.5, **given)
+def test_a_scene_that_vibrates_or_may_takes_every_step(scene, given):
+    full, free = both(scene, 1.5, **given)
     assert not free.summary["settled_early"]
     assert_same_summary(full, free)
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate
+from fivcore import DivergenceError, FixedContactWarning, Rig, Scene, simulate, simulate_many
 from fivcore.contact.reduced import reduced_model
 from fivcore.rig import P1, P2
-from fivcore.transient import fast, moving_contact
-from fivcore.transient.moving_contact import LEAST, ContactMotion, moved_model
+from fivcore.transient import fast
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.published import BETA2
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
@@ -23,7 +22,6 @@ QUICK = Scene(0.02, 5.0, 0.2, 9.0)
 RECORDED = [
     ("fast", PAPERS, 0.15, 1e3, {}),
     ("fast", PAPERS, 0.05, 1e7, {}),
-    ("fast", replace(PAPERS, rig=Rig(d1=200.0)), 0.06, 5e5, {"contact_motion": 1}),
     ("fast", replace(PAPERS, theta=-5.0, rig=Rig(d1=200.0)), 0.5, 5e5, {}),
     ("fast", replace(PAPERS, theta=-5.0, rig=Rig(d1=200.0)), 0.5, 5e5, {"cutoff": 75e3}),
     ("exact", QUICK, 0.0125, 1e6, {}),
@@ -119,7 +117,6 @@ def test_a_run_is_the_canonical_one_times_the_load(scene, duration, given):
 SAME = [
     # Published damping is a rig with so much more; each method's own is the default; and beta2 by its value.
     ("fast", {"numerical_damping": "published"}, {"rig": Rig(d2=1.6e-8)}, 0.1),
-    ("fast", {"numerical_damping": "published", "contact_motion": 1}, {"rig": Rig(d2=1.6e-8)}, 0.033),
     ("exact", {"numerical_damping": "published"}, {"rig": Rig(d2=1.6e-8)}, 0.0125),
     ("fast", {"numerical_damping": "none"}, {}, 0.1),
     ("exact", {"numerical_damping": "none"}, {}, 0.0125),
@@ -194,43 +191,10 @@ def test_a_run_that_blows_up_says_so(method, monkeypatch):
     assert caught.value.scene == PAPERS
 
 
-# A contact point that moves.
-@pytest.mark.slow
-def test_the_line_wanders_with_the_contact_point_as_in_the_mirror():
-    """P2's stiffness at D, and with it the unstable pair, depends on where D is."""
-    towards, away = (simulate(PAPERS, 0.25, contact_motion=motion).summary for motion in (-1, 1))
-    assert towards["dominant_frequency"] < 0.97 * away["dominant_frequency"]
-    given = {"contact_motion": -1, "record": True}
-    one, other = (simulate(scene, 0.05, **given) for scene in (PAPERS, PAPERS.mirrored()))
-    assert one.summary["first_separation_time"] < 0.05
-    assert np.array_equal(one.velocity_B, -other.velocity_B)
-
-
-def test_the_cost_of_a_fast_contact_point_is_that_of_its_path(monkeypatch):
-    """At 0.02 m/s a segment is 5 um long; a hundred times as fast it is ten times as long, and moves B as well."""
-    slow, quick = (ContactMotion(Normalised.of(replace(PAPERS, V=V)), 0.0, 1) for V in (0.02, 2.0))
-    assert [each.segment_steps(1e-6) for each in (slow, quick)] == [250, 25]
-    scene, made = Scene(2.0, -5.0, 0.2, 9.0), []
-    monkeypatch.setattr(fast, "moved_model", lambda *given: made.append(given) or moved_model(*given))
-    run = simulate(scene, 9e-4, contact_motion=1, record=True)
-    # Two models a segment.
-    path = 2.0 * (9e-4 - 0.5e-3)
-    assert len(made) <= 2.0 * (path / 45e-6 + 20)
-    monkeypatch.setattr(moving_contact, "MOST", 5e-6)
-    fine = simulate(scene, 9e-4, contact_motion=1, record=True)
-    assert len(made) > 100
-    assert np.abs(run.velocity_B - fine.velocity_B).max() < 0.02 * np.abs(fine.velocity_B).max()
-
-
-def test_a_contact_that_moves_to_where_it_is_not_unique_is_an_error():
-    """Between two nodes of P2 the contact closes less than at a node."""
-    start, end = (critical_mu(Rig(contact_position=place), 5.0, "paper") for place in (0.0801, 0.08))
-    scene = Scene(0.1, 5.0, 32.1, 9.0, Rig(contact_position=0.0801))
-    assert end < scene.mu < start
-    with pytest.raises(
-        ContactError, match=r"mu = 32\.1: from 32\.0\d* on .* with the contact 0\.0800\d* m"
-    ) as said:
-        simulate(scene, 2e-3, "paper", contact_motion=-1)
-    place = float(str(said.value).split("contact ")[2].split(" m")[0])
-    assert critical_mu(Rig(contact_position=place), 5.0, "paper") <= scene.mu
-    assert critical_mu(Rig(contact_position=place + 2.0 * LEAST), 5.0, "paper") > scene.mu
+# The contact point is fixed.
+def test_a_run_that_moves_p2_by_more_than_2_percent_of_its_length_warns(recwarn):
+    simulate(Scene(1.0, 5.0, 0.2, 9.0), 2.99e-3)
+    simulate_many([Scene(1.0, 5.0, 0.2, 9.0)], 6e-3)
+    assert not recwarn.list
+    with pytest.warns(FixedContactWarning, match=r"^V \* duration is 4 % of P2's length: .*fixed in the model"):
+        simulate(Scene(-1.0, 5.0, 0.2, 9.0), 6e-3)

@@ -187,5 +187,5 @@ def stepped(system, steps, dt, b=published.BETA2, tau=published.TAU):
     rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), SAMPLE))
     modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
     sticks = np.empty((steps, 2))
-    published.advance(record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, sticks)
+    published.advance(record, steps, modes, f, q, vs, a, reach, samples, rows, sticks)
     return rows, q
