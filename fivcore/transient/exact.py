@@ -1,4 +1,4 @@
-"""`method="exact"`: the reduced model with the absorbing element, integrated from event to event.
+"""`method="exact"`: the reduced model, integrated from event to event.
 
 In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear in
 x: (q, v) of the kept modes, with u_T in slip and u in separation. With the prescribed motion d of
@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import ReducedModel, default_cutoff, reduced_model
+from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
@@ -54,7 +53,7 @@ class ExactRun(SteppedRun):
     Raises
     ------
     SceneValueError
-        Where the reduced model has no absorbing element, or a contact regime no eigenbasis.
+        Where the contact has no dashpot, or one of its states no eigenbasis.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -62,14 +61,13 @@ class ExactRun(SteppedRun):
     READ_AT = 0.5
 
     def __init__(self, scene: Normalised, options: Options) -> None:
-        model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
-        self.model = model = modified(model, options.modify)
-        cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
+        model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
+        self.model, cutoff = model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
         if not model.C.any():
-            why, need = "the relaxation time of the element is 0", "a dashpot; use another cutoff"
-            if not model.K.any():
-                why, need = "it keeps every mode of this rig", "an element for the others; use a lower cutoff"
-            raise SceneValueError(f"cutoff = {cutoff:g}: {why}, and method 'exact' needs {need} or method 'fast'")
+            raise SceneValueError(
+                f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
+                " leaves out more modes of this rig, or method 'fast'"
+            )
         critical = model.critical_mu(None)
         if scene.mu >= critical:
             raise not_unique(scene.mu, critical)
@@ -250,7 +248,7 @@ class Regime(NamedTuple):
 @lru_cache(maxsize=32)
 @one_blas_thread()
 def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
-    """Return the four regimes of a model with an absorbing element."""
+    """Return the four regimes of a model."""
     return tuple(_regime(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
 
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import propagator
-from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import INTERVAL, ReducedModel, reduced_model
+from fivcore.contact.reduced import INTERVAL, ReducedModel, modified, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array
@@ -44,8 +43,7 @@ class FastRun:
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
-        model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
-        model = modified(model, options.modify)
+        model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         self.step = model.default_step if options.step is None else options.step
         limit, what = model.largest_step, "the contact"
         if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):

@@ -15,8 +15,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import default_cutoff, reduced_model
+from fivcore.contact.reduced import default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError
 from fivcore.jit import Array
 from fivcore.transient.fast_solver import Solver, frozen_solver
@@ -29,13 +28,13 @@ LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 
 
 def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
-    """Build the finer solver; None where damping, the element or uniqueness of the contact force rule it out."""
+    """Build the finer solver; None where damping, a rigid contact or uniqueness of its force rule it out."""
     # With more material damping, s, nothing grows above the cut-off.
     if scene.rig.d2 > 1e-7:
         return None
     cutoff = HIGHER * default_cutoff(scene.rig)
-    model = reduced_model(scene.rig, scene.theta, cutoff, options.termination)
-    # With every mode kept there is no element whose state `prolong` could find.
+    model = reduced_model(scene.rig, scene.theta, cutoff)
+    # With every mode kept there is no u that `prolong` could find.
     if model.K.any() and step / FINER <= modified(model, options.modify).largest_step:
         with suppress(ContactError):
             return frozen_solver(modified(model, options.modify), scene.mu, step / FINER)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.ablation import Modify
-from fivcore.contact.reduced import TERMINATIONS
+from fivcore.contact.reduced import Modify
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Scene
@@ -42,7 +41,6 @@ class Options:
     settle: float | None = None
     initial: State | None = None
     cutoff: float | None = None
-    termination: str = "absorbing"
     step: float | None = None
     min_stick: float | None = None
     record: tuple[str, ...] = ()
@@ -89,17 +87,14 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     return Options(**options)
 
 
-def law_options(method: Any, termination: Any, modify: Any, numerical_damping: Any, beta2: Any) -> dict[str, Any]:
+def law_options(method: Any, modify: Any, numerical_damping: Any, beta2: Any) -> dict[str, Any]:
     """Check the options that choose a method and its contact law; return the two that follow from others."""
     checks.choice("method", method, ("fast", "exact", "paper"))
-    checks.choice("termination", termination, TERMINATIONS)
     if modify is not None:
         if not callable(modify):
             raise InputError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
         if method == "paper":
             raise InputError("modify: method 'paper' keeps all modes; leave it out")
-    if method == "exact" and termination != "absorbing":
-        raise InputError(f"termination = {termination!r}: it must be 'absorbing' for method 'exact'; use 'fast'")
     if beta2 is not None:
         if method != "paper":
             raise InputError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")

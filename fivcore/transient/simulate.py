@@ -9,8 +9,7 @@ from typing import Any
 from warnings import warn
 
 from fivcore import checks
-from fivcore.contact.ablation import Modify, modified
-from fivcore.contact.reduced import full_model, reduced_model
+from fivcore.contact.reduced import Modify, full_model, modified, reduced_model
 from fivcore.errors import FIXED, FixedContactWarning, InputError, SceneError, fixed_contact
 from fivcore.rig import Rig, Scene
 from fivcore.transient import published
@@ -30,7 +29,6 @@ def simulate(
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
     cutoff: float | None = None,
-    termination: str = "absorbing",
     step: float | None = None,
     min_stick: float | None = None,
     record: bool | Sequence[str] = False,
@@ -65,8 +63,6 @@ def simulate(
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 117 kHz for the paper's rig
         (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
-    termination : {"absorbing", "elastic", "none"}
-        Element that stands for the modes above the cut-off (`fivcore.contact.reduced`).
     step : float, optional
         Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.7e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
@@ -87,7 +83,8 @@ def simulate(
         (`transient.stick_skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
         enters its maximum every 20 microseconds.
     modify : callable, optional
-        For "fast" and "exact": a function that returns a changed reduced model (`fivcore.contact.ablation`).
+        For "fast" and "exact": a function that takes a `contact.reduced.ReducedModel` and returns a changed one,
+        to measure what a part of it is worth (`studies/accuracy/ablation.py`).
     beta2 : float, optional
         For "paper" only, from 0.5 to 1, in place of `numerical_damping`. Default: 0.8, the paper's.
 
@@ -170,7 +167,6 @@ def critical_mu(
     *,
     numerical_damping: str | None = None,
     cutoff: float | None = None,
-    termination: str = "absorbing",
     step: float | None = None,
     modify: Modify | None = None,
     beta2: float | None = None,
@@ -184,7 +180,7 @@ def critical_mu(
     rig : Rig
     theta : float
         Degrees; its sign does not matter, for both directions of slip are looked at.
-    method, numerical_damping, cutoff, termination, step, modify, beta2
+    method, numerical_damping, cutoff, step, modify, beta2
         As in `fivcore.simulate`.
 
     Returns
@@ -199,7 +195,7 @@ def critical_mu(
     """
     checks.instance("rig", rig, Rig)
     theta = checks.theta_degrees(theta)
-    law = law_options(method, termination, modify, numerical_damping, beta2)
+    law = law_options(method, modify, numerical_damping, beta2)
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
@@ -207,5 +203,5 @@ def critical_mu(
             full_model(rig, theta), step or published.STEP, beta2 or published.BETA2
         )
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
-    model = modified(reduced_model(rig, theta, cutoff, termination), modify)
+    model = modified(reduced_model(rig, theta, cutoff), modify)
     return model.critical_mu(None if method == "exact" else step or model.default_step)

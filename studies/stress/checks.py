@@ -87,10 +87,10 @@ class RunSpec:
 
     @cached_property
     def model(self) -> ReducedModel:
-        """The modes and the contact element that the method steps through."""
+        """The model that the method steps through."""
         if self.method == "paper":
             return full_model(self.rig, self.scene.drive_theta)
-        return reduced_model(self.rig, self.scene.drive_theta, **self.chosen("cutoff", "termination"))
+        return reduced_model(self.rig, self.scene.drive_theta, **self.chosen("cutoff"))
 
     @property
     def step(self) -> float:
@@ -166,8 +166,7 @@ def _cost(spec: RunSpec) -> float:
     if fast:
         duration = float(np.clip(duration, COST_STEPS[0] * spec.step, COST_STEPS[1] * spec.step))
     # The finer onset of "fast" is left out of both: how long it lasts is the scene's.
-    refines = fast and not spec.start and not spec.chosen("cutoff")
-    if refines and spec.arguments.get("termination") != "none":
+    if fast and not spec.start and not spec.chosen("cutoff"):
         spec = spec.changed(cutoff=default_cutoff(spec.rig))
     spec = spec.changed(**{"end_early": False} | spec.chosen("end_early"))
     # Nothing happens in the quiet one, so a part of it tells as much.
@@ -260,7 +259,7 @@ def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
     peak = max(float(np.abs(N).max()), spec.arguments["F"])
     separated, landing = state == SEPARATION, np.zeros(len(state), dtype=bool)
     if spec.method == "fast" and not spec.model.K.any():
-        # Without an element the step of a landing is left out: its mean velocity may differ in sign from the next.
+        # In rigid contact the step of an impact is left out: its mean velocity may differ in sign from the next.
         landing[1:] = separated[:-1]
     slips, sticks, bound = (state == SLIP) & ~landing, (state == STICK) & ~landing, ROUNDING
     law = {"normal": (float(max(0.0, -N.min())) / peak, ROUNDING)}

@@ -1,6 +1,7 @@
 """Runs that are ended because they slide steadily for good: what they say, that no other run is, and the proof."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SLIP
 from fivcore.transient.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
+from studies.accuracy.ablation import truncated, with_dashpot
 from tests.helpers.rigs import workshop_rig
 from tests.helpers.runs import SERIES, assert_same_summary
 
@@ -28,9 +30,9 @@ SETTLING = [
     (Scene(5e-3, 5.0, 0.05, 9.0), {}),
     (Scene(1e-3, -5.0, 0.2, 0.3), {}),
     (Scene(5e-3, 5.0, 0.0, 9.0), {}),
-    # Its default keeps all modes and needs no element.
+    # Its default keeps all modes.
     (replace(STABLE, rig=workshop_rig(3)), {"cutoff": 0.6 * default_cutoff(workshop_rig(3))}),
-    (STABLE, {"termination": "elastic", "cutoff": 50e3}),
+    (STABLE, {"modify": partial(with_dashpot, factor=0.0), "cutoff": 50e3}),
     (STABLE, {"settle": 1.7}),
     (STABLE, {"settle": 5.0}),
     (STABLE, {"min_stick": 1e-4, "settle": 0.0}),
@@ -42,7 +44,7 @@ NEVER_ENDED = [
     (Scene(5e-3, 5.0, 0.2, 9.0), {}),
     (Scene(5e-3, 5.0, 0.111, 9.0), {}),
     (Scene(5e-3, 5.0, 0.1114, 9.0), {"cutoff": FEW}),
-    (STABLE, {"termination": "none"}),
+    (STABLE, {"modify": truncated}),
     (replace(STABLE, rig=Rig(d1=0.0, d2=0.0)), {}),
     (Scene(1e-9, 5.0, 0.2, 9.0), {}),
 ]
