@@ -7,8 +7,9 @@ x: (q, v) of the kept modes, with u_T in slip and u in separation. With the pres
     x(s) = Re sum_k c_k z_k exp(lambda_k s) + E d(s),     M E + B = E D,
 
 up to the first zero of a margin, found by a certified search. So there is neither order nor time step: `step` is
-the grid on whose midpoints statistics and series are read. The error is rounding, some 1e-13 of the motion until
-the first slip, which flutter then amplifies to 5e-12 at the first separation.
+the grid on whose midpoints statistics and series are read. The error is rounding: some 1e-10 of the motion until
+the first slip, which flutter then amplifies to 3e-8 at the first separation. Modal displacements all but cancel in
+a gap, and with them some three digits.
 
 An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
@@ -18,7 +19,7 @@ gap or cone were overstepped meanwhile, the decision changes the element's displ
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -255,45 +256,27 @@ def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
 def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     """Write one regime's equations as rows of factors of (x, d), and change to its eigenbasis.
 
-    x holds those of q, v, u and u' that do not follow from the others. In contact the gaps, -u_N and in stick
-    S - u_T, take the place of one or two soft modes. Modal displacements all but cancel in a gap, so that as a sum
-    over all modes it would lose digits, some four of them in the forces.
+    x is (q, v, u_N, u_T) less what follows from the rest: in contact u_N is -g_N, in stick u_T is S - g_T; in
+    separation P1's rigid mode is part of d.
     """
     k, c, K, C, normal, tangential = model.stiffness, model.damping, model.K, model.C, *model.shapes
     n, rigid = len(k), int(np.argmin(k))
-    # The rigid mode and the gap along x serve only where no mode is softer than the element.
-    elastic = np.where(k > 0.0, k, K[0, 0] * normal[rigid] ** 2)
-    first = int(np.argmax(normal**2 / elastic))
-    lean = tangential[first] / normal[first]
-    across = tangential - lean * normal
-    second = int(np.argmax(across**2 / elastic))
-    both = which == STICK and across[second] ** 2 * K[1, 1] > elastic[second]
-    # P1's rigid mode is part of d in separation, and u' follows from u there, as u_T' does in slip.
-    one = rigid if which == SEPARATION else first
-    rest = {SEPARATION: [2 * n + 2, 2 * n + 3], STICK: [2 * n + 1, 2 * n + 3]}.get(which, [2 * n + 3])
-    dependent = [one, n + one, *([second, n + second] if both else rest)]
-    x = np.delete(np.arange(2 * n + 4), dependent)
-    unit = np.delete(np.eye(2 * n + 10), dependent, axis=1)
-    q, v, u, rate, d = np.split(unit, [n, 2 * n, 2 * n + 2, 2 * n + 4])
-    # x at the start of the regime from (q, v, u) and d.
-    given, load = np.eye(2 * n + 4, 2 * n + 8), np.stack([d[ONE], 0.0 * d[ONE]])
+    dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
+    x = np.delete(np.arange(2 * n + 2), dependent)
+    q, v, u, d = np.split(np.delete(np.eye(2 * n + 8), dependent, axis=1), [n, 2 * n, 2 * n + 2])
+    load = np.stack([d[ONE], 0.0 * d[ONE]])
     if which == SEPARATION:
         q[rigid], v[rigid] = d[Q_R], d[V_R]
         rate, force = -np.linalg.inv(C) @ (K @ u + load), 0.0 * load
     else:
-        given[2 * n + 2 :] = np.pad(-model.shapes, ((0, 0), (n, 8)))
-        given[2 * n + 3, 2 * n + 2 + P] = 1.0
-        if which != STICK:
+        u[0], rate = -normal @ q, np.stack([-normal @ v, d[P] - tangential @ v])
+        if which == STICK:
+            u[1] = d[S] - tangential @ q
+        else:
             # T = m N: K_T u + C_T u' = m (K_N u + C_N u' + 1), solved for u_T'.
             m = mu if which == SLIP_UP else -mu
             stiff, viscous = K[1] - m * K[0], C[1] - m * C[0]
             rate[1] = -(stiff @ u + viscous[0] * rate[0] - m * d[ONE]) / viscous[1]
-        for part, own, driven in ((q, u, d[S]), (v, rate, d[P])):
-            if both:
-                part[second] = (driven - own[1] + lean * own[0] - across @ part) / across[second]
-            part[first] = -(own[0] + normal @ part) / normal[first]
-            if which == STICK and not both:
-                own[1] = driven - tangential @ part
         force = K @ u + C @ rate + load
     rate_T = tangential @ v - d[P]
     acceleration = -c[:, None] * v - k[:, None] * q + np.outer(model.inertia, d[A])
@@ -306,13 +289,21 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     }[which]  # fmt: skip
     inertial, velocity, damped = model.inertia @ v, model.point_b @ v, np.sqrt(c)[:, None] * v
     outputs = np.vstack([rate, C @ rate, inertial, velocity, N, T, speed, damped])
-    size, light = len(x), model.W[0, 0] ** -0.5
-    closing = [-normal @ acceleration, d[A] - tangential @ acceleration]
-    moving = np.vstack([v, acceleration, rate, *closing])[x]
-    # Displacements weighted by frequency, u by stiffness and u' by mass: the norm is then near the energy's.
-    scale = np.concatenate([np.sqrt(np.maximum(k, 1.0)), np.ones(n), np.sqrt(np.diag(K)), np.full(2, light)])[x]
+    size, moving = len(x), np.vstack([v, acceleration, rate])[x]
+    # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.
+    omega = np.sqrt(np.where(k > 0.0, k, model.contact_frequency**2))
+    scale = np.concatenate([omega, np.ones(n), np.sqrt(np.diag(K))])[x]
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
-    eigenvalues, vectors, back = _eigenbasis(matrix)
+    eigenvalues, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
+    # Rows of one size: close to the friction at which slip loses its unique force, u_T is larger than all else by
+    # orders of magnitude, and no two eigenvalues coincide.
+    units = 1.0 / np.abs(vectors).sum(axis=1)
+    if np.linalg.cond(units[:, None] * vectors) > WORST:
+        raise SceneValueError(
+            "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
+            " mu or theta in the eighth digit"
+        )
+    back = np.linalg.inv(units[:, None] * vectors) * units
     # D is nilpotent where B is not zero: three iterations solve Z^-1 (M E + B) = Z^-1 E D.
     forced, steady, D = back @ forcing, np.zeros((size, 6)), np.zeros((6, 6))
     D[S, P] = D[P, A] = 1.0
@@ -324,27 +315,7 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     back = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[:, None] * back[kept] * scale
     # (x, d) from w.
     change = np.block([[vectors, steady], [np.zeros((6, vectors.shape[1])), np.eye(6)]])
-    entry = back @ (given[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
+    entry = back @ (np.eye(2 * n + 2, 2 * n + 8)[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
     rows = (np.vstack([q, v, u]), np.stack(margins), outputs)
-    entry, state, watched, seen = (part.astype(complex) for part in (entry, *(row @ change for row in rows)))
+    state, watched, seen = (row @ change for row in rows)
     return Regime(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))
-
-
-def _eigenbasis(matrix: Array) -> tuple[Complex, Any, Any]:
-    """Eigenvalues, eigenvectors and their inverse, the latter two in extended precision."""
-    values, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
-    # Rows are scaled to the same size before the condition number is judged: close to the friction at which slip
-    # loses its unique force, u_T is larger than all else by orders of magnitude, and no two eigenvalues coincide.
-    units = 1.0 / np.abs(vectors).sum(axis=1)
-    basis = units[:, None] * vectors
-    if np.linalg.cond(basis) > WORST:
-        raise SceneValueError(
-            "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
-            " mu or theta in the eighth digit"
-        )
-    # Large displacements of slow modes in forced and free motion cancel: the inverse is refined (Newton's method).
-    # Where the platform has no extended precision, less damping is possible.
-    vectors, back = vectors.astype(np.clongdouble), np.linalg.inv(basis) * units
-    for _ in range(2):
-        back = back + back @ (np.eye(len(values)) - vectors @ back)
-    return values, vectors, back
