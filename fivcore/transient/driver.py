@@ -79,7 +79,8 @@ class Job:
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
         self._scene, self.run = scene, METHODS[options.method](normalised, options)
         self._monitor = Monitor(self.run.rate)
-        self._series = Record(normalised, options.record, options.sample_times)
+        rate = options.rows(self.run.step)[1]
+        self._series = Record(normalised, options.record, options.sample_times, rate)
         # Samples that were filled in.
         self._blocks, self._sticks, self._further = Blocks(), np.empty((0, 2)), 0
         self._watch = None if options.until is None else Watch(self.run, options.until)
@@ -126,7 +127,7 @@ class Job:
         summary = summarise(self.run, self._monitor, self._blocks, self._sticks, self._further)
         if self._watch is not None:
             summary["standard_error_reached"] = self._watch.known
-        return Transient(self._scene, summary, **self._series.whole())
+        return Transient(self._scene, summary, **self._series.whole(self.run.steps * self.run.step))
 
 
 def located(error: SceneError, scene: Scene) -> SceneError:

@@ -26,7 +26,7 @@ from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
 from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.record import SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
-from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SETTLING, SLIP, STICK, begin
+from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SLIP, STICK
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
 
@@ -70,8 +70,7 @@ class FastRun:
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self._sample_every = max(round(INTERVAL / self.step), 1)
-        rate = options.sampling_rate
-        self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
+        self._row_every = options.rows(self.step)[0]
         self.rate = 1.0 / (self._sample_every * self.step)
         self.may_settle = options.end_early and bool(model.K.any())
         self._length = SHORT_SEGMENT
@@ -80,7 +79,7 @@ class FastRun:
         # Where a segment ends; a record may cut it into several.
         self._until = 0
         self.segments: Iterable[Segment] = ()
-        self.record = begin(np.zeros(1, at.SCENE), options.settle, SETTLING, options.min_stick)
+        self.record = options.record_of(scene, at.SCENE)
         self._tables: SkipTables | None = None
         self._solver = self._coarse = frozen_solver(model, scene.mu, self.step)
         self.blocks = self._solver.blocks.copy()
@@ -99,13 +98,12 @@ class FastRun:
     def _start(self, initial: State | None) -> None:
         model, scene, solver = self.model, self.scene, self._solver
         u: Array = np.zeros(2)
+        contact = self.options.contact
         if initial is None:
-            contact = STICK
             q, v = (np.zeros(len(model.rest)) for _ in range(2))
             if model.K.any():
                 u = np.asarray(np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0]))
         else:
-            contact = initial.contact
             q = initial.displacement[model.kept] - model.rest
             v = initial.velocity[model.kept].copy()
             if model.K.any():

@@ -80,6 +80,11 @@ def energy_at_hand(scene: Normalised, initial: State | None) -> float:
     return 0.5 * twice
 
 
+def loading_time(scene: Normalised) -> float:
+    """Time in which the drive at its speed loads a stuck contact until it slips, statically, s."""
+    return slip_distance(scene) / scene.speed_per_load
+
+
 def slip_distance(scene: Normalised) -> float:
     """Static displacement of the clamp at which the contact slips, m per N of load (F = 1, N = 1)."""
     full = full_model(scene.rig, scene.theta)

@@ -96,9 +96,8 @@ class PaperRun(SteppedRun):
         self._load = model.stiffness * model.rest - model.normal
         q, T = model.rest.copy(), 0.0
         v, a = np.zeros((2, len(q)))
-        initial, record["contact"] = options.initial, STICK
+        initial = options.initial
         if initial is not None:
-            record["contact"] = initial.contact
             q, v = initial.displacement.copy(), initial.velocity.copy()
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:

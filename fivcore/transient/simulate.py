@@ -32,7 +32,7 @@ def simulate(
     step: float | None = None,
     min_stick: float | None = None,
     record: bool | Sequence[str] = False,
-    sample_rate: float = 100e3,
+    sample_rate: float | None = 100e3,
     sample_times: Any = None,
     end_early: bool = True,
     leap: bool = True,
@@ -67,14 +67,17 @@ def simulate(
         Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.7e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
-        Shortest long stick, s. Default: a fifth of the time to the first slip.
+        Shortest long stick, s. Default: a fifth of the time in which the drive at V loads a stuck contact until it
+        slips, statically: it depends on the scene alone, not on the start of the run.
     record : bool or sequence of str
         Series to keep: all, or some of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`, `state`.
-    sample_rate : float
-        Sampling rate of the series, Hz.
+    sample_rate : float, optional
+        Sampling rate of the series, Hz: at the times k / sample_rate, linear between two steps, with the state of
+        the step before. Where a whole number of steps fits between two samples, as with the default, they are
+        every so many steps without interpolation, at those steps' own times. None: every step.
     sample_times : array_like, (n,), optional
         Ascending times of the series instead, s: linear between two steps of the method, with the state of the
-        step before; the first and the last step stand for what lies beyond.
+        step before; beyond the first and the last step their values.
     end_early : bool
         For "fast": fill in the rest of the run where steady sliding is proved to last
         (`transient.steady`), which changes figures by some 1e-9 of their size.
@@ -195,7 +198,7 @@ def critical_mu(
     """
     checks.instance("rig", rig, Rig)
     theta = checks.theta_degrees(theta)
-    law = law_options(method, modify, numerical_damping, beta2)
+    law = law_options(dict(locals()))
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import Array
-from fivcore.transient.normalised import displacement, energy_at_hand, slip_distance
+from fivcore.transient.normalised import displacement, energy_at_hand, loading_time, slip_distance
 from fivcore.transient.spectra import Monitor
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
 from fivcore.transient.uncertainty.blocks import Blocks
@@ -32,8 +32,8 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     - `max_slip_speed`, `slip_speed_999`: m/s, of the surfaces' relative tangential speed, in contact or not.
     - `switches_per_second`: changes of contact state.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
-    - `stick_times`, `stick_starts`: s, duration and start of the sticks of at least `min_stick` begun after first
-      slip and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
+    - `stick_times`, `stick_starts`: s, duration and start of the long sticks (`min_stick`) begun after first slip
+      and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
       at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes or, if it
@@ -75,7 +75,7 @@ def summarise(run: Any, monitor: Monitor, blocks: Blocks, sticks: Array, further
     if regime == "steady sliding":
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = coherence = float("nan")
-    lengths, known = sticks[:, 1] - sticks[:, 0], cosines_for(duration - start, distance / scene.speed_per_load)
+    lengths, known = sticks[:, 1] - sticks[:, 0], cosines_for(duration - start, loading_time(scene))
     decided = not (regime in ("undecided", "stuck", "steady sliding") or further)
     errors = standard_errors(blocks, known if decided else 0, monitor, lengths)
     if further or regime in ("stuck", "steady sliding"):

