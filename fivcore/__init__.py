@@ -18,14 +18,14 @@ from fivcore.stability.sensitivity import (
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
-from fivcore.transient.simulate import critical_mu, simulate, simulate_many
+from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
 from fivcore.transient.until import Until
 
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",
     "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes",
-    "SlidingSensitivity", "State", "Transient", "UnsolvedError", "UnstableWindows", "Until", "critical_mu",
+    "SlidingSensitivity", "State", "Transient", "UnsolvedError", "UnstableWindows", "Until",
     "flutter_onsets", "flutter_onsets_many", "glued_frequencies", "node_positions", "onset_curves",
-    "onset_sensitivity", "simulate", "simulate_many", "sliding_modes", "sliding_sensitivity", "tune_head_mass",
-    "unstable_windows",
+    "onset_sensitivity", "painleve_mu", "simulate", "simulate_many", "sliding_modes", "sliding_sensitivity",
+    "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

@@ -49,8 +49,8 @@ def fixed_contact(moved: float) -> str:
     )
 
 
-def not_unique(mu: float, critical: float) -> ContactError:
-    """Make the error for a coefficient of friction at or beyond the critical one."""
+def not_unique(mu: float, limit: float) -> ContactError:
+    """Make the error for a coefficient of friction at or beyond the Painleve limit."""
     return ContactError(
-        f"mu = {mu:g}: from {critical:.6g} on the contact force of this method is not unique (Painleve)"
+        f"mu = {mu:g}: from {limit:.6g} on the contact force of this method is not unique (Painleve)"
     )

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
 from fivcore.contact.impulse import Impulse, at_impulses
-from fivcore.contact.law import critical_friction, ratio
+from fivcore.contact.law import painleve_mu, ratio
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
@@ -87,7 +87,7 @@ class ReducedModel(ReadOnlyArrays):
 
     @property
     def W(self) -> Array:
-        """Inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
+        """Delassus matrix: inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
         return np.asarray(self.shapes @ self.shapes.T)
 
     @cached_property
@@ -116,15 +116,15 @@ class ReducedModel(ReadOnlyArrays):
         rates = np.linalg.solve(impulse.stiffness, self.K) if self.K.any() else np.eye(2)
         return np.asarray(rates.T @ self.C @ rates)
 
-    def critical_mu(self, step: float | None, mu: float = np.inf) -> float:
-        """Smallest friction without a unique contact force, in steps of `fast`; None: by the law itself.
+    def painleve_mu(self, step: float | None, mu: float = np.inf) -> float:
+        """Painleve limit of friction: no unique contact force from there on; in steps of `fast`, or by the law.
 
         Where it exceeds `mu`, a lower bound above `mu` may do.
         """
         if not self.K.any():
             return ratio(self.W[0, 0], self.W[0, 1])
         _, K, C, M = self.impulse(step or 0.0)
-        return critical_friction(K, C, M, step or 0.0, mu)
+        return painleve_mu(K, C, M, step or 0.0, mu)
 
     @cached_property
     def contact_frequency(self) -> float:
@@ -174,9 +174,10 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
 def default_cutoff(rig: Rig) -> float:
     """Cut-off of a reduced model, Hz: just below an axial mode of P1, as each that is kept shortens the step.
 
-    It is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L): the echo of a blow in P1 is kept.
-    Of large beams less is enough: for `LEAST_CUTOFF` then stands the frequency at which the bending waves of one
-    of them are four thicknesses long, where Euler-Bernoulli theory has ended. For the paper's rig: 117 kHz.
+    It is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
+    axial wave. Of large beams less is enough: the frequency at which the bending waves of one of them are four
+    thicknesses long, where Euler-Bernoulli theory has ended, replaces `LEAST_CUTOFF` if it is lower. For the
+    paper's rig: 117 kHz.
     """
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)

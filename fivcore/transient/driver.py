@@ -18,7 +18,7 @@ from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast import FastRun
-from fivcore.transient.normalised import Normalised
+from fivcore.transient.normalised import Normalised, energies
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
 from fivcore.transient.record import Record
@@ -84,9 +84,7 @@ class Job:
         # Samples that were filled in.
         self._blocks, self._sticks, self._further = Blocks(), np.empty((0, 2)), 0
         self._watch = None if options.until is None else Watch(self.run, options.until)
-        model, speed = self.run.model, normalised.speed_per_load
-        self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
-        self._given += speed**2 * float(np.sum(model.inertia**2))
+        self._given = abs(self.run.stored_energy()) + sum(energies(normalised))
 
     def observe(self) -> None:
         """Hand the new segments to the observers; raise `DivergenceError` if the motion has blown up."""

@@ -1,7 +1,7 @@
 """`method="exact"`: the reduced model, integrated from event to event.
 
-In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear in
-x: (q, v) of the kept modes, with u_T in slip and u in separation. With the prescribed motion d of
+In each contact status of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is
+linear in x: (q, v) of the kept modes, with u_T in slip and u in separation. With the prescribed motion d of
 `fivcore.transient.exact_kernels`, d' = D d, x' = M x + B d and M z_k = lambda_k z_k,
 
     x(s) = Re sum_k c_k z_k exp(lambda_k s) + E d(s),     M E + B = E D,
@@ -11,9 +11,9 @@ the grid on whose midpoints statistics and series are read. The error is roundin
 the first slip, which flutter then amplifies to 3e-8 at the first separation. Modal displacements all but cancel in
 a gap, and with them some three digits.
 
-An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
+An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the status is kept for
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
-gap or cone were overstepped meanwhile, the decision changes the element's displacement, booked as impact.
+gap or cone were overstepped meanwhile, the decision changes u, booked as impact.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, redu
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
-from fivcore.transient.normalised import Normalised, State, element_displacement
+from fivcore.transient.normalised import Normalised, State, energies, residual_gaps
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION, STICK
 from fivcore.transient.stepped import SteppedRun
@@ -38,11 +38,11 @@ DWELL = 1e-10
 # Largest growth of slip within DWELL, as a power of e; largest rounding error of a state, relative to the root of
 # the motion's energy.
 MOST_GROWTH, LOST = 10.0, 1e-9
-# Ends of a regime other than a margin's: the end of the ramp or of the run, and that of DWELL.
+# Ends of a status other than a margin's: the end of the ramp or of the run, and that of DWELL.
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, and length of a segment, s.
 STEP, SEGMENT = 1e-6, 0.04
-# Slip with T = mu N and with T = -mu N; the other regimes have the numbers of `fivcore.transient.statistics`.
+# Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
 
 
@@ -67,19 +67,18 @@ class ExactRun(SteppedRun):
                 f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
                 " leaves out more modes of this rig, or method 'fast'"
             )
-        critical = model.critical_mu(None)
-        if scene.mu >= critical:
-            raise not_unique(scene.mu, critical)
+        limit = model.painleve_mu(None)
+        if scene.mu >= limit:
+            raise not_unique(scene.mu, limit)
         step = STEP if options.step is None else options.step
         super().__init__(scene, options, step, round(SEGMENT / step), SCENE)
-        self._regimes = regimes(model, scene.mu)
-        if max(regime.eigenvalues.real.max() for regime in self._regimes) * DWELL > MOST_GROWTH:
+        self._statuses = statuses(model, scene.mu)
+        if max(status.eigenvalues.real.max() for status in self._statuses) * DWELL > MOST_GROWTH:
             raise ContactError(
-                f"{not_unique(scene.mu, critical)}, and so close to it slip grows by more"
+                f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
             )
-        stored = np.sum(model.stiffness * model.rest**2)
-        self._size = float(stored + scene.speed_per_load**2 * np.sum(model.inertia**2))
+        self._size = sum(energies(scene))
         self._now, self.held = 0.0, 0
         # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`.
         initial, n = options.initial, len(model.stiffness)
@@ -87,7 +86,7 @@ class ExactRun(SteppedRun):
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
             y[n : 2 * n] = initial.velocity[model.kept]
-            u = element_displacement(scene, model.kept, initial)
+            u = residual_gaps(scene, model.kept, initial)
             y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
         if options.ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
@@ -97,7 +96,7 @@ class ExactRun(SteppedRun):
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         goal = last * self.step
         while True:
-            r, end, until = self._regime, goal, last
+            r, end, until = self._status, goal, last
             if self._stop < goal:
                 end, until = self._stop, min(max(int(np.ceil(self._stop / self.step - 0.5)), first), last)
             motion = (r.eigenvalues, self._amplitudes, r.outputs, self._start)
@@ -108,17 +107,17 @@ class ExactRun(SteppedRun):
             first, self._now = until, end
             if self._stop >= goal:
                 return
-            self._next_regime()
+            self._next_status()
 
     def _enter(self, t: float, which: int, y: Array, orders: tuple[int, int, int] = (0, 0, 0)) -> None:
-        """Begin a regime at time `t` in the full state `y` and find its end.
+        """Begin a contact status at time `t` in the full state `y` and find its end.
 
         The forces are continuous but at touch-down, where the dashpot lets N jump. So the margin that has just
         vanished departs from zero with its first derivative (slip rate after stick, distance to the edge of the
         cone after slip) or its second (gap where N falls to zero, or after a touch-down without closing speed):
         `orders`, as in `search`.
         """
-        model, r, n = self.model, self._regimes[which], len(self.model.stiffness)
+        model, r, n = self.model, self._statuses[which], len(self.model.stiffness)
         end, acceleration = self.steps * self.step, 0.0
         if t < self.options.ramp:
             end, acceleration = min(self.options.ramp, end), self.scene.speed_per_load / self.options.ramp
@@ -128,7 +127,7 @@ class ExactRun(SteppedRun):
         elif which == SEPARATION:
             j = int(np.argmin(model.stiffness))
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
-        self._which, self._regime, self._origin, self._start = which, r, t, start
+        self._which, self._status, self._origin, self._start = which, r, t, start
         self._amplitudes = np.append(r.entry @ np.append(y, start[:6]), np.ones(6))
         entered, energy = self._state_at(t), self._energy_of(y)
         # A mode slower than all others by many orders of magnitude responds to the drive with a displacement so
@@ -137,7 +136,7 @@ class ExactRun(SteppedRun):
         lost = np.sum(error[n : 2 * n] ** 2) + np.sum(model.stiffness * error[:n] ** 2)
         if not np.isfinite(lost):
             raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
-        if lost > LOST**2 * max(self._size, 2.0 * abs(energy)):
+        if lost > LOST**2 * 2.0 * max(self._size, abs(energy)):
             raise DivergenceError(
                 f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it, or of two"
                 " coincident eigenvalues (change mu or theta in the eighth digit)"
@@ -150,8 +149,8 @@ class ExactRun(SteppedRun):
             self._stop, self._event = t + DWELL, HELD
             self.held += 1
 
-    def _next_regime(self) -> None:
-        """Enter the regime that follows the event at the end of the present one; in contact event 0 is N = 0."""
+    def _next_status(self) -> None:
+        """Enter the status that follows the event that ends the present one; in contact event 0 is N = 0."""
         t, which, event = self._stop, self._which, self._event
         y = self._state_at(t)
         if event == BOUNDARY:
@@ -166,7 +165,7 @@ class ExactRun(SteppedRun):
             self._enter(t, STICK, y, (0, 1, 0) if which == SLIP_UP else (0, 0, 1))
 
     def _decide(self, t: float, y: Array, was: int, touchdown: bool = False) -> None:
-        """Enter the regime that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
+        """Enter the status that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
         K, C, mu, n = self.model.K, self.model.C, self.scene.mu, len(self.model.stiffness)
         g_N = self.model.normal @ y[:n]
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
@@ -181,7 +180,7 @@ class ExactRun(SteppedRun):
         if not sticks and N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) <= 0.0:
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
             return
-        # Contact is entered with the element's own displacement, which is not yet that of the gap.
+        # Contact is entered with a u_N of its own, which is not yet that of the gap.
         energy, y[-2] = self._energy_of(y), -g_N
         self.record["impact"] += energy - self._energy_of(y)
         self._enter(t, STICK if sticks else which, y)
@@ -192,8 +191,8 @@ class ExactRun(SteppedRun):
 
     def _state_at(self, t: float) -> Array:
         waves = np.empty_like(self._amplitudes)
-        waves_at(self._regime.eigenvalues, self._start, t - self._origin, waves)
-        return np.asarray((self._regime.state @ (self._amplitudes * waves)).real)
+        waves_at(self._status.eigenvalues, self._start, t - self._origin, waves)
+        return np.asarray((self._status.state @ (self._amplitudes * waves)).real)
 
     def _energy_of(self, y: Array) -> float:
         model, n = self.model, len(self.model.stiffness)
@@ -201,7 +200,7 @@ class ExactRun(SteppedRun):
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + u[0] + 0.5 * u @ model.K @ u)
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the element and the load, normalised."""
+        """Energy of the modes about the equilibrium, the springs and the load, normalised."""
         return self._energy_of(self._state_at(self._now))
 
     def calm(self, floor: float) -> bool:
@@ -215,7 +214,7 @@ def states_at(
 ) -> Array:
     """Exact motion at ascending `times` (m,), s; the others are arguments of `ExactRun`.
 
-    Returns modal displacements, modal velocities, those of P2 relative to its clamp, and the element's (u_N, u_T),
+    Returns modal displacements, modal velocities, those of P2 relative to its clamp, and (u_N, u_T),
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
@@ -223,17 +222,17 @@ def states_at(
     states = []
     for t in times:
         while run._stop <= t:
-            run._next_regime()
+            run._next_status()
         states.append(run._state_at(float(t)))
     return np.stack(states)
 
 
-class Regime(NamedTuple):
-    """One linear regime in its eigenbasis; real parts of the products of these factors count.
+class Status(NamedTuple):
+    """One contact status in its eigenbasis; real parts of the products of these factors count.
 
     Eigenvalues are in 1/s. `entry` gives c at the start from the full state (q, v, u_N, u_T) and d, where c of a
     pair of eigenvalues counts twice. From w follow the full `state`, the `margins`, which stay positive within the
-    regime, and, in real and imaginary parts and transposed, the `outputs` of `fivcore.transient.exact_kernels`.
+    status, and, in real and imaginary parts and transposed, the `outputs` of `fivcore.transient.exact_kernels`.
     """
 
     eigenvalues: Complex  # (m,)
@@ -245,13 +244,13 @@ class Regime(NamedTuple):
 
 @lru_cache(maxsize=32)
 @one_blas_thread()
-def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
-    """Return the four regimes of a model."""
-    return tuple(_regime(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
+def statuses(model: ReducedModel, mu: float) -> tuple[Status, ...]:
+    """The motion of a model in each of the four contact statuses."""
+    return tuple(_status(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
 
 
-def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
-    """Write one regime's equations as rows of factors of (x, d), and change to its eigenbasis.
+def _status(model: ReducedModel, mu: float, which: int) -> Status:
+    """Write the equations of a contact status as rows of factors of (x, d), and change to its eigenbasis.
 
     x is (q, v, u_N, u_T) less what follows from the rest: in contact u_N is -g_N, in stick u_T is S - g_T; in
     separation P1's rigid mode is part of d.
@@ -292,7 +291,9 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     scale = np.concatenate([omega, np.ones(n), np.sqrt(np.diag(K))])[x]
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
     eigenvalues, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
-    back = np.linalg.inv(vectors)
+    # Rows of one size lose fewer digits: near the Painleve limit u_T exceeds all else by orders of magnitude.
+    units = 1.0 / np.abs(vectors).sum(axis=1)
+    back = np.linalg.inv(units[:, None] * vectors) * units
     # D is nilpotent where B is not zero: three iterations solve Z^-1 (M E + B) = Z^-1 E D.
     forced, steady, D = back @ forcing, np.zeros((size, 6)), np.zeros((6, 6))
     D[S, P] = D[P, A] = 1.0
@@ -307,4 +308,4 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     entry = back @ (np.eye(2 * n + 2, 2 * n + 8)[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
     rows = (np.vstack([q, v, u]), np.stack(margins), outputs)
     state, watched, seen = (row @ change for row in rows)
-    return Regime(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))
+    return Status(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))

@@ -23,7 +23,7 @@ from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
-from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
+from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.record import SAMPLE, SAMPLED_COUNTERS, Segment, count_in, room_for_sticks
 from fivcore.transient.statistics import FIELDS, SEPARATION, SETTLED, SLIP, STICK
@@ -107,7 +107,7 @@ class FastRun:
             q = initial.displacement[model.kept] - model.rest
             v = initial.velocity[model.kept].copy()
             if model.K.any():
-                u = element_displacement(scene, model.kept, initial)
+                u = residual_gaps(scene, model.kept, initial)
                 if contact != SEPARATION:
                     u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
@@ -289,7 +289,7 @@ class FastRun:
     def _enter_onset(self, fine: Solver) -> None:
         """Go on with more modes and finer steps."""
         coarse, now = self._coarse, self.now
-        state = onset.prolong(coarse, fine, *self._between(coarse), self._element)
+        state = onset.prolong(coarse, fine, *self._between(coarse), self._u)
         self._change_to(fine, state, now * self.step)
         self.record["now"] = now * onset.FINER
         self._onset_ends = min(self.steps, now + round(onset.LONGEST / self.step)) * onset.FINER
@@ -298,7 +298,7 @@ class FastRun:
     def _leave_onset(self) -> None:
         """Go on with the modes and steps of the run."""
         fine, now, touches = self._solver, self.now, bool(self.record["contact"] != SEPARATION)
-        state = onset.restrict(fine, self._coarse, *self._between(fine), self._element, touches)
+        state = onset.restrict(fine, self._coarse, *self._between(fine), self._u, touches)
         self._change_to(self._coarse, state, now * self.step)
         self.record["now"], self._onset_ends = now, 0
 
@@ -307,7 +307,7 @@ class FastRun:
         return _move(solver.model, self._row(at.Q), self._row(at.V), -0.5 * solver.step)
 
     def _change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
-        """Go on with another model and step from modes and element at time t, between two impulses."""
+        """Go on with another model and step from modes and u at time t, between two impulses."""
         q, v, u = state
         self._use(solver)
         self._shift = np.zeros(len(q))
@@ -333,7 +333,7 @@ class FastRun:
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
         self.may_settle = steady is not None and steady.decays
-        state = self._row(at.Q), self._row(at.V), self._element
+        state = self._row(at.Q), self._row(at.V), self._u
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
@@ -378,13 +378,13 @@ class FastRun:
     # Energy.
 
     @property
-    def _element(self) -> Array:
+    def _u(self) -> Array:
         return np.array([self.record["u_N"][0], self.record["u_T"][0]])
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the element, the load and the ramp's push, normalised."""
+        """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
         q = self._row(at.Q) + self._shift
-        return self._energy_of(q, self._row(at.V), self._element) - self._ramp_work(q)
+        return self._energy_of(q, self._row(at.V), self._u) - self._ramp_work(q)
 
     def _ramp_work(self, q: Array) -> float:
         """Work of the accelerating clamp on the inertia of P2 over modal displacements."""

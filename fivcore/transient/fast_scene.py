@@ -24,7 +24,7 @@ MIN_SAMPLES, MAX_SKIP = 48, 1024
 LANES = 8
 
 # N and T that stick needs from (p, u_T, v_N, v_T); how long before the middle of a step slip begins; the share of
-# a lasting force that acts (`fivcore.contact.law.RegimeMaps`). Each of them after separation, stick and slip.
+# a lasting force that acts (`fivcore.contact.law.StatusMaps`). Each of them after separation, stick and slip.
 STICK_LAW = [*(f"{force}{of}" for force in "NT" for of in "punt"), "offset", "share"]
 _IN_STEP = [
     *(f"{name}_{state}" for state in (SEPARATION, STICK, SLIP) for name in STICK_LAW),

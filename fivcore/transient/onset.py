@@ -42,9 +42,9 @@ def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | N
 
 
 def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
-    """Transfer displacements, velocities and the element's state to the model with more modes.
+    """Transfer displacements, velocities and u to the model with more modes.
 
-    The added modes and the new element follow the contact force statically.
+    The added modes and the new u follow the contact force statically.
     """
     model, common = many.model, few.model.kept[many.model.kept]
     force = few.impulse.stiffness @ u
@@ -57,11 +57,11 @@ def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Ar
 
 
 def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: bool) -> tuple[Array, Array, Array]:
-    """Transfer them to the model with fewer modes; the element's state takes over the gap of the lost modes."""
+    """Transfer them to the model with fewer modes; u takes over the gap of the lost modes."""
     model, common = many.model, few.model.kept[many.model.kept]
     force = many.impulse.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
     lost = model.shapes[:, ~common] @ (still + model.rest)[~common]
-    # Each element includes the compliance defect of its own step (`fivcore.contact.impulse`).
+    # Each u includes the compliance defect of its own step (`fivcore.contact.impulse`).
     defect = (few.impulse.defect - many.impulse.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect

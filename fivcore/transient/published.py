@@ -11,7 +11,7 @@ T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T 
 a = a* + force / (1 + b dt c), v = v* + b dt a and q = q + dt v + dt^2 a / 2.
 
 This is Newmark's method with beta = 0 and gamma = b. For b > 1/2 it is of first order and adds (b - 1/2) dt to d2.
-The kernel adds its sums in a fixed order, with the same bits on every machine: the yardstick of other methods.
+The kernel adds its sums over modes in a fixed order.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ class PaperRun(SteppedRun):
                 f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
-        critical = critical_friction(model, dt, b)
-        if scene.mu >= critical:
-            raise not_unique(scene.mu, critical)
+        painleve = painleve_mu(model, dt, b)
+        if scene.mu >= painleve:
+            raise not_unique(scene.mu, painleve)
         ramp, speed = options.ramp, scene.speed_per_load
         super().__init__(scene, options, dt, round(SEGMENT / dt), SCENE)
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
@@ -167,8 +167,8 @@ def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[flo
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
 
 
-def critical_friction(model: ReducedModel, step: float, beta2: float) -> float:
-    """Smallest friction for which a divisor of the scheme's slip, W_NN +- mu W_NT r / (1 + r), is zero."""
+def painleve_mu(model: ReducedModel, step: float, beta2: float) -> float:
+    """Painleve limit: smallest mu at which a divisor of slip, W_NN +- mu W_NT r / (1 + r), is zero."""
     (W_NN, W_NT, _), r = contact_closing(model, step, beta2), step / TAU
     return ratio(W_NN * (1.0 + r) / r, W_NT)
 

@@ -1,4 +1,4 @@
-"""The motion of scenes in time, `simulate` and `simulate_many`, and how far it is unique, `critical_mu`."""
+"""The motion of scenes in time, `simulate` and `simulate_many`, and how far it is unique, `painleve_mu`."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def simulate(
     duration : float or Until
         Simulated time, s, or what ends the run.
     method : {"fast", "exact", "paper"}
-        Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
-        times slower; the published scheme on all modes.
+        Symmetric steps of second order of the reduced model; the same model driven from event to event, hundreds
+        of times slower; the published scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
         "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
         step of 2e-8 s: "fast" and "exact" add it to the rig's d2. "none": the model as given; for "paper" beta2 =
@@ -163,7 +163,7 @@ def simulate_many(
     return drive(requests)
 
 
-def critical_mu(
+def painleve_mu(
     rig: Rig,
     theta: Any,
     method: str = "fast",
@@ -176,7 +176,7 @@ def critical_mu(
 ) -> float:
     """Find the coefficient of friction from which on a method's contact force is not unique (Painleve's paradox).
 
-    It is where a divisor of the method's slip vanishes: `published.critical_friction` or `contact.law`.
+    It is where a divisor of the method's slip vanishes, and not where steady sliding flutters (`flutter_onsets`).
 
     Parameters
     ----------
@@ -202,9 +202,7 @@ def critical_mu(
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        return published.critical_friction(
-            full_model(rig, theta), step or published.STEP, beta2 or published.BETA2
-        )
+        return published.painleve_mu(full_model(rig, theta), step or published.STEP, beta2 or published.BETA2)
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     model = modified(reduced_model(rig, theta, cutoff), modify)
-    return model.critical_mu(None if method == "exact" else step or model.default_step)
+    return model.painleve_mu(None if method == "exact" else step or model.default_step)

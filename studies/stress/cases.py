@@ -170,7 +170,8 @@ GROUPED: dict[str, list[Case]] = {
     "friction": [
         *_numbers(*MU, 0.0, 1e-12),
         *_numbers(*MU, 1.0, 2.0, also={"V": 1.0}, run=BRIEF),
-        *(Case(f"{share:.7g} of critical mu, {theta:g}°", f"{share:.7g} {CRITICAL} at {theta:g} degrees and 1 m/s",
+        *(Case(f"{share:.7g} of Painleve's mu, {theta:g}°",
+               f"{share:.7g} {CRITICAL} at {theta:g} degrees and 1 m/s",
                # "exact" says so where slip would grow faster than events may follow each other.
                {"V": 1.0, "theta": theta}, BRIEF, edge="mu", share=share, names="mu",
                expected=CONTACT if share > 1.0 else {"exact": CONTACT} if 1.0 - share < 1e-6 else PASSES)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, critical_mu, simulate_many
+from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, painleve_mu, simulate_many
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import exact, published
@@ -204,7 +204,7 @@ def _largest_step(spec: RunSpec) -> float:
 LIMITS: dict[str, Callable[[RunSpec], float]] = {
     "step": _largest_step,
     "fitting step": lambda spec: _largest_step(spec) if spec.method == "paper" else np.nan,
-    "mu": lambda spec: critical_mu(spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")),
+    "mu": lambda spec: painleve_mu(spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")),
     "least V/F": lambda spec: stated(spec.changed(V=1.0 / FAR).refusal(), "from"),
     "largest V/F": lambda spec: stated(spec.changed(V=FAR).refusal(), "to"),
     "cutoff": lambda spec: stated(replace(spec.changed(cutoff=1.0), method="fast").refusal(), "above"),

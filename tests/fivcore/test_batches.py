@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate, simulate_many
+from fivcore import ContactError, DivergenceError, Rig, Scene, painleve_mu, simulate, simulate_many
 from fivcore.errors import SceneError
 from fivcore.transient.driver import AT_ONCE
 from fivcore.transient.fast import FastRun
@@ -83,7 +83,7 @@ def test_what_is_recorded_of_one_is_recorded_of_all():
         assert run.time.tolist() == times[:2]
 
 
-PAINLEVE = replace(PAPERS, mu=1.01 * critical_mu(Rig(), 5.0))
+PAINLEVE = replace(PAPERS, mu=1.01 * painleve_mu(Rig(), 5.0))
 FAILING = [
     ("fast", PAINLEVE, 0.02, {}, ContactError),
     ("exact", replace(PAPERS, rig=Rig(head_mass=1e7)), 1e-3, {}, DivergenceError),

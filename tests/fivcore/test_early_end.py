@@ -57,7 +57,7 @@ def both(scene, duration, **given):
 
 def assert_stretched(full, ended, V):
     """Figures differ by no more than rounding, histograms and what decays after the end account for."""
-    allowed = {"velocity_rms": 1e-9 * abs(V), "coherence": 1e-8, "energy_residual": 1e-8}
+    allowed = {"velocity_rms": 1e-9 * abs(V), "periodicity": 1e-8, "energy_residual": 1e-8}
     assert (ended["regime"], ended["settled_early"], full["settled_early"]) == (full["regime"], True, False)
     # What is filled in is known; where not all that counts is steady sliding, a full run's errors do not say so.
     errors = {key for key in full if key.endswith("_se") and full["regime"] != "steady sliding"}

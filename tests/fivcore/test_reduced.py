@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from fivcore import ContactError, Rig, Scene, critical_mu, simulate
+from fivcore import ContactError, Rig, Scene, painleve_mu, simulate
 from fivcore.beams.modes import propagator
 from fivcore.contact import step_map
 from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
@@ -146,7 +146,7 @@ def test_fast_and_exact_solve_the_same_changed_law(modify):
     [("fast", {}), ("fast", {"modify": ELASTIC}), ("fast", {"modify": truncated}), ("paper", {})],
 )
 def test_beyond_the_critical_friction_a_method_refuses(method, given):
-    critical = critical_mu(Rig(), 30.0, method, **given)
+    critical = painleve_mu(Rig(), 30.0, method, **given)
     below, above = (Scene(0.1, 30.0, critical * factor, 9.0) for factor in (1 - 1e-6, 1 + 1e-6))
     cutoff = None if method == "paper" else default_cutoff(Rig())
     simulate(below, 1e-4, method, cutoff=cutoff, **given)
@@ -157,23 +157,23 @@ def test_beyond_the_critical_friction_a_method_refuses(method, given):
 
 def test_the_critical_friction_is_that_of_the_law_the_ablation_and_the_damping():
     """Truncated to 24 modes the contact force is lost at mu = 1.92."""
-    assert critical_mu(Rig(), 5.0, cutoff=50e3, modify=truncated) == pytest.approx(1.92, abs=0.005)
+    assert painleve_mu(Rig(), 5.0, cutoff=50e3, modify=truncated) == pytest.approx(1.92, abs=0.005)
     model, r = full_model(Rig(), 5.0), STEP / TAU
     inverse = 1.0 / (1.0 + 0.8 * STEP * model.damping)
     normal, cross = np.sum(model.normal**2 * inverse), np.sum(model.normal * model.tangential * inverse)
-    assert critical_mu(Rig(), 5.0, "paper") == pytest.approx(normal * (1 + r) / (r * abs(cross)))
-    assert critical_mu(Rig(), 20.0, "exact", modify=without_cross_terms) == np.inf
+    assert painleve_mu(Rig(), 5.0, "paper") == pytest.approx(normal * (1 + r) / (r * abs(cross)))
+    assert painleve_mu(Rig(), 20.0, "exact", modify=without_cross_terms) == np.inf
     springs = with_dashpot(reduced_model(Rig(), 20.0), 0.0)
     K = springs.impulse(springs.default_step).stiffness
-    assert critical_mu(Rig(), 20.0, "fast", modify=ELASTIC) == pytest.approx(abs(K[1, 1] / K[0, 1]), rel=1e-12)
+    assert painleve_mu(Rig(), 20.0, "fast", modify=ELASTIC) == pytest.approx(abs(K[1, 1] / K[0, 1]), rel=1e-12)
     W = contact_closing(full_model(Rig(), 20.0), 2e-8, 0.5)
     undamped = abs(W[0] / W[1]) * (1.0 + TAU / 2e-8)
-    assert critical_mu(Rig(), 20.0, "paper", beta2=0.5) == pytest.approx(undamped, rel=1e-12)
-    assert critical_mu(Rig(), 20.0, "paper", numerical_damping="none") == pytest.approx(undamped, rel=1e-12)
-    assert undamped != critical_mu(Rig(), 20.0, "paper")
+    assert painleve_mu(Rig(), 20.0, "paper", beta2=0.5) == pytest.approx(undamped, rel=1e-12)
+    assert painleve_mu(Rig(), 20.0, "paper", numerical_damping="none") == pytest.approx(undamped, rel=1e-12)
+    assert undamped != painleve_mu(Rig(), 20.0, "paper")
     for method in ("fast", "exact"):
-        damped = critical_mu(Rig(d2=1.6e-8), 20.0, method)
-        assert critical_mu(Rig(), 20.0, method, numerical_damping="published") == damped
+        damped = painleve_mu(Rig(d2=1.6e-8), 20.0, method)
+        assert painleve_mu(Rig(), 20.0, method, numerical_damping="published") == damped
 
 
 def test_a_step_at_which_slip_alternates_is_refused():

@@ -10,7 +10,7 @@ from fivcore import Scene
 from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.spectra import BLOCK, Correlation, Histogram, Monitor, Welch
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
-from fivcore.transient.summary import regime_of, summarise
+from fivcore.transient.summary import summarise
 from fivcore.transient.uncertainty.blocks import Blocks
 from tests.known import SLIP_DISTANCE
 
@@ -200,7 +200,7 @@ def test_a_vibration_that_has_died_away_has_no_dominant_frequency(steadiness, re
     assert figures["velocity_rms"] == pytest.approx(9.0 * speed * np.sqrt(0.005), rel=0.02)
     expected = 468.0 if regime == "irregular" else np.nan
     assert figures["dominant_frequency"] == pytest.approx(expected, abs=5.0, nan_ok=True)
-    assert np.isnan(figures["coherence"]) == (regime == "steady sliding")
+    assert np.isnan(figures["periodicity"]) == (regime == "steady sliding")
 
 
 @pytest.mark.parametrize(("released", "residual"), [(-2.0, 0.0), (-1.0, 1.0 / 9.0)])
@@ -208,26 +208,6 @@ def test_the_energy_residual_is_what_does_not_add_up(released, residual):
     energies = ("work", 5.0), ("damped", 1.0), ("friction", 2.0)
     found = figures_of([STICK] * 10, released=released, energies=energies)["energy_residual"]
     assert found == pytest.approx(residual)
-
-
-REGIMES = [
-    ({"slipped": False, "drive": 1.2}, "undecided"),
-    ({"slipped": False, "drive": 1.4}, "stuck"),
-    ({"slip_share": float("nan")}, "undecided"),
-    ({"slip_share": 1.0, "steadiness": 0.005}, "steady sliding"),
-    ({"slip_share": 1.0, "steadiness": 0.02}, "irregular"),
-    ({"stick_share": 0.2, "last_stick": 0.9}, "intermittent"),
-    ({"stick_share": 0.2, "last_stick": 0.3}, "irregular"),
-    ({"coherence": 0.95}, "periodic"),
-    ({"coherence": float("nan")}, "irregular"),
-]
-
-
-@pytest.mark.parametrize(("change", "regime"), REGIMES)
-def test_the_regime_is_decided_in_the_stated_order(change, regime):
-    usual = {"slipped": True, "drive": 50.0, "slip_share": 0.1, "steadiness": 1.0}
-    usual |= {"stick_share": 0.0, "last_stick": 0.0, "coherence": 0.3}
-    assert regime_of(**usual | change) == regime
 
 
 def test_the_clamp_starts_uniformly_accelerated_and_the_contact_slips_statically_at_0_143_mm():

@@ -18,7 +18,7 @@ STEEL = {"length": 0.15, "width": 0.015, "thickness": 0.003, "young_modulus": 18
 def law(**given):
     """Options of the contact's law, which two functions check alike."""
     messages = []
-    for call in (partial(fivcore.critical_mu, RIG, 5.0), partial(fivcore.simulate, SCENE, 0.01)):
+    for call in (partial(fivcore.painleve_mu, RIG, 5.0), partial(fivcore.simulate, SCENE, 0.01)):
         with pytest.raises(ValueError, match=r".") as caught:
             call(**given)
         messages.append(str(caught.value))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fivcore import Rig, Scene, critical_mu, glued_frequencies, simulate
+from fivcore import Rig, Scene, glued_frequencies, painleve_mu, simulate
 from fivcore.contact import reduced
 from studies import paper, registry, summary
 from studies.gallery import contact
@@ -172,7 +172,7 @@ def test_a_scene_without_a_unique_solution_fails_alone(computed):
     data = computed("scenes", **values)
     np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, :3], 1)
     np.testing.assert_array_equal(data["status"].sel(theta=40.0)[:, 3:], 2)
-    limit = f"ContactError: mu = 5: from {critical_mu(Rig(), 40.0):.6g} on"
+    limit = f"ContactError: mu = 5: from {painleve_mu(Rig(), 40.0):.6g} on"
     assert all(text.startswith(limit) for text in data["error"].sel(mu=5.0).values.ravel())
     assert np.all(np.isnan(data["velocity_rms"].sel(mu=5.0)))
     assert "20 scenes" in summary.text(summary.parts(registry.load("scenes"), data))

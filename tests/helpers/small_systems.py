@@ -146,7 +146,7 @@ def by_exact(system, duration, step, every=8):
     rows, places = [], []
     with (
         mock.patch.object(exact, "reduced_model", return_value=system.model),
-        mock.patch.object(exact, "element_displacement", return_value=np.array(system.u)),
+        mock.patch.object(exact, "residual_gaps", return_value=np.array(system.u)),
     ):
         run = exact.ExactRun(scene, options)
         run._length = every

@@ -18,9 +18,9 @@ from fivcore import (
     ContactError,
     Rig,
     Scene,
-    critical_mu,
     flutter_onsets,
     glued_frequencies,
+    painleve_mu,
     simulate,
     sliding_modes,
     tune_head_mass,
@@ -150,7 +150,7 @@ def test_a_motion_obeys_the_law_of_the_contact(method, duration, count):
     @examples(count)
     def holds(scene, ramp):
         given = {"ramp": ramp, "record": True, "sample_rate": None, "settle": 0.0}
-        if scene.mu >= critical_mu(scene.rig, scene.drive_theta, method):
+        if scene.mu >= painleve_mu(scene.rig, scene.drive_theta, method):
             with pytest.raises(ContactError, match=f"mu = {scene.mu:g}, ") as caught:
                 simulate(scene, duration, method, **given)
             assert caught.value.scene == scene

@@ -17,10 +17,10 @@ from tests import HOME
 
 # A handful of every kind; all others are run under `slow`, and the outcomes of all are in the reference.
 SOON = {
-    "fast": ["step 0.9 of the largest", "step 1.001 of the largest", "1.001 of critical mu, 20°", "tangent",
+    "fast": ["step 0.9 of the largest", "step 1.001 of the largest", "1.001 of Painleve's mu, 20°", "tangent",
              "in the mirror", "F = 1e+06 N, same V/F", "preload 10000 F", "open, stick", "3 and 3 elements",
              "ramp 1e-09 s", "1.001 of the least cut-off"],
-    "exact": ["0.999 of critical mu, 20°", "0.9999999 of critical mu, 20°", "0.999 of the least V/F",
+    "exact": ["0.999 of Painleve's mu, 20°", "0.9999999 of Painleve's mu, 20°", "0.999 of the least V/F",
               "1.001 of the least V/F", "thrown at 100 m/s", "head of 1e9 kg", "every mode",
               "1.001 of the least cut-off", "step 0.5 of the largest", "too many samples"],
     "paper": ["step 1.001 of the largest", "theta = 90°", "no such state", "3 and 3 elements", "100 s, vibrating"],

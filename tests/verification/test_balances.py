@@ -8,7 +8,7 @@ import pytest
 from fivcore import Rig, Scene, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.rig import P2
-from fivcore.transient.normalised import Normalised, State, energy_at_hand
+from fivcore.transient.normalised import Normalised, State, reference_energy
 from studies.accuracy.rigs import drawn_scene
 from tests.known import COARSE
 
@@ -69,20 +69,20 @@ def test_energy_balances_in_every_kind_of_scene(method, count):
     assert {name: value for name, value in found.items() if not value <= BOUNDS[method]} == {}
 
 
-def test_the_residual_is_relative_to_what_turns_over_or_to_the_energy_at_hand():
+def test_the_residual_is_relative_to_what_turns_over_or_to_the_reference_energy():
     """A thousandth of what the load stores, P2's kinetic energy at the clamp's speed, and that of a start."""
     scene = Normalised.of(PAPERS)
     full = full_model(scene.rig, scene.theta)
-    at_hand = energy_at_hand(scene, None)
+    reference = reference_energy(scene, None)
     moving = 0.5 * scene.speed_per_load**2 * float(full.inertia @ full.inertia)
-    assert at_hand == pytest.approx(0.5e-3 * float(full.stiffness @ full.rest**2) + moving)
+    assert reference == pytest.approx(0.5e-3 * float(full.stiffness @ full.rest**2) + moving)
     # P2's kinetic energy is that of its mass, less the part next to the clamp.
     assert moving == pytest.approx(0.5 * P2.mass * scene.speed_per_load**2, rel=0.02)
     pushed = State(full.rest, np.full(len(full.rest), 0.1), 1)
-    assert energy_at_hand(scene, pushed) - at_hand == pytest.approx(0.005 * len(full.rest))
+    assert reference_energy(scene, pushed) - reference == pytest.approx(0.005 * len(full.rest))
     # A run turns over more than that as soon as the drive loads the contact.
     force = simulate(PAPERS, 0.02, record=True).tangential_force
-    assert abs(force[-1]) / 9.0 * scene.speed_per_load * 0.02 / 2.0 > at_hand
+    assert abs(force[-1]) / 9.0 * scene.speed_per_load * 0.02 / 2.0 > reference
 
 
 def test_the_accelerating_clamps_work_counts_in_a_run_that_ends_within_the_ramp():

@@ -239,7 +239,7 @@ def test_at_touch_down_N_jumps_by_the_dashpots_resistance_times_the_closing_spee
     run = exact_run(scene, initial=State(1e-9 * rigid, -1e-2 * rigid, 0), kind=Landing, duration=2e-7, step=1e-8)
     run.landings = []
     ((t, closing, lost),) = run_for(run).landings
-    C, r = run.model.C, run._regime
+    C, r = run.model.C, run._status
     jump = -(C[0, 0] - C[0, 1] ** 2 / C[1, 1]) * closing[0]
     waves = np.empty_like(run._amplitudes)
     waves_at(r.eigenvalues, run._start, 0.0, waves)
