@@ -105,7 +105,7 @@ class Job:
             self._watch.look(self._blocks, self._further > 0)
         # The bound of the energy is a thousand times what has been put in.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
-        if not run.calm(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
+        if not run.flush(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
             now = segment.t[-1] if len(segment.t) else 0.0
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
 

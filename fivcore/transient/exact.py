@@ -203,7 +203,7 @@ class ExactRun(SteppedRun):
         """Energy of the modes about the equilibrium, the springs and the load, normalised."""
         return self._energy_of(self._state_at(self._now))
 
-    def calm(self, floor: float) -> bool:
+    def flush(self, floor: float) -> bool:
         """Set amplitudes below `floor` to zero; False where one is not finite."""
         self._amplitudes[np.abs(self._amplitudes) < floor] = 0.0
         return bool(np.isfinite(self._amplitudes).all())

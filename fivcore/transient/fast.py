@@ -398,7 +398,7 @@ class FastRun:
         """Decrease of the stored energy since the start, normalised."""
         return self._first_energy - self.stored_energy()
 
-    def calm(self, floor: float) -> bool:
+    def flush(self, floor: float) -> bool:
         """Set what is far below every scale to zero; False where a number is not finite."""
         moving = self.blocks[:, at.Q : at.V + 1]
         moving[np.abs(moving) < floor] = 0.0

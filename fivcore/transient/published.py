@@ -153,7 +153,7 @@ class PaperRun(SteppedRun):
     def _energy_of(self, q: Array, v: Array) -> float:
         return float(0.5 * np.sum(v**2 + self.model.stiffness * q**2) - self._load @ q)
 
-    def calm(self, floor: float) -> bool:
+    def flush(self, floor: float) -> bool:
         """Set numbers below `floor` to zero; False where one is not finite."""
         for part in (self._q, self._vs, self._a):
             part[np.abs(part) < floor] = 0.0

@@ -103,13 +103,13 @@ def test_a_scene_that_fails_leaves_the_others_alone(method, failing, duration, g
 
 
 def test_a_scene_that_blows_up_leaves_the_others_alone(monkeypatch):
-    calm = FastRun.calm
+    flush = FastRun.flush
 
     def blown_up(run, floor):
-        return calm(run, floor) and not (run.scene == Normalised.of(COMPANY[2]) and run.time > 0.03)
+        return flush(run, floor) and not (run.scene == Normalised.of(COMPANY[2]) and run.time > 0.03)
 
     alone = [simulate(scene, 0.06) for scene in COMPANY[:2]]
-    monkeypatch.setattr(FastRun, "calm", blown_up)
+    monkeypatch.setattr(FastRun, "flush", blown_up)
     runs = simulate_many([PAPERS, COMPANY[2], COMPANY[1]], 0.06)
     assert isinstance(runs[1], DivergenceError)
     assert runs[1].scene == COMPANY[2]

@@ -32,7 +32,7 @@ def run_for(run):
     """Take a run to its end."""
     while not run.done:
         ExactRun.advance([run])
-        assert run.calm(1e-150)
+        assert run.flush(1e-150)
     return run
 
 
